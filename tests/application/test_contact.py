@@ -9,10 +9,10 @@ from invented import tree
 from steelyard.application.contact import (
     contacts_in,
     links_carried_by,
-    refuse_without,
     supported_rate,
     without_contact,
 )
+from steelyard.application.other_efforts import refuse_other_efforts, refuse_without
 from steelyard.errors import DataError, LogError
 from steelyard.estimation.residual_peaks import ContactThresholds
 from steelyard.validation.residual_traces import ResidualTrace
@@ -33,7 +33,7 @@ def trace(name: str, seconds: float, seed: int) -> ResidualTrace:
     residual = np.array([np.convolve(row, kernel, "same") for row in white])
     speed = np.repeat(rng.uniform(0.05, 1.5, (N, count // 25 + 1)), 25, axis=1)[:, :count]
     t = np.arange(count) * STEP
-    return ResidualTrace(name, t, STEP, residual, speed, speed, np.zeros((2, N, count)))
+    return ResidualTrace(name, t, STEP, residual, speed, speed, residual, np.zeros((2, N, count)))
 
 
 def pushed(
@@ -54,7 +54,7 @@ def silent(seconds: float = 10.0) -> ResidualTrace:
     count = int(seconds / STEP)
     zero = np.zeros((N, count))
     return ResidualTrace(
-        "run", np.arange(count) * STEP, STEP, zero.copy(), zero, zero, np.zeros((2, N, count))
+        "run", np.arange(count) * STEP, STEP, zero.copy(), zero, zero, zero, np.zeros((2, N, count))
     )
 
 
@@ -138,6 +138,15 @@ def test_contact_in_calibration_runs_is_found_and_left_out() -> None:
     assert 0.8 < np.nanmin(ratio) and np.nanmax(ratio) < 1.25
 
 
+def test_pushes_of_a_run_do_not_hide_each_other() -> None:
+    runs = [trace("free", 90.0, 31), trace("pushed", 60.0, 32)]
+    for start in (8.0, 22.0, 37.0, 51.0):
+        runs[1] = pushed(runs[1], start, start + 1.0, 0, 300.0)
+    _, suspected = without_contact(runs, EDGES, 8.0, ROBOT, SIGMA)
+    assert [round(one.event.start) for one in suspected] == [8, 22, 37, 51]
+    assert {one.run for one in suspected} == {"pushed"}
+
+
 def test_a_single_calibration_run_is_compared_with_its_own_stretches() -> None:
     run = pushed(trace("only", 200.0, 9), 30.0, 31.0, 0, 300.0)
     _, suspected = without_contact([run], EDGES, 8.0, ROBOT, SIGMA)
@@ -173,3 +182,16 @@ def test_efforts_that_lack_a_part_are_refused(part: int, name: str) -> None:
     run.residual[:] -= run.parts[part]
     with pytest.raises(LogError, match=f"the efforts lack (9.|10.) % of the {name}"):
         refuse_without(run, SIGMA)
+
+
+def test_efforts_that_the_model_does_not_explain_are_refused() -> None:
+    run = trace("run", 60.0, 4)
+    own = 40.0 * np.sin(np.outer(np.arange(1, N + 1), run.t))
+    refuse_other_efforts(replace(run, measured=own + run.residual), SIGMA)
+    other = replace(run, residual=own + 30.0, measured=np.full_like(own, 30.0))
+    with pytest.raises(
+        LogError, match="the model explains 0 % of the squared efforts of this log, less than 25 %"
+    ):
+        refuse_other_efforts(other, SIGMA)
+    resting = replace(run, residual=own / 20.0, measured=own / 20.0)
+    refuse_other_efforts(resting, SIGMA)

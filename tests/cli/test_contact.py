@@ -56,6 +56,7 @@ def test_a_push_is_found(pushed: Path, identified: Path, command: Command, tmp_p
     assert {load["joint"] for load in event["joints"]} == set(robot.joint_names[:2])
     sizes = {load["joint"]: load["peak"] for load in event["joints"]}
     assert sizes[robot.joint_names[1]] == pytest.approx(25.0, rel=0.15)
+    assert printed["payload"] is None
     assert event["links"] == [body.name for body in robot.bodies[1:]] and event["link"] is None
     assert "left out when the model was identified" in printed["calibration"]["from"]
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
@@ -90,7 +91,7 @@ def test_fitted_logs_do_not_calibrate(given: Path, identified: Path, command: Co
     log = given / "identification.csv"
     done = command("contact", identified, given / "validation.csv", "--calibrate", log)
     assert done.exit_code == 2
-    assert "all calibration logs were fitted" in done.stderr
+    assert "no calibration log is left: identification was fitted" in done.stderr
 
 
 def test_efforts_without_gravity_are_refused(given: Path, identified: Path, tmp_path: Path) -> None:
@@ -103,8 +104,25 @@ def test_efforts_without_gravity_are_refused(given: Path, identified: Path, tmp_
         name: -np.interp(t, motion.t, own) for name, own in zip(efforts, gravity.T, strict=True)
     }
     path = changed(log, tmp_path / "compensated.csv", lacking)
-    with pytest.raises(steelyard.SteelyardError, match="lack .* % of the gravity"):
-        steelyard.contact(model, path)
+    uses = (steelyard.contact, steelyard.health, steelyard.identify_payload)
+    for use in (*uses, steelyard.payload_events):
+        with pytest.raises(steelyard.SteelyardError, match="lack .* % of the gravity"):
+            use(model, path)
+
+
+def test_efforts_of_another_robot_are_refused(
+    given: Path, identified: Path, tmp_path: Path
+) -> None:
+    log, model = given / "validation.csv", steelyard.load_model(identified)
+    _, efforts = columns(log)
+    names = log.read_text().splitlines()[0].split(",")
+    table = np.loadtxt(log, delimiter=",", skiprows=1)
+    own = table[:, [names.index(name) for name in efforts]].T
+    other = {name: 20.0 * b - a for name, a, b in zip(efforts, own, own[::-1], strict=True)}
+    path = changed(log, tmp_path / "other.csv", other)
+    for use in (steelyard.contact, steelyard.health, steelyard.identify_payload):
+        with pytest.raises(steelyard.SteelyardError, match="of the squared efforts of this log"):
+            use(model, path)
 
 
 def test_a_slow_log_is_refused(given: Path, identified: Path) -> None:

@@ -231,6 +231,24 @@ def test_what_is_carried_all_along_is_no_event(
     assert "no change of payload" in words and "carried from" in words
 
 
+def test_a_load_that_the_model_lacks_is_reported(
+    picking: Path, given: Path, identified: Path, command: Command
+) -> None:
+    """Where the model is used for something else, or contact is calibrated."""
+    span, words = f"{picking}@{PICK + 0.3}:{RELEASE - 0.3}", []
+    for arguments in (
+        ("contact", identified, span),
+        ("health", identified, span),
+        ("contact", identified, given / "validation.csv", "--calibrate", span),
+    ):
+        done = command(*arguments)
+        words.append(" ".join(done.output.split()))
+    for one in words:
+        assert "are those with a payload of 1.49 ±" in one and "the model does not have" in one
+    assert "likelier than contact" in words[0]
+    assert "no calibration log is left: left out of the calibration: the efforts" in words[2]
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

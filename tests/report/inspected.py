@@ -22,7 +22,9 @@ def contact_content() -> ContactContent:
     push = np.where((t > 5.0) & (t < 6.0), 30.0, 0.0)
     residual = np.stack([push + np.sin(9.0 * t), 0.1 * push + np.cos(7.0 * t)])
     speed = np.abs(np.sin(np.stack([t, 0.7 * t])))
-    trace = ResidualTrace("shift", t, 0.02, residual, speed, speed, np.zeros((2, 2, len(t))))
+    trace = ResidualTrace(
+        "shift", t, 0.02, residual, speed, speed, residual, np.zeros((2, 2, len(t)))
+    )
     limits = np.tile(np.arange(12.0, 7.0, -1.0), (2, 1))
     own = tuple(tuple(k > 0 for k in range(len(RANGES))) for _ in JOINTS)
     edges = np.tile([0.01, 0.2, 0.8], (2, 1))
@@ -36,6 +38,7 @@ def contact_content() -> ContactContent:
         events=(ContactEvent(5.0, 6.0, 5.2, (load,), ("upper_arm", "forearm")),),
         sigma=np.ones(2),
         source="3 calibration logs",
+        carried=None,
         suspected=(),
         wanted=None,
         fitted=True,
@@ -68,7 +71,9 @@ def health_content() -> HealthContent:
     )
     names = ("monday", "tuesday", "friday_with_a_long_name")
     changes = changes_of(series, names)
-    return HealthContent("arm", JOINTS, names, series, changes, ("cut-offs: motion 18 Hz",))
+    return HealthContent(
+        "arm", JOINTS, names, series, changes, ("friday: a payload",), ("cut-offs: motion 18 Hz",)
+    )
 
 
 def wrench_content(frame: str = "tool0") -> WrenchContent:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.errors import DataError, LogError
+from steelyard.errors import DataError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.estimation.residual_peaks import FEWEST, ContactThresholds, ResidualPeaks
 from steelyard.estimation.rest_changes import ONSET
@@ -29,34 +29,13 @@ SLID = 0.1
 """Travel after which friction with memory slides, at least [rad; m]."""
 
 STRETCHES = 4
-"""Stretches that calibration runs are compared in, at least."""
+"""Stretches that a single calibration run is compared in."""
 
 EXPECTED = 0.02
 """Exceedances expected in all calibration runs together at the thresholds of contact."""
 
 MARGIN = 1.0
 """Time beside a suspected contact that is left out with it [s]."""
-
-ABSENT = 0.6
-"""Share of a predicted part of the efforts that must be lacking for it to count as absent."""
-
-EXPLAINED = 0.5
-"""Share of the squared residual that its absence must explain."""
-
-MATTERS = 2.0
-"""Root mean square of the part in standard deviations of the residual from which on it matters."""
-
-
-CHECKED = ("gravity", "friction")
-"""Parts of a trace, by name."""
-
-FIXES = (
-    "the efforts seem to be gravity-compensated: log measured efforts instead, in the form that "
-    "the model was identified from",
-    "the efforts seem to be measured behind the gears: log them in the form that the model was "
-    "identified from, or identify a model from such logs",
-)
-"""What to do where efforts lack one of these parts."""
 
 
 @dataclass(frozen=True)
@@ -265,9 +244,9 @@ def without_contact(
 ) -> tuple[ResidualPeaks, tuple[SuspectedContact, ...]]:
     """Largest residuals of calibration runs, without stretches that contain contact.
 
-    Every stretch is compared with thresholds from all others, which all of them together exceed
-    with a probability of `EXPECTED`; the stretch that exceeds them most loses what exceeds them,
-    until none does.
+    Every run is compared with thresholds from all others, which all of them together exceed with a
+    probability of `EXPECTED`; the run that exceeds them most loses what exceeds them, until none
+    does. A single run is compared in stretches.
 
     Args:
         traces: Residuals of the runs.
@@ -277,12 +256,12 @@ def without_contact(
         sigma: Standard deviation of the residual of the fit per joint, shape `(n,)` [Nm; N].
         known: What the model knows of its own left-out motion, to compare with.
     """
-    parts = [part for trace in traces for part in _stretches(trace, len(traces))]
-    peaks = [part.peaks(edges, cutoff) for part in parts]
     alike = known is not None and known.cutoff == cutoff and np.array_equal(known.edges, edges)
     beside = [known] if known is not None and alike else []
+    parts = list(traces) if len(traces) + len(beside) > 1 else _stretches(traces[0])
+    peaks = [part.peaks(edges, cutoff) for part in parts]
     suspected: list[SuspectedContact] = []
-    while len(peaks) + len(beside) > 1:
+    while len(peaks) + len(beside) > 1 and any(part.duration for part in parts):
         rate = EXPECTED * 3600.0 / sum(part.duration for part in parts)
         found = [
             contacts_in(
@@ -307,10 +286,9 @@ def _sum(peaks: Sequence[ResidualPeaks]) -> ResidualPeaks:
     return sum(peaks[1:], peaks[0])
 
 
-def _stretches(trace: ResidualTrace, runs: int) -> list[ResidualTrace]:
-    """Parts of a run, so that there are at least `STRETCHES` of all runs."""
-    count = -(-STRETCHES // runs)
-    edges = np.linspace(0, len(trace.t), count + 1).astype(int)
+def _stretches(trace: ResidualTrace) -> list[ResidualTrace]:
+    """`STRETCHES` parts of a run."""
+    edges = np.linspace(0, len(trace.t), STRETCHES + 1).astype(int)
     return [trace.of(slice(a, b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
 
 
@@ -361,25 +339,3 @@ def supported_rate(peaks: ResidualPeaks, wanted: float | None, usual: float = 1.
             f"{minutes * least / wanted:.0f} min of free motion",
         )
     return wanted
-
-
-def refuse_without(trace: ResidualTrace, sigma: Array) -> None:
-    """Efforts must contain gravity and friction as the model has them.
-
-    Raises:
-        LogError: The residual is minus the predicted gravity, or minus the predicted friction.
-    """
-    whitened = trace.residual / sigma[:, None]
-    for part, name, fix in zip(trace.parts, CHECKED, FIXES, strict=True):
-        own = part / sigma[:, None]
-        size = float(np.sum(own * own))
-        if not size > MATTERS**2 * own.size:
-            continue
-        share = -float(np.sum(whitened * own)) / size
-        explained = share**2 * size / float(np.sum(whitened * whitened))
-        if share > ABSENT and explained > EXPLAINED:
-            raise LogError(
-                f"the efforts lack {100.0 * share:.0f} % of the {name} that the model predicts",
-                where=trace.run,
-                fix=fix,
-            )

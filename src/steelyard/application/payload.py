@@ -2,12 +2,15 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
+from steelyard.application.other_efforts import LEAST_FITTED, refuse_unexplained
 from steelyard.errors import DataError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.estimation.payload.load import PayloadEstimate
-from steelyard.estimation.payload.load_case import carrier, load_case, refuse_foreign
+from steelyard.estimation.payload.load_case import LoadCase, carrier, load_case, refuse_foreign
 from steelyard.estimation.payload.possible_body import PayloadKnowledge
-from steelyard.estimation.payload.weighing import fitted_case, weighed
+from steelyard.estimation.payload.weighing import CaseFit, fitted_case, weighed
 from steelyard.regression.information import Information
 from steelyard.robot_file.efforts import MOTOR_KINDS
 
@@ -62,8 +65,36 @@ def identify_payload(
         zero={one.name for one in identified.estimate.removed},
     )
     fit = fitted_case(identified, case, bool(unloaded), drift)
+    if not unloaded:
+        refuse_unexplained_case(identified, case, fit)
     some = PayloadKnowledge() if known is None else known
     return weighed(identified, case, fit, case.payload, carries, bool(unloaded), drift, share, some)
+
+
+def refuse_unexplained_case(identified: IdentifiedModel, case: LoadCase, fit: CaseFit) -> None:
+    """The model and what the arm carries explain most of the efforts.
+
+    Args:
+        identified: The robot without payload.
+        case: The runs.
+        fit: The fit of them.
+
+    Raises:
+        LogError: They do not.
+    """
+    information, values = case.information, fit.values.copy()
+    known = identified.estimate.parameters.as_dict()
+    for k, name in enumerate(information.layout.columns[: case.n_arm]):
+        values[k] = known.get(name, values[k])
+    variances = np.square(identified.estimate.sigma)
+    left = information.residual_squares(values)
+    count = float(information.n_samples.sum())
+    residual, measured = (
+        float(np.sum(squares / variances)) / count
+        for squares in (left, information.effort_squares())
+    )
+    runs = ", ".join(dict.fromkeys(window.run for window in information.windows))
+    refuse_unexplained(residual, measured, runs, LEAST_FITTED, " with any payload")
 
 
 def gain_share(identified: IdentifiedModel, stated: float | None) -> float:

@@ -6,7 +6,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from steelyard.application.payload import DRIFT, gain_share, refuse_uncertainties
+from steelyard.application.payload import (
+    DRIFT,
+    gain_share,
+    refuse_uncertainties,
+    refuse_unexplained_case,
+)
 from steelyard.application.payload_changes import (
     ALARMS,
     LEAST,
@@ -282,6 +287,7 @@ class _Weigher:
             zero={one.name for one in model.estimate.removed},
         )
         fit = fitted_case(model, case, False, self.drift)
+        refuse_unexplained_case(model, case, fit)
         return [
             None
             if load is None

@@ -11,14 +11,15 @@ from steelyard.application.contact import (
     ContactEvent,
     SuspectedContact,
     contacts_in,
-    refuse_without,
     sliding_friction,
     supported_rate,
     without_contact,
 )
+from steelyard.application.other_efforts import refuse_other_efforts
+from steelyard.application.unknown_payload import payload_words, unknown_payload
 from steelyard.arguments import checked
 from steelyard.arrays import Array
-from steelyard.errors import DataError
+from steelyard.errors import DataError, LogError
 from steelyard.estimation.calibration import EDGES
 from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.estimation.residual_peaks import ContactThresholds, ResidualPeaks
@@ -36,7 +37,10 @@ from steelyard.identification.repeated_rows import holds_fitted_rows
 from steelyard.identification.result import Result, paths_of
 from steelyard.measurement import Run
 from steelyard.progress import Progress, silent
-from steelyard.report.contact_page import ContactContent, contact_lines, render_contact
+from steelyard.regression.gather import gather
+from steelyard.regression.regressor import base_regressor
+from steelyard.report.contact_page import OFTEN, ContactContent, contact_lines, render_contact
+from steelyard.validation.friction.mixes import remembers
 from steelyard.validation.residual_traces import ResidualTrace, residual_cutoff, residual_trace
 
 if TYPE_CHECKING:
@@ -83,6 +87,7 @@ class Contacts(Result):
                 ],
             },
             "joints": list(content.joints),
+            "payload": content.carried,
             "notes": list(content.notes),
         }
 
@@ -150,9 +155,13 @@ def contact(
     sigma = np.asarray(identified.estimate.sigma)
     suspected: tuple[SuspectedContact, ...] = ()
     if given:
+        for other in unseen:
+            refuse_other_efforts(residual_trace(identified, other, cutoff), sigma)
+        carried = [_carried(identified, other) for other in unseen]
+        notes += [f"left out of the calibration: {one}" for one in carried if one is not None]
+        unseen = [other for other, one in zip(unseen, carried, strict=True) if one is None]
+        _refuse_none(unseen, notes)
         traces = [residual_trace(identified, other, cutoff) for other in unseen]
-        for trace in traces:
-            refuse_without(trace, sigma)
         peaks, suspected = _calibrated(identified, unseen, traces, cutoff, own)
         source = f"{len(unseen)} calibration {'log' if len(unseen) == 1 else 'logs'}"
     else:
@@ -160,16 +169,19 @@ def contact(
     friction = sliding_friction(identified, peaks.edges[:, 1])
     thresholds = peaks.thresholds(supported_rate(peaks, rate), friction)
     trace = residual_trace(identified, run, cutoff)
-    refuse_without(trace, sigma)
+    refuse_other_efforts(trace, sigma)
     robot = identified.model.robot
     notes += [one.text for one in suspected]
+    events = contacts_in(trace, thresholds, robot, sigma)
+    lasting = sum(event.end - event.start for event in events) > OFTEN * trace.duration
     content = ContactContent(
         robot=robot.name,
         joints=robot.joint_names,
         units=robot.effort_units,
         trace=trace,
         thresholds=thresholds,
-        events=contacts_in(trace, thresholds, robot, sigma),
+        events=events,
+        carried=_carried(identified, run) if lasting else None,
         sigma=sigma,
         source=source,
         suspected=suspected,
@@ -179,6 +191,17 @@ def contact(
         details=notes_of([run]),
     )
     return Contacts(content)
+
+
+def _carried(identified: IdentifiedModel, run: Run) -> str | None:
+    """A payload that a run has beyond doubt, for people to read; `None` if it is too short."""
+    rests = remembers(identified.model.terms)
+    try:
+        whole = gather(base_regressor(identified.model), run, rests=rests)
+    except LogError:
+        return None
+    found = unknown_payload(identified, whole)
+    return None if found is None else payload_words(found, run.name)
 
 
 def _own(peaks: ResidualPeaks | None, identified: IdentifiedModel) -> ResidualPeaks:
@@ -206,6 +229,20 @@ def left_out_words(identified: IdentifiedModel) -> str:
     return f"{calibration.count} {what} that were left out when the model was identified"
 
 
+def _refuse_none(runs: Sequence[Run], notes: Sequence[str]) -> None:
+    """There are calibration runs.
+
+    Raises:
+        DataError: None is left.
+    """
+    if not runs:
+        raise DataError(
+            f"no calibration log is left: {'; '.join(notes)}",
+            where="--calibrate",
+            fix="give logs of other motion without contact, or leave --calibrate out",
+        )
+
+
 def _calibrated(
     identified: IdentifiedModel,
     runs: Sequence[Run],
@@ -213,17 +250,7 @@ def _calibrated(
     cutoff: float,
     own: ResidualPeaks | None,
 ) -> tuple[ResidualPeaks, tuple[SuspectedContact, ...]]:
-    """Largest residuals of calibration runs, and what was left out of them.
-
-    Raises:
-        DataError: There is no run that was not fitted.
-    """
-    if not runs:
-        raise DataError(
-            "all calibration logs were fitted: their residuals say nothing of other motion",
-            where="--calibrate",
-            fix="give logs of other motion without contact, or leave --calibrate out",
-        )
+    """Largest residuals of calibration runs, and what was left out of them."""
     rest = np.max([run.rest_speed for run in runs], axis=0)
     edges = edges_of(rest, traces) if own is None else own.edges
     robot, sigma = identified.model.robot, np.asarray(identified.estimate.sigma)

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from steelyard.application.contact import refuse_without
 from steelyard.application.health import Change, changes_of
 from steelyard.application.health_windows import series_of, windowed
+from steelyard.application.other_efforts import refuse_other_efforts
+from steelyard.application.unknown_payload import payload_words, unknown_payload
 from steelyard.arguments import checked
 from steelyard.errors import LogError
 from steelyard.estimation.identified import IdentifiedModel, load_model
@@ -68,6 +69,7 @@ class Health(Result):
                 }
                 for one in content.series
             ],
+            "warnings": list(content.warnings),
             "notes": list(content.notes),
         }
 
@@ -111,12 +113,14 @@ def health(
     cutoff = residual_cutoff(identified, runs)
     sigma = np.asarray(identified.estimate.sigma)
     regressor, rests = base_regressor(identified.model), remembers(identified.model.terms)
-    found = []
+    found, carried = [], []
     for run in runs:
-        refuse_without(residual_trace(identified, run, cutoff), sigma)
+        refuse_other_efforts(residual_trace(identified, run, cutoff), sigma)
         threads = os.cpu_count() or 1
         whole = gather(regressor, run, rests=rests, threads=threads, progress=progress)
         found.append(windowed(whole, run.duration))
+        payload = unknown_payload(identified, whole)
+        carried += [] if payload is None else [payload_words(payload, run.name)]
     series, names = series_of(identified, found), [run.name for run in runs]
     if not series:
         raise LogError(
@@ -131,6 +135,7 @@ def health(
         logs=tuple(names),
         series=series,
         changes=changes_of(series, names),
+        warnings=tuple(carried),
         notes=notes_of(runs),
     )
     return Health(content)

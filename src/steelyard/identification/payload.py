@@ -5,6 +5,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
+from steelyard.application.other_efforts import refuse_without
 from steelyard.application.payload import identify_payload as payload_of
 from steelyard.application.payload_events import PayloadEvents, find_payload_events
 from steelyard.arguments import checked
@@ -24,11 +27,13 @@ from steelyard.identification.logs import (
     refuse_overlaps,
 )
 from steelyard.identification.result import paths_of
+from steelyard.measurement import Run
 from steelyard.progress import Progress, silent
 from steelyard.regression.gather import gather
 from steelyard.regression.gather_samples import gather_samples
 from steelyard.regression.regressor import base_regressor
 from steelyard.validation.friction.mixes import remembers
+from steelyard.validation.residual_traces import residual_cutoff, residual_trace
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +62,7 @@ class PayloadTask:
         ]
         regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
         runs = prepared(recordings, processing_of(identified), progress)
+        refuse_compensated(identified, runs)
         rests = remembers(identified.model.terms)
         of_runs = [
             gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in runs
@@ -90,6 +96,8 @@ class PayloadTask:
         recordings = [recording_of(log, identified.signals) for log in self.loaded]
         regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
         rests = remembers(identified.model.terms)
+        runs = prepared(recordings, processing_of(identified), progress)
+        refuse_compensated(identified, runs)
         return tuple(
             find_payload_events(
                 identified,
@@ -97,7 +105,7 @@ class PayloadTask:
                 self.frame,
                 gain=gain_uncertainty,
             )
-            for run in prepared(recordings, processing_of(identified), progress)
+            for run in runs
         )
 
     def _fitted_before(self) -> tuple[str, ...]:
@@ -107,6 +115,17 @@ class PayloadTask:
             for log in self.loaded
             if not self.unloaded and fitted_before(self.identified, log)
         )
+
+
+def refuse_compensated(identified: IdentifiedModel, runs: Sequence[Run]) -> None:
+    """Efforts of a payload's logs contain gravity and friction as those of the model.
+
+    Raises:
+        LogError: They do not.
+    """
+    cutoff, sigma = residual_cutoff(identified, runs), np.asarray(identified.estimate.sigma)
+    for run in runs:
+        refuse_without(residual_trace(identified, run, cutoff), sigma)
 
 
 def payload_inputs(

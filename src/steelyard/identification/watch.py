@@ -247,6 +247,6 @@ def stream_trace(identified: IdentifiedModel, log: LogArgument, cutoff: float) -
     speeds = np.array(speed).T
     slowest = -greatest(-speeds, round(HOLD / step) + 1)
     fastest = greatest(speeds, round(SETTLED / step) + 1)
-    parts = np.zeros((2, identified.robot.n, len(t)))
-    whole = ResidualTrace(name, np.array(t), step, np.array(residual).T, slowest, fastest, parts)
-    return whole.of(slice(first, None))
+    none = np.zeros((3, identified.robot.n, len(t)))
+    found = (np.array(residual).T, slowest, fastest, none[0], none[1:])
+    return ResidualTrace(name, np.array(t), step, *found).of(slice(first, None))

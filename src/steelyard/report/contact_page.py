@@ -51,6 +51,7 @@ class ContactContent:
         events: Contacts.
         sigma: Standard deviation of the residuals of the fit, shape `(n,)` [Nm; N].
         source: What the thresholds were calibrated on.
+        carried: A payload that explains lasting residuals, for people to read; `None` without.
         suspected: Stretches of the calibration that contain contact.
         wanted: False alarms per hour that were asked for; `None` if the default was used.
         fitted: Whether the model was fitted to this log.
@@ -66,6 +67,7 @@ class ContactContent:
     events: tuple[ContactEvent, ...]
     sigma: Array
     source: str
+    carried: str | None
     suspected: tuple[SuspectedContact, ...]
     wanted: float | None
     fitted: bool
@@ -108,6 +110,8 @@ class ContactContent:
                 "of the log: a payload, another tool or other efforts than the model's are "
                 "likelier than contact; run steelyard check with this log"
             )
+        if self.carried is not None:
+            found.append(self.carried)
         unknown = [
             joint
             for joint, row in zip(self.joints, self.thresholds.limits, strict=True)

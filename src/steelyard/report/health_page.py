@@ -40,6 +40,7 @@ class HealthContent:
         logs: Names of the logs, in the order of time.
         series: Quantities over windows.
         changes: All that was tested.
+        warnings: What qualifies the result.
         notes: How the logs were processed.
     """
 
@@ -48,6 +49,7 @@ class HealthContent:
     logs: tuple[str, ...]
     series: tuple[Series, ...]
     changes: tuple[Change, ...]
+    warnings: tuple[str, ...]
     notes: tuple[str, ...]
 
     @property
@@ -126,6 +128,8 @@ def health_lines(content: HealthContent, console: Console) -> None:
 
     console.print(Text(content.headline, style="bold"))
     console.print(Text(content.claim))
+    for warning in content.warnings:
+        console.print(Text(f"! {warning}", style="yellow"))
     if content.drifts:
         console.print(narrow_table(drifts_table(content)))
     table = joints_table(content)
@@ -149,10 +153,13 @@ def render_health(content: HealthContent) -> str:
         "legend": [Key("--measured", "windows"), Key("--rest", "95 % interval", "area")],
         "groups": _groups(content),
         "note": "Change from the model of every window; logs follow each other without the time "
-        "between them. Lines are interrupted between logs.",
+        f"between them. Lines are interrupted between logs: {', '.join(content.logs)}.",
     }
-    sections = [
-        Shown("drift", "Drift", fill("figures.html", verdict)),
+    sections = [Shown("drift", "Drift", fill("figures.html", verdict))]
+    if content.warnings:
+        limits = fill("notes.html", {"notes": content.warnings})
+        sections.append(Shown("limits", "Limits of this result", limits))
+    sections += [
         Shown("joints", "Joints", fill("figures.html", joints)),
         Shown("windows", "Changes over time", fill("figures.html", figures)),
         Shown("notes", "Notes", fill("notes.html", {"notes": content.notes}), folded=True),

@@ -49,7 +49,8 @@ class ResidualTrace:
         residual: Measured minus predicted effort, low-passed, shape `(n, N)` [Nm; N].
         slowest: Least speed of each joint in the last `HOLD` seconds, shape `(n, N)` [rad/s; m/s].
         fastest: Greatest speed in the last `SETTLED` seconds, likewise.
-        parts: Predicted gravity and friction, low-passed likewise, shape `(2, n, N)` [Nm; N].
+        measured: Measured effort, low-passed likewise, shape `(n, N)` [Nm; N].
+        parts: Predicted gravity and friction, likewise, shape `(2, n, N)` [Nm; N].
     """
 
     run: str
@@ -58,6 +59,7 @@ class ResidualTrace:
     residual: Array
     slowest: Array
     fastest: Array
+    measured: Array
     parts: Array
 
     @property
@@ -67,7 +69,7 @@ class ResidualTrace:
 
     def of(self, chosen: NDArray[np.bool_] | slice) -> "ResidualTrace":
         """Some of the samples."""
-        names = ("t", "residual", "slowest", "fastest", "parts")
+        names = ("t", "residual", "slowest", "fastest", "measured", "parts")
         return replace(self, **{name: getattr(self, name)[..., chosen] for name in names})
 
     def without(self, joints: Sequence[int]) -> "ResidualTrace":
@@ -113,8 +115,7 @@ def residual_trace(
             f"the log is sampled with {run.rate:.3g} Hz, less than {LEAST_RATE:g} times the "
             f"residual's low-pass of {cutoff:.3g} Hz",
             where=run.name,
-            fix=f"log with {LEAST_RATE * cutoff:.0f} Hz or more, or give a cut-off of "
-            f"{run.rate / LEAST_RATE:.2g} Hz or less",
+            fix=f"log with {LEAST_RATE * cutoff:.0f} Hz or more",
         )
     whole = replace(run, span=(-np.inf, np.inf)) if at_rest else run
     every = max(1, int(run.rate / (LEAST_RATE * cutoff)))
@@ -125,8 +126,9 @@ def residual_trace(
         for block in blocks:
             predicted = split.block(block)
             predicted[FRICTION] *= block.moving | remembers(identified.model.terms)
-            residual = gains * block.effort - predicted.sum(axis=0)
-            kept = np.stack([residual, predicted[GRAVITY], predicted[FRICTION]])
+            measured = gains * block.effort
+            residual = measured - predicted.sum(axis=0)
+            kept = np.stack([residual, measured, predicted[GRAVITY], predicted[FRICTION]])
             parts.append((block.t, kept, block.dq))
         t, signals, dq = (np.concatenate(some, axis=-1) for some in zip(*parts, strict=True))
         first = int(FORGOTTEN / (2.0 * np.pi * cutoff) * run.rate)
@@ -142,7 +144,7 @@ def residual_trace(
             fix="log for longer, or give a higher cut-off",
         )
     t, low, slowest, fastest = (np.concatenate(some, axis=-1) for some in zip(*found, strict=True))
-    return ResidualTrace(run.name, t, every / run.rate, low[0], slowest, fastest, low[1:])
+    return ResidualTrace(run.name, t, every / run.rate, low[0], slowest, fastest, low[1], low[2:])
 
 
 def greatest(values: Array, samples: int) -> Array:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from steelyard.application.contact import refuse_without
+from steelyard.application.other_efforts import refuse_without
 from steelyard.application.wrench.directions import unseen_directions
 from steelyard.application.wrench.efforts import EffortSource, ResidualKind
 from steelyard.arrays import Array
