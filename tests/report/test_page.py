@@ -15,8 +15,10 @@ from steelyard.report.thin import thin
 MEGABYTE = 1_000_000
 ARCHIVE = '<script type="application/gzip" id="plotly">'
 
-OF_ALL = [section for section in SECTIONS if section.name not in ("reduction", "removals")]
-"""Sections of the fixtures' contents; the others are those of `steelyard reduce`."""
+OTHERS = "reduction", "removals", "repeated"
+OF_ALL = [section for section in SECTIONS if section.name not in OTHERS]
+"""Sections of the fixtures' contents; others are of `reduce` and of estimates from each log alone.
+"""
 
 
 def own_html(page: str) -> str:
