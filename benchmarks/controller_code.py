@@ -62,12 +62,13 @@ def _states(n: int) -> np.ndarray:
     return np.random.default_rng(1).normal(size=(STATES, 3 * n))
 
 
-def _table(n: int) -> str:
+def states_table(n: int) -> str:
+    """States as an array in C: positions, velocities, accelerations."""
     rows = ",\n".join("{" + ", ".join(map(repr, row)) + "}" for row in _states(n).tolist())
     return f"static const double x[{STATES}][{3 * n}] = {{\n{rows}\n}};\n"
 
 
-def _timed(program: Path) -> float:
+def timed(program: Path) -> float:
     """Seconds a call that a program prints; the least of some runs."""
     runs = [subprocess.run([program], capture_output=True, text=True, check=True) for _ in range(5)]
     return min(float(run.stdout) for run in runs)
@@ -86,7 +87,7 @@ def _seconds_of_c(controller: Controller, folder: Path) -> float:
 #include "{code.name}.h"
 #include <stdio.h>
 #include <time.h>
-{_table(n)}{CLOCK}
+{states_table(n)}{CLOCK}
 int main(void) {{
     double tau[{n}], sum = 0.0;
     const double start = now();
@@ -102,7 +103,7 @@ int main(void) {{
     sources = [folder / f"{code.name}.c", folder / "main.c"]
     command = ["gcc", "-std=c99", *OPTIONS, *sources, "-o", folder / "ours", "-lm"]
     subprocess.run(command, check=True)
-    return _timed(folder / "ours")
+    return timed(folder / "ours")
 
 
 def _object_size(controller: Controller, folder: Path) -> int:
@@ -143,7 +144,7 @@ def _seconds_of_cpp(robot: Robot, folder: Path) -> float | None:
         "-o", folder / "theirs", f"-L{library}", f"-Wl,-rpath,{library}", "-lpinocchio_default",
     ]  # fmt: skip
     built = subprocess.run(command, capture_output=True)
-    return _timed(folder / "theirs") if built.returncode == 0 else None
+    return timed(folder / "theirs") if built.returncode == 0 else None
 
 
 def _cpp(robot: Robot) -> str:
@@ -169,7 +170,7 @@ def _cpp(robot: Robot) -> str:
 #include <ctime>
 #include <string>
 #include <vector>
-{_table(n)}{CLOCK}
+{states_table(n)}{CLOCK}
 using namespace pinocchio;
 static Model model;
 static void add(int parent, const Eigen::Matrix<double, 3, 4>& place, const Eigen::Vector3d& axis,

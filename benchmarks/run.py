@@ -5,6 +5,7 @@ Seven revolute joints: the Panda of the data folder, or without it an arm of the
 
 import os
 import resource
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -48,6 +49,7 @@ from steelyard.terms.laws.viscous import Viscous  # noqa: E402
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from controller_code import controller_code  # noqa: E402
 from design import designs  # noqa: E402
+from observer import observer_rows  # noqa: E402
 from quantities import quantities  # noqa: E402
 from robots import limbs, seven_joints  # noqa: E402
 
@@ -344,6 +346,7 @@ def main() -> int:
         *cold_rows(),
         *quantities(best, found.model),
         *controller_code(best, found.model),
+        *observer_rows(best, found.model, shutil.which("gcc")),
         *regressor_rows(found),
         *solution_rows(found, 5_000),
         *solution_rows(found, 100_000),

@@ -19,7 +19,8 @@ import numpy as np
 from proofs.support.claims import Claim, data_folder, main_of
 
 import steelyard
-from steelyard.application.controller.functions import FUNCTIONS, Controller
+from steelyard.application.controller.c_code import CCode
+from steelyard.application.controller.functions import FUNCTIONS, Controller, ObserverNumbers
 from steelyard.application.controller.prepare import end_frames
 from steelyard.arrays import Array
 from steelyard.kernel.native.c99 import Precision
@@ -41,6 +42,7 @@ from steelyard.terms.term import Term
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "tests"))
+from application import test_controller_observer as observed  # noqa: E402
 from closed_chains import CHAINS, parallelogram  # noqa: E402
 from in_c import (  # noqa: E402
     LIBM,
@@ -269,12 +271,29 @@ def closing_claim(folder: Path) -> Claim:
     return Claim(what, f"{error:.1e}", "<= 1e-12", error <= 1e-12)
 
 
+def observer_claim(folder: Path) -> Claim:
+    """External efforts on a tree, with gears and memory, and on a closed chain that C follows."""
+    folder.mkdir()
+    worst, alike = 0.0, True
+    for name in observed.CASES:
+        model = observed.model_of(name)
+        given = observed.samples(model.robot, SAMPLES)
+        efforts, contact = observed.in_python(model, given)
+        code = CCode(observed.controller(model), "double", ("From a proof.",))
+        found, joints, _ = observed.in_c(code, folder / name, "double", given)
+        worst = max(worst, apart(found, efforts))
+        alike = alike and bool(np.array_equal(joints, contact))
+    what = f"observer of {len(observed.CASES)} robots, {SAMPLES} samples; contact alike: {alike}"
+    return Claim(what, f"{worst:.1e}", "<= 1e-12", worst <= 1e-12 and alike)
+
+
 def compiler_claims(folder: Path) -> list[Claim]:
     """Warnings, C++, sanitizers, symbols."""
     clean, symbols, count = 0, set[str](), 0
     sanitizers = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
     for name, robot, terms in robots():
         controller = controller_of(robot, (*terms, Dahl(length=2e-3)), tuple(FUNCTIONS))
+        controller = replace(controller, observer=ObserverNumbers(8.0, None))
         for precision in BOUNDS:
             place = folder / f"{name}_{precision}".replace(" ", "_")
             code = code_of(controller, precision)
@@ -309,6 +328,7 @@ def main() -> list[Claim]:
             *law_claims(place / "float", "float"),
             *robot_claims(place / "robots"),
             closing_claim(place / "closing"),
+            observer_claim(place / "observer"),
             *compiler_claims(place / "compilers"),
         ]
 

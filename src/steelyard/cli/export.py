@@ -81,7 +81,7 @@ def export(
             "--function",
             help="Function in the C or Python code; repeat for several: torque, gravity, bias, "
             "friction, mass, regressor (all of these if unset), momentum, momentum_rate, "
-            "forward_dynamics.",
+            "forward_dynamics, observer (external efforts and contact).",
             metavar="NAME",
         ),
     ] = None,

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from textwrap import wrap
 
+from steelyard.application.controller.c_observer import ObserverCode
 from steelyard.application.controller.c_state import StateCode
 from steelyard.application.controller.functions import Controller, Function
 from steelyard.application.controller.identifiers import commented, identifier, identifiers
@@ -54,6 +55,11 @@ class CCode:
         """The functions that go from sample to sample."""
         return StateCode(self.name, self.precision, self.controller)
 
+    @cached_property
+    def observer(self) -> ObserverCode:
+        """The functions that observe external efforts."""
+        return ObserverCode(self.name, self.precision, self.controller)
+
     @property
     def stack(self) -> int:
         """Bytes of local variables of the function with most of them."""
@@ -81,6 +87,7 @@ class CCode:
             *declared,
             *self._parameters_declared(),
             *self.state.declarations(),
+            *self.observer.declarations(),
             "#ifdef __cplusplus",
             "}",
             "#endif",
@@ -104,6 +111,7 @@ class CCode:
             *functions,
             *self._parameters_defined(),
             *self.state.definitions(),
+            *self.observer.definitions(),
         )
         return "\n".join(parts).rstrip("\n") + "\n"
 

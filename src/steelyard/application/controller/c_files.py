@@ -86,7 +86,7 @@ mathematical libraries differ in theirs: compare with a tolerance, as the test d
   others.
 - Feedforward takes friction from the desired velocity: friction of the measured velocity changes
   sign with its noise.
-{_closed(code)}{_memory(code)}"""
+{_closed(code)}{_memory(code)}{_observer(code)}"""
 
 
 def _closed(code: CCode) -> str:
@@ -98,6 +98,23 @@ def _closed(code: CCode) -> str:
   before; both return the closure error. A passive joint must not move by more than about 0.5 rad
   between two samples.
 """
+
+
+def _observer(code: CCode) -> str:
+    numbers = code.observer.numbers
+    if numbers is None:
+        return ""
+    contact = ""
+    if numbers.thresholds is not None:
+        contact = f"""\
+  `{code.name}_observer_contact` compares them with thresholds of contact for
+  {numbers.thresholds.rate:.3g} false alarms per hour at {numbers.bandwidth:g} Hz; changes at rest,
+  which `steelyard contact` tests as well, are not compared.
+"""
+    return f"""\
+- External efforts: `{code.name}_observer_start` and `{code.name}_observer_step` observe them from
+  positions, velocities and joint efforts of consecutive samples; times are of type `double`.
+{contact}"""
 
 
 def _memory(code: CCode) -> str:

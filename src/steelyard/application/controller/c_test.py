@@ -2,12 +2,19 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from steelyard.application.controller.c_code import CCode, comment
-from steelyard.application.controller.samples import Path, States
+from steelyard.application.controller.samples import Observed, Path, States
 from steelyard.arrays import Array
+from steelyard.estimation.external.momentum import PER_PERIOD
+from steelyard.estimation.external.observer import GAP
 from steelyard.kernel.native.c99 import literal
 
 STATES, SAMPLES = 6, 24
+
+BANDWIDTH = 8.0
+"""Of the observer that is tested [Hz]."""
 
 TOLERANCE = {"double": 1e-10, "float": 1e-4}
 """Largest error that passes, relative to one plus the value's size."""
@@ -41,6 +48,15 @@ def self_test(code: CCode) -> str:
             tables[f"path_{x}"] = _table(code, f"path_{x}", path.arrays[x])
         tables["path_tau"] = _table(code, "path_tau", path.tau)
         checks.append(_path_check(code))
+    if code.observer.numbers is not None:
+        rate, longest = 2.0 * np.pi * BANDWIDTH, GAP / (PER_PERIOD * BANDWIDTH)
+        seen = Observed.of(code.controller, SAMPLES, rate, longest)
+        for x in ("q", "dq", "tau"):
+            tables[f"seen_{x}"] = _table(code, f"seen_{x}", seen.arrays[x])
+        tables["seen_external"] = _table(code, "seen_external", seen.external)
+        times = ", ".join(literal(float(x)) for x in seen.t)
+        tables["seen_t"] = f"static const double seen_t[{SAMPLES}] = {{{times}}};\n\n"
+        checks.append(_observer_check(code))
     end = "" if real == "double" else "f"
     return f"""\
 {comment([f"Compares {name}.c with values that Python computed; ends with 0 if they agree."])}
@@ -120,6 +136,22 @@ def _path_check(code: CCode) -> str:
             {real} found[{n}];
             {code.name}_step(&state, path_q[k], path_dq[k], path_ddq[k], found);
             compare(found, path_tau[k], {n});
+        }}
+    }}
+"""
+
+
+def _observer_check(code: CCode) -> str:
+    n, real = code.state.n, code.precision
+    return f"""\
+    {{
+        {code.name}_observer observer;
+        {code.name}_observer_start(&observer, {literal(BANDWIDTH)});
+        for (k = 0; k < {SAMPLES}; ++k) {{
+            {real} found[{n}];
+            {code.name}_observer_step(&observer, seen_t[k], seen_q[k], seen_dq[k], seen_tau[k],
+                found);
+            compare(found, seen_external[k], {n});
         }}
     }}
 """

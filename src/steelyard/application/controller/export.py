@@ -62,11 +62,23 @@ class Written:
 
     @property
     def functions(self) -> tuple[str, ...]:
-        """Names of the functions in the code; `start` and `step` where friction has memory."""
+        """Names of the functions in the code; `start` and `step` where friction has memory.
+
+        The observer has several.
+        """
         listed = self.controller.functions
         names = identifiers([function.name for function in listed], "function")
         public = (name for name, f in zip(names, listed, strict=True) if f.public)
-        return (*public, *(("start", "step") if self.controller.n_memory else ()))
+        remembering = ("start", "step") if self.controller.n_memory else ()
+        return (*public, *remembering, *observer_functions(self.controller))
+
+
+def observer_functions(controller: Controller) -> tuple[str, ...]:
+    """Names of the observer's functions, if it is wanted."""
+    if controller.observer is None:
+        return ()
+    contact = () if controller.observer.thresholds is None else ("observer_contact",)
+    return ("observer_start", "observer_step", *contact)
 
 
 def write_code(

@@ -22,6 +22,8 @@ from steelyard.dynamics.quantity import (
     Quantity,
     frame_quantity,
 )
+from steelyard.estimation.external.step_program import observed_torque, slow_velocities
+from steelyard.estimation.residual_peaks import ContactThresholds
 from steelyard.kernel.equations.closed_chains import corrected
 from steelyard.kernel.equations.dynamics import JointState, Scalar
 from steelyard.kernel.program.program import Array as Input
@@ -108,6 +110,23 @@ class Function:
         return tuple((name, int(np.prod(shape))) for name, shape in self.outputs)
 
 
+OBSERVER = "observer"
+"""Name that `--function` takes for the observer of external efforts."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObserverNumbers:
+    """Numbers of an observer of external efforts.
+
+    Attributes:
+        bandwidth: Its usual bandwidth [Hz].
+        thresholds: Of contact, for that bandwidth; `None` without.
+    """
+
+    bandwidth: float
+    thresholds: ContactThresholds | None
+
+
 @dataclass(frozen=True, eq=False)
 class Controller:
     """A model with its numbers, for controllers.
@@ -117,12 +136,14 @@ class Controller:
         values: Its standard parameters.
         names: Names of the functions that are wanted, of `FUNCTIONS`.
         frames: Names of the frames whose poses and Jacobians are wanted.
+        observer: Numbers of the observer of external efforts; `None` if it is not wanted.
     """
 
     model: Model
     values: Parameters
     names: tuple[str, ...] = USUAL
     frames: tuple[str, ...] = ()
+    observer: ObserverNumbers | None = None
 
     @cached_property
     def equations(self) -> Equations:
@@ -149,6 +170,8 @@ class Controller:
         found += [f for frame in self.frames for f in self._of_frame(frame)]
         if self.model.robot.passive:
             found.append(self._newton())
+        if self.observer is not None:
+            found.append(self._observed())
         return (*found, *((self._begun(), self._stepped()) if self.n_memory else ()))
 
     @cached_property
@@ -189,7 +212,7 @@ class Controller:
     def _traced(self, arguments: Sequence[str], build: Callable[..., Sequence[Scalar]]) -> Program:
         """Equations over positions, those of passive joints, and other arguments."""
         robot = self.model.robot
-        sizes = {"memory": self.n_memory}
+        sizes = {"memory": self.n_memory, "scalars": 3}
         rest = [Input(name, sizes.get(name, robot.n)) for name in arguments[1:]]
         inputs = [Input("q", robot.n), Input("passive", len(robot.passive)), *rest]
         program = symbolic(build, inputs)
@@ -238,6 +261,32 @@ class Controller:
         outputs = (("after", (self.n_memory,)),)
         program = self._traced(("q", "dq"), build)
         return Function("begun", program, outputs, "memory where a motion starts", False)
+
+    def _observed(self) -> Function:
+        """A step of the observer; its memory after the step, too, where friction has some."""
+        numbers, equations = self.numbers.tolist(), self.equations
+
+        def build(
+            q: Any, passive: Any, dq: Any, tau: Any, scalars: Any, *rest: Any
+        ) -> list[Scalar]:
+            old_momentum, old_drive, old_slow, old_torque, *memory = rest
+            slow, ddq = slow_velocities(dq, old_slow, scalars)
+            state = JointState(q, dq, ddq, passive)
+            after, channels = equations.stepped(state, memory[0] if memory else [])
+            given = {"q": q, "dq": dq, "ddq": ddq, "channels": channels, "parameters": numbers}
+            momentum, drive, torque = observed_torque(
+                equations, given, tau, (old_momentum, old_drive, old_torque), scalars
+            )
+            return [*momentum, *drive, *slow, *torque, *after]
+
+        memory = ("memory",) if self.n_memory else ()
+        n, old = self.model.robot.n, ("momentum", "drive", "slow", "torque")
+        outputs = (
+            *((f"next_{name}", (n,)) for name in old),
+            *(("after", (self.n_memory,)) for _ in memory),
+        )
+        program = self._traced(("q", "dq", "tau", "scalars", *old, *memory), build)
+        return Function("observed", program, outputs, "a step of the observer", False)
 
     def _stepped(self) -> Function:
         numbers = self.numbers.tolist()

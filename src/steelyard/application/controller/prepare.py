@@ -2,9 +2,18 @@
 
 from collections.abc import Sequence
 
-from steelyard.application.controller.functions import FUNCTIONS, OF_ALL_TERMS, USUAL, Controller
+from steelyard.application.contact import sliding_friction, supported_rate
+from steelyard.application.controller.functions import (
+    FUNCTIONS,
+    OBSERVER,
+    OF_ALL_TERMS,
+    USUAL,
+    Controller,
+    ObserverNumbers,
+)
 from steelyard.errors import DataError, ModelError
 from steelyard.estimation.identified import IdentifiedModel
+from steelyard.estimation.residual_peaks import FEWEST
 from steelyard.kernel.quantities.kinematics import frame_of
 from steelyard.robot.robot import Robot
 from steelyard.suggest import advice
@@ -18,7 +27,7 @@ def controller_of(
 
     Args:
         identified: The model.
-        functions: Names of `FUNCTIONS`; the usual ones if empty.
+        functions: Names of `FUNCTIONS`, or `OBSERVER`; the usual ones if empty.
         frames: Names of frames whose pose and Jacobian are wanted; if empty, the last frame on
             every link that carries no other.
 
@@ -29,18 +38,38 @@ def controller_of(
     """
     _refuse_unusable(identified)
     robot = identified.model.robot
+    known = (*FUNCTIONS, OBSERVER)
     for name in functions:
-        if name not in FUNCTIONS:
+        if name not in known:
             raise DataError(
                 f"there is no function '{name}'",
                 where="--function",
-                fix=advice(name, FUNCTIONS, "functions"),
+                fix=advice(name, known, "functions"),
             )
     for frame in frames:
         frame_of(robot, frame)
-    wanted = tuple(dict.fromkeys(functions)) or USUAL
+    wanted = tuple(name for name in dict.fromkeys(functions) if name != OBSERVER)
     chosen = tuple(dict.fromkeys(frames)) or end_frames(robot)
-    return Controller(identified.model, identified.valued.values, wanted, chosen)
+    return Controller(
+        identified.model,
+        identified.valued.values,
+        wanted or (() if functions else USUAL),
+        chosen,
+        observer_of(identified) if OBSERVER in functions else None,
+    )
+
+
+def observer_of(identified: IdentifiedModel) -> ObserverNumbers:
+    """The usual bandwidth, and thresholds from left-out motion if the model has enough of it.
+
+    They are those of 1 false alarm per hour, or as few as that motion supports.
+    """
+    calibration = identified.calibration
+    peaks = None if calibration is None else calibration.peaks
+    if peaks is None or not (peaks.visits >= FEWEST).any():
+        return ObserverNumbers(identified.cutoffs.score, None)
+    friction = sliding_friction(identified, peaks.edges[:, 1])
+    return ObserverNumbers(peaks.cutoff, peaks.thresholds(supported_rate(peaks, None), friction))
 
 
 def end_frames(robot: Robot) -> tuple[str, ...]:

@@ -1,9 +1,14 @@
 """A model as one Python file that needs NumPy alone."""
 
+import numpy as np
+
 from steelyard.application.controller.c_code import joint_lines
 from steelyard.application.controller.c_state import CONVERGED, STRETCHES
-from steelyard.application.controller.functions import Controller, Function
+from steelyard.application.controller.functions import Controller, Function, ObserverNumbers
 from steelyard.application.controller.identifiers import commented, identifiers
+from steelyard.estimation.external.momentum import PER_PERIOD
+from steelyard.estimation.external.observer import GAP
+from steelyard.estimation.residual_peaks import HOLD, SETTLED, ContactThresholds
 from steelyard.kernel.program.source import Syntax, source_of
 from steelyard.kernel.quantities.passive_joints import ITERATIONS
 from steelyard.robot.loop_equations import loop_equations
@@ -74,6 +79,8 @@ def python_code(controller: Controller, origin: tuple[str, ...]) -> str:
         parts.append(_closing(controller))
     if controller.n_memory:
         parts.append(_state(controller))
+    if controller.observer is not None:
+        parts.append(_observer(controller, controller.observer))
     return "\n\n\n".join(parts) + "\n"
 
 
@@ -162,6 +169,87 @@ class State:
         \"\"\"Efforts at the next sample, shape (n,).\"\"\"
 {nearer}        tau, self.memory = _stepped(q, {passive}dq, ddq, self.memory)
         return tau"""
+
+
+def _observer(controller: Controller, numbers: ObserverNumbers) -> str:
+    robot, known = controller.model.robot, numbers.thresholds
+    passive = "self.passive, " if robot.passive else ""
+    followed = ""
+    if robot.passive:
+        followed = """\
+        passive, gap = follow(q) if begins else close(q, self.passive)
+        if gap != gap:
+            raise ValueError("the chains cannot close at these positions")
+        self.passive = passive
+"""
+    begun = f"            self.memory = _begun(q, {passive}dq)\n" if controller.n_memory else ""
+    memory = ", self.memory" if controller.n_memory else ""
+    contact = "" if known is None else _contact(known)
+    started = "" if known is None else STARTED
+    ranged = "" if known is None else "        self._compare(time, dq)\n"
+    return f"""\
+class Observer:
+    \"\"\"External efforts [Nm; N] at consecutive samples, by the generalised momentum.
+
+    Samples have to come at ten times the bandwidth [Hz] or faster. `torque` has the efforts at the
+    last sample, shape (n,); at the first sample and after a gap in time they are zero.
+    \"\"\"
+
+    def __init__(self, bandwidth={numbers.bandwidth!r}):
+        self.rate = {2.0 * np.pi!r} * bandwidth
+        self.longest = {GAP!r} / ({PER_PERIOD!r} * bandwidth)
+        self.time = -np.inf
+        self.torque = np.zeros(len(JOINTS))
+        self.momentum = self.drive = self.slow = self.torque
+{started}
+    def step(self, time, q, dq, tau):
+        \"\"\"Take the next sample: time [s], positions, velocities, joint efforts (n,).\"\"\"
+        q, dq, tau = (np.asarray(x, dtype=float) for x in (q, dq, tau))
+        since = time - self.time
+        if not since > 0.0:
+            raise ValueError("time does not increase")
+        begins = since > self.longest
+{followed}        if begins:
+            scalars = np.array([1.0, 0.0, self.rate])
+            self.slow, self.torque = dq, np.zeros(len(JOINTS))
+{begun}        else:
+            scalars = np.array([np.exp(-self.rate * since), 1.0 / since, self.rate])
+        {_OBSERVED}{", self.memory" if controller.n_memory else ""} = _observed(
+            q, {passive}dq, tau, scalars, {_OBSERVED}{memory}
+        )
+        self.time = time
+{ranged}{contact}"""
+
+
+_OBSERVED = "self.momentum, self.drive, self.slow, self.torque"
+STARTED = """\
+        self.visited = np.full((len(JOINTS), 4), -np.inf)
+        self.moved = np.full(len(JOINTS), -np.inf)
+        self.limit = np.full(len(JOINTS), np.nan)
+"""
+"""What thresholds add to an observer."""
+
+
+def _contact(known: ContactThresholds) -> str:
+    """Comparison with thresholds, see `ThresholdStepper`."""
+    limits = [[None if x != x else x for x in row] for row in known.limits.tolist()]
+    return f"""
+    EDGES = np.array({known.edges.tolist()!r})
+    LIMITS = np.array({limits!r}, dtype=float)
+
+    @property
+    def contact(self):
+        \"\"\"Whether each joint's external effort exceeds its threshold, shape (n,).\"\"\"
+        return np.abs(self.torque) > self.limit
+
+    def _compare(self, time, dq):
+        joints = np.arange(len(JOINTS))
+        now = np.sum(np.abs(dq)[:, None] > self.EDGES, axis=1)
+        self.visited[joints, now] = time
+        self.moved[now > 0] = time
+        held = np.argmax(self.visited >= time - {HOLD!r}, axis=1)
+        held = held + ((held > 0) | (time - self.moved <= {SETTLED!r}))
+        self.limit = self.LIMITS[joints, held]"""
 
 
 def _spaced(line: str) -> str:

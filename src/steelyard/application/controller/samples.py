@@ -72,6 +72,69 @@ class Path:
         return cls(arrays, np.array(efforts).T)
 
 
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """Consecutive samples of a motion, and the external efforts that an observer finds.
+
+    Attributes:
+        t: Time, shape `(N,)` [s]; one step is a gap.
+        arrays: `q`, `passive`, `dq` and `tau`, each of shape `(entries, N)`.
+        external: Shape `(n, N)`.
+    """
+
+    t: Array
+    arrays: Mapping[str, Array]
+    external: Array
+
+    @classmethod
+    def of(cls, controller: Controller, count: int, rate: float, longest: float) -> "Observed":
+        """A motion near the reference configuration, with a gap in the middle.
+
+        Args:
+            controller: The model.
+            count: Number of samples.
+            rate: Bandwidth of the observer [rad/s].
+            longest: Longest step that is no gap [s].
+        """
+        functions = {function.name: function for function in controller.functions}
+        t = 0.4 * longest * np.arange(count)
+        t[count // 2 :] += 2.0 * longest
+        q, dq = _reversing(controller, t)
+        phase = np.arange(1.0, controller.model.robot.n + 1.0)[:, None] * np.arange(count)
+        arrays = {
+            "q": q,
+            "passive": passive_positions(controller.model.robot, q),
+            "dq": dq,
+            "tau": _short(5.0 * np.cos(phase)),
+        }
+        n, state = len(q), np.zeros(0)
+        found = []
+        for k in range(count):
+            since = t[k] - t[k - 1]
+            if begins := k == 0 or since > longest:
+                kept = np.zeros(3 * n)
+                kept[2 * n :] = dq[:, k]
+                state = np.concatenate([kept, np.zeros(n)])
+                if controller.n_memory:
+                    state = np.concatenate([state, _at(functions["begun"], arrays, k)])
+            left, inverse = (1.0, 0.0) if begins else (np.exp(-rate * since), 1.0 / since)
+            names = ("momentum", "drive", "slow", "torque", "memory")
+            parts = dict(zip(names, np.split(state, [n, 2 * n, 3 * n, 4 * n]), strict=True))
+            scalars = np.array([left, inverse, rate])
+            given = {name: x[:, None] for name, x in (parts | {"scalars": scalars}).items()}
+            state = _at(functions["observed"], {**arrays, **given}, k)
+            found.append(state[3 * n : 4 * n])
+        return cls(t, arrays, np.array(found).T)
+
+
+def _reversing(controller: Controller, t: Array) -> tuple[Array, Array]:
+    """Positions and velocities of a motion near the reference configuration, `(n, N)`."""
+    robot = controller.model.robot
+    rates = 5.0 + np.arange(robot.n)[:, None]
+    q = robot.assembly[: robot.n, None] + 0.05 * np.sin(rates * t)
+    return _short(q), _short(0.05 * rates * np.cos(rates * t))
+
+
 def _at(function: Function, arrays: Mapping[str, Array], sample: int) -> Array:
     """A function's results at one sample; an array of one sample holds at all."""
     given = [arrays[x.name] for x in function.program.inputs]

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from steelyard.dynamics.equations import Equations
+from steelyard.dynamics.quantity import Given
 from steelyard.estimation.external.observed import Axes, jacobian_of, momentum_and_drive
 from steelyard.kernel.equations.dynamics import Scalar
 from steelyard.kernel.native.compiled import Code, compiled
@@ -75,21 +76,58 @@ def _outputs(
     variances: Sequence[Scalar],
 ) -> list[Scalar]:
     n = equations.robot.n
-    old_momentum, old_drive, old_slow, old_torque = _vectors(state, n)
+    old = _vectors(state, n)
     q, dq, tau = _vectors(sample, n)
-    left, inverse, rate = scalars
-    slow = [v + left * (old - v) for v, old in zip(dq, old_slow, strict=True)]
-    ddq = [rate * (v - s) for v, s in zip(dq, slow, strict=True)]
+    slow, ddq = slow_velocities(dq, old[2], scalars)
     given = {"q": q, "dq": dq, "ddq": ddq, "channels": channels, "parameters": parameters}
-    momentum, beside = momentum_and_drive(equations, given)
-    drive = [effort + other for effort, other in zip(tau, beside, strict=True)]
-    torque = []
-    for k in range(n):
-        mean = inverse * (momentum[k] - old_momentum[k]) - 0.5 * (drive[k] + old_drive[k])
-        torque.append(mean + left * (old_torque[k] - mean))
+    momentum, drive, torque = observed_torque(
+        equations, given, tau, (old[0], old[1], old[3]), scalars
+    )
     rows = jacobian_of(equations, frame, axes, given)
     wrench, spread = _wrench([list(row) for row in rows], covariance, variances, torque)
     return [*momentum, *drive, *slow, *torque, *ddq, *wrench, *spread]
+
+
+def slow_velocities(
+    dq: Sequence[Scalar], old: Sequence[Scalar], scalars: Sequence[Scalar]
+) -> tuple[list[Scalar], list[Scalar]]:
+    """Velocities behind the observer's low-pass, and the accelerations there.
+
+    Args:
+        dq: Velocities, `(n,)`.
+        old: Slow velocities of the sample before, `(n,)`.
+        scalars: See `StepProgram`.
+    """
+    left, _, rate = scalars
+    slow = [v + left * (before - v) for v, before in zip(dq, old, strict=True)]
+    return slow, [rate * (v - s) for v, s in zip(dq, slow, strict=True)]
+
+
+def observed_torque(
+    equations: Equations,
+    given: Given,
+    tau: Sequence[Scalar],
+    old: tuple[Sequence[Scalar], Sequence[Scalar], Sequence[Scalar]],
+    scalars: Sequence[Scalar],
+) -> tuple[Sequence[Scalar], list[Scalar], list[Scalar]]:
+    """Momentum, drive and external efforts after a step, `(n,)` each.
+
+    Args:
+        equations: The model.
+        given: `q`, `dq`, `ddq`, `channels` and `parameters`.
+        tau: Joint efforts, `(n,)`.
+        old: Momentum, drive and external efforts of the sample before.
+        scalars: See `StepProgram`.
+    """
+    left, inverse, _ = scalars
+    old_momentum, old_drive, old_torque = old
+    momentum, beside = momentum_and_drive(equations, given)
+    drive = [effort + other for effort, other in zip(tau, beside, strict=True)]
+    torque = []
+    for k in range(equations.robot.n):
+        mean = inverse * (momentum[k] - old_momentum[k]) - 0.5 * (drive[k] + old_drive[k])
+        torque.append(mean + left * (old_torque[k] - mean))
+    return momentum, drive, torque
 
 
 def _vectors(entries: Sequence[Scalar], n: int) -> list[Sequence[Scalar]]:
