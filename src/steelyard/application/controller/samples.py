@@ -97,7 +97,7 @@ class Observed:
             longest: Longest step that is no gap [s].
         """
         functions = {function.name: function for function in controller.functions}
-        t = 0.4 * longest * np.arange(count)
+        t: Array = 0.4 * longest * np.arange(count, dtype=np.float64)
         t[count // 2 :] += 2.0 * longest
         q, dq = _reversing(controller, t)
         phase = np.arange(1.0, controller.model.robot.n + 1.0)[:, None] * np.arange(count)
@@ -132,7 +132,7 @@ def _reversing(controller: Controller, t: Array) -> tuple[Array, Array]:
     robot = controller.model.robot
     rates = 5.0 + np.arange(robot.n)[:, None]
     q = robot.assembly[: robot.n, None] + 0.05 * np.sin(rates * t)
-    return _short(q), _short(0.05 * rates * np.cos(rates * t))
+    return _short(np.asarray(q)), _short(np.asarray(0.05 * rates * np.cos(rates * t)))
 
 
 def _at(function: Function, arrays: Mapping[str, Array], sample: int) -> Array:
