@@ -24,7 +24,7 @@ from proofs.support.mistakes_planted import (
     without_velocities,
 )
 
-GAIN = "(wrong|doubtful) gain|headline.*gain or scale of the effort"
+GAIN = "(wrong|doubtful) gain|headline.*(gain or scale of the effort|gain and unit of the effort)"
 LATE = r"(wrong|doubtful) effort delay|late by|delay of"
 
 LOGS: list[Mistake] = [

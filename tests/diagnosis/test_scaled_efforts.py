@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from steelyard.diagnosis.causes import Cause
+from steelyard.diagnosis.finding import Finding, Severity
 from steelyard.diagnosis.fitted import scaled_efforts
 from steelyard.diagnosis.fitted.scaled_efforts import ScaledEfforts
 from steelyard.estimation.effort_scales import Scales
@@ -17,6 +18,16 @@ FOUND = Scales(np.array([0.8, 1.05]), 0.05**2 * np.eye(2), np.zeros(0), 1.0)
 def remark(
     monkeypatch: pytest.MonkeyPatch, *causes: Cause, rotors_at_zero: tuple[str, ...] = ()
 ) -> str:
+    """What the finding on `FOUND` says."""
+    return found(monkeypatch, FOUND, *causes, rotors_at_zero=rotors_at_zero).says
+
+
+def found(
+    monkeypatch: pytest.MonkeyPatch,
+    values: Scales,
+    *causes: Cause,
+    rotors_at_zero: tuple[str, ...] = (),
+) -> Finding:
     """The finding on scales beside which the causes are left, the most likely first."""
     zero = (rotors_at_zero, len(rotors_at_zero))
     monkeypatch.setattr(scaled_efforts, "rotors_at_zero", lambda identified: zero)
@@ -25,12 +36,12 @@ def remark(
     ranked = SimpleNamespace(found=causes)
     monkeypatch.setattr(scaled_efforts, "ranked_causes", lambda *given: ranked)
     scales = SimpleNamespace(
-        joints=("a", "b"), found=FOUND, half_width=1.96 * FOUND.std * FOUND.values
+        joints=("a", "b"), found=values, half_width=1.96 * values.std * values.values
     )
     identified = SimpleNamespace(model=None, estimate=None)
     case = SimpleNamespace(scales=scales, identified=identified, fitted=(None,))
     (finding,) = ScaledEfforts()(cast(Any, case))
-    return finding.says
+    return finding
 
 
 def cause(kind: str, factor: float) -> Cause:
@@ -55,3 +66,14 @@ def test_the_side_of_the_gears_is_to_be_decided_first(monkeypatch: pytest.Monkey
     assert says.endswith(
         "decide first whether torques contain those of the rotors, which acts like a scale"
     )
+
+
+@pytest.mark.parametrize(("value", "doubtful"), [(1.25, False), (1.8, True), (0.5, True)])
+def test_a_gain_that_is_far_off_is_doubtful(
+    monkeypatch: pytest.MonkeyPatch, value: float, doubtful: bool
+) -> None:
+    scales = Scales(np.array([1.0, value]), 0.05**2 * np.eye(2), np.zeros(0), 1.0)
+    finding = found(monkeypatch, scales)
+    assert finding.headline and finding.severity == Severity(int(doubtful))
+    assert finding.joints == (("b",) if doubtful else ())
+    assert (finding.fix is not None) == doubtful

@@ -279,6 +279,8 @@ ERRORS = {
     "units count": (signals('["Nm", "N"]', '["Nm"]'), "1 units are given for 2", "unit", "one per"),
     "unit unfit": (signals('time = "t"', 'time = "t"\nposition_unit = ["m", "m"]'),
                    "unit 'm' does not fit joint 'elbow', which is revolute", "line 5", "rad, deg"),
+    "no current": (signals(TORQUE, CURRENT.replace('"A"', '["Nm", "N"]')),
+                   "motor_current, but no unit is a current's: Nm, N", "unit", "motor_torque"),
     "torque unfit": (signals('["Nm", "N"]', '"Nm"'), "unit 'Nm' does not fit the joint torque of "
                      "'lift', which is prismatic", "unit", "use 'N' there"),
     "motor torque": (signals(TORQUE, 'kind = "motor_torque"\nunit = "A"'), "unit 'A' is a current",

@@ -86,6 +86,12 @@ def effort_units_of(
                 where=where,
                 fix='use kind = "motor_current", or unit = "Nm"',
             )
+    if effort.kind == "motor_current" and not {"A", "mA", "%"} & set(units):
+        raise ModelError(
+            f"the effort's kind is motor_current, but no unit is a current's: {', '.join(units)}",
+            where=where,
+            fix='use unit = "A" or "mA" with gain in Nm per A, or kind = "motor_torque"',
+        )
     return tuple(EFFORT_UNITS[u][0] for u in units), frozen([EFFORT_UNITS[u][1] for u in units])
 
 

@@ -4,7 +4,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from steelyard.diagnosis.finding import Finding, Severity
+from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.diagnosis.fitted.model_error import beginnings, can_be_ranked, ranked_causes
 from steelyard.diagnosis.fitted.rotors_at_zero import rotors_at_zero
@@ -15,6 +15,9 @@ from steelyard.terms.laws.spring import Spring
 ALIKE = (Spring.law, LoadDependent.law)
 """Terms whose efforts change with posture or load, as those of a wrong scale do."""
 
+WRONG = 1.3
+"""Factor, either way, beyond the interval of a scale, from which on a gain is doubtful."""
+
 
 class ScaledEfforts:
     """Scales of the efforts that differ from 1 by more than their interval."""
@@ -22,7 +25,7 @@ class ScaledEfforts:
     name: ClassVar[str] = "effort scales"
 
     def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
-        """One remark, if scales were estimated."""
+        """One finding, if scales were estimated; doubtful if a gain is far off."""
         scales = case.scales
         if scales is None:
             return ()
@@ -30,13 +33,18 @@ class ScaledEfforts:
         values = zip(scales.joints, scales.found.values, scales.half_width, far, strict=True)
         off = [f"{joint} {x:.2f} ± {half:.2f}" for joint, x, half, is_far in values if is_far]
         listed = ", ".join(off) or "none significant by itself"
+        beyond = np.abs(np.log(scales.found.values)) - Z95 * scales.found.std > np.log(WRONG)
+        wrong = tuple(j for j, is_wrong in zip(scales.joints, beyond, strict=True) if is_wrong)
         says = (
             f"a scale of the efforts is estimated per joint ({listed}): sensors or gains are off "
             f"by "
             "these factors, or a missing term has the same effect; masses are as uncertain as "
             f"the scales{_other_reason(case, scales.found.distance)}"
         )
-        return (Finding(self.name, "", Severity.OK, says, "", headline=True),)
+        if not wrong:
+            return (Finding(self.name, "", Severity.OK, says, "", headline=True),)
+        fix = Fix(f"Check gain and unit of the effort of {', '.join(wrong)}")
+        return (Finding(self.name, "", Severity.DOUBTFUL, says, "", wrong, fix, headline=True),)
 
 
 def _other_reason(case: FittedCase, distance: float) -> str:
