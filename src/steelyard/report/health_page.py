@@ -117,7 +117,7 @@ def joints_table(content: HealthContent) -> PlainTable:
             change = last.get((joint, quantity))
             mark = " !" if (joint, quantity) in drifted else ""
             cells.append(NONE if change is None else f"{change.text}{mark}")
-        rows.append(Row((joint, *cells), marked=any(one[0] == joint for one in drifted)))
+        rows.append(Row((joint, *cells)))
     words = "Level in the last log against the model, with its 95 % interval; ! it drifted."
     return PlainTable("", words, ("joint", *HEADINGS), rows)
 
