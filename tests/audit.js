@@ -1,6 +1,7 @@
 // Checks of a page, called in it by tests: each returns what is wrong, empty if nothing is.
 
-// Resolves when every picture that is not in a closed part has been drawn as wide as its place.
+// Resolves when every picture that is not in a closed part has been drawn as wide as its place, or
+// the page has an error.
 async function drawn() {
   const frames = () => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
   const waiting = () => [...document.querySelectorAll(".plot, .picture")].some((one) => {
@@ -9,7 +10,7 @@ async function drawn() {
     return one.checkVisibility() && !(figure && Math.abs(figure.clientWidth - one.clientWidth) < 2);
   });
   await frames();
-  for (let k = 0; k < 400 && waiting(); k += 1) await new Promise((done) => setTimeout(done, 25));
+  for (let k = 0; k < 400 && waiting() && !document.body.dataset.errors; k += 1) await new Promise((done) => setTimeout(done, 25));
   await document.fonts.ready;
   await frames();
 }

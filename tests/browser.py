@@ -18,6 +18,9 @@ NAMES = ("chromium", "chromium-browser", "google-chrome")
 OF_THE_BROWSER = re.compile("WebGL|Canvas2D")
 """Messages about how Chromium draws in space, which are no errors of a page."""
 
+WIDTH = 1400
+"""Of the window [px]."""
+
 AUDIT = Path(__file__).with_name("audit.js")
 """Functions that the checks of a page call in it."""
 
@@ -46,22 +49,14 @@ def chromium() -> str | None:
     return next((found for name in NAMES if (found := shutil.which(name))), None)
 
 
-def look(program: str, file: Path, folder: Path) -> Rendered:
-    """Open a page; the profile goes to `folder`."""
-    done = subprocess.run(
-        [program, *chromium_flags(folder), "--dump-dom", file.resolve().as_uri()],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    )
-    printed = (line for line in done.stderr.splitlines() if ":CONSOLE" in line)
-    lines = tuple(line for line in printed if not OF_THE_BROWSER.search(line))
-    return Rendered(done.stdout, lines)
-
-
-def chromium_flags(folder: Path) -> list[str]:
-    return [*quiet_flags(folder), "--enable-logging=stderr", "--v=0", "--virtual-time-budget=20000"]
+def look(tab: "Tab", file: Path, script: str = "") -> Rendered:
+    """Open a page, run a script in it if there is one, and read what it is then."""
+    tab.show(WIDTH)
+    tab.open(file)
+    if script:
+        tab.run(f"{{{script}}}")
+        tab.run("drawn()")
+    return Rendered(tab.run("document.documentElement.outerHTML"), tuple(tab.console))
 
 
 def quiet_flags(folder: Path) -> list[str]:
@@ -87,7 +82,7 @@ class Tab:
         commands: Where commands go, each ended by a zero byte.
         answers: Where answers and events come from, likewise.
         session: Of the page.
-        console: Errors of the page, in the order of their appearance.
+        console: What was written to the console, errors included, in that order.
     """
 
     commands: IO[bytes]
@@ -121,13 +116,13 @@ class Tab:
         return message
 
     def _note(self, event: dict[str, Any]) -> None:
-        """Remember errors."""
+        """Remember what is written to the console."""
         method, params = event.get("method"), event.get("params", {})
         if method == "Runtime.exceptionThrown":
             self.console.append(json.dumps(params["exceptionDetails"]))
-        elif method == "Runtime.consoleAPICalled" and params["type"] == "error":
+        elif method == "Runtime.consoleAPICalled":
             self.console.append(" ".join(str(one.get("value")) for one in params["args"]))
-        elif method == "Log.entryAdded" and params["entry"]["level"] == "error":
+        elif method == "Log.entryAdded" and not OF_THE_BROWSER.search(params["entry"]["text"]):
             self.console.append(params["entry"]["text"])
 
     def open(self, file: Path) -> None:

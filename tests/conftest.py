@@ -3,13 +3,15 @@
 import os
 import re
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 # matrices are small here: threads of their own only wait for each other
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
+
+from browser import Tab, chromium, running
 
 STATUS = Path("/proc/self/status")
 
@@ -25,6 +27,16 @@ def pytest_configure(config: pytest.Config) -> None:
     folder = tempfile.TemporaryDirectory(prefix="steelyard-tests-")
     os.environ["STEELYARD_CACHE"] = folder.name
     config.add_cleanup(folder.cleanup)
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
+    """One Chromium for all tests of a worker."""
+    program = chromium()
+    if program is None:
+        pytest.skip("no Chromium (chromium, chromium-browser or google-chrome) on the path")
+    with running(program, tmp_path_factory.mktemp("browser")) as tab:
+        yield tab
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from proofs.support.claims import Claim, main_of
 from steelyard.report.sections.register import SECTIONS
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
-from browser import chromium, look  # noqa: E402
+from browser import chromium, look, running  # noqa: E402
 
 MEGABYTE = 2**20
 
@@ -50,7 +50,8 @@ def main() -> list[Claim]:
         page = out / "report.html"
         size = page.stat().st_size / MEGABYTE
         html = page.read_text(encoding="utf-8")
-        seen = look(program, page, Path(name))
+        with running(program, Path(name)) as tab:
+            seen = look(tab, page)
     there = sum(f'<section id="{section.name}"' in seen.dom for section in SECTIONS)
     markup = re.sub(r"<script.*?</script>", "", html, flags=re.DOTALL)
     network = len(re.findall(r"(?:src|href)\s*=\s*[\"']?http", markup))

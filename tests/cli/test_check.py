@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from browser import chromium, look
+from browser import Tab, look
 from cli.conftest import Command
 from cli.mistakes import LOG, ROBOT
 from cli.river_files import edited
@@ -282,7 +282,7 @@ def test_json_has_its_schema(slow: Slow, degrees: Path, command: Command) -> Non
 
 
 def test_the_output_is_a_page_and_json(
-    slow: Slow, degrees: Path, command: Command, tmp_path: Path
+    slow: Slow, degrees: Path, command: Command, browser: Tab, tmp_path: Path
 ) -> None:
     done = command("check", ROBOT, degrees, OTHER, "-o", tmp_path / "out", "--json")
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["check.html", "check.json"]
@@ -290,10 +290,7 @@ def test_the_output_is_a_page_and_json(
     assert printed | {"output": str(tmp_path / "out")} == json.loads(done.stdout)
     again = command("check", ROBOT, degrees, "-o", tmp_path / "out")
     assert again.exit_code == 2 and "the output folder exists already" in again.stderr
-    program = chromium()
-    if program is None:
-        pytest.skip("no Chromium (chromium, chromium-browser or google-chrome) on the path")
-    seen = look(program, tmp_path / "out" / "check.html", tmp_path)
+    seen = look(browser, tmp_path / "out" / "check.html")
     assert seen.console == () and seen.errors == []
     assert seen.dom.count('class="picture js-plotly-plot"') == 1
     assert 'title="Are positions in radians?"' in seen.dom

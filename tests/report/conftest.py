@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from browser import Rendered, chromium, look
+from browser import Rendered, Tab, look
 from steelyard.diagnosis import Diagnosis, Edit, Fix, Severity
 from steelyard.diagnosis import Finding as SaidFinding
 from steelyard.diagnosis.finding import ComparedHypothesis, Picture, Trace
@@ -427,16 +427,14 @@ def nasty(usual: ReportContent) -> ReportContent:
 
 
 @pytest.fixture(scope="session")
-def browse(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Rendered]:
-    """Open a page in headless Chromium."""
-    program = chromium()
-    if program is None:
-        pytest.skip("no Chromium (chromium, chromium-browser or google-chrome) on the path")
+def browse(
+    browser: Tab, tmp_path_factory: pytest.TempPathFactory
+) -> Callable[..., Rendered]:
+    """Open a page in headless Chromium, and run a script in it."""
 
-    def open_page(page: str) -> Rendered:
-        folder = tmp_path_factory.mktemp("browser")
-        file = folder / "report.html"
+    def open_page(page: str, script: str = "") -> Rendered:
+        file = tmp_path_factory.mktemp("page") / "report.html"
         file.write_text(page, encoding="utf-8")
-        return look(program, file, folder)
+        return look(browser, file, script)
 
     return open_page

@@ -174,11 +174,8 @@ def test_the_browser_draws_the_page_without_an_error(name: str, browse) -> None:
 
 
 def test_what_is_ok_is_drawn_once_it_is_opened(browse) -> None:
-    opened = (
-        "<script>document.querySelectorAll('details').forEach((one) => { one.open = true; });"
-        "</script></body>"
-    )
-    seen = browse(render_check(content()).replace("</body>", opened))
+    opened = "document.querySelectorAll('details').forEach((one) => { one.open = true; });"
+    seen = browse(render_check(content()), opened)
     assert seen.console == () and drawn(seen.dom) == 3
 
 

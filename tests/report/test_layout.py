@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from browser import Tab, chromium, running
+from browser import Tab
 from report.conftest import robot
 from report.designed import designed_for
 from report.inspected import contact_content, health_content, wrench_content
@@ -56,15 +56,6 @@ def pages(usual: ReportContent, nasty: ReportContent) -> dict[str, str]:
         "wrench": render_wrench(wrench_content()),
         "health": render_health(health_content()),
     }
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
-    program = chromium()
-    if program is None:
-        pytest.skip("no Chromium (chromium, chromium-browser or google-chrome) on the path")
-    with running(program, tmp_path_factory.mktemp("browser")) as tab:
-        yield tab
 
 
 def opened(browser: Tab, page: str, folder: Path, width: int = 1400) -> Tab:
