@@ -9,8 +9,9 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check
 demo: $(VENV)/.base
 	$(BIN)/steelyard demo -o $$(mktemp -d)/demo
 
+# compiled tests are kept for the next time; a worker without work takes half of what the other has left
 test: $(VENV)/.test
-	$(BIN)/python -m pytest -q -n 2
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n 2 --dist worksteal
 
 check: $(VENV)/.test $(VENV)/.check
 	$(BIN)/ruff check .
