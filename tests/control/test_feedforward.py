@@ -13,7 +13,6 @@ from steelyard.model import Model, ValuedModel
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.rigid_body import RigidBody
 
 ROBOT = geared()
 
@@ -26,7 +25,7 @@ def slow(speed: float, n: int) -> Motion:
 @pytest.mark.parametrize("case", CASES, ids=name_of)
 def test_it_is_the_torque_of_every_law_where_joints_move(case: LawCase) -> None:
     law = case.on(ROBOT)
-    model = Model(ROBOT, (law,) if case.law == "rigid_body" else (RigidBody(), law))
+    model = Model(ROBOT, (law,))
     valued = model.at(Parameters(model.names, model.units, np.ones(len(model.names))))
     t = np.linspace(0.0, 1.0, 50)[:, None]
     rates = np.array([2.0, 3.0, 4.0, 5.0])

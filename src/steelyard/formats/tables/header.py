@@ -15,6 +15,7 @@ UNITS = frozenset(
 )
 _COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 _POINT = re.compile(r"[+-]?\d+\.\d*([eE][+-]?\d+)?")
+_BLANK = re.compile(r"\s+")
 _BRACKETED = re.compile(r"\[[^\]]*\]|\([^)]*\)")
 
 
@@ -42,8 +43,15 @@ def read_header(lines: Sequence[str]) -> Header | None:
     above it: the last one as wide as the rows, be it behind a comment sign. If that holds units
     only, the names are in the line above it, and become `q1 [rad]`.
     """
-    found = [view for view in (_seen(lines, s) for s in SEPARATORS) if view is not None]
+    found = [view for view in (_seen(lines, s) for s in _possible(lines)) if view is not None]
     return max(found, key=lambda view: view[0])[1] if found else None
+
+
+def _possible(lines: Sequence[str]) -> list[str]:
+    """Separators that the lines contain, and one that they do not: all of those divide nothing."""
+    text = "".join(lines)
+    absent = [s for s in SEPARATORS if not (_BLANK.search(text) if s == " " else s in text)]
+    return [s for s in SEPARATORS if s not in absent[1:]]
 
 
 def is_table(lines: Sequence[str], header: Header) -> bool:
@@ -136,7 +144,7 @@ def _names(
 def cells_of(line: str, separator: str) -> list[str]:
     """The cells of a line, without quotes and blanks around them."""
     if separator == " ":
-        line = re.sub(r"\s+", " ", line.replace("\t", " ")).strip()
+        line = _BLANK.sub(" ", line).strip()
     try:
         row = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
     except csv.Error:
