@@ -427,9 +427,7 @@ def nasty(usual: ReportContent) -> ReportContent:
 
 
 @pytest.fixture(scope="session")
-def browse(
-    browser: Tab, tmp_path_factory: pytest.TempPathFactory
-) -> Callable[..., Rendered]:
+def browse(browser: Tab, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Rendered]:
     """Open a page in headless Chromium, and run a script in it."""
 
     def open_page(page: str, script: str = "") -> Rendered:
