@@ -23,7 +23,7 @@ def press_at(wanted: str, seen: dict[str, None]) -> None:
 
     def watch(frame: FrameType, event: str, argument: object) -> None:
         code = frame.f_code
-        if event != "call" or code in known:
+        if code in known:
             return
         known.add(code)
         name = f"{Path(code.co_filename).stem}.{code.co_qualname}"
@@ -33,7 +33,7 @@ def press_at(wanted: str, seen: dict[str, None]) -> None:
         if name == wanted:
             os.kill(os.getpid(), signal.SIGINT)
 
-    sys.setprofile(watch)
+    sys.settrace(watch)
 
 
 if __name__ == "__main__":
@@ -43,5 +43,5 @@ if __name__ == "__main__":
     try:
         main()
     finally:
-        sys.setprofile(None)
+        sys.settrace(None)
         report.write_text("\n".join(seen))

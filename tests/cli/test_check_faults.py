@@ -131,11 +131,11 @@ def test_all_efforts_of_a_short_window_are_turned_though_positions_would_do(
     data = os.environ.get("STEELYARD_DATA")
     if not data:
         pytest.skip("STEELYARD_DATA names no folder with the robots' data")
-    folder, robot, new = Path(data) / "med7", tmp_path / "med7.toml", tmp_path / "new.toml"
+    folder, robot = Path(data) / "med7", tmp_path / "med7.toml"
     log = f"{folder / 'med7_measurements.parquet'}@0:10.5"
     made = command("init", folder / "med7dock.urdf", log.split("@")[0], "-o", robot)
     assert made.exit_code == 0, made.output
-    done = command("check", robot, log, "--quick", "--fix", new)
-    output = " ".join(done.stdout.split())
-    assert "all efforts have the opposite sign, or all positions have the opposite sign" in output
-    assert "gain = [-1.0, -1.0, -1.0, -1.0, -1.0, -1.0, -1.0]" in new.read_text()
+    printed = json.loads(command("check", robot, log, "--quick", "--json").stdout)
+    says = " ".join(finding["says"] for finding in printed["findings"])
+    assert "all efforts have the opposite sign, or all positions have the opposite sign" in says
+    assert {"path": ["signals", "effort", "gain"], "value": [-1.0] * 7} in printed["edits"]

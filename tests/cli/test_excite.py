@@ -329,7 +329,7 @@ def test_ctrl_c_for_all_processes_keeps_the_best_so_far(tmp_path: Path) -> None:
 
 @linux
 def test_ctrl_c_twice_leaves_nothing(tmp_path: Path) -> None:
-    process = started(tmp_path)
+    process = started(tmp_path, "--processes", "1")
     names = wait_for(process)
     while worked(names) < 2.5:
         time.sleep(0.05)

@@ -69,7 +69,7 @@ def pressed_here(
     except SystemExit as end:
         return end.code, list(entered)
     finally:
-        sys.setprofile(None)
+        sys.settrace(None)
         signal.signal(signal.SIGINT, before)
     raise AssertionError("a command ends with an exit code")
 

@@ -7,10 +7,12 @@ from shutil import copytree
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from cli.conftest import Command
 from steelyard.application.export.export import exported
 from steelyard.application.payload import identify_payload
+from steelyard.cli.app import app
 from steelyard.errors import ModelError
 from steelyard.estimation.identified import load_model
 from steelyard.identification.parts import information, load_runs
@@ -127,23 +129,35 @@ def test_a_reduced_model_is_reduced_further(
     assert [entry["step"] for entry in two] == [1, 2]
 
 
+@pytest.fixture(scope="module")
+def six_fewer(
+    identified: Path, given: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, list[str]]:
+    """A model without six of its parameters, and their names."""
+    out = tmp_path_factory.mktemp("fewer") / "small"
+    count = len(load_model(identified).estimate.parameters) - 6
+    log = str(given / "identification.csv")
+    arguments = ["reduce", str(identified), log, "--stop", f"count={count}", "-o", str(out)]
+    assert CliRunner().invoke(app, arguments).exit_code in (0, 1)
+    return out, [one.name for one in load_model(out).estimate.removed]
+
+
 @pytest.mark.parametrize(
     "stop", ["one_standard_error", "bic", "tolerance=300", "condition=1e9", "ratio=1e9", "refit"]
 )
 def test_what_was_removed_before_stays_removed(
-    stop: str, identified: Path, log: Path, command: Command
+    stop: str, six_fewer: tuple[Path, list[str]], identified: Path, log: Path, command: Command
 ) -> None:
     names = load_model(identified).estimate.parameters.names
-    few = f"count={len(names) - 6}"
-    first = command("reduce", identified, log, "--stop", few, "-o", "a", "--json")
-    second = command("reduce", "a", log, "--stop", stop, "-o", "b", "--json")
-    one, two = (json.loads(done.stdout) for done in (first, second))
+    first, gone = six_fewer
+    second = command("reduce", first, log, "--stop", stop, "-o", "b", "--json")
+    two = json.loads(second.stdout)
     assert second.exit_code in (0, 1), second.output
     removed = [entry["name"] for entry in two["removed"]]
-    assert removed[:6] == [entry["name"] for entry in one["removed"]]
+    assert len(gone) == 6 and removed[:6] == gone
     assert not set(removed) & set(two["kept"])
     assert sorted([*removed, *two["kept"]]) == sorted(names)
-    assert two["models"][0]["parameters"] == len(one["kept"])
+    assert two["models"][0]["parameters"] == len(names) - 6
 
 
 @pytest.mark.parametrize("stop", ["one_standard_error", "condition=1e9", "refit"])

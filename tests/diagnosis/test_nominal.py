@@ -219,8 +219,9 @@ def test_the_mirror_of_an_order_pairs_the_same_columns(arm):
         assert mirror.position != after.position and mirror.effort != after.effort
 
 
-@pytest.mark.parametrize("factor", [0.5, 2.0])
-@pytest.mark.parametrize("gravity", ["[0.0, 0.0, 9.81]", "[3.355, 0.0, -9.218]"])
+@pytest.mark.parametrize(
+    ("gravity", "factor"), [("[0.0, 0.0, 9.81]", 2.0), ("[3.355, 0.0, -9.218]", 0.5)]
+)
 def test_gravity_declared_elsewhere_is_found_whatever_links_weigh(arm, gravity, factor):
     nominal_times(arm, factor)
     text = arm.text.replace("[robot]", f"[robot]\ngravity = {gravity}", 1)
@@ -230,8 +231,7 @@ def test_gravity_declared_elsewhere_is_found_whatever_links_weigh(arm, gravity, 
     assert direction @ [0.0, 0.0, -1.0] / np.linalg.norm(direction) > np.cos(np.deg2rad(1.0))
 
 
-@pytest.mark.parametrize("factor", [0.7, 1.5])
-@pytest.mark.parametrize("mounted", ["", "\ngravity = [9.81, 0.0, 0.0]"])
+@pytest.mark.parametrize(("factor", "mounted"), [(0.7, ""), (1.5, "\ngravity = [9.81, 0.0, 0.0]")])
 def test_efforts_in_kilonewtonmetres_are_a_unit_not_a_gain(arm, factor, mounted):
     nominal_times(arm, factor)
     table = arm.table.copy()

@@ -148,10 +148,12 @@ class _Left:
 
     def _solved(self, direction: Array) -> tuple[Array, Array, Array]:
         """Columns and efforts with the ridge, and their least squares solution."""
+        from scipy.linalg import lstsq
+
         columns = self._under(direction, self._columns)
         lengths = np.linalg.norm(columns, axis=0)
         ridge = np.diag(RIDGE * np.maximum(lengths, 1e-6 * lengths.max()))
         wide: Array = np.concatenate((columns, ridge))
         right: Array = np.concatenate((self._efforts, np.zeros(self._k)))
-        solution = np.asarray(np.linalg.lstsq(wide, right, rcond=None)[0], dtype=np.float64)
+        solution: Array = lstsq(wide, right, lapack_driver="gelsy", check_finite=False)[0]
         return wide, right, solution

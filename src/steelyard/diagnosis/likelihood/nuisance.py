@@ -46,13 +46,23 @@ def least_squares(
     b = scale[..., None] * ye[..., :4] - yy[..., :4, 4]
     b = np.ascontiguousarray(np.broadcast_to(b, np.broadcast_shapes(b.shape, lower.shape)))
     h = np.ascontiguousarray(np.broadcast_to(h, (*b.shape, 4)))
-    diagonal = np.maximum(np.diagonal(h, axis1=-2, axis2=-1), 1e-300)
-    off = h - np.eye(4) * h
-    theta = np.clip(np.zeros_like(b), lower, upper)
-    for _ in range(sweeps):
-        for k in range(NUISANCES):
-            wanted = (b[..., k] - np.sum(off[..., k, :] * theta, axis=-1)) / diagonal[..., k]
-            theta[..., k] = np.clip(wanted, lower[..., k], upper[..., k])
+    theta = _by_coordinates(h, b, lower, upper, sweeps)
     constant = scale**2 * ee - 2.0 * scale * ye[..., 4] + yy[..., 4, 4]
     bent = np.sum((h @ theta[..., None])[..., 0] * theta, axis=-1)
     return np.maximum(constant - 2.0 * np.sum(b * theta, axis=-1) + bent, 0.0), theta
+
+
+def _by_coordinates(h: Array, b: Array, lower: Array, upper: Array, sweeps: int) -> Array:
+    r"""The least $\theta^T H\theta - 2 b^T\theta$ within bounds, shape `(..., 4)`."""
+    rows = np.ascontiguousarray(np.moveaxis(h, (-2, -1), (0, 1)))
+    wanted = np.ascontiguousarray(np.moveaxis(b, -1, 0))
+    diagonal = [np.maximum(rows[k, k], 1e-300) for k in range(NUISANCES)]
+    theta = list(np.moveaxis(np.clip(np.zeros_like(b), lower, upper), -1, 0))
+    for _ in range(sweeps):
+        for k in range(NUISANCES):
+            one, two, three = (j for j in range(NUISANCES) if j != k)
+            others = rows[k, one] * theta[one] + rows[k, two] * theta[two]
+            others += rows[k, three] * theta[three]
+            free = (wanted[k] - others) / diagonal[k]
+            theta[k] = np.minimum(np.maximum(free, lower[..., k]), upper[..., k])
+    return np.stack(theta, axis=-1)
