@@ -19,6 +19,7 @@ from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimation.knowledge import Knowledge
 from steelyard.estimation.least_squares.bootstrap import Bootstrap
 from steelyard.estimation.payload.gains import GainEstimate
+from steelyard.estimation.repeated import RepeatedEstimates
 from steelyard.estimation.zero_offset import ZeroOffsets
 from steelyard.model import Model
 from steelyard.parameters import Parameters
@@ -141,6 +142,13 @@ def bootstrap(found: IdentifiedModel) -> Bootstrap:
     std[0] *= 3.0
     draws = own.values + std * np.random.default_rng(5).standard_normal((50, len(own)))
     return Bootstrap(own, draws, 2, 9)
+
+
+def repeated(found: IdentifiedModel, name: str = "run") -> RepeatedEstimates:
+    """Two estimates that are a standard deviation apart."""
+    labels = (f"1 {name}", f"2 {name}")
+    steps = (estimate(found.base, step=step) for step in (0.0, 1.0))
+    return RepeatedEstimates.of(dict(zip(labels, steps, strict=True)))
 
 
 def run_score(
@@ -348,6 +356,7 @@ def usual() -> ReportContent:
         diagnosis=diagnosis(),
         sensitivity=sensitivity(),
         bootstrap=bootstrap(identified(robot())),
+        repeated=repeated(identified(robot())),
         truth=truth(identified(robot()).model),
         comparison=comparison(),
     )
@@ -421,6 +430,7 @@ def nasty(usual: ReportContent) -> ReportContent:
         scales=scales((EVIL, EVIL)),
         sensitivity=sensitivity(EVIL, float("nan")),
         bootstrap=bootstrap(evil),
+        repeated=repeated(evil, EVIL),
         truth=truth(evil.model),
         comparison=comparison(EVIL, float("inf")),
     )
