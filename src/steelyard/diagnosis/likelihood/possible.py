@@ -228,7 +228,7 @@ class _Problem:
         sizes = size / np.where(strength > 1e-9 * size, strength, size)
         self.scale[self._places, self._places] = sizes
         matrix = rows @ self.scale
-        triangle = np.linalg.qr(np.column_stack((matrix, right)), mode="r")
+        triangle = np.asarray(np.linalg.qr(np.column_stack((matrix, right)), mode="r"))
         k = matrix.shape[1]
         bodies = self._bodies
         weak = np.where(np.arange(k) < 10 * bodies, 0.0, WIDEST**-2)
