@@ -93,6 +93,7 @@ def test_open_gears_are_a_remark_beside_the_headline_of_a_fit() -> None:
     (remark,) = open_gears((sure, open_one, open_one))
     assert remark.headline and remark.severity == Severity.OK
     assert remark.says == "gear signs or couplings are undecided: misfit"
+    assert remark.fix is not None and remark.fix.says.startswith("Compare ratios")
 
 
 def test_alternatives_leave_resting_joints_and_declared_gears_out() -> None:

@@ -81,11 +81,11 @@ def _finding(case: Case, evidence: Evidence) -> Finding | None:
 def open_gears(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """A remark beside the headline of a fit where a check before left its gears open."""
     open_ones = [f for f in findings if f.check == TransmissionCheck.name and not f.answered]
+    fix = Fix(ADVICE.says[0].upper() + ADVICE.says[1:])
+    words = (f"gear signs or couplings are {one.says}" for one in open_ones[:1])
     return tuple(
-        replace(
-            one, log="", says=f"gear signs or couplings are {one.says}", figure="", headline=True
-        )
-        for one in open_ones[:1]
+        Finding(TransmissionCheck.name, "", Severity.OK, says, "", fix=fix, headline=True)
+        for says in words
     )
 
 

@@ -37,7 +37,7 @@ def _found(case: Case, evidence: Evidence) -> Finding:
         says = "; ".join(says for says, _ in named) + ": commanded by their names, not measured"
         instead = "; ".join(instead for _, instead in named if instead)
         fix = Fix("declare the columns that hold measurements under [signals]" + instead)
-        return Finding(SetPoints.name, evidence.name, Severity.DOUBTFUL, says, "names", fix=fix)
+        return Finding(SetPoints.name, evidence.name, Severity.DOUBTFUL, says, "", fix=fix)
     if not look(case, evidence).moves:
         says = "no column is called a set-point; nothing moves"
         return Finding(SetPoints.name, evidence.name, Severity.OK, says, "")
