@@ -19,15 +19,22 @@ WORN = 0.6
 """Growth of the elbow's Coulomb friction."""
 
 
+RESCALED, SHIFTED = 0.08, 0.5
+"""Change of the second drive gain, and of the fifth sensor's offset [Nm]."""
+
+LOGS = (("fit", 0.0), ("before", 0.0), ("after", WORN), ("repaired", 0.0))
+"""Names, and how much the elbow is worn."""
+
+
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with logs of the demo arm before and after wear, and its model."""
+    """A folder with logs of the demo arm before and after wear or repair, and its model."""
     folder = tmp_path_factory.mktemp("worn")
     loaded = write_demo_arm(folder)
     truth = random_truth(loaded.robot, 0)
     valued = truth.model.at(truth.values)
     dry = only(valued, lambda term: term.law == "coulomb")
-    for number, (name, worn) in enumerate((("fit", 0.0), ("before", 0.0), ("after", WORN))):
+    for number, (name, worn) in enumerate(LOGS):
         rng = np.random.default_rng(number)
         t = np.arange(0.0, 80.0, 0.02)
         w = 2.0 * np.pi * np.array([0.07, 0.16, 0.31])[:, None]
@@ -38,6 +45,9 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
         motion = Motion(t, q, dq, ddq)
         effort = valued.torque(motion)
         effort[:, 2] += worn * dry.torque(motion)[:, 2]
+        if name == "repaired":
+            effort[:, 1] *= 1.0 + RESCALED
+            effort[:, 4] += SHIFTED
         effort += 0.02 * effort.std(axis=0) * rng.standard_normal(effort.shape)
         columns = {"time_s": t}
         for label, signal in (("q{}_rad", q), ("dq{}_rad_s", dq), ("tau{}_Nm", effort)):
@@ -63,6 +73,17 @@ def test_wear_is_named_and_nothing_else(arm: Path, command: Command, tmp_path: P
     assert len(printed["windows"]) == len(joints) * len(QUANTITIES)
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "1 of 6 joints drifted in 2 logs" in page and "between before and after" in page
+
+
+def test_gains_and_offsets_are_named(arm: Path) -> None:
+    found = steelyard.health(arm / "model", [arm / "before.npz", arm / "repaired.npz"])
+    joints = steelyard.load_model(arm / "model").joints
+    steps = {(c.joint, c.quantity): c for c in found.drifts if c.shape == "steps"}
+    assert set(steps) == {(joints[1], "effort scale"), (joints[4], "offset")}
+    scale, offset = steps[joints[1], "effort scale"], steps[joints[4], "offset"]
+    assert scale.size == pytest.approx(RESCALED, abs=2.0 * scale.half_width) and not scale.unit
+    assert offset.size == pytest.approx(SHIFTED, abs=2.0 * offset.half_width)
+    assert offset.unit == "Nm"
 
 
 def test_one_line_per_joint(arm: Path, command: Command) -> None:
