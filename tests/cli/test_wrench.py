@@ -69,7 +69,7 @@ def test_the_command_prints_and_writes_the_same(
     assert printed == json.loads((out / "wrench.json").read_text())
     assert printed["frame"] == frame and printed["method"] == "smoothed"
     found = steelyard.external_wrench(identified, pushed, frame)
-    assert [one["name"] for one in printed["unseen"]] == list(found.unseen)
+    assert [one["name"] for one in printed["unobservable"]] == list(found.unobservable)
     assert len(printed["components"]) == 6
     table = pl.read_csv(out / "wrench.csv")
     assert len(table) == printed["samples"]
@@ -132,16 +132,19 @@ def test_options_are_used(pushed: Path, identified: Path) -> None:
     assert np.allclose(*length, atol=2.5)
 
 
-def test_a_frame_near_the_base_is_seen_in_part(
+def test_a_frame_near_the_base_is_observable_in_part(
     pushed: Path, identified: Path, command: Command
 ) -> None:
     model = steelyard.load_model(identified)
     second = model.robot.bodies[1].name
     found = steelyard.external_wrench(model, pushed, second)
-    assert len(found.unseen) == 4 and np.isfinite(found.wrench).all()
+    assert len(found.unobservable) == 4 and np.isfinite(found.wrench).all()
     done = command("wrench", identified, pushed, "--frame", second)
     words = " ".join(done.stdout.split())
-    assert "not seen by the joints in this log: " in words and found.unseen[0] in words
+    assert (
+        "not observable from the joint torques of this log: " in words
+        and found.unobservable[0] in words
+    )
     assert "an interval about as wide as the expected size" in words
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from steelyard.application.wrench.directions import name_of, unseen_directions
+from steelyard.application.wrench.directions import name_of, unobservable_directions
 from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.estimation.external import smoothing
@@ -73,8 +73,8 @@ def test_the_smoother_is_least_squares_of_all_samples(
     values, covariance = dense(given, expected, 0.7)
     assert np.allclose(found.values, values, rtol=1e-8, atol=1e-8)
     assert np.allclose(found.learned, learned_of(covariance, expected), atol=1e-9)
-    unseen = np.linalg.eigvalsh(found.learned) < 0.5
-    assert unseen.any() == (n == 4)
+    unobservable = np.linalg.eigvalsh(found.learned) < 0.5
+    assert unobservable.any() == (n == 4)
     if n > 4:
         assert np.allclose(found.covariance, covariance, rtol=1e-6, atol=1e-8)
     else:
@@ -131,7 +131,7 @@ def test_a_force_that_acts_all_the_time_is_within_its_interval() -> None:
     assert found.values[:, 2].mean() == pytest.approx(-25.0, abs=3.0)
 
 
-def test_a_direction_that_is_never_seen_keeps_its_size_whatever_the_rest_shows() -> None:
+def test_a_direction_that_is_never_observable_keeps_its_size_whatever_the_rest_shows() -> None:
     given = efforts(60, n=3, k=1)
     jacobian = np.zeros_like(given.jacobian)
     jacobian[:, [0, 1, 5], [0, 1, 2]] = 1.0
@@ -140,7 +140,7 @@ def test_a_direction_that_is_never_seen_keeps_its_size_whatever_the_rest_shows()
     std = np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))
     assert np.allclose(std[:, [2, 3, 4]], [10.0, 5.0, 5.0], rtol=2e-2)
     assert (std[:, [0, 1]] < 3.0).all() and np.allclose(found.values[:, [2, 3, 4]], 0.0)
-    directions = unseen_directions(found.learned.mean(axis=0), Expected(10.0, 0.5))
+    directions = unobservable_directions(found.learned.mean(axis=0), Expected(10.0, 0.5))
     assert {name_of(one) for one in directions} == {
         "force along z",
         "moment about x",
@@ -194,10 +194,10 @@ def test_directions_are_named() -> None:
     rng = np.random.default_rng(2)
     hidden = np.eye(6)[:, [1, 5]] @ np.linalg.qr(rng.normal(size=(2, 2)))[0]
     learned = 0.9 * np.eye(6) - 0.9 * hidden @ hidden.T
-    found = unseen_directions(learned, Expected())
+    found = unobservable_directions(learned, Expected())
     assert {name_of(one) for one in found} == {"force along y", "moment about z"}
     assert np.allclose([np.linalg.norm(one) for one in found], 1.0)
-    assert unseen_directions(0.9 * np.eye(6), Expected()) == ()
+    assert unobservable_directions(0.9 * np.eye(6), Expected()) == ()
 
 
 def test_the_momentums_residual_is_the_external_effort() -> None:

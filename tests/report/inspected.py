@@ -99,8 +99,8 @@ def wrench_content(frame: str = "tool0") -> WrenchContent:
         half_width=half,
         torque=torque,
         torque_half_width=np.ones_like(torque),
-        least_seen=np.zeros(len(t)),
-        seen=np.tile(np.diag(learned), (len(t), 1)),
+        least_data_share=np.zeros(len(t)),
+        data_share=np.tile(np.diag(learned), (len(t), 1)),
         learned=learned,
         condition=np.full(len(t), np.inf),
     )

@@ -17,20 +17,22 @@ def changed(**values: object) -> WrenchContent:
 
 
 def test_limits_are_named() -> None:
-    unseen, band, fitted = CONTENT.warnings
-    assert unseen.startswith("not seen by the joints in this log: ")
+    unobservable, band, fitted = CONTENT.warnings
+    assert unobservable.startswith("not observable from the joint torques of this log: ")
     assert {"force along z", "moment about x", "moment about y"} == set(
-        unseen.partition(": ")[2].partition(".")[0].split("; ")
+        unobservable.partition(": ")[2].partition(".")[0].split("; ")
     )
     assert "hides pushes shorter than 0.1 s" in band and "8 Hz" in band
     assert "was fitted to this log" in fitted
 
 
 def test_a_direction_that_is_hidden_for_a_while_is_named() -> None:
-    seen = np.where(np.arange(334)[:, None] < 167, 0.9, [0.9, 0.9, 0.9, 0.9, 0.2, 0.9])
-    content = changed(learned=0.9 * np.eye(6), seen=seen, least_seen=seen.min(axis=1))
+    data_share = np.where(np.arange(334)[:, None] < 167, 0.9, [0.9, 0.9, 0.9, 0.9, 0.2, 0.9])
+    content = changed(
+        learned=0.9 * np.eye(6), data_share=data_share, least_data_share=data_share.min(axis=1)
+    )
     hidden = content.warnings[0]
-    assert "is not seen in 50 % of the log" in hidden and "mostly moment about y" in hidden
+    assert "is not observable in 50 % of the log" in hidden and "mostly moment about y" in hidden
 
 
 def test_a_lasting_force_is_no_push() -> None:
@@ -45,7 +47,7 @@ def test_components_sum_up_the_log() -> None:
     assert x.peak_time_s == CONTENT.estimate.t[push][0]
     assert x.rms == pytest.approx(30.0 * np.sqrt(push.mean()))
     assert x.nonzero_share == pytest.approx(push.mean())
-    assert (z.peak, z.seen_share, z.nonzero_share) == (0.0, 0.0, 0.0)
+    assert (z.peak, z.data_share, z.nonzero_share) == (0.0, 0.0, 0.0)
 
 
 def test_the_page_is_safe() -> None:

@@ -23,7 +23,7 @@ def compare_models(
     logs: Annotated[
         list[str],
         typer.Option(
-            "--on", help=f"{LOG_HELP} Not those that were identified from.", metavar="LOG..."
+            "--on", help=f"{LOG_HELP} Not logs that a model was identified from.", metavar="LOG..."
         ),
     ],
     output: Annotated[

@@ -31,8 +31,8 @@ def feedforward(
         float,
         typer.Option(
             min=0.0,
-            help="Speed in rad/s (m/s) within which friction by the plain sign turns; 0 for the "
-            "sign. Friction with a smoothing in the robot file keeps it.",
+            help="Speed in rad/s (m/s) over which the sign function of friction laws is smoothed; "
+            "0 for the sign itself. A law with a smoothing in the robot file keeps it.",
         ),
     ] = 1e-3,
     as_json: Json = False,
@@ -40,8 +40,8 @@ def feedforward(
     """Compute the joint torques of a model along a desired motion.
 
     The table has time, positions, velocities, accelerations and torques (q_NAME, dq_NAME, ddq_NAME,
-    tau_NAME) in SI units. Friction is that of the desired velocity: friction of the measured one
-    chatters.
+    tau_NAME) in SI units. Friction is computed from the desired velocity: from the measured one
+    it would chatter.
 
     Example: steelyard feedforward steelyard-ur10e motion/trajectory.json -o torques.csv
     """

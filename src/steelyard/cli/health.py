@@ -24,9 +24,9 @@ def health(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Find out what drifted: friction, offsets and effort scales, from normal operation.
+    """Detect drift of friction, offsets and effort scales from logs of normal operation.
 
-    Exit code 0: no drift. 1: something drifted. 2: not done.
+    Exit code 0: no drift. 1: something drifted. 2: error.
 
     Example: steelyard health steelyard-ur10e monday.csv tuesday.csv -o health
     """

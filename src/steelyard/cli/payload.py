@@ -78,7 +78,7 @@ def payload(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Identify a payload: mass, centre and inertia of a body that can exist, with 95 % intervals.
+    """Identify a payload: physically consistent mass, centre and inertia, with 95 % intervals.
 
     With --when: times at which it is picked up and put down, each with a 95 % interval.
 

@@ -24,7 +24,8 @@ def reduce(
     criterion: Annotated[
         str,
         typer.Option(
-            help="What a parameter is worth: loss, contribution, mean_column or deviation.",
+            help="Which parameter is removed next: that of the least loss, contribution, "
+            "mean_column or deviation.",
             metavar="NAME",
         ),
     ] = "loss",
@@ -57,8 +58,8 @@ def reduce(
         bool,
         typer.Option(
             "--bodies",
-            help="Estimate bodies that can exist, with the removed parameters equal to zero; "
-            "such a model can be exported.",
+            help="Estimate physically consistent bodies, with the removed parameters equal to "
+            "zero; such a model can be exported.",
         ),
     ] = False,
     following: Annotated[
@@ -85,7 +86,7 @@ def reduce(
     verbose: Details = False,
     as_json: Json = False,
 ) -> None:
-    """Remove parameters that the data can do without.
+    """Remove parameters as long as errors on left-out data do not rise significantly.
 
     Removed parameters are zero, and the others are estimated again. The smaller model describes
     the speeds and postures of the logs; elsewhere a removed parameter may matter. The estimate with

@@ -21,7 +21,9 @@ def simulate(
         float | None,
         typer.Option(min=0.5, help="Seconds of random motion without --motion; 10 if unset."),
     ] = None,
-    periods: Annotated[int, typer.Option(min=1, help="Periods, without a stop.")] = 1,
+    periods: Annotated[
+        int, typer.Option(min=1, help="Number of periods, without a stop between them.")
+    ] = 1,
     dry_run: Annotated[
         float,
         typer.Option(
@@ -80,7 +82,7 @@ def simulate(
     wrench: Annotated[
         Path | None,
         typer.Option(
-            help="Table of an outside wrench, each row until the next one: time_s, fx_N, fy_N, "
+            help="Table of an external wrench, each row until the next one: time_s, fx_N, fy_N, "
             "fz_N, tx_Nm, ty_Nm, tz_Nm.",
             metavar="FILE",
         ),
@@ -102,7 +104,7 @@ def simulate(
     down. Torque terms are those of the robot file, with Coulomb and viscous friction if its
     friction is "auto". Writes log.csv, trajectory.json and truth.json (the true parameters).
     With --control or --model the log has the desired motion and the commanded torques too, with
-    --wrench what a force and torque sensor says, along the axes of its frame.
+    --wrench the readings of a force and torque sensor, along the axes of its frame.
     The seed determines the robot and its random motion: give --motion for another motion of the
     same robot.
 

@@ -36,7 +36,7 @@ def validate(
     """Score an identified model on logs that it was not fitted to.
 
     Exit code 0: done, and the error is not too large. 1: the error is above --max-error, or the
-    verdict is poor: an error above 30 %, or something wrong with these logs. 2: not done.
+    verdict is poor: an error above 30 %, or something wrong with these logs. 2: error.
 
     Example: steelyard validate steelyard-ur10e other_motion.csv
     """

@@ -62,21 +62,25 @@ def watch(
         float | None,
         typer.Option(
             min=1e-3,
-            help="Of the observer, in Hz; a tenth of the sampling rate at most. If unset, that of "
-            "the model's thresholds.",
+            help="Bandwidth of the observer in Hz, a tenth of the sampling rate at most; if "
+            "unset, that of the model's thresholds.",
             metavar="HZ",
         ),
     ] = None,
     every: Annotated[
         float | None,
-        typer.Option(min=0.0, help="Print the estimates too, that often, in s.", metavar="SECONDS"),
+        typer.Option(
+            min=0.0,
+            help="Print estimates too, with this time between them in s (also in estimates.csv).",
+            metavar="SECONDS",
+        ),
     ] = None,
     timeout: Annotated[
         float | None,
         typer.Option(
             min=0.0,
-            help="End when nothing is appended to the file for so long; 0 reads what is there. If "
-            "unset, Ctrl-C ends; standard input ends with its writer.",
+            help="End if nothing is appended to the file for this time; 0 reads what is there. "
+            "If unset, only Ctrl-C ends it; standard input ends with its writer.",
             metavar="SECONDS",
         ),
     ] = None,
@@ -91,7 +95,7 @@ def watch(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Watch a robot: external torque, contacts and payload on samples as they arrive.
+    """Report external torque, contacts and payload on samples as they arrive.
 
     Events are printed as they come, one line each; with --json one JSON object a line.
 

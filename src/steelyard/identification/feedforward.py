@@ -105,7 +105,7 @@ def feedforward(
         motion: `trajectory.json`, a table of times and positions, or samples.
         joints: Names of the columns of samples; those of the model in its order if `None`.
         rate: Samples per second along a file [Hz].
-        smoothing: Speed within which friction by the plain sign turns [rad/s; m/s]; 0 for the sign.
+        smoothing: Speed over which the sign of friction is smoothed [rad/s; m/s]; 0 for the sign.
 
     Raises:
         SteelyardError: A file cannot be used, a joint is missing, or the model's efforts are no

@@ -90,7 +90,7 @@ def health(
     *,
     progress: Progress = silent,
 ) -> Health:
-    """Find out what drifted: friction, offsets and effort scales over windows of logs.
+    """Detect drift of friction, offsets and effort scales over windows of logs.
 
     Args:
         model: The model, its `model.json`, or the folder that contains it.

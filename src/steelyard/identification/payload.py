@@ -209,7 +209,7 @@ def identify_payload(
     sphere: float | None = None,
     progress: Progress = silent,
 ) -> PayloadEstimate:
-    """Identify a payload: mass, centre and inertia of a body that can exist, with 95 % intervals.
+    """Identify a payload: physically consistent mass, centre and inertia, with 95 % intervals.
 
     Args:
         model: The model, its `model.json`, or the folder that contains it.

@@ -140,13 +140,14 @@ def reduce(
             further.
         logs: Logs to fit, such as those that the model was identified from.
         validate: Logs of other motions, to be predicted.
-        criterion: What a parameter is worth: `loss`, `contribution`, `mean_column`, `deviation`.
+        criterion: Which parameter is removed next: that of the least `loss`, `contribution`,
+            `mean_column` or `deviation`.
         stop: Stopping rule: `one_standard_error`, `tolerance=5`, `bic`, `condition=30`,
             `ratio=30`, `count=25`, `one_fewer`; `refit` removes nothing more.
         keep: Names of base parameters that stay; `*` stands for any letters. With `tolerance`,
             friction of joints that move stays too.
         drop: Names of base parameters that are removed first.
-        bodies: Robot file; then the values are those of bodies that can exist, with its priors,
+        bodies: Robot file; then the values are physically consistent, with its priors,
             and the model can be exported.
         threads: Native threads; as many as the machine has cores if `None`.
         progress: Receives events of progress; an exception from it stops the work.
@@ -373,7 +374,7 @@ def _with_bodies(
     at = [k for k, name in enumerate(names) if name not in possible]
     learned = estimate.learned
     positive = [name for name in zeros if name not in possible]
-    notes = (f"zero for no body that can exist, so estimated: {', '.join(positive)}",)
+    notes = (f"cannot be zero for valid inertias, so estimated: {', '.join(positive)}",)
     return replace(
         estimate,
         estimator=f"reduced {estimate.estimator}",

@@ -79,9 +79,9 @@ class ExternalWrench(Result):
         return self.estimate.half_width
 
     @property
-    def unseen(self) -> tuple[str, ...]:
+    def unobservable(self) -> tuple[str, ...]:
         """Directions that the joints do not show in this log."""
-        return tuple(name_of(direction) for direction in self.estimate.unseen)
+        return tuple(name_of(direction) for direction in self.estimate.unobservable)
 
     def report(self) -> str:
         """The report as one self-contained HTML page."""
@@ -102,17 +102,17 @@ class ExternalWrench(Result):
             "start_s": float(found.t[0]),
             "end_s": float(found.t[-1]),
             "components": [vars(row) for row in self.content.components],
-            "unseen": [
+            "unobservable": [
                 {"name": name_of(one), **dict(zip(COMPONENTS, one.tolist(), strict=True))}
-                for one in found.unseen
+                for one in found.unobservable
             ],
-            "partly_unseen_share": found.partly_unseen,
+            "partly_unobservable_share": found.partly_unobservable,
             "warnings": list(self.content.warnings),
             "notes": list(self.content.details),
         }
 
     def table(self) -> dict[str, Array]:
-        """Columns of `wrench.csv`: time, wrench, half-widths, external efforts, what is seen."""
+        """Columns of `wrench.csv`: time, wrench, half-widths, external efforts, data share."""
         found = self.estimate
         columns = {"time_s": found.t}
         for name, own in zip(COLUMNS, found.wrench.T, strict=True):
@@ -121,7 +121,7 @@ class ExternalWrench(Result):
             columns[f"half_width_{name}"] = own
         for joint, unit, own in zip(found.joints, found.units, found.torque.T, strict=True):
             columns[f"external_{joint}_{unit}"] = own
-        columns["least_seen_share"] = found.least_seen
+        columns["least_data_share"] = found.least_data_share
         return columns
 
     def write(self, folder: Path) -> None:

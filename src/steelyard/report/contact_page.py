@@ -144,7 +144,7 @@ def events_table(content: ContactContent) -> PlainTable:
     headings = (
         "start [s]",
         "length [s]",
-        "clearest at",
+        "largest at",
         "residual",
         "size",
         "link",

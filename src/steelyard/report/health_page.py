@@ -118,7 +118,7 @@ def joints_table(content: HealthContent) -> PlainTable:
             mark = " !" if (joint, quantity) in drifted else ""
             cells.append(NONE if change is None else f"{change.text}{mark}")
         rows.append(Row((joint, *cells)))
-    words = "Level in the last log against the model, with its 95 % interval; ! it drifted."
+    words = "Level in the last log relative to the model, with its 95 % interval; ! drift."
     return PlainTable("", words, ("joint", *HEADINGS), rows)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from steelyard.application.wrench.directions import COMPONENTS, name_of
-from steelyard.estimation.external.smoothing import SEEN
+from steelyard.estimation.external.smoothing import OBSERVABLE
 from steelyard.report.figures import Figure, Group, Key, Traced, area, evenly, line
 from steelyard.report.html import fill
 from steelyard.report.page import Shown, page_of
@@ -56,7 +56,7 @@ class ComponentSummary:
         peak_time_s: When it was.
         median_half_width: Of the intervals of all samples.
         nonzero_share: Share of the samples whose interval leaves zero out.
-        seen_share: Share of the expected variance that the log decides, on average.
+        data_share: Share of the expected variance that the log removes, on average.
     """
 
     component: str
@@ -67,7 +67,7 @@ class ComponentSummary:
     peak_time_s: float
     median_half_width: float
     nonzero_share: float
-    seen_share: float
+    data_share: float
 
     @property
     def row(self) -> Row:
@@ -80,7 +80,7 @@ class ComponentSummary:
                 f"{self.peak_time_s:.2f}",
                 f"± {significant(self.median_half_width, 2)}",
                 f"{100.0 * self.nonzero_share:.0f} %",
-                f"{100.0 * self.seen_share:.0f} %",
+                f"{100.0 * self.data_share:.0f} %",
             )
         )
 
@@ -153,7 +153,7 @@ class WrenchContent:
                     peak_time_s=float(found.t[at]),
                     median_half_width=float(np.median(half)),
                     nonzero_share=float(np.mean(nonzero[:, k])),
-                    seen_share=float(np.mean(found.seen[:, k])),
+                    data_share=float(np.mean(found.data_share[:, k])),
                 )
             )
         return tuple(rows)
@@ -162,18 +162,19 @@ class WrenchContent:
     def warnings(self) -> tuple[str, ...]:
         """What qualifies the result."""
         found, warnings = self.estimate, []
-        if found.unseen:
-            names = "; ".join(name_of(direction) for direction in found.unseen)
+        if found.unobservable:
+            names = "; ".join(name_of(direction) for direction in found.unobservable)
             warnings.append(
-                f"not seen by the joints in this log: {names}. There the estimate stays near zero, "
-                "with an interval about as wide as the expected size"
+                f"not observable from the joint torques of this log: {names}. There the estimate "
+                "stays near zero, with an interval about as wide as the expected size"
             )
-        elif found.partly_unseen > 0.0:
-            at = found.least_seen < SEEN
-            worst = COMPONENTS[int(np.argmin(found.seen[at].mean(axis=0)))]
+        elif found.partly_unobservable > 0.0:
+            at = found.least_data_share < OBSERVABLE
+            worst = COMPONENTS[int(np.argmin(found.data_share[at].mean(axis=0)))]
             warnings.append(
-                f"one direction or more is not seen in {100.0 * found.partly_unseen:.2g} % of the "
-                f"log, near singular postures (mostly {worst}): intervals there are wide"
+                "one direction or more is not observable in "
+                f"{100.0 * found.partly_unobservable:.2g} % of the log, near "
+                f"singular postures (mostly {worst}): intervals there are wide"
             )
         if found.bandwidth < self.usual_bandwidth:
             warnings.append(
@@ -201,11 +202,11 @@ def _nonzero(found: WrenchEstimate) -> Array:
 def components_table(content: WrenchContent) -> PlainTable:
     """One row per component."""
     words = (
-        "Seen: share of the expected variance (standard deviation "
+        "From data: share of the expected variance (standard deviation "
         f"{content.estimate.expected.force:.3g} N, moments {content.estimate.expected.lever:.2g} m "
-        "times that) that the log decides, on average over time."
+        "times that) that the log removes, mean over time."
     )
-    headings = ("", "RMS", "largest", "at [s]", "± (median)", "not zero", "seen")
+    headings = ("", "RMS", "largest", "at [s]", "± (median)", "not zero", "from data")
     return PlainTable("", words, headings, [one.row for one in content.components])
 
 
@@ -246,17 +247,17 @@ def render_wrench(content: WrenchContent) -> str:
             Group([_component(found, k) for k in range(3, 6)], columns="one"),
         ],
     }
-    seen = {
+    observability = {
         **empty,
-        "words": "Share of the expected variance that the log decides of the direction that the "
-        f"joints show least; below {SEEN:g} that direction counts as not seen.",
-        "groups": [Group([_least_seen(found)], columns="one")],
+        "words": "Share of the expected variance that the log removes, in the direction where it "
+        f"removes least; below {OBSERVABLE:g} that direction counts as not observable.",
+        "groups": [Group([_least_data_share(found)], columns="one")],
     }
     torques = {
         **empty,
         "legend": [
             Key("--measured", "external torque"),
-            Key("--rest", "95 % of what the model errs in", "area"),
+            Key("--rest", "95 % interval of the model's error", "area"),
         ],
         "groups": [Group([_torque(found, j) for j in range(len(found.joints))], columns="one")],
     }
@@ -266,7 +267,7 @@ def render_wrench(content: WrenchContent) -> str:
         sections.append(Shown("notes", "Limits of this result", notes))
     sections += [
         Shown("over-time", "Wrench over time", fill("figures.html", over_time)),
-        Shown("seen", "What the joints show", fill("figures.html", seen)),
+        Shown("observability", "Observability", fill("figures.html", observability)),
         Shown("torques", "External torques", fill("figures.html", torques)),
         Shown("details", "Notes", fill("notes.html", {"notes": content.details}), folded=True),
     ]
@@ -289,19 +290,19 @@ def _component(found: WrenchEstimate, k: int) -> Figure:
     )
 
 
-def _least_seen(found: WrenchEstimate) -> Figure:
+def _least_data_share(found: WrenchEstimate) -> Figure:
     at = evenly(len(found.t), DRAWN)
     t = found.t[at]
-    limit = line("limit", t, np.full(len(t), SEEN), "--vermillion", width=1, dash="dash")
-    own = line("share", t, found.least_seen[at], "--measured", width=1.5)
-    return _figure("Least visible direction", "share", [own, limit], {"range": [0, 1]})
+    limit = line("limit", t, np.full(len(t), OBSERVABLE), "--vermillion", width=1, dash="dash")
+    own = line("share", t, found.least_data_share[at], "--measured", width=1.5)
+    return _figure("Least observable direction", "share", [own, limit], {"range": [0, 1]})
 
 
 def _torque(found: WrenchEstimate, j: int) -> Figure:
     at = evenly(len(found.t), DRAWN)
     t, half = found.t[at], found.torque_half_width[at, j]
     traces = [
-        area("95 % of what the model errs in", t, -half, half, "--rest"),
+        area("95 % interval of the model's error", t, -half, half, "--rest"),
         line("external torque", t, found.torque[at, j], "--measured", width=1.2),
     ]
     return _figure(found.joints[j], f"effort [{found.units[j]}]", traces)

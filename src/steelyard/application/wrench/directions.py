@@ -3,7 +3,7 @@
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.estimation.external.smoothing import SEEN
+from steelyard.estimation.external.smoothing import OBSERVABLE
 from steelyard.estimation.external.wrench import Expected
 
 COMPONENTS = (
@@ -15,10 +15,10 @@ MINOR = 0.3
 """Share of a direction's largest component below which another one is not named."""
 
 
-def unseen_directions(learned: Array, expected: Expected) -> tuple[Array, ...]:
-    """Directions of which efforts decide less than `SEEN`, each of shape `(6,)` and length 1.
+def unobservable_directions(learned: Array, expected: Expected) -> tuple[Array, ...]:
+    """Directions with less than `OBSERVABLE` from data, each of shape `(6,)` and length 1.
 
-    Components are shares of the expected size. Of several unseen directions, as many components as
+    Components are shares of the expected size. Of several directions, as many components as
     there are directions stand in one of them each, so that they are as simple as can be.
 
     Args:
@@ -29,12 +29,12 @@ def unseen_directions(learned: Array, expected: Expected) -> tuple[Array, ...]:
 
     known = expected.variances > 0.0
     values, vectors = np.linalg.eigh(learned[np.ix_(known, known)])
-    unseen = vectors[:, values < SEEN]
-    if not unseen.size:
+    unobservable = vectors[:, values < OBSERVABLE]
+    if not unobservable.size:
         return ()
-    pivots = qr(unseen.T, mode="r", pivoting=True)[1][: unseen.shape[1]]
-    simple = unseen @ np.linalg.inv(unseen[np.sort(pivots)])
-    found = np.zeros((6, unseen.shape[1]))
+    pivots = qr(unobservable.T, mode="r", pivoting=True)[1][: unobservable.shape[1]]
+    simple = unobservable @ np.linalg.inv(unobservable[np.sort(pivots)])
+    found = np.zeros((6, unobservable.shape[1]))
     found[known] = simple / np.linalg.norm(simple, axis=0)
     return tuple(found.T)
 

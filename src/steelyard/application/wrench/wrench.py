@@ -5,14 +5,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.application.other_efforts import refuse_without
-from steelyard.application.wrench.directions import unseen_directions
+from steelyard.application.wrench.directions import unobservable_directions
 from steelyard.application.wrench.efforts import EffortSource, ResidualKind
 from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.estimation.estimate import Z95
 from steelyard.estimation.external.momentum import PER_PERIOD, check_bandwidth
 from steelyard.estimation.external.observed import Axes, moved_frame, observed_quantity
-from steelyard.estimation.external.smoothing import SEEN, Smoothed
+from steelyard.estimation.external.smoothing import OBSERVABLE, Smoothed
 from steelyard.estimation.external.wrench import Expected, WrenchMethod, condition_numbers
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.measurement.run import Run
@@ -44,9 +44,9 @@ class WrenchEstimate:
         half_width: Half-width of their 95 % intervals.
         torque: External efforts, shape `(N, n)` [Nm; N].
         torque_half_width: Half-width of 95 % intervals of efforts that nothing external makes.
-        least_seen: Share of the expected variance that efforts decide of the direction that they
-            show least, 0 to 1, shape `(N,)`.
-        seen: The same of each component, shape `(N, 6)`.
+        least_data_share: Share of the expected variance that efforts remove, along the direction
+            in which they remove least, 0 to 1, shape `(N,)`.
+        data_share: The same of each component, shape `(N, 6)`.
         learned: Mean over time of `learned_of`, shape `(6, 6)`.
         condition: Condition number of the Jacobian, shape `(N,)`.
     """
@@ -65,20 +65,20 @@ class WrenchEstimate:
     half_width: Array
     torque: Array
     torque_half_width: Array
-    least_seen: Array
-    seen: Array
+    least_data_share: Array
+    data_share: Array
     learned: Array
     condition: Array
 
     @property
-    def unseen(self) -> tuple[Array, ...]:
-        """Directions that efforts do not show over the whole run; see `unseen_directions`."""
-        return unseen_directions(self.learned, self.expected)
+    def unobservable(self) -> tuple[Array, ...]:
+        """Directions that are not observable over the run; see `unobservable_directions`."""
+        return unobservable_directions(self.learned, self.expected)
 
     @property
-    def partly_unseen(self) -> float:
-        """Share of the samples at which some direction is not seen."""
-        return float(np.mean(self.least_seen < SEEN))
+    def partly_unobservable(self) -> float:
+        """Share of the samples at which some direction is not observable."""
+        return float(np.mean(self.least_data_share < OBSERVABLE))
 
 
 def estimated_wrench(
@@ -138,7 +138,7 @@ def estimated_wrench(
                 condition_numbers(efforts.jacobian),
             )
         )
-    t, wrench, half, torque, torque_half, least, seen, condition = (
+    t, wrench, half, torque, torque_half, least, data_share, condition = (
         np.concatenate(some) for some in zip(*parts, strict=True)
     )
     return WrenchEstimate(
@@ -156,8 +156,8 @@ def estimated_wrench(
         half_width=half,
         torque=torque,
         torque_half_width=torque_half,
-        least_seen=least,
-        seen=seen,
+        least_data_share=least,
+        data_share=data_share,
         learned=learned / len(t),
         condition=condition,
     )

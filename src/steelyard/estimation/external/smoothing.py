@@ -33,8 +33,8 @@ LEAST, MOST = 1e-4, 1.0
 ROUNDS = 4
 """Rounds of the estimate of the wrench's size."""
 
-SEEN = 0.5
-"""Share of the expected variance that efforts must decide of a direction for it to be seen."""
+OBSERVABLE = 0.5
+"""Least share from data of the expected variance along an observable direction."""
 
 NEGLIGIBLE = 0.01
 """Effect of a combination of parameters on efforts, over their noise, that is left out."""
@@ -72,7 +72,7 @@ class Smoothed:
             values, covariance = self._posterior(efforts, size)
         before = std[:, None] * first[1] * std
         after = size[:, None, None] * covariance
-        whole = std[:, None] * (after + _unseen(first[1], after)) * std
+        whole = std[:, None] * (after + _unobservable(first[1], after)) * std
         values = values * np.sqrt(size)[:, None] * std
         return Wrenches(values, whole, learned_of(before, self.expected))
 
@@ -167,13 +167,13 @@ def _without_negligible(efforts: ExternalEfforts) -> ExternalEfforts:
     return replace(efforts, spread=efforts.spread @ vectors[:, values > NEGLIGIBLE**2])
 
 
-def _unseen(before: Array, after: Array) -> Array:
-    """What unseen directions of covariances over the expected size must be widened by, `(N, 6, 6)`.
+def _unobservable(before: Array, after: Array) -> Array:
+    """What covariances are widened by along unobservable directions, shape `(N, 6, 6)`.
 
-    That nothing pushes is concluded from directions that are seen: along others the interval stays
-    as wide as before the size was estimated.
+    That nothing pushes is concluded from observable directions: along others the interval
+    stays as wide as before the size was estimated.
     """
     values, vectors = np.linalg.eigh(before)
     along = np.einsum("tij,tik,tkj->tj", vectors, after, vectors)
-    lacking = np.where(values > 1.0 - SEEN, np.maximum(values - along, 0.0), 0.0)
+    lacking = np.where(values > 1.0 - OBSERVABLE, np.maximum(values - along, 0.0), 0.0)
     return np.asarray((vectors * lacking[:, None, :]) @ vectors.swapaxes(1, 2))

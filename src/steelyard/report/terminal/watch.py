@@ -1,4 +1,4 @@
-"""A stream in a terminal: one line for each event, a line of state, a summary."""
+"""A stream in a terminal: one line for each event, a status line, a summary."""
 
 from __future__ import annotations
 
@@ -103,9 +103,9 @@ def summary_lines(
         rows = ", ".join(f"{count} for {why}" for why, count in summary.dropped.items())
         yield f"rows left out: {rows}"
     if summary.gaps:
-        yield f"pauses after which the observer began anew: {summary.gaps}"
+        yield f"pauses after which the observer restarted: {summary.gaps}"
     if summary.payload:
-        yield f"changes of the payload were not sought at last: {summary.payload}"
+        yield f"the last search for changes of the payload was not possible: {summary.payload}"
 
 
 def _counted(count: int, what: str) -> str:
