@@ -46,9 +46,15 @@ def test_quick_form(study: Path, tmp_path: Path) -> None:
     markdown = (tmp_path / "out" / f"{name}.md").read_text(encoding="utf-8")
     pictures = re.findall(r"\]\((.+?\.svg)\)", markdown)
     assert page.count("<svg") == len(pictures) > 0
-    assert page.count("<table>") == markdown.count("| --- |") >= 2
+    tables = re.findall(r"^\| --- \|", markdown, re.MULTILINE)
+    assert page.count("<table>") == len(tables) >= 2
     assert all((tmp_path / "out" / picture).is_file() for picture in pictures)
     assert any((tmp_path / "out" / "seed_00").iterdir())
+
+
+@pytest.mark.parametrize("study", STUDIES, ids=lambda path: path.stem)
+def test_the_documentation_lists_it(study: Path) -> None:
+    assert f"`studies/{study.name}`" in (ROOT / "docs/studies/index.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("study", STUDIES, ids=lambda path: path.stem)

@@ -74,7 +74,8 @@ def run(study: Study[T]) -> None:
     seeds = options.seeds or (QUICK if options.quick else SEEDS)
     start = time.perf_counter()
     try:
-        with tempfile.TemporaryDirectory() as place:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{target.name}-", dir=target.parent) as place:
             work, page_folder = Path(place) / "seeds", Path(place) / "page"
             page_folder.mkdir()
             found = results(study, work, seeds, quick=options.quick, processes=options.processes)
@@ -83,7 +84,6 @@ def run(study: Study[T]) -> None:
             page = replace(page, parts=(*page.parts, *_reproduced(study, seeds, seconds, options)))
             page.write(page_folder, study.name)
             copytree(work / "seed_00", page_folder / "seed_00")
-            target.parent.mkdir(parents=True, exist_ok=True)
             if target.exists():
                 target.rmdir()
             move(page_folder, target)
