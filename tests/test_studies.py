@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -32,6 +33,7 @@ def started(study: Path, *options: str) -> "subprocess.Popen[str]":
         stderr=subprocess.PIPE,
         text=True,
         env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # not in a background job
     )
 
 
@@ -78,12 +80,13 @@ def test_an_existing_folder_is_not_overwritten(tmp_path: Path) -> None:
 
 
 ENDLESS = """
+import os
 import threading
 from studies.support.page import Page
 from studies.support.study import Study, run
 
 def one(folder, seed, quick):
-    print("working", flush=True)
+    os.write(1, b"working\\n")
     threading.Event().wait()
 
 def page(found):
