@@ -1,5 +1,7 @@
 """Health: what drifted is named with its time, what did not is not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,8 +11,10 @@ from steelyard.application.health import (
     Change,
     changes_of,
     minutes,
+    refuse_reversed,
 )
 from steelyard.application.health_windows import Quantity, Series
+from steelyard.errors import LogError
 
 NAMES = ("mon", "tue", "wed", "thu", "fri")
 
@@ -113,6 +117,42 @@ def test_more_tests_ask_for_more_certainty() -> None:
     }
     kept = [key for key in alone if alone[key] < 0.05]
     assert kept and all(among[key] == pytest.approx(10.0 * alone[key]) for key in kept)
+
+
+def test_a_large_difference_of_a_single_window_is_unproven_not_absent() -> None:
+    (differs,) = changes_of([series([np.full(1, 2.0)], quantity="effort scale")], NAMES)
+    assert differs.unproven and not differs.matters
+    (within,) = changes_of([series([np.full(1, 0.2)], quantity="effort scale")], NAMES)
+    assert not within.unproven and not within.matters
+    one = series([np.full(1, 0.9 * MATTERS["dry friction"])], noise=1e-4)
+    (certain,) = changes_of([one], NAMES)
+    assert abs(certain.size) > 3.0 * certain.half_width and not certain.unproven
+
+
+def test_what_is_a_drift_is_not_unproven() -> None:
+    found = changes_of([series([np.zeros(20), np.full(20, 2.0)], seed=6)], NAMES)
+    assert named(found) and not [change for change in found if change.unproven]
+
+
+def test_a_reversed_effort_is_refused() -> None:
+    levels: dict[Quantity, float] = {"effort scale": -2.0, "dry friction": -1.9}
+    logs = [np.zeros(8), np.full(8, 1.0)]
+    both = [
+        series([level * log for log in logs], quantity=quantity)
+        for quantity, level in levels.items()
+    ]
+    with pytest.raises(LogError, match="effort of elbow has the reversed sign .effort scale -2"):
+        refuse_reversed(both, NAMES[:2])
+    refuse_reversed(both[:1], NAMES[:2])
+    refuse_reversed([both[0], series([np.zeros(8), np.zeros(8)])], NAMES[:2])
+
+
+def test_sizes_have_the_digits_of_their_intervals() -> None:
+    change = changes_of([series([np.full(20, 0.3)], seed=2)], NAMES)[0]
+    moved = replace(change, unit="Nm", size=-0.0689, half_width=0.97)
+    assert moved.text == "-0.07 ± 0.97 Nm"
+    assert replace(moved, size=26.21, half_width=7.5).text == "+26.2 ± 7.5 Nm"
+    assert replace(moved, unit="", size=-1.934, half_width=0.29).text == "-193 ± 29 %"
 
 
 def test_times_are_readable() -> None:

@@ -95,6 +95,40 @@ def test_one_line_per_joint(arm: Path, command: Command) -> None:
         assert quantity.split()[0] in words
 
 
+def with_efforts(arm: Path, factors: list[float]) -> Path:
+    """The first log with other efforts."""
+    columns = dict(np.load(arm / "before.npz"))
+    for k, factor in enumerate(factors):
+        columns[f"tau{k + 1}_Nm"] = factor * columns[f"tau{k + 1}_Nm"]
+    path = arm / f"efforts_{'_'.join(f'{x:g}' for x in factors)}.npz"
+    np.savez(path, **columns)
+    return path
+
+
+def test_a_short_log_with_other_efforts_does_not_pass(
+    arm: Path, command: Command, tmp_path: Path
+) -> None:
+    log = with_efforts(arm, [1.0, 1.0, 1.5, 1.0, 1.0, 1.0])
+    done = command("health", arm / "model", f"{log}@0:15", "-o", tmp_path / "out")
+    joint = steelyard.load_model(arm / "model").joints[2]
+    words = " ".join(done.stdout.split())
+    assert done.exit_code == 1, done.output
+    assert "1 of 6 joints differ in efforts_1_1_1.5_1_1_1@:15, drift not proven" in words
+    assert "one log cannot tell drift from an error of the model" in words
+    assert f"{joint} (" in words and "effort scale" in words and "No drift" not in words
+    saved = json.loads((tmp_path / "out" / "health.json").read_text())
+    assert saved["drifts"] == [] and {one["joint"] for one in saved["unproven"]} == {joint}
+    assert saved["warnings"][0].startswith("one log cannot tell")
+
+
+def test_a_reversed_joint_is_refused(arm: Path, command: Command) -> None:
+    log = with_efforts(arm, [1.0, -1.0, 1.0, 1.0, 1.0, 1.0])
+    done = command("health", arm / "model", log)
+    joint = steelyard.load_model(arm / "model").joints[1]
+    assert done.exit_code == 2 and done.stdout == ""
+    assert f"the effort of {joint} has the reversed sign (effort scale -2" in done.stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

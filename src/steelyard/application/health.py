@@ -8,12 +8,14 @@ and logs counted: $p$ times the number of tests must stay below `LEVEL`.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from math import floor, log10
 from typing import Any, Literal
 
 import numpy as np
 
 from steelyard.application.health_windows import Quantity, Series
 from steelyard.arrays import Array
+from steelyard.errors import LogError
 from steelyard.estimation.estimate import Z95
 
 Shape = Literal["settles", "steps within", "steps", "drifts", "differs"]
@@ -44,6 +46,13 @@ given."""
 UNKNOWN = 4.0
 """Scatter of windows over their variances that is assumed of few windows."""
 
+CLEAR = 3.0
+"""Half-widths from which on a large change is reported even where windows are too few for
+significance."""
+
+REVERSED: tuple[Quantity, Quantity] = ("effort scale", "dry friction")
+"""Quantities that both are below -100 % where a joint's effort has the reversed sign."""
+
 
 @dataclass(frozen=True)
 class Change:
@@ -61,6 +70,8 @@ class Change:
         time: Time constant or time of the step within a log [s]; `None` over logs.
         p: Probability that chance alone does that in any of the tests.
         matters: Whether it is significant, and large enough to be called a drift.
+        unproven: Whether it is large and excludes zero by `CLEAR` half-widths, but is not
+            significant: windows are too few.
     """
 
     joint: str
@@ -73,6 +84,7 @@ class Change:
     time: float | None
     p: float
     matters: bool
+    unproven: bool
 
     @property
     def when(self) -> str:
@@ -90,12 +102,18 @@ class Change:
     def text(self) -> str:
         """Size with its interval, for people to read."""
         if self.unit:
-            return f"{self.size:+.3g} ± {self.half_width:.2g} {self.unit}"
-        return f"{round(100.0 * self.size):+d} ± {100.0 * self.half_width:.0f} %"
+            digits = min(12, max(0, 1 - floor(log10(max(self.half_width, 1e-12)))))
+            return f"{self.size:+.{digits}f} ± {self.half_width:.{digits}f} {self.unit}"
+        return percent_text(self.size, self.half_width)
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
         return {**vars(self), "logs": list(self.logs), "when": self.when}
+
+
+def percent_text(size: float, half_width: float) -> str:
+    """A relative change with its interval, for people to read."""
+    return f"{round(100.0 * size):+d} ± {100.0 * half_width:.0f} %"
 
 
 def minutes(seconds: float | None) -> str:
@@ -115,6 +133,42 @@ def changes_of(series: Sequence[Series], names: Sequence[str]) -> tuple[Change, 
     tests = max(1, len(series) * (len(names) + 2))
     found = [change for one in series for change in _tested(one, names, tests)]
     return tuple(sorted(found, key=lambda change: (not change.matters, change.p)))
+
+
+def refuse_reversed(series: Sequence[Series], names: Sequence[str]) -> None:
+    """The efforts of all joints have the sign that they had when the model was identified.
+
+    Args:
+        series: All quantities.
+        names: Names of the logs, in the order of time.
+
+    Raises:
+        LogError: Effort scale and dry friction of a joint are below -100 %, one beyond doubt.
+    """
+    by = {(one.joint, one.quantity): one for one in series}
+    for joint in dict.fromkeys(one.joint for one in series):
+        own = [by[joint, quantity] for quantity in REVERSED if (joint, quantity) in by]
+        for number, name in enumerate(names):
+            levels = [_level(one, number) for one in own if (one.log == number).any()]
+            certain = any(level + half < -1.0 for level, half in levels)
+            if len(levels) == len(REVERSED) and certain and all(x < -1.0 for x, _ in levels):
+                found = zip(REVERSED, levels, strict=True)
+                words = ", ".join(f"{quantity} {percent_text(*x)}" for quantity, x in found)
+                raise LogError(
+                    f"the effort of {joint} has the reversed sign ({words} from the model)",
+                    where=name,
+                    fix="log efforts with the signs of the logs that the model was identified "
+                    "from; steelyard check names what differs",
+                )
+
+
+def _level(one: Series, log: int) -> tuple[float, float]:
+    """Mean change in a log, and half-width of its 95 % interval, the model's errors included."""
+    mine = one.log == log
+    std = one.std[mine] * np.sqrt(_inflation(one))
+    fit = _fit(np.ones((len(std), 1)), one.value[mine], std)
+    apart = OTHER_MOTION * float(np.median(one.single[mine]))
+    return float(fit.values[0]), Z95 * float(np.sqrt(fit.covariance[0, 0] + apart**2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +211,7 @@ def _tested(one: Series, names: Sequence[str], tests: int) -> Iterator[Change]:
     variance = spread**2 + one.known**2 + apart**2
     chance = _chance(level**2 / variance, 1, len(one.t)) * tests
     places = ("model", names[number])
-    yield _change(one, "differs", level, float(np.sqrt(variance)), places, None, chance)
+    yield _change(one, "differs", level, float(np.sqrt(variance)), places, None, chance, few=True)
 
 
 def _inflation(one: Series) -> float:
@@ -260,7 +314,7 @@ def _over_logs(
     scatter = 1.0 if known else max(1.0, best.square / free)
     p = _chance((constant - best.square) / scatter, 1, len(one.t) if known else free + 2)
     size, spread = float(best.values[1]), float(np.sqrt(scatter * best.covariance[1, 1]))
-    found = _change(one, shape, size, spread, logs, None, p * looks * tests)
+    found = _change(one, shape, size, spread, logs, None, p * looks * tests, few=known)
     return found, apart if known else float(np.sqrt(scatter - 1.0) * np.median(s))
 
 
@@ -272,7 +326,10 @@ def _change(
     logs: tuple[str, str],
     time: float | None,
     p: float,
+    *,
+    few: bool = False,
 ) -> Change:
+    """A change as tested; of `few` windows or logs one that is `CLEAR` is reported too."""
     large = abs(size) >= MATTERS[one.quantity] * one.scale
     return Change(
         joint=one.joint,
@@ -285,4 +342,5 @@ def _change(
         time=time,
         p=min(p, 1.0),
         matters=bool(large and p < LEVEL),
+        unproven=bool(few and large and p >= LEVEL and abs(size) > CLEAR * Z95 * spread),
     )

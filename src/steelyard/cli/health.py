@@ -26,7 +26,7 @@ def health(
 ) -> None:
     """Detect drift of friction, offsets and effort scales from logs of normal operation.
 
-    Exit code 0: no drift. 1: something drifted. 2: error.
+    Exit code 0: no drift. 1: something drifted, or differs by far from the model. 2: error.
 
     Example: steelyard health steelyard-ur10e monday.csv tuesday.csv -o health
     """
@@ -51,4 +51,4 @@ def health(
         found.show(Console())
         if folder is not None:
             typer.echo(f"\nreport  {folder / 'report.html'}")
-    raise typer.Exit(int(bool(found.drifts)))
+    raise typer.Exit(int(bool(found.drifts or found.unproven)))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from steelyard.application.health import Change, changes_of
+from steelyard.application.health import Change, changes_of, refuse_reversed
 from steelyard.application.health_windows import series_of, windowed
 from steelyard.application.other_efforts import refuse_other_efforts
 from steelyard.application.unknown_payload import payload_words, unknown_payload
@@ -46,6 +46,11 @@ class Health(Result):
         """What drifted, the most certain first."""
         return self.content.drifts
 
+    @property
+    def unproven(self) -> tuple[Change, ...]:
+        """What differs by far from the model, or between logs too short to prove a drift."""
+        return self.content.unproven
+
     def report(self) -> str:
         """The report as one self-contained HTML page."""
         return render_health(self.content)
@@ -56,6 +61,7 @@ class Health(Result):
         return {
             "logs": list(content.logs),
             "drifts": [change.to_dict() for change in content.drifts],
+            "unproven": [change.to_dict() for change in content.unproven],
             "tested": [change.to_dict() for change in content.changes],
             "windows": [
                 {
@@ -69,7 +75,7 @@ class Health(Result):
                 }
                 for one in content.series
             ],
-            "warnings": list(content.warnings),
+            "warnings": list(content.limits),
             "notes": list(content.notes),
         }
 
@@ -98,7 +104,8 @@ def health(
         progress: Receives events of progress; an exception from it stops the work.
 
     Raises:
-        SteelyardError: A file cannot be used, or shows no joint's friction.
+        SteelyardError: A file cannot be used, shows no joint's friction, or the effort of a joint
+            has the reversed sign.
 
     Example:
         >>> found = health("arm-model", "other.csv")
@@ -128,6 +135,7 @@ def health(
             where=", ".join(names),
             fix="give longer logs, or motion in both directions at several speeds and postures",
         )
+    refuse_reversed(series, names)
     robot = identified.model.robot
     content = HealthContent(
         robot=robot.name,

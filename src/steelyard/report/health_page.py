@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from steelyard.application.health import LEVEL, MATTERS
+from steelyard.application.health import CLEAR, LEVEL, MATTERS
 from steelyard.application.health_windows import QUANTITIES
 from steelyard.estimation.estimate import Z95
 from steelyard.report.figures import Figure, Group, Key, area, line
@@ -58,12 +58,17 @@ class HealthContent:
         return tuple(change for change in self.changes if change.matters)
 
     @property
+    def unproven(self) -> tuple[Change, ...]:
+        """What is large, but of too few windows to be significant."""
+        drifted = {(change.joint, change.quantity) for change in self.drifts}
+        return tuple(c for c in self.changes if c.unproven and (c.joint, c.quantity) not in drifted)
+
+    @property
     def named(self) -> tuple[Change, ...]:
-        """The drifts; of a quantity that changed within or over logs, not that it differs too."""
-        timed = {(c.joint, c.quantity) for c in self.drifts if c.shape != "differs"}
-        return tuple(
-            c for c in self.drifts if c.shape != "differs" or (c.joint, c.quantity) not in timed
-        )
+        """Drifts and unproven changes; of one within or over logs, not that it differs too."""
+        found = (*self.drifts, *self.unproven)
+        timed = {(c.joint, c.quantity) for c in found if c.shape != "differs"}
+        return tuple(c for c in found if c.shape != "differs" or (c.joint, c.quantity) not in timed)
 
     @property
     def headline(self) -> str:
@@ -71,9 +76,29 @@ class HealthContent:
         joints = dict.fromkeys(change.joint for change in self.drifts)
         count = len(self.logs)
         logs = self.logs[0] if count == 1 else f"{count} logs"
+        if not joints and self.unproven:
+            joints = dict.fromkeys(change.joint for change in self.unproven)
+            return f"{len(joints)} of {len(self.joints)} joints differ in {logs}, drift not proven"
         if not joints:
             return f"No drift in {logs}"
         return f"{len(joints)} of {len(self.joints)} joints drifted in {logs}"
+
+    @property
+    def limits(self) -> tuple[str, ...]:
+        """What qualifies the result."""
+        by: dict[str, dict[str, None]] = {}
+        for change in self.unproven:
+            by.setdefault(change.joint, {})[change.quantity] = None
+        if not by:
+            return self.warnings
+        count = len(self.logs)
+        logs = "one log" if count == 1 else f"these {count} logs"
+        joints = "; ".join(f"{joint} ({', '.join(what)})" for joint, what in by.items())
+        return (
+            f"{logs} cannot tell drift from an error of the model in other motions or from other "
+            f"efforts; beyond {CLEAR:g} half-widths: {joints}. Give longer logs, or several",
+            *self.warnings,
+        )
 
     @property
     def claim(self) -> str:
@@ -88,7 +113,7 @@ class HealthContent:
 
 
 def drifts_table(content: HealthContent) -> PlainTable:
-    """One row per drift."""
+    """One row per drift or unproven change."""
     rows = [
         Row((change.joint, change.quantity, change.text, change.when, chance(change.p)))
         for change in content.named
@@ -109,16 +134,18 @@ def joints_table(content: HealthContent) -> PlainTable:
         for change in content.changes
         if change.shape == "differs"
     }
-    drifted = {(change.joint, change.quantity) for change in content.drifts}
+    marks = {(change.joint, change.quantity): " ?" for change in content.unproven}
+    marks |= {(change.joint, change.quantity): " !" for change in content.drifts}
     rows = []
     for joint in content.joints:
         cells = []
         for quantity in QUANTITIES:
             change = last.get((joint, quantity))
-            mark = " !" if (joint, quantity) in drifted else ""
+            mark = marks.get((joint, quantity), "")
             cells.append(NONE if change is None else f"{change.text}{mark}")
         rows.append(Row((joint, *cells)))
-    words = "Level in the last log relative to the model, with its 95 % interval; ! drift."
+    words = "Level in the last log relative to the model, with its 95 % interval; ! drift"
+    words += "; ? differs, drift not proven." if content.unproven else "."
     return PlainTable("", words, ("joint", *HEADINGS), rows)
 
 
@@ -128,13 +155,15 @@ def health_lines(content: HealthContent, console: Console) -> None:
 
     console.print(Text(content.headline, style="bold"))
     console.print(Text(content.claim))
-    for warning in content.warnings:
+    for warning in content.limits:
         console.print(Text(f"! {warning}", style="yellow"))
-    if content.drifts:
+    if content.named:
         console.print(narrow_table(drifts_table(content)))
     table = joints_table(content)
     console.print(Text(f"\n{table.words}"))
-    console.print(narrow_table(table))
+    joints = narrow_table(table)
+    joints.columns[0].no_wrap = True
+    console.print(joints)
 
 
 def render_health(content: HealthContent) -> str:
@@ -144,7 +173,7 @@ def render_health(content: HealthContent) -> str:
         **empty,
         "title": "Drift",
         "words": f"{content.headline}. {content.claim}",
-        "tables": [drifts_table(content)] if content.drifts else [],
+        "tables": [drifts_table(content)] if content.named else [],
     }
     joints = {**empty, "title": "Joints", "tables": [joints_table(content)]}
     figures = {
@@ -156,8 +185,8 @@ def render_health(content: HealthContent) -> str:
         f"between them. Lines are interrupted between logs: {', '.join(content.logs)}.",
     }
     sections = [Shown("drift", "Drift", fill("figures.html", verdict))]
-    if content.warnings:
-        limits = fill("notes.html", {"notes": content.warnings})
+    if content.limits:
+        limits = fill("notes.html", {"notes": content.limits})
         sections.append(Shown("limits", "Limits of this result", limits))
     sections += [
         Shown("joints", "Joints", fill("figures.html", joints)),
