@@ -5,6 +5,7 @@ import pytest
 
 from application.test_contact import EDGES, ROBOT, SIGMA, STEP, N, pushed, silent, trace
 from steelyard.application.contact import ContactEvent, contacts_in
+from steelyard.application.payload_changes import SlidingMass
 from steelyard.application.payload_events import Kind, PayloadEvent, PayloadEvents
 from steelyard.application.watch.contact_stream import ContactStart, ContactStream, ContactTest
 from steelyard.application.watch.payload_stream import FIRST, PERIOD, SPAN, PayloadStream
@@ -82,6 +83,9 @@ KINDS: dict[float, Kind] = {13.0: "picked up", 54.0: "put down"}
 """Changes of a payload by their times [s]."""
 
 
+NO_MASS = SlidingMass(np.zeros(0), np.zeros(0), np.zeros(0))
+
+
 class Search:
     """Finds the changes that have motion on both sides in the rows; some searches fail."""
 
@@ -99,7 +103,7 @@ class Search:
             for t, kind in KINDS.items()
             if start + 3.0 < t < stop - 3.0
         )
-        return PayloadEvents("stream", "tool", "link", events, (), 0.1, 1.0, ())
+        return PayloadEvents("stream", "tool", "link", events, (), 0.1, 1.0, (), NO_MASS)
 
 
 def run_of(stream: PayloadStream, seconds: float) -> list[tuple[float, PayloadEvent]]:

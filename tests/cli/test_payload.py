@@ -198,6 +198,8 @@ def test_when_a_load_is_picked_up_and_put_down(
     assert done.exit_code == 0, done.output
     printed = json.loads(done.stdout)
     assert printed == json.loads((tmp_path / "out" / "payload.json").read_text())
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "picking: 2 changes of the payload" in page and "Mass of the payload along" in page
     kinds = [event["kind"] for event in printed["events"]]
     assert kinds == ["picked up", "put down"]
     for event, when in zip(printed["events"], (PICK, RELEASE), strict=True):

@@ -1,12 +1,15 @@
-"""Contents of the pages of `contact`, `wrench` and `health`."""
+"""Contents of the pages of `contact`, `wrench`, `payload --when` and `health`."""
 
 import numpy as np
 
 from steelyard.application.contact import ContactEvent, JointLoad
 from steelyard.application.health import changes_of
 from steelyard.application.health_windows import QUANTITIES, Series
+from steelyard.application.payload_changes import SlidingMass
+from steelyard.application.payload_events import Carried, Kind, PayloadEvent, PayloadEvents
 from steelyard.application.wrench.wrench import WrenchEstimate
 from steelyard.estimation.external.wrench import Expected
+from steelyard.estimation.payload.load import PayloadEstimate
 from steelyard.estimation.residual_peaks import RANGES, ContactThresholds
 from steelyard.report.contact_page import ContactContent
 from steelyard.report.health_page import HealthContent
@@ -45,6 +48,22 @@ def contact_content() -> ContactContent:
         notes=("free3 was fitted: left out of the calibration",),
         details=("cut-offs: motion 18 Hz, regression 6 Hz",),
     )
+
+
+def payload_events() -> PayloadEvents:
+    """Something of 2 kg, picked up at 13 s and put down at 54 s."""
+    t = np.arange(1.5, 66.0, 0.1)
+    inside = np.clip((t - 11.5) / 3.0, 0.0, 1.0) - np.clip((t - 52.5) / 3.0, 0.0, 1.0)
+    sliding = SlidingMass(t, 2.0 * inside + 0.1 * np.sin(5.0 * t), 0.3 + 0.1 * np.cos(t))
+    ten = np.array([2.0, 0.0, 0.0, 0.1, 0.02, 0.0, 0.02, 0.0, 0.0, 0.01])
+    load = PayloadEstimate("tool0", "flange", ten, 1e-3 * np.eye(10), np.ones(2), np.ones(2))
+    kinds: tuple[tuple[Kind, float], ...] = (("picked up", 13.0), ("put down", 54.0))
+    events = tuple(
+        PayloadEvent(kind, time, time - 0.2, time + 0.2, 2.0, 0.1, 40.0) for kind, time in kinds
+    )
+    carried = (Carried(13.2, 53.8, load),)
+    notes = ("drive gains are assumed known within 2 % each",)
+    return PayloadEvents("shift", "tool0", "flange", events, carried, 0.1, 3.0, notes, sliding)
 
 
 def health_content() -> HealthContent:

@@ -11,7 +11,7 @@ import pytest
 from browser import Tab
 from report.conftest import robot
 from report.designed import designed_for
-from report.inspected import contact_content, health_content, wrench_content
+from report.inspected import contact_content, health_content, payload_events, wrench_content
 from report.test_design import content as motion_content
 from report.test_findings import content as check_content
 from report.test_models import models_content
@@ -24,6 +24,7 @@ from steelyard.report.contact_page import render_contact
 from steelyard.report.health_page import render_health
 from steelyard.report.html import TEMPLATES
 from steelyard.report.models_page import render_models
+from steelyard.report.payload_page import render_payload_events
 from steelyard.report.track_page import render_tracking
 from steelyard.report.wrench_page import render_wrench
 
@@ -37,6 +38,7 @@ PAGES = (
     "tracking",
     "contact",
     "wrench",
+    "payload",
     "health",
 )
 WIDTHS = (1400, 420)
@@ -54,6 +56,7 @@ def pages(usual: ReportContent, nasty: ReportContent) -> dict[str, str]:
         "tracking": render_tracking(tracking_content(robot())),
         "contact": render_contact(contact_content()),
         "wrench": render_wrench(wrench_content()),
+        "payload": render_payload_events([payload_events()], "arm"),
         "health": render_health(health_content()),
     }
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
+from steelyard.estimation.estimate import Z95
 from steelyard.regression.information import Information
 
 STEP = 0.1
@@ -51,6 +52,22 @@ SHORTEST = 0.5
 
 ROUNDS = 5
 """Passes in which times of changes are improved with those of their neighbours."""
+
+
+@dataclass(frozen=True, eq=False)
+class SlidingMass:
+    """The mass of a payload in a window of `SPAN` around each time, friction of the day taken out.
+
+    Attributes:
+        t: Middle of the windows, shape `(w,)` [s].
+        mass: Likewise [kg].
+        half_width: Half-width of the 95 % interval, residuals as they are along the log, likewise;
+            that of a single window, without the errors of model and gains.
+    """
+
+    t: Array
+    mass: Array
+    half_width: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +113,20 @@ class PayloadWindows:
         matrix, vector = (s[last] - s[first] for s in sums)
         solved = np.linalg.solve(matrix + self.prior, vector[..., None])[..., 0]
         return np.asarray(np.sum(vector * solved, axis=-1))
+
+    def sliding_mass(self, inflation: float) -> SlidingMass:
+        """The mass over time.
+
+        Args:
+            inflation: How many times larger squares are than by normal, white residuals.
+        """
+        count = min(round(SPAN / STEP), len(self.starts))
+        first = np.arange(len(self.starts) - count + 1)
+        matrix, vector = (s[first + count] - s[first] for s in self._sums)
+        covariance = np.linalg.inv(matrix + self.prior)
+        mass = np.einsum("wj,wj->w", covariance[:, 0], vector)
+        middle = 0.5 * (self.starts[first] + self.stops[first + count - 1])
+        return SlidingMass(middle, mass, Z95 * np.sqrt(inflation * covariance[:, 0, 0]))
 
     @cached_property
     def _sums(self) -> tuple[Array, Array]:
@@ -152,11 +183,13 @@ class Changes:
         changes: In order of time.
         inflation: How many times larger the statistic is than by normal, white residuals.
         threshold: Squares that a change has to explain.
+        sliding: The mass over time.
     """
 
     changes: tuple[Change, ...]
     inflation: float
     threshold: float
+    sliding: SlidingMass
 
 
 def payload_windows(
@@ -235,7 +268,7 @@ def changes_of(windows: PayloadWindows) -> Changes:
         ratio = _explained(windows, place, low, high) / threshold
         time = 0.5 * float(windows.stops[place - 1] + windows.starts[place])
         changes.append(Change(time, earliest, latest, ratio))
-    return Changes(tuple(changes), inflation, threshold)
+    return Changes(tuple(changes), inflation, threshold, windows.sliding_mass(inflation))
 
 
 def _peaks(values: Array, threshold: float, apart: int) -> list[int]:

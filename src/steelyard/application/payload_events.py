@@ -20,6 +20,7 @@ from steelyard.application.payload_changes import (
     STEP,
     Change,
     Changes,
+    SlidingMass,
     changes_of,
     payload_windows,
 )
@@ -96,6 +97,7 @@ class PayloadEvents:
         alarms_per_hour: False events that the threshold allows.
         inflation: How many times larger the statistic is than by normal, white residuals.
         notes: What was taken for granted, for people to read.
+        sliding: The mass over time.
     """
 
     run: str
@@ -106,6 +108,7 @@ class PayloadEvents:
     alarms_per_hour: float
     inflation: float
     notes: tuple[str, ...]
+    sliding: SlidingMass
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
@@ -192,6 +195,7 @@ def find_payload_events(
         ALARMS,
         found.inflation,
         _notes(found, carried),
+        found.sliding,
     )
 
 

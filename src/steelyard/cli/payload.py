@@ -74,7 +74,9 @@ def payload(
     ] = False,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Output folder for payload.json; none if unset."),
+        typer.Option(
+            "--output", "-o", help="Output folder for payload.json and, with --when, a page."
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -93,6 +95,7 @@ def payload(
     from steelyard.files import whole_folder, write_json
     from steelyard.identification.logs import new_folder
     from steelyard.identification.payload import known_of, payload_inputs
+    from steelyard.report.payload_page import render_payload_events
     from steelyard.report.terminal.payload import event_lines, payload_lines
 
     known = known_of(mass, com, box, cylinder, sphere)
@@ -104,6 +107,9 @@ def payload(
     if folder is not None:
         with whole_folder(folder) as part:
             write_json(part / "payload.json", result)
+            if not isinstance(found, PayloadEstimate):
+                page = render_payload_events(found, task.identified.robot.name)
+                (part / "report.html").write_text(page, encoding="utf-8")
             interrupt.too_late()
     if as_json:
         typer.echo(json.dumps(result, allow_nan=False))
@@ -114,3 +120,5 @@ def payload(
         event_lines(found, Console())
     if folder is not None:
         typer.echo(f"\npayload  {folder / 'payload.json'}")
+        if when:
+            typer.echo(f"report   {folder / 'report.html'}")

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import floor, isfinite, log10
 from typing import TYPE_CHECKING
 
 from steelyard.report.sections.tables import light_table
+from steelyard.report.text.payload_words import counted_changes, rounded
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -49,15 +49,11 @@ def event_lines(found: Sequence[PayloadEvents], console: Console) -> None:
     from rich.text import Text
 
     for one in found:
-        console.print(Text(f"{one.run}: {_counted(len(one.events))}", style="bold"))
+        console.print(Text(f"{one.run}: {counted_changes(len(one.events))}", style="bold"))
         for line in _happenings(one):
             console.print(Text(line))
     for note in dict.fromkeys(note for one in found for note in one.notes):
         console.print(Text(f"note: {note}"))
-
-
-def _counted(count: int) -> str:
-    return f"{count} change{'s' * (count > 1)} of the payload" if count else "no change of payload"
 
 
 def _happenings(found: PayloadEvents) -> Iterator[str]:
@@ -80,14 +76,6 @@ def headline(estimate: PayloadEstimate) -> str:
         return "The mass of the payload is not identifiable from these logs"
     found = f"{mass} ± {half} kg (95 % interval)"
     return f"Payload: {found}" if estimate.weighs else f"No payload detected: {found}"
-
-
-def rounded(value: float, half: float) -> tuple[str, str]:
-    """A value and its half-width, to two digits of the half-width; the latter empty without."""
-    if not (isfinite(value) and isfinite(half)):
-        return "not identifiable", ""
-    digits = min(12, max(0, 1 - floor(log10(half)))) if half > 0.0 else 6
-    return f"{value:.{digits}f}", f"{half:.{digits}f}"
 
 
 def _numbers(estimate: PayloadEstimate) -> Iterator[Number]:

@@ -12,7 +12,7 @@ from steelyard.application.contact import ContactEvent, JointLoad
 from steelyard.application.payload_events import PayloadEvent
 from steelyard.application.watch.contact_stream import ContactStart
 from steelyard.application.watch.watcher import StreamNote
-from steelyard.report.terminal.payload import rounded
+from steelyard.report.text.payload_words import rounded
 
 if TYPE_CHECKING:
     from steelyard.application.watch.watcher import (
