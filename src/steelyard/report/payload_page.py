@@ -71,7 +71,7 @@ def _tables(found: PayloadEvents) -> list[PlainTable]:
                 f"{event.time:.2f}",
                 f"{event.earliest:.2f} to {event.latest:.2f}",
                 with_interval(event.mass, event.mass_half_width),
-                f"{event.ratio:.2g}",
+                f"{event.ratio:.3g}",
             )
         )
         for number, event in enumerate(found.events, start=1)
