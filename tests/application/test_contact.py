@@ -178,20 +178,65 @@ def test_rates_beyond_the_calibration_are_refused() -> None:
 def test_efforts_that_lack_a_part_are_refused(part: int, name: str) -> None:
     run = trace("run", 60.0, 4)
     run.parts[part] = 20.0 * np.sin(np.outer(np.arange(1, N + 1), run.t))
-    refuse_without(run, SIGMA)
+    refuse_without(run, SIGMA, ROBOT.joint_names)
     run.residual[:] -= run.parts[part]
     with pytest.raises(LogError, match=f"the efforts lack (9.|10.) % of the {name}"):
-        refuse_without(run, SIGMA)
+        refuse_without(run, SIGMA, ROBOT.joint_names)
 
 
 def test_efforts_that_the_model_does_not_explain_are_refused() -> None:
     run = trace("run", 60.0, 4)
     own = 40.0 * np.sin(np.outer(np.arange(1, N + 1), run.t))
-    refuse_other_efforts(replace(run, measured=own + run.residual), SIGMA)
-    other = replace(run, residual=own + 30.0, measured=np.full_like(own, 30.0))
+    refuse_other_efforts(replace(run, measured=own + run.residual), SIGMA, ROBOT.joint_names)
+    other = replace(run, residual=own + 30.0, measured=0.1 * own + 30.0)
     with pytest.raises(
         LogError, match="the model explains 0 % of the squared efforts of this log, less than 25 %"
     ):
-        refuse_other_efforts(other, SIGMA)
+        refuse_other_efforts(other, SIGMA, ROBOT.joint_names)
+    expected = np.full(N, 30.0)
+    refuse_other_efforts(other, SIGMA, ROBOT.joint_names, expected)
+    with pytest.raises(LogError, match="less than 25 %"):
+        refuse_other_efforts(other, SIGMA, ROBOT.joint_names, 0.5 * expected)
     resting = replace(run, residual=own / 20.0, measured=own / 20.0)
-    refuse_other_efforts(resting, SIGMA)
+    refuse_other_efforts(resting, SIGMA, ROBOT.joint_names)
+
+
+def moved() -> tuple[ResidualTrace, np.ndarray]:
+    """A run whose efforts the model explains, and the predicted efforts."""
+    run = trace("run", 60.0, 4)
+    own = 40.0 * np.sin(np.outer(np.arange(1, N + 1), run.t))
+    return replace(run, measured=own + run.residual), own
+
+
+def test_a_reversed_sign_of_efforts_is_named() -> None:
+    run, own = moved()
+    refuse_without(run, SIGMA, ROBOT.joint_names)
+    reversed_ = replace(run, residual=run.residual - 2.0 * own, measured=run.measured - 2.0 * own)
+    with pytest.raises(LogError, match="the efforts have the reversed sign"):
+        refuse_without(reversed_, SIGMA, ROBOT.joint_names)
+    own[1:] = 0.0
+    one = replace(run, residual=run.residual - 2.0 * own, measured=run.measured - 2.0 * own)
+    name = ROBOT.joint_names[0]
+    with pytest.raises(LogError, match=f"the effort of {name} has the reversed sign"):
+        refuse_without(one, SIGMA, ROBOT.joint_names)
+    absent = replace(run, residual=run.residual - own, measured=run.measured - own)
+    refuse_without(absent, SIGMA, ROBOT.joint_names)
+
+
+@pytest.mark.parametrize(("part", "what"), [(0, "efforts"), (1, "velocities")])
+def test_the_opposite_of_a_part_is_a_reversed_sign(part: int, what: str) -> None:
+    run, own = moved()
+    run.parts[part] = 0.5 * own[::-1]
+    opposite = replace(run, residual=run.residual - 2.0 * run.parts[part])
+    with pytest.raises(LogError, match=f"the {what} have the reversed sign: .*contain minus"):
+        refuse_without(opposite, SIGMA, ROBOT.joint_names)
+
+
+def test_an_effort_that_never_changes_is_not_measured() -> None:
+    run, own = moved()
+    run.measured[1], run.residual[1] = 3.0, 3.0 - own[1]
+    name = ROBOT.joint_names[1]
+    with pytest.raises(LogError, match=f"the effort of {name} never changes"):
+        refuse_without(run, SIGMA, ROBOT.joint_names)
+    run.residual[1] = 1.0
+    refuse_without(run, SIGMA, ROBOT.joint_names)

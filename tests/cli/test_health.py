@@ -126,7 +126,7 @@ def test_a_reversed_joint_is_refused(arm: Path, command: Command) -> None:
     done = command("health", arm / "model", log)
     joint = steelyard.load_model(arm / "model").joints[1]
     assert done.exit_code == 2 and done.stdout == ""
-    assert f"the effort of {joint} has the reversed sign (effort scale -2" in done.stderr
+    assert f"the effort of {joint} has the reversed sign" in done.stderr
 
 
 @pytest.mark.parametrize(

@@ -179,8 +179,45 @@ def test_logs_that_cannot_be_used_are_refused(
         path = changed(log, tmp_path / f"{name}.csv", lacking)
         with pytest.raises(steelyard.SteelyardError, match=f"lack .* % of the {name}"):
             steelyard.external_wrench(model, path)
+    header, *lines = log.read_text().splitlines()
+    table = np.loadtxt(lines, delimiter=",")
+    own = [header.split(",").index(name) for name in names]
+    for name, gains, words in (
+        ("milliamperes", 1000.0, "% of the squared efforts of this log, less than 25 %"),
+        ("opposite", -1.0, "the effort.* ha.* the reversed sign"),
+        (
+            "opposite1",
+            [1.0, -1.0, *[1.0] * (len(own) - 2)],
+            "the effort of .* has the reversed sign",
+        ),
+    ):
+        added = dict(zip(names, (table[:, own] * (np.asarray(gains) - 1.0)).T, strict=True))
+        path = changed(log, tmp_path / f"{name}.csv", added)
+        with pytest.raises(steelyard.SteelyardError, match=words):
+            steelyard.external_wrench(model, path)
     with pytest.raises(steelyard.SteelyardError, match="too few for a bandwidth of 30 Hz"):
         steelyard.external_wrench(model, pushed, bandwidth=30.0)
+
+
+def test_rows_that_are_left_out_are_stated(given: Path, identified: Path, tmp_path: Path) -> None:
+    log = given / "validation.csv"
+    t, names = columns(log)
+    missing = np.where((t > 1.0) & (t < 1.5), np.nan, 0.0)
+    path = changed(log, tmp_path / "missing.csv", {names[0]: missing})
+    count = int(np.isnan(missing).sum())
+    words = f"missing: dropped {count} of {len(t)} rows: {count} with a cell that is missing"
+    for use in (steelyard.external_wrench, steelyard.contact):
+        stated = use(identified, path).content.warnings
+        assert any(
+            one.startswith(words) and "not examined: 1.00 to 1.50 s" in one for one in stated
+        )
+        assert not any("dropped" in one for one in use(identified, log).content.warnings)
+
+
+def test_free_motion_has_no_force(given: Path, identified: Path) -> None:
+    found = steelyard.external_wrench(identified, given / "validation.csv")
+    assert found.content.headline.startswith("No force on ")
+    assert found.to_dict()["largest_force"]["differs_from_zero"] is False
 
 
 @pytest.mark.parametrize(
@@ -192,6 +229,10 @@ def test_logs_that_cannot_be_used_are_refused(
         (("-o", "../given"), "exists already"),
         (("--method", "guess"), "guess"),
         (("--force", "inf"), "no expected size"),
+        (("--force", "nan"), "no expected size: 0.1 to 100000 N can be expected"),
+        (("--lever", "1e12"), "no expected size: 0 to 100 m can be expected"),
+        (("--duration", "nan"), "no duration of a push"),
+        (("--bandwidth", "0.001"), "too short for a bandwidth of 0.001 Hz (--bandwidth)"),
     ],
 )
 def test_mistakes(

@@ -189,8 +189,12 @@ def test_without_a_lever_there_is_no_moment() -> None:
 def test_directions_are_named() -> None:
     assert name_of(np.array([0.0, 0.0, -1.0, 0.0, 0.2, 0.0])) == "force along z"
     mixed = np.array([0.0, 0.8, 0.0, -0.6, 0.0, 0.0])
-    assert name_of(mixed) == "force along y − moment about x"
-    assert name_of(-mixed) == "force along y − moment about x"
+    assert name_of(mixed) == "force along y with moment about the axis (−1, 0, 0)"
+    assert name_of(-mixed) == name_of(mixed)
+    assert name_of(np.array([0.0, 0.0, 0.0, -0.7, 0.7001, 0.1])) == (
+        "moment about the axis (−1, 1, 0)"
+    )
+    assert name_of(np.array([0.4, 0.0, 0.8, 0.0, 0.0, 0.0])) == "force along the axis (0.5, 0, 1)"
     rng = np.random.default_rng(2)
     hidden = np.eye(6)[:, [1, 5]] @ np.linalg.qr(rng.normal(size=(2, 2)))[0]
     learned = 0.9 * np.eye(6) - 0.9 * hidden @ hidden.T
@@ -214,5 +218,13 @@ def test_the_momentums_residual_is_the_external_effort() -> None:
 def test_what_is_no_duration_or_size_is_refused() -> None:
     with pytest.raises(DataError, match="no duration of a push"):
         Smoothed(duration=0.0)
-    with pytest.raises(DataError, match="no expected size"):
-        Expected(-1.0)
+    for sizes in ((-1.0,), (0.01,), (1e6,), (np.nan,), (30.0, -1.0), (30.0, 1e12)):
+        with pytest.raises(DataError, match="no expected size"):
+            Expected(*sizes)
+
+
+def test_a_push_longer_than_the_log_is_averaged_over_the_log() -> None:
+    given = efforts()
+    long, longer = (Smoothed(duration=some)(given) for some in (1e9, 1e10))
+    assert np.isfinite(long.values).all()
+    assert np.allclose(long.values, longer.values, atol=0.01)

@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from steelyard.errors import LogError
-from steelyard.measurement import prepare
+from steelyard.measurement import Processing, prepare
 from steelyard.measurement.recording import Recording
 from steelyard.measurement.rows.clock import Scan, learn_clock, nice_rate
 from steelyard.measurement.rows.validity import Verdict
@@ -201,3 +201,31 @@ def test_a_time_column_that_is_none_is_refused(recording, sines, kind: str) -> N
     with pytest.raises(LogError, match="column 't' does not increase") as caught:
         prepare(recording(clock, motion["q"], motion["effort"]))
     assert "[signals]" in caught.value.fix
+
+
+def test_time_in_milliseconds_is_named(recording, sines) -> None:
+    t = np.arange(1000) * 0.01
+    motion = sines(t)
+    with pytest.raises(LogError, match="time looks like milliseconds") as caught:
+        prepare(recording(1e3 * t, motion["q"], motion["effort"]), Processing(matched_cutoff=3.0))
+    assert "time_unit" in caught.value.fix
+
+
+def test_a_log_of_one_row_is_refused(recording, sines) -> None:
+    t = np.zeros(1)
+    motion = sines(t)
+    with pytest.raises(LogError, match="the log has one row"):
+        prepare(recording(t, motion["q"], motion["effort"]))
+
+
+def test_times_that_are_not_examined_are_known(recording, sines) -> None:
+    t = np.arange(2000) * 0.01
+    motion = sines(t)
+    effort = motion["effort"].copy()
+    effort[500:600, 0] = np.nan
+    effort[50, 0] = np.nan
+    effort[1980:1989, 0] = np.nan
+    run = prepare(recording(t, motion["q"], effort))
+    assert run.quality.unexamined == (pytest.approx((4.99, 6.0)), pytest.approx((19.79, 19.99)))
+    whole = prepare(recording(t, motion["q"], motion["effort"]))
+    assert whole.quality.unexamined == ()

@@ -116,11 +116,11 @@ def wrench_content(frame: str = "tool0") -> WrenchContent:
         t=t,
         wrench=wrench,
         half_width=half,
+        force_half_width=np.full(len(t), 5.0),
         torque=torque,
         torque_half_width=np.ones_like(torque),
         least_data_share=np.zeros(len(t)),
-        data_share=np.tile(np.diag(learned), (len(t), 1)),
-        learned=learned,
+        learned=np.tile(learned, (len(t), 1, 1)),
         condition=np.full(len(t), np.inf),
     )
-    return WrenchContent("arm", estimate, 8.0, True, ("cut-offs: motion 18 Hz",))
+    return WrenchContent("arm", estimate, 8.0, True, (), ("cut-offs: motion 18 Hz",))

@@ -1,6 +1,9 @@
 """Logs whose efforts are not those of the model: of another kind, of another robot, with a load."""
 
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.errors import LogError
@@ -15,6 +18,18 @@ EXPLAINED = 0.5
 MATTERS = 2.0
 """Root mean square of the part in standard deviations of the residual from which on it matters."""
 
+REVERSED = 1.5
+"""Share that is lacking from which on a part has the opposite sign, rather than being absent."""
+
+OPPOSITE = 0.2
+"""Relative difference from minus the predicted effort of a joint up to which its sign counts as
+reversed."""
+
+CERTAIN = 0.9
+"""Share of the variance of a joint's residual that a reversed sign must explain."""
+
+CONSTANT = 1e-9
+"""Relative change up to which an effort never changes."""
 
 CHECKED = ("gravity", "friction")
 """Parts of a trace, by name."""
@@ -27,6 +42,21 @@ FIXES = (
 )
 """What to do where efforts lack one of these parts."""
 
+SIGN_FIX = (
+    "give efforts the sign that they had when the model was identified, or identify a model from "
+    "such logs"
+)
+
+OPPOSITES = (
+    ("the efforts have the reversed sign: they contain minus the predicted gravity", SIGN_FIX),
+    (
+        "the velocities have the reversed sign: efforts contain minus the predicted friction",
+        "give velocities with the sign with which positions change; if they have it, give efforts "
+        "the sign that they had when the model was identified",
+    ),
+)
+"""What is wrong, and what to do, where efforts contain the opposite of one of these parts."""
+
 LEAST_EXPLAINED = 0.25
 """Share of the squared efforts of a log that the model of its robot explains, at least."""
 
@@ -37,8 +67,13 @@ LARGE = 5.0
 """Root mean square of the residual in standard deviations up to which it is never refused: friction
 of a robot at rest is as large."""
 
+PUSHES = 1.5
+"""The same in standard deviations of efforts that are expected from outside."""
 
-def refuse_other_efforts(trace: ResidualTrace, sigma: Array) -> None:
+
+def refuse_other_efforts(
+    trace: ResidualTrace, sigma: Array, joints: Sequence[str], pushes: Array | None = None
+) -> None:
     """The efforts of a log must be of the model's kind, and of its robot.
 
     Compared are medians over time: contact does not last.
@@ -46,12 +81,17 @@ def refuse_other_efforts(trace: ResidualTrace, sigma: Array) -> None:
     Args:
         trace: Residuals of the log.
         sigma: Standard deviation of the residual of the fit per joint, shape `(n,)` [Nm; N].
+        joints: Names of the joints.
+        pushes: Standard deviation of efforts that are expected from outside for as long as the log
+            lasts, shape `(n,)` [Nm; N].
 
     Raises:
-        LogError: They lack gravity or friction, or the model does not explain them.
+        LogError: They lack gravity or friction, have another sign, or the model does not explain
+            them.
     """
-    refuse_without(trace, sigma)
-    squares = (np.square(x / sigma[:, None]) for x in (trace.residual, trace.measured))
+    refuse_without(trace, sigma, joints)
+    std = sigma if pushes is None else np.hypot(sigma, PUSHES / LARGE * pushes)
+    squares = (np.square(x / std[:, None]) for x in (trace.residual, trace.measured))
     residual, measured = (float(np.median(np.mean(x, axis=0))) for x in squares)
     refuse_unexplained(residual, measured, trace.run, LEAST_EXPLAINED)
 
@@ -82,23 +122,82 @@ def refuse_unexplained(
         )
 
 
-def refuse_without(trace: ResidualTrace, sigma: Array) -> None:
-    """Efforts must contain gravity and friction as the model has them.
+def refuse_without(trace: ResidualTrace, sigma: Array, joints: Sequence[str]) -> None:
+    """Efforts must be measured, and contain gravity and friction with the model's sign.
+
+    Args:
+        trace: Residuals of the log.
+        sigma: Standard deviation of the residual of the fit per joint, shape `(n,)` [Nm; N].
+        joints: Names of the joints.
 
     Raises:
-        LogError: The residual is minus the predicted gravity, or minus the predicted friction.
+        LogError: An effort never changes though its joint's predicted one does; the residual is
+            minus the predicted gravity or friction, or twice that; an effort is minus the
+            predicted one.
     """
+    _refuse_constant(trace, sigma, joints)
     whitened = trace.residual / sigma[:, None]
-    for part, name, fix in zip(trace.parts, CHECKED, FIXES, strict=True):
+    wrong = OPPOSITES[1]
+    for part, name, fix, contrary in zip(trace.parts, CHECKED, FIXES, OPPOSITES, strict=True):
         own = part / sigma[:, None]
         size = float(np.sum(own * own))
         if not size > MATTERS**2 * own.size:
             continue
         share = -float(np.sum(whitened * own)) / size
         explained = share**2 * size / float(np.sum(whitened * whitened))
-        if share > ABSENT and explained > EXPLAINED:
-            raise LogError(
-                f"the efforts lack {100.0 * share:.0f} % of the {name} that the model predicts",
-                where=trace.run,
-                fix=fix,
-            )
+        wrong = min(wrong, contrary, key=OPPOSITES.index) if share > REVERSED else wrong
+        if not (share > ABSENT and explained > EXPLAINED):
+            continue
+        if share > REVERSED:
+            raise LogError(wrong[0], where=trace.run, fix=wrong[1])
+        raise LogError(
+            f"the efforts lack {100.0 * min(share, 1.0):.0f} % of the {name} that the model "
+            "predicts",
+            where=trace.run,
+            fix=fix,
+        )
+    large, opposite = _opposite(trace, sigma)
+    if opposite.any():
+        every = np.array_equal(large, opposite)
+        which = "efforts have" if every else f"effort of {_chosen(joints, opposite)} has"
+        raise LogError(
+            f"the {which} the reversed sign: measured is minus predicted effort",
+            where=trace.run,
+            fix=SIGN_FIX,
+        )
+
+
+def _refuse_constant(trace: ResidualTrace, sigma: Array, joints: Sequence[str]) -> None:
+    """The effort of a joint changes where the predicted one does."""
+    predicted = np.std(trace.measured - trace.residual, axis=1)
+    size = np.max(np.abs(trace.measured), axis=1)
+    constant = np.ptp(trace.measured, axis=1) <= CONSTANT * size
+    if names := _chosen(joints, constant & (predicted > MATTERS * sigma)):
+        raise LogError(
+            f"the effort of {names} never changes: its column holds no measured effort",
+            where=trace.run,
+            fix="log measured efforts of all joints, with the columns of the logs that the model "
+            "was identified from",
+        )
+
+
+def _opposite(trace: ResidualTrace, sigma: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Joints whose predicted efforts change enough to know their sign, and those with the opposite.
+
+    Returns:
+        Shape `(n,)` each.
+    """
+    own, left = (
+        (x - x.mean(axis=1, keepdims=True)) / sigma[:, None]
+        for x in (trace.measured - trace.residual, trace.residual)
+    )
+    size, squares = np.sum(own * own, axis=1), np.sum(left * left, axis=1)
+    large = size > LARGE**2 * own.shape[1]
+    share = -np.sum(own * left, axis=1) / np.where(large, size, 1.0)
+    opposite = large & (np.abs(share - 2.0) < 2.0 * OPPOSITE)
+    return large, opposite & (share * share * size > CERTAIN * squares)
+
+
+def _chosen(joints: Sequence[str], which: NDArray[np.bool_]) -> str:
+    """Names of some joints."""
+    return ", ".join(name for name, chosen in zip(joints, which, strict=True) if chosen)

@@ -39,24 +39,24 @@ def wrench(
     bandwidth: Annotated[
         float | None,
         typer.Option(
-            min=1e-3,
             help="Low-pass of external torques in Hz; if unset that of the model's scores, or a "
             "tenth of the log's rate if that is less.",
             metavar="HZ",
         ),
     ] = None,
     force: Annotated[
-        float, typer.Option(min=1e-6, help="Expected size of each component of the force in N.")
+        float,
+        typer.Option(help="Expected size of each component of the force in N, 0.1 to 100 000."),
     ] = 30.0,
     lever: Annotated[
         float,
         typer.Option(
-            min=0.0,
-            help="Expected moment over expected force in m; 0 for forces at the frame's origin.",
+            help="Expected moment over expected force in m, up to 100; 0 for forces at the frame's "
+            "origin, moments then count as zero.",
         ),
     ] = 0.1,
     duration: Annotated[
-        float, typer.Option(min=1e-3, help="Usual duration of a push in s, for smoothed.")
+        float, typer.Option(help="Usual duration of a push in s, for smoothed.")
     ] = 1.0,
     output: Annotated[
         Path | None,

@@ -24,7 +24,7 @@ from steelyard.estimation.calibration import EDGES
 from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.estimation.residual_peaks import ContactThresholds, ResidualPeaks
 from steelyard.files import write_json
-from steelyard.identification.descriptions import notes_of
+from steelyard.identification.descriptions import left_out, notes_of
 from steelyard.identification.logs import (
     fitted_before,
     log_files,
@@ -156,7 +156,8 @@ def contact(
     suspected: tuple[SuspectedContact, ...] = ()
     if given:
         for other in unseen:
-            refuse_other_efforts(residual_trace(identified, other, cutoff), sigma)
+            free_trace = residual_trace(identified, other, cutoff)
+            refuse_other_efforts(free_trace, sigma, identified.joints)
         carried = [_carried(identified, other) for other in unseen]
         notes += [f"left out of the calibration: {one}" for one in carried if one is not None]
         unseen = [other for other, one in zip(unseen, carried, strict=True) if one is None]
@@ -169,9 +170,10 @@ def contact(
     friction = sliding_friction(identified, peaks.edges[:, 1])
     thresholds = peaks.thresholds(supported_rate(peaks, rate), friction)
     trace = residual_trace(identified, run, cutoff)
-    refuse_other_efforts(trace, sigma)
+    refuse_other_efforts(trace, sigma, identified.joints)
     robot = identified.model.robot
     notes += [one.text for one in suspected]
+    notes += left_out(run)
     events = contacts_in(trace, thresholds, robot, sigma)
     lasting = sum(event.end - event.start for event in events) > OFTEN * trace.duration
     content = ContactContent(

@@ -11,6 +11,9 @@ from steelyard.model import Model
 from steelyard.robot_file.file import LoadedRobot
 from steelyard.validation.score import RunScore
 
+LISTED = 5
+"""Times that are listed, at most."""
+
 
 def provenance(
     loaded: LoadedRobot,
@@ -53,6 +56,17 @@ def settings(identified: IdentifiedModel) -> tuple[tuple[str, str], ...]:
 def dropped_rows(runs: Sequence[Run]) -> tuple[str, ...]:
     """One line for each run with invalid rows."""
     return tuple(f"{run.name}: {words}" for run in runs if (words := run.quality.dropped_rows))
+
+
+def left_out(run: Run) -> tuple[str, ...]:
+    """One line if rows of a run were dropped or times of it are not examined."""
+    quality = run.quality
+    times = ", ".join(f"{start:.2f} to {stop:.2f} s" for start, stop in quality.unexamined[:LISTED])
+    more = len(quality.unexamined) - LISTED
+    words = [quality.dropped_rows] if quality.dropped else []
+    if times:
+        words.append(f"not examined: {times}{f' and {more} more times' if more > 0 else ''}")
+    return (f"{run.name}: {'; '.join(words)}",) if words else ()
 
 
 def commanded_note(identified: IdentifiedModel, scores: Sequence[RunScore]) -> tuple[str, ...]:

@@ -122,7 +122,7 @@ def health(
     regressor, rests = base_regressor(identified.model), remembers(identified.model.terms)
     found, carried = [], []
     for run in runs:
-        refuse_other_efforts(residual_trace(identified, run, cutoff), sigma)
+        refuse_other_efforts(residual_trace(identified, run, cutoff), sigma, identified.joints)
         threads = os.cpu_count() or 1
         whole = gather(regressor, run, rests=rests, threads=threads, progress=progress)
         found.append(windowed(whole, run.duration))

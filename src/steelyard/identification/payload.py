@@ -125,7 +125,7 @@ def refuse_compensated(identified: IdentifiedModel, runs: Sequence[Run]) -> None
     """
     cutoff, sigma = residual_cutoff(identified, runs), np.asarray(identified.estimate.sigma)
     for run in runs:
-        refuse_without(residual_trace(identified, run, cutoff), sigma)
+        refuse_without(residual_trace(identified, run, cutoff), sigma, identified.joints)
 
 
 def payload_inputs(

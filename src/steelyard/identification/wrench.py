@@ -22,7 +22,7 @@ from steelyard.estimation.external.wrench import (
 )
 from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.files import write_json, write_table
-from steelyard.identification.descriptions import notes_of
+from steelyard.identification.descriptions import left_out, notes_of
 from steelyard.identification.logs import (
     fitted_before,
     log_files,
@@ -98,12 +98,22 @@ class ExternalWrench(Result):
             "method": found.method,
             "bandwidth_hz": found.bandwidth,
             "expected": {"force_N": found.expected.force, "lever_m": found.expected.lever},
+            "largest_force": {
+                "force_N": float(found.force[found.largest]),
+                "half_width_N": float(found.force_half_width[found.largest]),
+                "time_s": float(found.t[found.largest]),
+                "differs_from_zero": bool(found.pushed[found.largest]),
+            },
             "samples": len(found.t),
             "start_s": float(found.t[0]),
             "end_s": float(found.t[-1]),
             "components": [vars(row) for row in self.content.components],
             "unobservable": [
-                {"name": name_of(one), **dict(zip(COMPONENTS, one.tolist(), strict=True))}
+                {
+                    "name": name_of(one),
+                    **dict(zip(COMPONENTS, one.tolist(), strict=True)),
+                    "share_of_log": found.unobservable_share(one),
+                }
                 for one in found.unobservable
             ],
             "partly_unobservable_share": found.partly_unobservable,
@@ -170,7 +180,7 @@ def external_wrench(
 
     Raises:
         SteelyardError: A file cannot be used, the frame is fixed to the base, the log is too slow
-            for the bandwidth, or its efforts lack gravity or friction that the model predicts.
+            or short for the bandwidth, or its efforts are not those of the model's robot.
 
     Example:
         >>> found = external_wrench("arm-model", "other.csv", "lower")
@@ -199,6 +209,7 @@ def external_wrench(
         estimate=estimate,
         usual_bandwidth=identified.cutoffs.score,
         fitted=fitted_before(identified, file) or holds_fitted_rows(identified, run),
+        left_out=left_out(run),
         details=notes_of([run]),
     )
     return ExternalWrench(content)

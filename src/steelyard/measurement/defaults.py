@@ -24,6 +24,9 @@ MOTION_HIGHEST = 0.25
 """Highest default motion cut-off, per sampling rate."""
 NYQUIST_SHARE = 0.45
 """Highest cut-off that can be requested, per sampling rate."""
+SLOW = 2.0
+"""Rate up to which time is likelier in milliseconds than in seconds [Hz]: no robot is logged so
+slowly."""
 SHORTEST = 4.0
 """Least length of a segment in periods of the regression cut-off: what the filter spans."""
 REST_SHARE = 0.005
@@ -79,10 +82,16 @@ def cutoffs(
         ("motion", motion, NYQUIST_SHARE),
     ):
         if not 0.0 < cutoff <= share * rate * (1.0 + 1e-9):
+            usual = f"choose one above 0 and up to {share * rate:.4g} Hz, or log faster"
+            slow = rate <= SLOW
             raise LogError(
-                f"the {name} cut-off of {cutoff:g} Hz does not fit a log of {rate:g} Hz",
+                f"the {name} cut-off of {cutoff:g} Hz does not fit a log of {rate:g} Hz"
+                + (": its time looks like milliseconds, not seconds" if slow else ""),
                 where=where,
-                fix=f"choose one above 0 and up to {share * rate:.4g} Hz, or log faster",
+                fix=f"give time in seconds, or its unit as time_unit under [signals] of the robot "
+                f"file; {usual}"
+                if slow
+                else usual,
             )
     return Cutoffs(motion, matched)
 

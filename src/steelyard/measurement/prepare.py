@@ -263,7 +263,16 @@ def _quality(
         losses=(*_unwrapped(recording), *_losses(found, segments, marked)),
         notes=_choices(found, chain, requested, rest_speed, marked),
         marked=marked,
+        unexamined=_unexamined(found, segments),
     )
+
+
+def _unexamined(found: Survey, segments: tuple[Segment, ...]) -> tuple[tuple[float, float], ...]:
+    """Times from the first row to the last that no segment that is used covers."""
+    starts = [*(s.start for s in segments), found.segments[-1].stop]
+    stops = [found.segments[0].start, *(s.stop for s in segments)]
+    spans = zip(stops, starts, strict=True)
+    return tuple((a, b) for a, b in spans if b - a > found.clock.gap)
 
 
 def _unwrapped(recording: Recording) -> tuple[str, ...]:

@@ -47,6 +47,8 @@ class Quality:
         losses: What else could not be used, in sentences.
         notes: What was decided from the data, in sentences.
         marked: What was bridged, or does not count.
+        unexamined: Times between the first row and the last that no segment covers: gaps, and
+            stretches that are shorter than the filters, from the log's start [s].
     """
 
     rows: int
@@ -68,6 +70,7 @@ class Quality:
     losses: tuple[str, ...]
     notes: tuple[str, ...]
     marked: Marked = Marked()
+    unexamined: tuple[tuple[float, float], ...] = ()
 
     @property
     def rows_of_text(self) -> tuple[tuple[str, str], ...]:

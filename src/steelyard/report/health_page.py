@@ -179,7 +179,7 @@ def render_health(content: HealthContent) -> str:
     figures = {
         **empty,
         "title": "Changes over time",
-        "legend": [Key("--measured", "windows"), Key("--rest", "95 % interval", "area")],
+        "legend": [Key("--measured", "windows"), Key("--interval", "95 % interval", "area")],
         "groups": _groups(content),
         "note": "Change from the model of every window; logs follow each other without the time "
         f"between them. Lines are interrupted between logs: {', '.join(content.logs)}.",
@@ -220,7 +220,7 @@ def _figure(one: Series) -> Figure:
         t = (start + one.t[mine]) / 60.0
         value, half = factor * one.value[mine], factor * Z95 * one.std[mine]
         traces += [
-            area("95 %", t, value - half, value + half, "--rest"),
+            area("95 %", t, value - half, value + half, "--interval"),
             line("window", t, value, "--measured", mode="lines+markers", marker={"size": 4}),
         ]
     label = f"Change of the {one.quantity} of {one.joint} over time"

@@ -10,11 +10,12 @@ import numpy as np
 
 from steelyard.application.wrench.directions import COMPONENTS, name_of
 from steelyard.estimation.external.smoothing import OBSERVABLE
+from steelyard.estimation.external.wrench import InverseJacobian
 from steelyard.report.figures import Figure, Group, Key, Traced, area, evenly, line
 from steelyard.report.html import fill
 from steelyard.report.page import Shown, page_of
 from steelyard.report.sections.tables import PlainTable, Row, narrow_table
-from steelyard.report.text.words import significant
+from steelyard.report.text.words import NONE, significant
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -25,9 +26,15 @@ if TYPE_CHECKING:
 DRAWN = 3000
 """Points of a line, at most."""
 
-OFTEN = 0.8
-"""Share of the log in which the force differs from zero from which on something lasting is
-likelier than a push."""
+OFTEN = 1.0 / 3.0
+"""Share of the log in which the force differs from zero from which on something else is likelier
+than pushes."""
+
+MANY = 5.0
+"""Largest force over the expected one from which on something else is likelier than a push."""
+
+INVISIBLE = 0.005
+"""Share of the expected variance below which a component is not estimated at all."""
 
 UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
 
@@ -57,6 +64,7 @@ class ComponentSummary:
         median_half_width: Of the intervals of all samples.
         nonzero_share: Share of the samples whose interval leaves zero out.
         data_share: Share of the expected variance that the log removes, on average.
+        assumed_zero: Whether it is not estimated but zero, as its expected size is.
     """
 
     component: str
@@ -68,17 +76,24 @@ class ComponentSummary:
     median_half_width: float
     nonzero_share: float
     data_share: float
+    assumed_zero: bool
 
     @property
     def row(self) -> Row:
-        """For people to read."""
+        """For people to read; without estimates where it has none."""
+        name = f"{self.component.replace(' along', '').replace(' about', '')} [{self.unit}]"
+        width = f"± {significant(self.median_half_width, 2)}"
+        if self.assumed_zero:
+            return Row((name, NONE, "assumed zero", NONE, NONE, NONE, NONE))
+        if self.data_share < INVISIBLE:
+            return Row((name, NONE, NONE, NONE, width, NONE, "0 %"))
         return Row(
             (
-                f"{self.component.replace(' along', '').replace(' about', '')} [{self.unit}]",
+                name,
                 significant(self.rms),
                 f"{significant(self.peak)} ± {significant(self.peak_half_width, 2)}",
                 f"{self.peak_time_s:.2f}",
-                f"± {significant(self.median_half_width, 2)}",
+                width,
                 f"{100.0 * self.nonzero_share:.0f} %",
                 f"{100.0 * self.data_share:.0f} %",
             )
@@ -94,6 +109,7 @@ class WrenchContent:
         estimate: The wrench along the log.
         usual_bandwidth: Cut-off of the model's scores [Hz].
         fitted: Whether the model was fitted to this log.
+        left_out: Rows and times of the log that were not examined, for people to read.
         details: How the log was processed.
     """
 
@@ -101,17 +117,21 @@ class WrenchContent:
     estimate: WrenchEstimate
     usual_bandwidth: float
     fitted: bool
+    left_out: tuple[str, ...]
     details: tuple[str, ...]
 
     @property
     def headline(self) -> str:
-        """The largest force."""
-        found = self.estimate
-        force = np.linalg.norm(found.wrench[:, :3], axis=1)
-        at = int(np.argmax(force))
+        """The largest force that differs from zero, or that none does."""
+        found, at = self.estimate, self.estimate.largest
+        size = significant(float(found.force[at]))
+        text = f"{size} ± {significant(float(found.force_half_width[at]), 2)} N"
+        place = f"at {found.t[at]:.2f} s of {found.run} ({found.t[-1] - found.t[0]:.1f} s)"
+        if found.pushed[at]:
+            return f"Largest force on {found.frame}: {text} {place}"
         return (
-            f"Largest force on {found.frame}: {significant(float(force[at]))} N at "
-            f"{found.t[at]:.2f} s of {found.run} ({found.t[-1] - found.t[0]:.1f} s)"
+            f"No force on {found.frame} that differs from zero (95 %); largest estimate "
+            f"{text} {place}"
         )
 
     @property
@@ -154,6 +174,7 @@ class WrenchContent:
                     median_half_width=float(np.median(half)),
                     nonzero_share=float(np.mean(nonzero[:, k])),
                     data_share=float(np.mean(found.data_share[:, k])),
+                    assumed_zero=bool(found.assumed_zero[k]),
                 )
             )
         return tuple(rows)
@@ -161,20 +182,31 @@ class WrenchContent:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What qualifies the result."""
-        found, warnings = self.estimate, []
+        found, warnings = self.estimate, list(self.left_out)
+        inverse = found.method == InverseJacobian.name
         if found.unobservable:
-            names = "; ".join(name_of(direction) for direction in found.unobservable)
+            names = "; ".join(
+                f"{name_of(one)} ({100.0 * found.unobservable_share(one):.0f} % of the log)"
+                for one in found.unobservable
+            )
             warnings.append(
-                f"not observable from the joint torques of this log: {names}. There the estimate "
-                "stays near zero, with an interval about as wide as the expected size"
+                f"not observable from the joint torques of this log: {names}. "
+                + (
+                    "There the inverse multiplies errors, and gives zero with too narrow an "
+                    "interval where the Jacobian has no inverse"
+                    if inverse
+                    else "There the estimate stays near zero, with an interval about as wide as "
+                    "the expected size"
+                )
             )
         elif found.partly_unobservable > 0.0:
             at = found.least_data_share < OBSERVABLE
             worst = COMPONENTS[int(np.argmin(found.data_share[at].mean(axis=0)))]
             warnings.append(
                 "one direction or more is not observable in "
-                f"{100.0 * found.partly_unobservable:.2g} % of the log, near "
-                f"singular postures (mostly {worst}): intervals there are wide"
+                f"{100.0 * found.partly_unobservable:.2g} % of the log, near singular "
+                f"postures (mostly {worst}): "
+                + ("the inverse multiplies errors there" if inverse else "intervals there are wide")
             )
         if found.bandwidth < self.usual_bandwidth:
             warnings.append(
@@ -184,14 +216,28 @@ class WrenchContent:
             )
         if self.fitted:
             warnings.append("the model was fitted to this log: its residuals are too small")
-        lasting = float(np.mean((_nonzero(found)[:, :3]).any(axis=1)))
+        return (*warnings, *self._doubts)
+
+    @property
+    def _doubts(self) -> tuple[str, ...]:
+        """That the force is likelier to be an error of the log or of the model than a push."""
+        found, doubts = self.estimate, []
+        lasting, at = float(np.mean(found.pushed)), found.largest
+        times = float(found.force[at]) / found.expected.force
         if lasting > OFTEN:
-            warnings.append(
-                f"the force differs from zero in {100.0 * lasting:.0f} % of the log: a payload, "
-                "another tool or other efforts than the model's are likelier than pushes; see "
-                "steelyard payload and steelyard check"
+            doubts.append(f"the force differs from zero in {100.0 * lasting:.0f} % of the log")
+        if found.pushed[at] and times > MANY:
+            doubts.append(
+                f"the largest force is {significant(times, 2)} times the expected "
+                f"{found.expected.force:g} N"
             )
-        return tuple(warnings)
+        if not doubts:
+            return ()
+        return (
+            f"{', '.join(doubts)}: efforts in other units or with another sign, other positions, "
+            "a payload, another tool or other drive gains are likelier than pushes; steelyard "
+            "check names what differs, steelyard payload identifies a payload",
+        )
 
 
 def _nonzero(found: WrenchEstimate) -> Array:
@@ -241,7 +287,7 @@ def render_wrench(content: WrenchContent) -> str:
     }
     over_time = {
         **empty,
-        "legend": [Key("--measured", "estimate"), Key("--rest", "95 % interval", "area")],
+        "legend": [Key("--measured", "estimate"), Key("--interval", "95 % interval", "area")],
         "groups": [
             Group([_component(found, k) for k in range(3)], columns="one"),
             Group([_component(found, k) for k in range(3, 6)], columns="one"),
@@ -257,7 +303,7 @@ def render_wrench(content: WrenchContent) -> str:
         **empty,
         "legend": [
             Key("--measured", "external torque"),
-            Key("--rest", "95 % interval of the model's error", "area"),
+            Key("--interval", "95 % interval of the model's error", "area"),
         ],
         "groups": [Group([_torque(found, j) for j in range(len(found.joints))], columns="one")],
     }
@@ -284,7 +330,7 @@ def _component(found: WrenchEstimate, k: int) -> Figure:
         COMPONENTS[k].capitalize(),
         f"{kind} [{unit}]",
         [
-            area("95 % interval", t, own - half, own + half, "--rest"),
+            area("95 % interval", t, own - half, own + half, "--interval"),
             line("estimate", t, own, "--measured", width=1.5),
         ],
     )
@@ -302,7 +348,7 @@ def _torque(found: WrenchEstimate, j: int) -> Figure:
     at = evenly(len(found.t), DRAWN)
     t, half = found.t[at], found.torque_half_width[at, j]
     traces = [
-        area("95 % interval of the model's error", t, -half, half, "--rest"),
+        area("95 % interval of the model's error", t, -half, half, "--interval"),
         line("external torque", t, found.torque[at, j], "--measured", width=1.2),
     ]
     return _figure(found.joints[j], f"effort [{found.units[j]}]", traces)

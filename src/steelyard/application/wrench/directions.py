@@ -11,6 +11,8 @@ COMPONENTS = (
     "moment about x", "moment about y", "moment about z",
 )  # fmt: skip
 
+KINDS = ("force along", "moment about")
+
 MINOR = 0.3
 """Share of a direction's largest component below which another one is not named."""
 
@@ -40,15 +42,21 @@ def unobservable_directions(learned: Array, expected: Expected) -> tuple[Array, 
 
 
 def name_of(direction: Array) -> str:
-    """A direction for people to read, such as `force along z − moment about y`.
+    """A direction for people to read, such as `moment about the axis (−1, 1, 0)`.
 
     Args:
         direction: Shares of the expected size, shape `(6,)`.
     """
     sizes = np.abs(direction)
-    order = [int(k) for k in np.argsort(-sizes, kind="stable") if sizes[k] > MINOR * sizes.max()]
-    sign = np.sign(direction[order[0]])
-    words = [COMPONENTS[order[0]]]
-    for k in order[1:]:
-        words += ["+" if sign * direction[k] > 0.0 else "−", COMPONENTS[k]]
-    return " ".join(words)
+    sign = np.sign(direction[np.argmax(sizes)])
+    named = np.where(sizes > MINOR * sizes.max(), sign * direction, 0.0).reshape(2, 3)
+    parts = [_axis_name(kind, axis) for kind, axis in zip(KINDS, named, strict=True) if axis.any()]
+    return " with ".join(parts)
+
+
+def _axis_name(kind: str, axis: Array) -> str:
+    """A force or moment along an axis; coordinates are relative to the largest, shape `(3,)`."""
+    if np.count_nonzero(axis) == 1 and axis.sum() > 0.0:
+        return f"{kind} {'xyz'[int(np.argmax(axis))]}"
+    figures = (f"{one:.2g}" for one in axis / np.abs(axis).max() + 0.0)
+    return f"{kind} the axis ({', '.join(figures)})".replace("-", "−")

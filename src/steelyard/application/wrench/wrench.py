@@ -3,8 +3,9 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from steelyard.application.other_efforts import refuse_without
+from steelyard.application.other_efforts import refuse_other_efforts
 from steelyard.application.wrench.directions import unobservable_directions
 from steelyard.application.wrench.efforts import EffortSource, ResidualKind
 from steelyard.arrays import Array
@@ -13,11 +14,21 @@ from steelyard.estimation.estimate import Z95
 from steelyard.estimation.external.momentum import PER_PERIOD, check_bandwidth
 from steelyard.estimation.external.observed import Axes, moved_frame, observed_quantity
 from steelyard.estimation.external.smoothing import OBSERVABLE, Smoothed
-from steelyard.estimation.external.wrench import Expected, WrenchMethod, condition_numbers
+from steelyard.estimation.external.wrench import (
+    Expected,
+    InverseJacobian,
+    Wrenches,
+    WrenchMethod,
+    condition_numbers,
+)
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.measurement.run import Run
 from steelyard.progress import Progress, silent, tell
-from steelyard.validation.residual_traces import residual_trace
+from steelyard.validation.residual_traces import FORGOTTEN, residual_trace
+
+SIMULTANEOUS = 2.795
+"""Half-width of 95 % intervals of three components at once, over their standard deviation: the root
+of the 95 % quantile of a chi-square variable with three degrees of freedom."""
 
 EXACT = 1e-6
 """Relative difference up to which rates are one."""
@@ -42,12 +53,13 @@ class WrenchEstimate:
         t: Time from the log's start [s].
         wrench: Force and moment.
         half_width: Half-width of their 95 % intervals.
+        force_half_width: Half-width of 95 % intervals of the force along its own direction, shape
+            `(N,)` [N]; simultaneous ones, as the direction is estimated too [Scheffe1959].
         torque: External efforts, shape `(N, n)` [Nm; N].
         torque_half_width: Half-width of 95 % intervals of efforts that nothing external makes.
         least_data_share: Share of the expected variance that efforts remove, along the direction
             in which they remove least, 0 to 1, shape `(N,)`.
-        data_share: The same of each component, shape `(N, 6)`.
-        learned: Mean over time of `learned_of`, shape `(6, 6)`.
+        learned: See `learned_of`, shape `(N, 6, 6)`.
         condition: Condition number of the Jacobian, shape `(N,)`.
     """
 
@@ -63,17 +75,48 @@ class WrenchEstimate:
     t: Array
     wrench: Array
     half_width: Array
+    force_half_width: Array
     torque: Array
     torque_half_width: Array
     least_data_share: Array
-    data_share: Array
     learned: Array
     condition: Array
 
     @property
+    def force(self) -> Array:
+        """Size of the force, shape `(N,)` [N]."""
+        return np.asarray(np.linalg.norm(self.wrench[:, :3], axis=1))
+
+    @property
+    def pushed(self) -> NDArray[np.bool_]:
+        """Whether the force differs from zero, shape `(N,)`."""
+        return self.force > self.force_half_width
+
+    @property
+    def largest(self) -> int:
+        """Sample of the largest force: of those that differ from zero, if any does."""
+        counted = self.pushed if self.pushed.any() else np.ones_like(self.pushed)
+        return int(np.argmax(np.where(counted, self.force, 0.0)))
+
+    @property
+    def data_share(self) -> Array:
+        """Share of the expected variance that efforts remove, of each component, `(N, 6)`."""
+        return np.diagonal(self.learned, axis1=1, axis2=2)
+
+    @property
+    def assumed_zero(self) -> NDArray[np.bool_]:
+        """Components that are zero by assumption, shape `(6,)`."""
+        zero = self.expected.variances == 0.0
+        return np.asarray(zero & (self.method != InverseJacobian.name))
+
+    @property
     def unobservable(self) -> tuple[Array, ...]:
         """Directions that are not observable over the run; see `unobservable_directions`."""
-        return unobservable_directions(self.learned, self.expected)
+        return unobservable_directions(self.learned.mean(axis=0), self.expected)
+
+    def unobservable_share(self, direction: Array) -> float:
+        """Share of the samples at which a direction of `unobservable` is not observable."""
+        return float(np.mean(direction @ self.learned @ direction < OBSERVABLE))
 
     @property
     def partly_unobservable(self) -> float:
@@ -107,38 +150,42 @@ def estimated_wrench(
 
     Raises:
         ModelError: There is no such frame, or no joint moves it.
-        DataError: The log's rate is less than ten times the bandwidth.
-        LogError: The efforts lack gravity or friction that the model predicts.
+        DataError: The log's rate is less than ten times the bandwidth, or the log is too short for
+            it.
+        LogError: The efforts lack gravity or friction that the model predicts, or the model does
+            not explain them; see `refuse_other_efforts`.
         Stopped: `progress` requested a stop.
     """
     place = moved_frame(identified.robot, frame)
     chosen = _bandwidth(identified, run, bandwidth)
     whole = replace(run, span=(-np.inf, np.inf))
-    refuse_without(residual_trace(identified, run, chosen), np.asarray(identified.estimate.sigma))
+    sigma = np.asarray(identified.estimate.sigma)
     method = Smoothed() if method is None else method
+    pushes = _expected_efforts(identified, whole, method.expected)
+    refuse_other_efforts(residual_trace(identified, run, chosen), sigma, identified.joints, pushes)
     quantity = observed_quantity(place, axes, identified.base.independent)
     source = EffortSource(identified, quantity, residual, chosen)
-    parts, learned = [], np.zeros((6, 6))
+    parts = []
     expected, length = method.expected, sum(s.samples for s in whole.segments) / run.rate
     known, done = expected.variances > 0.0, 0.0
     for stretch in source.stretches(whole):
         tell(progress, "estimating the wrench", done, length)
         efforts, found = stretch.efforts, method(stretch.efforts)
-        learned += found.learned.sum(axis=0)
         done += len(stretch.t) * efforts.step
         parts.append(
             (
                 stretch.t,
                 found.values,
                 _half_width(found.covariance),
+                _force_half_width(found),
                 efforts.torque,
                 _half_width(efforts.covariance),
                 np.linalg.eigvalsh(found.learned[:, known][:, :, known])[:, 0],
-                np.diagonal(found.learned, axis1=1, axis2=2),
+                found.learned,
                 condition_numbers(efforts.jacobian),
             )
         )
-    t, wrench, half, torque, torque_half, least, data_share, condition = (
+    t, wrench, half, force_half, torque, torque_half, least, learned, condition = (
         np.concatenate(some) for some in zip(*parts, strict=True)
     )
     return WrenchEstimate(
@@ -154,13 +201,25 @@ def estimated_wrench(
         t=t,
         wrench=wrench,
         half_width=half,
+        force_half_width=force_half,
         torque=torque,
         torque_half_width=torque_half,
         least_data_share=least,
-        data_share=data_share,
-        learned=learned / len(t),
+        learned=learned,
         condition=condition,
     )
+
+
+def _expected_efforts(identified: IdentifiedModel, run: Run, expected: Expected) -> Array:
+    """Standard deviation of what wrenches of the expected size make on the robot's end, `(n,)`.
+
+    In Nm or N, along a run; a wrench on another frame makes less.
+    """
+    frame = moved_frame(identified.robot, None).name
+    q = np.concatenate([block.q[:, :: max(1, int(run.rate))].T for block in run.blocks()])
+    jacobian = identified.jacobian(q, frame)
+    squares = np.einsum("tij,i,tij->j", jacobian, expected.variances, jacobian)
+    return np.asarray(np.sqrt(squares / len(q)))
 
 
 def _half_width(covariance: Array) -> Array:
@@ -168,10 +227,30 @@ def _half_width(covariance: Array) -> Array:
     return np.asarray(Z95 * np.sqrt(np.maximum(diagonal, 0.0)))
 
 
+def _force_half_width(found: Wrenches) -> Array:
+    """See `WrenchEstimate.force_half_width`; of a force of zero, the widest."""
+    force, covariance = found.values[:, :3], found.covariance[:, :3, :3]
+    square = np.sum(np.square(force), axis=1)
+    along = np.einsum("ti,tij,tj->t", force, covariance, force)
+    widest = np.linalg.eigvalsh(covariance)[:, -1]
+    variance = np.divide(along, square, out=widest, where=square > 0.0)
+    return np.asarray(SIMULTANEOUS * np.sqrt(np.maximum(variance, 0.0)))
+
+
 def _bandwidth(identified: IdentifiedModel, run: Run, requested: float | None) -> float:
     if requested is None:
         return min(identified.cutoffs.score, run.rate / PER_PERIOD)
     check_bandwidth(requested)
+    need = FORGOTTEN / (2.0 * np.pi * requested)
+    longest = max(segment.samples for segment in run.segments) / run.rate
+    if longest < need:
+        raise DataError(
+            f"the log has {longest:.3g} s without a gap, too short for a bandwidth of "
+            f"{requested:g} Hz (--bandwidth)",
+            where=run.name,
+            fix=f"choose a bandwidth of at least {FORGOTTEN / (2.0 * np.pi * longest):.2g} Hz, or "
+            f"log for {need:.3g} s or more",
+        )
     if run.rate < (1.0 - EXACT) * PER_PERIOD * requested:
         raise DataError(
             f"samples at {run.rate:g} Hz are too few for a bandwidth of {requested:g} Hz",

@@ -57,7 +57,7 @@ class Smoothed:
         if not 0.0 < self.duration < np.inf:
             raise DataError(
                 f"{self.duration:g} s is no duration of a push",
-                where="expected wrench",
+                where="expected wrench (--duration)",
                 fix="give a time above zero, such as 1 s",
             )
 
@@ -101,10 +101,10 @@ class Smoothed:
         return values, covariances[:, :6, :6] + spread @ spread.swapaxes(1, 2)
 
     def _averaged(self, size: Array, step: float) -> Array:
-        """Mean over a window as long as a push, within limits."""
+        """Mean over a window as long as a push, or twice the stretch, within limits."""
         from scipy.ndimage import uniform_filter1d
 
-        window = 2 * max(1, round(0.5 * self.duration / step)) + 1
+        window = 2 * max(1, round(min(0.5 * self.duration / step, len(size)))) + 1
         return np.asarray(np.clip(uniform_filter1d(size, window, mode="nearest"), LEAST, MOST))
 
 

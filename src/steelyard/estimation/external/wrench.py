@@ -24,6 +24,9 @@ FORCE = 30.0
 LEVER = 0.1
 """Expected distance of a force from the frame's origin [m]."""
 
+FORCES, LEVERS = (0.1, 1e5), (0.0, 100.0)
+"""Range of expected forces [N] and levers [m]."""
+
 TINY = 1e-12
 """Singular values of a Jacobian below this share of the largest are zero."""
 
@@ -41,13 +44,17 @@ class Expected:
     lever: float = LEVER
 
     def __post_init__(self) -> None:
-        if not (0.0 < self.force < np.inf and 0.0 <= self.lever < np.inf):
-            raise DataError(
-                f"a force of {self.force:g} N with a lever of {self.lever:g} m is no expected size",
-                where="expected wrench",
-                fix="give the size of a usual force, such as 30 N, and how far from the frame's "
-                "origin it acts, such as 0.1 m",
-            )
+        for name, value, (least, most), unit, usual in (
+            ("force", self.force, FORCES, "N", "the size of a usual force, such as 30 N"),
+            ("lever", self.lever, LEVERS, "m", "how far from the frame's origin, such as 0.1 m"),
+        ):
+            if not least <= value <= most:
+                raise DataError(
+                    f"a {name} of {value:g} {unit} is no expected size: {least:g} to {most:g} "
+                    f"{unit} can be expected",
+                    where=f"expected wrench (--{name})",
+                    fix=f"give {usual}",
+                )
 
     @property
     def variances(self) -> Array:

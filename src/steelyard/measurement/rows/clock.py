@@ -67,7 +67,14 @@ def learn_clock(recording: Recording) -> Clock:
     Raises:
         LogError: Time does not increase.
     """
-    steps = np.diff(_head_times(recording))
+    times = _head_times(recording)
+    if len(times) == 1:
+        raise LogError(
+            "the log has one row",
+            where=recording.where,
+            fix="record for longer, or widen the window",
+        )
+    steps = np.diff(times)
     forward = steps[steps > 0.0]
     if len(forward) == 0 or 2 * len(forward) < np.count_nonzero(steps):
         raise not_increasing(recording)
