@@ -288,10 +288,7 @@ def render_wrench(content: WrenchContent) -> str:
     over_time = {
         **empty,
         "legend": [Key("--measured", "estimate"), Key("--interval", "95 % interval", "area")],
-        "groups": [
-            Group([_component(found, k) for k in range(3)], columns="one"),
-            Group([_component(found, k) for k in range(3, 6)], columns="one"),
-        ],
+        "groups": [Group([_component(found, k) for k in range(6)], columns="one")],
     }
     observability = {
         **empty,
