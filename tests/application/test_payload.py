@@ -19,6 +19,7 @@ from steelyard.estimation.payload.load import PayloadEstimate
 from steelyard.estimation.payload.load_case import drifting
 from steelyard.model import Model
 from steelyard.regression.information import Information, Signature
+from steelyard.report.terminal.payload import headline
 from steelyard.robot.inertia import Inertia
 from steelyard.robot_file.signals import Signals
 from steelyard.terms.laws.rigid_body import RigidBody
@@ -231,6 +232,17 @@ def test_a_noisy_payload_is_a_body_that_can_exist() -> None:
     found = identify_payload(model_of(run(1, noise=2.0)), [run(2, LOAD, noise=2.0)], "tool")
     assert found.flaw is None and found.to_dict()["possible_body"] is True
     assert found.chi_squared > 0.0
+
+
+def test_gains_too_small_ask_for_a_negative_mass() -> None:
+    weaker = replace(EXACT, signals=replace(SIGNALS, gains=0.8 * GAINS))
+    found = identify_payload(weaker, [run(2, noise=0.01)], "tool")
+    assert found.negative_mass is not None and found.negative_mass < 0.0 <= found.mass
+    assert f"a negative mass of about {found.negative_mass:.2g} kg: gains, tool" in found.remarks[0]
+    assert headline(found).startswith("No payload: the data ask for a negative mass of about -")
+    assert found.to_dict()["negative_mass"] == found.negative_mass
+    right = identify_payload(EXACT, [run(2, LOAD, noise=0.01)], "tool")
+    assert right.negative_mass is None and "negative" not in " ".join(right.remarks)
 
 
 def test_a_large_cost_of_the_physical_constraint_is_reported() -> None:

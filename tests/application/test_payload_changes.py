@@ -30,16 +30,23 @@ def correlated(rng: np.random.Generator, count: int, memory: float) -> Array:
 
 
 def windows(
-    seed: int, count: int, carried: slice, *, memory: float = 0.0, gap: float = 0.0, at: int = 0
+    seed: int,
+    count: int,
+    carried: slice,
+    *,
+    memory: float = 0.0,
+    gap: float = 0.0,
+    at: int = 0,
+    load: Array = PHI,
 ) -> PayloadWindows:
-    """Windows of an arm that carries `PHI` for a while; a pause of `gap` before window `at`."""
+    """Windows of an arm that carries a load for a while; a pause of `gap` before window `at`."""
     rng = np.random.default_rng(seed)
     t = STEP * np.arange(count)
     phases = rng.uniform(0.0, 2.0 * np.pi, (3, 10))
     speeds = rng.uniform(0.5, 3.0, (3, 10))
     rows = 10.0 * np.sin(speeds * t[:, None, None] + phases)
     loads = np.zeros((count, 10))
-    loads[carried] = PHI
+    loads[carried] = load
     efforts = np.einsum("wij,wj->wi", rows, loads) + correlated(rng, count, memory)
     starts = t + np.where(np.arange(count) >= at, gap, 0.0)
     return PayloadWindows(
@@ -91,6 +98,23 @@ def test_a_payload_of_the_whole_log_is_no_change() -> None:
 def test_a_log_shorter_than_the_span_has_none() -> None:
     found: Changes = changes_of(windows(5, round(SPAN / STEP), slice(10, None)))
     assert found.changes == () and found.inflation == 1.0
+    assert found.least_mass == np.inf
+
+
+def test_changes_above_the_least_mass_are_found_and_smaller_ones_are_not() -> None:
+    least = changes_of(windows(6, 600, slice(0, 0))).least_mass
+    assert 0.0 < least < 1.0
+    for factor, count in ((1.5, 1), (0.4, 0)):
+        load = np.zeros(10)
+        load[0] = factor * least
+        assert len(changes_of(windows(6, 600, slice(300, None), load=load)).changes) == count
+
+
+def test_what_raises_the_threshold_raises_the_least_mass() -> None:
+    plain, alike = (
+        changes_of(windows(3, 3000, slice(0, 0), memory=memory)) for memory in (0.0, 0.9)
+    )
+    assert alike.least_mass > 1.5 * plain.least_mass
 
 
 def information(drift: float) -> Information:

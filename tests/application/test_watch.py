@@ -103,7 +103,7 @@ class Search:
             for t, kind in KINDS.items()
             if start + 3.0 < t < stop - 3.0
         )
-        return PayloadEvents("stream", "tool", "link", events, (), 0.1, 1.0, (), NO_MASS)
+        return PayloadEvents("stream", "tool", "link", events, (), 0.1, 1.0, 0.5, True, (), NO_MASS)
 
 
 def run_of(stream: PayloadStream, seconds: float) -> list[tuple[float, PayloadEvent]]:

@@ -63,7 +63,9 @@ def payload_events() -> PayloadEvents:
     )
     carried = (Carried(13.2, 53.8, load),)
     notes = ("drive gains are assumed known within 2 % each",)
-    return PayloadEvents("shift", "tool0", "flange", events, carried, 0.1, 3.0, notes, sliding)
+    return PayloadEvents(
+        "shift", "tool0", "flange", events, carried, 0.1, 3.0, 0.5, True, notes, sliding
+    )
 
 
 def health_content() -> HealthContent:

@@ -6,8 +6,10 @@ from dataclasses import replace
 import numpy as np
 from rich.console import Console
 
+from report.inspected import payload_events
 from steelyard.estimation.known_scales import KnownScales
 from steelyard.report import ReportContent, parameters_csv, render, summary
+from steelyard.report.terminal.payload import event_lines
 from steelyard.report.terminal.terminal import CSV_COLUMNS
 from steelyard.report.text.score_words import coverage_words
 from steelyard.report.text.verdict import verdict
@@ -147,3 +149,16 @@ def test_the_csv_of_broken_numbers_has_empty_cells(nasty):
 def test_bands_that_hold_less_than_they_promise_are_named():
     assert coverage_words(85.0, True) == "85.0\u00a0% of this log inside: less than stated"
     assert "less" not in coverage_words(92.0, True) + coverage_words(85.0, False)
+
+
+def test_no_change_of_payload_is_claimed_only_where_one_would_be_seen():
+    clear = replace(payload_events(), run="day", events=(), carried=(), notes=(), least_mass=0.451)
+    blind = replace(clear, least_mass=4.34, conclusive=False)
+    lines = []
+    for found in (clear, blind):
+        console = Console(file=io.StringIO(), width=200)
+        event_lines([found], console)
+        lines.append(console.file.getvalue())
+    assert lines[0] == "day: no change of payload by 0.45 kg or more\n"
+    assert "day: cannot tell whether the payload changes: one by less than 4.3 kg" in lines[1]
+    assert "no change" not in lines[1]

@@ -1,6 +1,7 @@
 """Logs whose efforts are not those of the model: of another kind, of another robot, with a load."""
 
 from collections.abc import Sequence
+from math import floor
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,8 +115,8 @@ def refuse_unexplained(
     if residual > LARGE**2 and residual > (1.0 - least) * measured:
         share = max(0.0, 1.0 - residual / measured)
         raise LogError(
-            f"the model{beside} explains {100.0 * share:.0f} % of the squared efforts of this log, "
-            f"less than {100.0 * least:.0f} %",
+            f"the model{beside} explains {floor(1000.0 * share) / 10.0:g} % of the squared efforts "
+            f"of this log, less than {100.0 * least:.0f} %",
             where=run,
             fix="give a log of the robot that the model is of, with the same signals, units, tool "
             "and payload; steelyard check names what differs",

@@ -132,15 +132,17 @@ class PayloadWindows:
     def _sums(self) -> tuple[Array, Array]:
         return _cumulated(self.matrix), _cumulated(self.vector)
 
-    def statistic(self) -> tuple[Array, Array]:
-        """`D` at the start of every window, and what it is expected to be by white noise, `(w,)`.
+    def statistic(self) -> tuple[Array, Array, Array]:
+        """`D` at the start of every window, what it is expected to be by white noise, `(w,)`.
 
-        Zero where a side has less than the span.
+        Both are zero and one where a side has less than the span. The third is what a change by 1
+        kg at the frame's origin adds to `D`, zero there likewise.
         """
         count = round(SPAN / STEP)
         values, expected = np.zeros(len(self.starts)), np.ones(len(self.starts))
+        of_mass = np.zeros(len(self.starts))
         if len(self.starts) < 2 * count:
-            return values, expected
+            return values, expected, of_mass
         at = np.arange(count, len(self.starts) - count + 1)
         sides = []
         for first, last in ((at - count, at), (at, at + count)):
@@ -155,7 +157,8 @@ class PayloadWindows:
         kept = slice(len(at))
         values[at] = np.einsum("wi,wij,wj->w", change, inverse, change)[kept]
         expected[at] = np.trace(inverse @ (noise + more), axis1=1, axis2=2)[kept]
-        return values, expected
+        of_mass[at] = inverse[kept, 0, 0]
+        return values, expected, of_mass
 
 
 @dataclass(frozen=True)
@@ -181,12 +184,15 @@ class Changes:
 
     Attributes:
         changes: In order of time.
+        least_mass: Change by a mass at the frame's origin that half of the places of the log show;
+            infinite if none does [kg].
         inflation: How many times larger the statistic is than by normal, white residuals.
         threshold: Squares that a change has to explain.
         sliding: The mass over time.
     """
 
     changes: tuple[Change, ...]
+    least_mass: float
     inflation: float
     threshold: float
     sliding: SlidingMass
@@ -248,7 +254,7 @@ def changes_of(windows: PayloadWindows) -> Changes:
     from scipy.stats import chi2
 
     windows = windows.damped()
-    values, expected = windows.statistic()
+    values, expected, of_mass = windows.statistic()
     tested = values > 0.0
     freedom = float(np.median(expected[tested])) if tested.any() else 10.0
     surprise = float(chi2.isf(ALARMS * STEP / 3600.0, freedom))
@@ -268,7 +274,10 @@ def changes_of(windows: PayloadWindows) -> Changes:
         ratio = _explained(windows, place, low, high) / threshold
         time = 0.5 * float(windows.stops[place - 1] + windows.starts[place])
         changes.append(Change(time, earliest, latest, ratio))
-    return Changes(tuple(changes), inflation, threshold, windows.sliding_mass(inflation))
+    shown = of_mass[tested] * freedom / expected[tested] / threshold
+    least_mass = float(np.median(shown)) ** -0.5 if tested.any() else np.inf
+    sliding = windows.sliding_mass(inflation)
+    return Changes(tuple(changes), least_mass, inflation, threshold, sliding)
 
 
 def _peaks(values: Array, threshold: float, apart: int) -> list[int]:

@@ -96,6 +96,9 @@ class PayloadEvents:
         carried: What is carried, in order of time.
         alarms_per_hour: False events that the threshold allows.
         inflation: How many times larger the statistic is than by normal, white residuals.
+        least_mass: Change by a mass at the frame's origin that half of the log would show [kg].
+        conclusive: Whether changes are found, or one by as much as a payload may have
+            (`SHARE`) would be.
         notes: What was taken for granted, for people to read.
         sliding: The mass over time.
     """
@@ -107,6 +110,8 @@ class PayloadEvents:
     carried: tuple[Carried, ...]
     alarms_per_hour: float
     inflation: float
+    least_mass: float
+    conclusive: bool
     notes: tuple[str, ...]
     sliding: SlidingMass
 
@@ -123,6 +128,8 @@ class PayloadEvents:
             ],
             "alarms_per_hour": self.alarms_per_hour,
             "residual_inflation": self.inflation,
+            "least_mass": self.least_mass if np.isfinite(self.least_mass) else None,
+            "conclusive": self.conclusive,
             "notes": list(self.notes),
         }
 
@@ -194,16 +201,21 @@ def find_payload_events(
         carried,
         ALARMS,
         found.inflation,
+        found.least_mass,
+        bool(events) or found.least_mass <= _largest_payload(identified),
         _notes(found, carried),
         found.sliding,
     )
 
 
 def _notes(found: Changes, carried: tuple[Carried, ...]) -> tuple[str, ...]:
-    """How an event is decided, and what the masses rest on."""
+    """How an event is decided, which would be seen, and what the masses rest on."""
+    digits = 0 if found.inflation >= 10.0 else 1
     return (
         f"threshold for {ALARMS:g} false events per hour; residuals along the log make the "
-        f"statistic {found.inflation:.2g} times larger than normal, white ones would",
+        f"statistic {found.inflation:.{digits}f} times larger than normal, white ones would",
+        f"smallest change of the mass that would be seen: {found.least_mass:.2g} kg (at the "
+        "frame's origin, in half of the log)",
         *(carried[0].payload.notes if carried else ()),
     )
 
@@ -320,16 +332,20 @@ def _changes(
             where=samples.sources[0].run,
             fix=f"give a log with at least {LEAST * SPAN:g} s of motion, or weigh without --when",
         )
-    size = SHARE * sum(body.inertia.mass for body in identified.model.robot.bodies)
     return changes_of(
         payload_windows(
             information,
             len(moving),
             deviations,
             np.square(identified.estimate.sigma),
-            max(size, 1.0),
+            _largest_payload(identified),
         )
     )
+
+
+def _largest_payload(identified: IdentifiedModel) -> float:
+    """Mass that a payload may have [kg]."""
+    return max(SHARE * sum(body.inertia.mass for body in identified.model.robot.bodies), 1.0)
 
 
 def _short_windows(

@@ -35,7 +35,7 @@ def render_payload_events(found: Sequence[PayloadEvents], robot: str) -> str:
     for number, one in enumerate(found, start=1):
         content = {
             "title": one.run,
-            "words": f"{one.run}: {counted_changes(len(one.events))}. Frame '{one.frame}'.",
+            "words": f"{one.run}: {counted_changes(one)}. Frame '{one.frame}'.",
             "tables": _tables(one),
             "folded": "",
             "legend": LEGEND,

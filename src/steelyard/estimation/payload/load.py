@@ -14,6 +14,9 @@ from steelyard.robot.robot import Frame, Robot
 NOISE = 18.3
 """95 % quantile of the rise of χ² that noise explains: that of ten degrees of freedom."""
 
+BEYOND_DOUBT = 3.0
+"""Standard deviations below zero from which on the data ask for a negative mass."""
+
 
 @dataclass(frozen=True, eq=False)
 class PayloadEstimate:
@@ -30,6 +33,7 @@ class PayloadEstimate:
         n_samples: Filtered samples per effort row, shape `(rows,)`.
         notes: What was taken for granted, for people to read.
         chi_squared: Rise of the weighted squares by the constraint that the body can exist.
+        free_mass: Mass without this constraint [kg]; `None` if it is not known.
     """
 
     frame: str
@@ -40,6 +44,7 @@ class PayloadEstimate:
     n_samples: Array
     notes: tuple[str, ...] = ()
     chi_squared: float = 0.0
+    free_mass: float | None = None
 
     @property
     def inertia(self) -> Inertia:
@@ -88,6 +93,12 @@ class PayloadEstimate:
         return bool(abs(self.mass) > self.half_width[0])
 
     @property
+    def negative_mass(self) -> float | None:
+        """Mass that the data ask for if it is negative beyond doubt [kg]; `None` otherwise."""
+        free, std = self.free_mass, float(np.sqrt(self.covariance[0, 0]))
+        return free if free is not None and free < -BEYOND_DOUBT * std else None
+
+    @property
     def flaw(self) -> str | None:
         """Why no real body has these numbers; `None` if one can, or no payload is seen."""
         if self.not_seen or not self.weighs:
@@ -102,6 +113,12 @@ class PayloadEstimate:
             found.append(f"not identifiable from these data: {', '.join(self.not_seen)}")
         if np.isnan(self.mass):
             return tuple(found)
+        if self.negative_mass is not None:
+            found.append(
+                f"without the constraint that the body can exist, the data ask for a negative mass "
+                f"of about {self.negative_mass:.2g} kg: gains, tool or model differ from those of "
+                "the model's logs"
+            )
         if not self.weighs:
             return (*found, "the interval of the mass contains zero: no payload is detected")
         moments, widths = np.diag(self.inertia_com), np.diag(self.inertia_com_half_width)
@@ -135,6 +152,7 @@ class PayloadEstimate:
             "link": self.body,
             "mass": _plain(self.mass),
             "mass_half_width": _plain(self.half_width[0]),
+            "negative_mass": self.negative_mass,
             "centre": _plain(self.com) if seen else None,
             "centre_half_width": _plain(self.com_half_width) if seen else None,
             "inertia_com": _plain(self.inertia_com) if seen else None,
@@ -190,6 +208,7 @@ def payload_of(
     n_samples: Array,
     notes: tuple[str, ...],
     chi_squared: float = 0.0,
+    free_mass: float | None = None,
 ) -> PayloadEstimate:
     """The estimate, with what the covariance knows nothing of taken out of the values.
 
@@ -207,6 +226,7 @@ def payload_of(
         frozen(n_samples),
         notes,
         chi_squared,
+        free_mass,
     )
 
 

@@ -128,6 +128,7 @@ def weighed(
             *_scale_notes(gain, of_scales, body.covariance),
         ),
         body.chi_squared,
+        float(free[0]),
     )
 
 

@@ -49,7 +49,7 @@ def event_lines(found: Sequence[PayloadEvents], console: Console) -> None:
     from rich.text import Text
 
     for one in found:
-        console.print(Text(f"{one.run}: {counted_changes(len(one.events))}", style="bold"))
+        console.print(Text(f"{one.run}: {counted_changes(one)}", style="bold"))
         for line in _happenings(one):
             console.print(Text(line))
     for note in dict.fromkeys(note for one in found for note in one.notes):
@@ -75,6 +75,10 @@ def headline(estimate: PayloadEstimate) -> str:
     if not half:
         return "The mass of the payload is not identifiable from these logs"
     found = f"{mass} ± {half} kg (95 % interval)"
+    if estimate.negative_mass is not None:
+        return (
+            f"No payload: the data ask for a negative mass of about {estimate.negative_mass:.2g} kg"
+        )
     return f"Payload: {found}" if estimate.weighs else f"No payload detected: {found}"
 
 

@@ -1,6 +1,12 @@
 """Masses with their intervals, and numbers of changes, in words."""
 
+from __future__ import annotations
+
 from math import floor, isfinite, log10
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from steelyard.application.payload_events import PayloadEvents
 
 
 def rounded(value: float, half: float) -> tuple[str, str]:
@@ -17,6 +23,14 @@ def with_interval(value: float, half: float) -> str:
     return f"{number} ± {width}" if width else number
 
 
-def counted_changes(count: int) -> str:
-    """How many changes of the payload there are."""
-    return f"{count} change{'s' * (count > 1)} of the payload" if count else "no change of payload"
+def counted_changes(found: PayloadEvents) -> str:
+    """How many changes of the payload there are, or which would be seen."""
+    count, least = len(found.events), f"{found.least_mass:.2g} kg"
+    if count:
+        return f"{count} change{'s' * (count > 1)} of the payload"
+    if found.conclusive:
+        return f"no change of payload by {least} or more"
+    return (
+        f"cannot tell whether the payload changes: one by less than {least} would not be seen; the "
+        "model does not describe this log (steelyard check names what differs)"
+    )
