@@ -11,10 +11,8 @@ from steelyard.application.health import (
     Change,
     changes_of,
     minutes,
-    refuse_reversed,
 )
 from steelyard.application.health_windows import Quantity, Series
-from steelyard.errors import LogError
 
 NAMES = ("mon", "tue", "wed", "thu", "fri")
 
@@ -132,19 +130,6 @@ def test_a_large_difference_of_a_single_window_is_unproven_not_absent() -> None:
 def test_what_is_a_drift_is_not_unproven() -> None:
     found = changes_of([series([np.zeros(20), np.full(20, 2.0)], seed=6)], NAMES)
     assert named(found) and not [change for change in found if change.unproven]
-
-
-def test_a_reversed_effort_is_refused() -> None:
-    levels: dict[Quantity, float] = {"effort scale": -2.0, "dry friction": -1.9}
-    logs = [np.zeros(8), np.full(8, 1.0)]
-    both = [
-        series([level * log for log in logs], quantity=quantity)
-        for quantity, level in levels.items()
-    ]
-    with pytest.raises(LogError, match="effort of elbow has the reversed sign .effort scale -2"):
-        refuse_reversed(both, NAMES[:2])
-    refuse_reversed(both[:1], NAMES[:2])
-    refuse_reversed([both[0], series([np.zeros(8), np.zeros(8)])], NAMES[:2])
 
 
 def test_sizes_have_the_digits_of_their_intervals() -> None:

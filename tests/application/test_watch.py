@@ -8,6 +8,7 @@ from steelyard.application.contact import ContactEvent, contacts_in
 from steelyard.application.payload_changes import SlidingMass
 from steelyard.application.payload_events import Kind, PayloadEvent, PayloadEvents
 from steelyard.application.watch.contact_stream import ContactStart, ContactStream, ContactTest
+from steelyard.application.watch.doubt import Doubt
 from steelyard.application.watch.payload_stream import FIRST, PERIOD, SPAN, PayloadStream
 from steelyard.arrays import Array
 from steelyard.errors import DataError
@@ -130,3 +131,19 @@ def test_a_search_that_fails_is_no_change_and_is_said() -> None:
     assert run_of(stream, 12.5) == []
     assert stream.failed == "" and stream.searches == 1
     assert stream.state is not None and stream.state.mass == 0.0
+
+
+def test_lasting_residuals_are_doubted_and_a_push_is_not() -> None:
+    measured, push = np.array([40.0, 20.0]), np.array([20.0, 0.0])
+    doubt = Doubt(np.ones(2))
+    for k in range(2000):
+        pushed = 400 <= k < 800
+        doubt.step(0.01, pushed, push if pushed else 0.1 * push, measured)
+    assert doubt.text == ""
+    for _ in range(2000):
+        doubt.step(0.01, True, 0.5 * push, measured)
+    assert doubt.text.startswith("residuals exceed their thresholds in 24 of 40 s: other efforts")
+    little = Doubt(np.ones(2))
+    for _ in range(600):
+        little.step(0.01, False, measured, measured)
+    assert little.text.startswith("the model explains 0 % of the squared efforts of 6 s")

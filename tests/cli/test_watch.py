@@ -125,6 +125,42 @@ def test_broken_rows_are_said_once_and_counted(
     assert summary["gaps"] == 2
 
 
+def test_other_efforts_are_noted_once_and_in_the_summary(
+    given: Path, pushed: Path, identified: Path, command: Command, tmp_path: Path
+) -> None:
+    log = given / "identification.csv"
+    _, efforts = columns(log)
+    header, *rows = log.read_text().splitlines()
+    names = header.split(",")
+    values = np.array([row.split(",") for row in rows], dtype=float)
+    values[:, [names.index(name) for name in efforts]] *= -1.0
+    path = tmp_path / "reversed.csv"
+    lines = (",".join(f"{x:.9g}" for x in row) for row in values)
+    path.write_text("\n".join([header, *lines]))
+    done = command("watch", identified, "--from", path, "--json", *AT_ONCE)
+    assert done.exit_code == 0, done.output
+    notes = [one["text"] for one in printed(done.stdout, "note")]
+    assert sum("are likelier than contact" in note for note in notes) == 1
+    (summary,) = printed(done.stdout, "summary")
+    assert "the model explains 0 % of the squared efforts" in summary["doubt"]
+    text = command("watch", identified, "--from", path, *AT_ONCE).stdout
+    assert text.count("are likelier than contact") == 2
+    free = command("watch", identified, "--from", pushed, "--json", *AT_ONCE).stdout
+    assert printed(free, "summary")[0]["doubt"] is None
+
+
+def test_a_stream_without_usable_rows_is_an_error(
+    pushed: Path, identified: Path, command: Command, tmp_path: Path
+) -> None:
+    header, *rows = pushed.read_text().splitlines()
+    path = tmp_path / "backwards.csv"
+    path.write_text("\n".join([header, *rows[::-1]]))
+    done = command("watch", identified, "--from", path, *AT_ONCE)
+    assert done.exit_code == 2 and "no contacts" not in done.stdout
+    words = f"nothing was watched: {len(rows) - 1} of {len(rows)} rows are left out ("
+    assert words in done.stderr and "with a time stamp before the previous one" in done.stderr
+
+
 def test_calibration_on_logs_of_the_stream(
     given: Path, pushed: Path, identified: Path, command: Command
 ) -> None:

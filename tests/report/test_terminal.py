@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from rich.console import Console
 
-from report.inspected import payload_events
+from report.inspected import contact_content, payload_events
 from steelyard.estimation.known_scales import KnownScales
 from steelyard.report import ReportContent, parameters_csv, render, summary
 from steelyard.report.terminal.payload import event_lines
@@ -162,3 +162,15 @@ def test_no_change_of_payload_is_claimed_only_where_one_would_be_seen():
     assert lines[0] == "day: no change of payload by 0.45 kg or more\n"
     assert "day: cannot tell whether the payload changes: one by less than 4.3 kg" in lines[1]
     assert "no change" not in lines[1]
+
+
+def test_a_standing_robot_is_named_with_the_pushes_that_are_visible():
+    moving = replace(contact_content(), events=())
+    still = np.zeros_like(moving.trace.fastest)
+    resting = replace(moving, trace=replace(moving.trace, fastest=still, slowest=still))
+    assert moving.headline == "No contact in 20.0 s of shift"
+    assert resting.headline == "No contact in 20.0 s of shift, in which the robot stands"
+    words = "at rest only pushes above these thresholds are visible: "
+    visible = "shoulder_lift_joint 9.0 Nm, a_joint_with_a_name_that_is_rather_long 12 N"
+    assert any(warning.endswith(f"{words}{visible}") for warning in resting.warnings)
+    assert not any("no joint moves" in warning for warning in moving.warnings)

@@ -15,7 +15,6 @@ import numpy as np
 
 from steelyard.application.health_windows import Quantity, Series
 from steelyard.arrays import Array
-from steelyard.errors import LogError
 from steelyard.estimation.estimate import Z95
 
 Shape = Literal["settles", "steps within", "steps", "drifts", "differs"]
@@ -49,9 +48,6 @@ UNKNOWN = 4.0
 CLEAR = 3.0
 """Half-widths from which on a large change is reported even where windows are too few for
 significance."""
-
-REVERSED: tuple[Quantity, Quantity] = ("effort scale", "dry friction")
-"""Quantities that both are below -100 % where a joint's effort has the reversed sign."""
 
 
 @dataclass(frozen=True)
@@ -104,16 +100,11 @@ class Change:
         if self.unit:
             digits = min(12, max(0, 1 - floor(log10(max(self.half_width, 1e-12)))))
             return f"{self.size:+.{digits}f} ± {self.half_width:.{digits}f} {self.unit}"
-        return percent_text(self.size, self.half_width)
+        return f"{round(100.0 * self.size):+d} ± {100.0 * self.half_width:.0f} %"
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
         return {**vars(self), "logs": list(self.logs), "when": self.when}
-
-
-def percent_text(size: float, half_width: float) -> str:
-    """A relative change with its interval, for people to read."""
-    return f"{round(100.0 * size):+d} ± {100.0 * half_width:.0f} %"
 
 
 def minutes(seconds: float | None) -> str:
@@ -133,42 +124,6 @@ def changes_of(series: Sequence[Series], names: Sequence[str]) -> tuple[Change, 
     tests = max(1, len(series) * (len(names) + 2))
     found = [change for one in series for change in _tested(one, names, tests)]
     return tuple(sorted(found, key=lambda change: (not change.matters, change.p)))
-
-
-def refuse_reversed(series: Sequence[Series], names: Sequence[str]) -> None:
-    """The efforts of all joints have the sign that they had when the model was identified.
-
-    Args:
-        series: All quantities.
-        names: Names of the logs, in the order of time.
-
-    Raises:
-        LogError: Effort scale and dry friction of a joint are below -100 %, one beyond doubt.
-    """
-    by = {(one.joint, one.quantity): one for one in series}
-    for joint in dict.fromkeys(one.joint for one in series):
-        own = [by[joint, quantity] for quantity in REVERSED if (joint, quantity) in by]
-        for number, name in enumerate(names):
-            levels = [_level(one, number) for one in own if (one.log == number).any()]
-            certain = any(level + half < -1.0 for level, half in levels)
-            if len(levels) == len(REVERSED) and certain and all(x < -1.0 for x, _ in levels):
-                found = zip(REVERSED, levels, strict=True)
-                words = ", ".join(f"{quantity} {percent_text(*x)}" for quantity, x in found)
-                raise LogError(
-                    f"the effort of {joint} has the reversed sign ({words} from the model)",
-                    where=name,
-                    fix="log efforts with the signs of the logs that the model was identified "
-                    "from; steelyard check names what differs",
-                )
-
-
-def _level(one: Series, log: int) -> tuple[float, float]:
-    """Mean change in a log, and half-width of its 95 % interval, the model's errors included."""
-    mine = one.log == log
-    std = one.std[mine] * np.sqrt(_inflation(one))
-    fit = _fit(np.ones((len(std), 1)), one.value[mine], std)
-    apart = OTHER_MOTION * float(np.median(one.single[mine]))
-    return float(fit.values[0]), Z95 * float(np.sqrt(fit.covariance[0, 0] + apart**2))
 
 
 @dataclass(frozen=True, eq=False)

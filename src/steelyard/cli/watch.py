@@ -166,8 +166,9 @@ def watch(
                     files.flush()
                 if interrupt.stop_requested():
                     break
+            watcher.refuse_unusable(source)
         finally:
-            if watcher.observer.steps:
+            if watcher.observer.steps > watcher.observer.gaps:
                 for happening in watcher.end():
                     emit(happening)
                 summary = watcher.summary

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from steelyard.application.health import Change, changes_of, refuse_reversed
+from steelyard.application.health import Change, changes_of
 from steelyard.application.health_windows import series_of, windowed
 from steelyard.application.other_efforts import refuse_other_efforts
 from steelyard.application.unknown_payload import payload_words, unknown_payload
@@ -135,7 +135,6 @@ def health(
             where=", ".join(names),
             fix="give longer logs, or motion in both directions at several speeds and postures",
         )
-    refuse_reversed(series, names)
     robot = identified.model.robot
     content = HealthContent(
         robot=robot.name,

@@ -13,7 +13,7 @@ from steelyard.report.figures import Figure, Group, Key, area, line
 from steelyard.report.html import fill
 from steelyard.report.page import Shown, page_of
 from steelyard.report.sections.tables import PlainTable, Row, narrow_table
-from steelyard.report.text.words import NONE, significant
+from steelyard.report.text.words import NONE, signed, significant
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -75,11 +75,17 @@ class ContactContent:
     details: tuple[str, ...]
 
     @property
+    def stands(self) -> bool:
+        """Whether no joint moves in the log."""
+        return not (self.trace.fastest > self.thresholds.edges[:, :1]).any()
+
+    @property
     def headline(self) -> str:
-        """How many contacts there are."""
+        """How many contacts there are, and whether the robot moves."""
         count, duration = len(self.events), self.trace.duration
         many = {0: "No contact", 1: "1 contact"}.get(count, f"{count} contacts")
-        return f"{many} in {duration:.1f} s of {self.trace.run}"
+        stands = ", in which the robot stands" if self.stands else ""
+        return f"{many} in {duration:.1f} s of {self.trace.run}{stands}"
 
     @property
     def claim(self) -> str:
@@ -95,6 +101,8 @@ class ContactContent:
     def warnings(self) -> tuple[str, ...]:
         """What qualifies the result."""
         found = list(self.notes)
+        if self.stands:
+            found.append(self._visible_at_rest)
         if self.wanted is None and self.thresholds.rate > 1.0:
             found.append(
                 "1 false alarm per hour is more than this calibration supports: for it, give "
@@ -121,6 +129,17 @@ class ContactContent:
             found.append(f"no threshold, no free motion: {', '.join(unknown)}")
         return tuple(found)
 
+    @property
+    def _visible_at_rest(self) -> str:
+        """Pushes that show where the robot stands."""
+        limits = np.fmin(self.thresholds.limits[:, 0], self.thresholds.changes)
+        pushes = ", ".join(
+            f"{joint} {significant(float(limit), 2)} {unit}"
+            for joint, unit, limit in zip(self.joints, self.units, limits, strict=True)
+            if np.isfinite(limit)
+        )
+        return f"no joint moves: at rest only pushes above these thresholds are visible: {pushes}"
+
 
 def events_table(content: ContactContent) -> PlainTable:
     """One row per event."""
@@ -133,7 +152,7 @@ def events_table(content: ContactContent) -> PlainTable:
                     f"{event.start:.2f}",
                     f"{event.end - event.start:.2f}",
                     load.joint,
-                    f"{load.peak:+.3g} {load.unit}{' *' if load.change else ''}",
+                    f"{signed(load.peak)} {load.unit}{' *' if load.change else ''}",
                     f"{load.sigmas:.0f} σ",
                     event.place,
                     f"{load.ratio:.2g}",

@@ -80,6 +80,7 @@ def summary_record(summary: StreamSummary) -> dict[str, Any]:
         "payload_changes": summary.payload_changes,
         "largest_torque": list(summary.largest),
         "payload_not_sought": summary.payload,
+        "doubt": summary.doubt or None,
     }
 
 

@@ -9,8 +9,10 @@ import numpy as np
 from steelyard.application.contact import ContactEvent
 from steelyard.application.payload_events import PayloadEvent
 from steelyard.application.watch.contact_stream import ContactStart, ContactStream, ContactTest
+from steelyard.application.watch.doubt import Doubt
 from steelyard.application.watch.payload_stream import PayloadStream
 from steelyard.arrays import Array
+from steelyard.errors import LogError
 from steelyard.estimation.external.observer import Observer
 from steelyard.estimation.external.rest import rest_speed_of
 from steelyard.estimation.identified import IdentifiedModel
@@ -18,6 +20,9 @@ from steelyard.estimation.residual_peaks import ContactThresholds
 from steelyard.estimation.rest_changes import ChangeStepper
 from steelyard.measurement.sample_stream import SampleStream, StreamSample
 from steelyard.validation.friction.mixes import remembers
+
+LEAST_USED = 0.01
+"""Share of the samples that must follow another one without a pause."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +73,8 @@ class StreamSummary:
         contacts: Number of contacts.
         payload_changes: Number of changes of the payload.
         largest: Largest external effort of each joint by size [Nm; N].
-        payload: Why changes of the payload were not sought at last; empty if they were.
+        payload: Why the last search for changes of the payload was not possible; empty if it was.
+        doubt: Why residuals may be no contact; empty without doubt.
     """
 
     duration: float
@@ -79,6 +85,7 @@ class StreamSummary:
     payload_changes: int
     largest: tuple[float, ...]
     payload: str
+    doubt: str
 
 
 def rests_of(identified: IdentifiedModel) -> Array:
@@ -142,6 +149,7 @@ class Watcher:
         self._largest = np.zeros(robot.n)
         self._counts: Counter[str] = Counter()
         self._noted: set[object] = set()
+        self._doubt = Doubt(np.asarray(identified.estimate.sigma))
 
     def take(self, rows: Array) -> Iterator[Happening]:
         """Take consecutive rows of the columns `samples.columns`.
@@ -173,6 +181,31 @@ class Watcher:
             self._counts["payload"],
             tuple(self._largest.tolist()),
             failed,
+            self._doubt.text,
+        )
+
+    def refuse_unusable(self, source: str) -> None:
+        """Rows that arrived can be watched.
+
+        Args:
+            source: What they come from.
+
+        Raises:
+            LogError: All are left out, or come after pauses.
+        """
+        samples, left_out = self.observer.steps, self.samples.dropped.total()
+        if not samples + left_out or samples - self.observer.gaps > LEAST_USED * samples:
+            return
+        kinds = self.samples.dropped.items()
+        reasons = ", ".join(f"{count} with {verdict.reason}" for verdict, count in kinds)
+        why = [f"{left_out} of {samples + left_out} rows are left out ({reasons})"] * bool(left_out)
+        if samples:
+            why.append(f"{samples} {'comes' if samples == 1 else 'come'} alone or after a pause")
+        raise LogError(
+            f"nothing was watched: {'; '.join(why)}",
+            where=source,
+            fix="give rows in the order of time, with the columns and units of the robot file, "
+            "time_unit among them",
         )
 
     def _sample(self, sample: StreamSample) -> Iterator[Happening]:
@@ -192,6 +225,9 @@ class Watcher:
         if self._stepper is not None:
             for event in self._touched(sample, -torque, gap):
                 yield self._counted(event)
+        effort = self._gains * sample.effort
+        self._doubt.step(0.0 if gap else since, self._contact.active, torque, effort)
+        yield from self._once("doubt", self._doubt.text, bool(self._doubt.text))
         if self.payload is not None:
             for change in self.payload.step(sample.t, sample.row):
                 self._counts["payload"] += 1

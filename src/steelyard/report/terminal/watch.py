@@ -13,6 +13,7 @@ from steelyard.application.payload_events import PayloadEvent
 from steelyard.application.watch.contact_stream import ContactStart
 from steelyard.application.watch.watcher import StreamNote
 from steelyard.report.text.payload_words import rounded
+from steelyard.report.text.words import signed, significant
 
 if TYPE_CHECKING:
     from steelyard.application.watch.watcher import (
@@ -55,7 +56,8 @@ def happening_line(happening: Happening) -> str:
 def _load(load: JointLoad) -> str:
     """What a joint shows."""
     change = " change" if load.change else ""
-    return f"{load.joint} {load.peak:+.3g} {load.unit}{change}, {load.ratio:.2f} × threshold"
+    ratio = significant(load.ratio)
+    return f"{load.joint} {signed(load.peak)} {load.unit}{change}, {ratio} × threshold"
 
 
 def _line(time: float, what: str, text: str) -> str:
@@ -75,7 +77,7 @@ def state_line(watcher: Watcher) -> str:
         return "waiting for samples"
     parts = [f"{watcher.time:.1f} s"]
     if not isnan(watcher.ratio):
-        parts.append(f"largest residual {watcher.ratio:.2f} × threshold")
+        parts.append(f"largest residual {significant(watcher.ratio)} × threshold")
     if watcher.frame is not None:
         force, half = watcher.observer.wrench[:3], watcher.observer.half_width[:3]
         parts.append(f"force {np.linalg.norm(force):.0f} ± {np.linalg.norm(half):.0f} N")
@@ -93,12 +95,15 @@ def summary_lines(
     """The end of a stream."""
     rate = summary.samples / summary.duration if summary.duration else 0.0
     yield (
-        f"{summary.duration:.1f} s, {summary.samples} samples ({rate:.0f} a second): "
+        f"{summary.duration:.1f} s, {_counted(summary.samples, 'sample')} ({rate:.0f} a second): "
         f"{_counted(summary.contacts, 'contact')}, "
         f"{_counted(summary.payload_changes, 'change')} of the payload"
     )
     largest = zip(joints, summary.largest, units, strict=True)
-    yield f"largest external torque: {', '.join(f'{j} {x:.3g} {u}' for j, x, u in largest)}"
+    sizes = ", ".join(f"{joint} {significant(size)} {unit}" for joint, size, unit in largest)
+    yield f"largest external torque: {sizes}"
+    if summary.doubt:
+        yield summary.doubt
     if summary.dropped:
         rows = ", ".join(f"{count} for {why}" for why, count in summary.dropped.items())
         yield f"rows left out: {rows}"

@@ -35,6 +35,11 @@ def significant(value: float | None, digits: int = 3) -> str:
     return f"{value:,.{_decimals(value, digits)}f}".replace(",", "\u00a0")
 
 
+def signed(value: float) -> str:
+    """A number with its sign and three digits."""
+    return f"{'+' if value > 0.0 else ''}{significant(value)}"
+
+
 def percent(value: float | None) -> str:
     """A percentage with its sign, like `5.4 %`."""
     text = significant(value, 2 if value is not None and abs(value) < 10.0 else 3)
