@@ -95,8 +95,10 @@ def test_knowledge_that_plain_least_squares_passes_over_is_checked_and_reported(
     knowledge = '[[knowledge]]\nkind = "mass"\nlink = "{}"\nupper = 9.0\n\n[signals]\n'
     plain = '[estimation]\nmethod = "least_squares"\n\n[prior]\nuncertainty = 0.2\n\n'
     found, _ = identified(("[signals]\n", plain + knowledge.format("forearm")))
-    notes = [note for note in found["notes"] if "does not use" in note]
-    assert notes == ["WLS does not use [prior] and [[knowledge]]"]
+    assert "WLS does not use [prior]" in found["notes"]
+    only = "WLS uses of [[knowledge]] only values of whole base parameters, not: "
+    (note,) = (note for note in found["notes"] if note.startswith(only))
+    assert "the mass of link 'forearm' is at most 9 kg" in note
     robot = edited(given, tmp_path, ("[signals]\n", plain + knowledge.format("forarm")))
     done = command("identify", robot, given / "identification.csv", "-o", tmp_path / "other")
     assert done.exit_code == 2 and "'forarm'" in done.stderr

@@ -15,7 +15,7 @@ from steelyard.report.thin import thin
 MEGABYTE = 1_000_000
 ARCHIVE = '<script type="application/gzip" id="plotly">'
 
-OTHERS = "reduction", "removals", "repeated"
+OTHERS = "reduction", "removals"
 OF_ALL = [section for section in SECTIONS if section.name not in OTHERS]
 """Sections of the fixtures' contents; others are of `reduce` and of estimates from each log alone.
 """

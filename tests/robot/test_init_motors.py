@@ -63,7 +63,10 @@ def test_a_template_for_motors_loads_once_it_is_filled_in(tmp_path: Path) -> Non
     for old, new in (
         ("# [robot.transmission]", "[robot.transmission]"),
         ("# ratios = [?, ?]", "ratios = [100.0, -50.0]"),
-        ('# coupling = [{motor = "motor_2"', 'coupling = [{motor = "motor_2"'),
+        (
+            '# coupling = [{motor = "motor_2", joint = "joint1", ratio = ?}]',
+            'coupling = [{motor = "motor_2", joint = "joint1", ratio = 32.0}]',
+        ),
         ("  # {law", "  {law"),
         ("# position_offset = [0.0, 0.0]", "position_offset = [0.5, 0.0]"),
     ):
