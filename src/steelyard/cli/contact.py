@@ -7,14 +7,12 @@ from typing import Annotated
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import LOG_HELP, Json
+from steelyard.cli.options import LOG_HELP, AlarmRate, Json, ModelArgument
 
 
 @guarded
 def contact(
-    model: Annotated[
-        str, typer.Argument(help="model.json, or the folder that contains it.", metavar="MODEL")
-    ],
+    model: ModelArgument,
     log: Annotated[str, typer.Argument(help=LOG_HELP, metavar="LOG")],
     calibrate: Annotated[
         list[str] | None,
@@ -25,15 +23,7 @@ def contact(
             metavar="LOG...",
         ),
     ] = None,
-    rate: Annotated[
-        float | None,
-        typer.Option(
-            min=1e-9,
-            help="False alarms per hour of all joints together; if unset 1, or as few as the "
-            "calibration supports.",
-            metavar="NUMBER",
-        ),
-    ] = None,
+    rate: AlarmRate = None,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Output folder for the report; none if unset."),

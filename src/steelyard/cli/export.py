@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import Json
+from steelyard.cli.options import Json, ModelArgument
 
 if TYPE_CHECKING:
     from steelyard.application.controller.export import Written
@@ -46,9 +46,7 @@ USUAL: dict[Kind, str] = {
 
 @guarded
 def export(
-    model: Annotated[
-        str, typer.Argument(help="model.json, or the folder that contains it.", metavar="MODEL")
-    ],
+    model: ModelArgument,
     to: Annotated[
         Kind | None,
         typer.Option(help="Format; if unset, from the suffix of --output."),

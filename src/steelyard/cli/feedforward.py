@@ -7,14 +7,12 @@ from typing import Annotated
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import Json
+from steelyard.cli.options import Json, ModelArgument
 
 
 @guarded
 def feedforward(
-    model: Annotated[
-        str, typer.Argument(help="model.json, or the folder that contains it.", metavar="MODEL")
-    ],
+    model: ModelArgument,
     motion: Annotated[
         Path,
         typer.Argument(

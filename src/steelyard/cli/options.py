@@ -36,6 +36,18 @@ RobotArgument = Annotated[
         help=f"Robot file (TOML), URDF, xacro file or MJCF. {ARGUMENTS}", metavar="ROBOT"
     ),
 ]
+ModelArgument = Annotated[
+    str, typer.Argument(help="model.json, or the folder that contains it.", metavar="MODEL")
+]
+AlarmRate = Annotated[
+    float | None,
+    typer.Option(
+        min=1e-9,
+        help="False alarms per hour of all joints together; if unset 1, or as few as the "
+        "calibration supports.",
+        metavar="NUMBER",
+    ),
+]
 FixedBase = Annotated[
     str | None,
     typer.Option(

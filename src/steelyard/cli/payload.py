@@ -7,14 +7,12 @@ from typing import Annotated
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import LOG_HELP, Json
+from steelyard.cli.options import LOG_HELP, Json, ModelArgument
 
 
 @guarded
 def payload(
-    model: Annotated[
-        str, typer.Argument(help="model.json, or the folder that contains it.", metavar="MODEL")
-    ],
+    model: ModelArgument,
     logs: Annotated[
         list[str], typer.Argument(help=f"With the payload. {LOG_HELP}", metavar="LOG...")
     ],

@@ -7,15 +7,13 @@ from typing import Annotated
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import LOG_HELP, Details, Json, Output, Threads
+from steelyard.cli.options import LOG_HELP, Details, Json, ModelArgument, Output, Threads
 from steelyard.identification.defaults import DESIGN_BUDGET_S
 
 
 @guarded
 def reduce(
-    model: Annotated[
-        str, typer.Argument(help="model.json, or the folder that contains it.", metavar="MODEL")
-    ],
+    model: ModelArgument,
     logs: Annotated[list[str], typer.Argument(help=LOG_HELP, metavar="LOG...")],
     validate: Annotated[
         list[str] | None,

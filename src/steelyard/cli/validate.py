@@ -8,14 +8,12 @@ from typing import Annotated
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import LOG_HELP, Commanded, Details, Json
+from steelyard.cli.options import LOG_HELP, Commanded, Details, Json, ModelArgument
 
 
 @guarded
 def validate(
-    model: Annotated[
-        str, typer.Argument(help="model.json, or the folder that contains it.", metavar="MODEL")
-    ],
+    model: ModelArgument,
     logs: Annotated[list[str], typer.Argument(help=LOG_HELP, metavar="LOG...")],
     output: Annotated[
         Path | None,

@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import Json
+from steelyard.cli.options import AlarmRate, Json, ModelArgument
 
 POLL = 0.01
 """Pause while there is nothing new [s]."""
@@ -23,9 +23,7 @@ REDRAWN = 0.1
 
 @guarded
 def watch(
-    model: Annotated[
-        str, typer.Argument(help="model.json, or the folder that contains it.", metavar="MODEL")
-    ],
+    model: ModelArgument,
     source: Annotated[
         str,
         typer.Option(
@@ -49,15 +47,7 @@ def watch(
             metavar="LOG...",
         ),
     ] = None,
-    rate: Annotated[
-        float | None,
-        typer.Option(
-            min=1e-9,
-            help="False alarms per hour of all joints together; if unset 1, or as few as the "
-            "calibration supports.",
-            metavar="NUMBER",
-        ),
-    ] = None,
+    rate: AlarmRate = None,
     bandwidth: Annotated[
         float | None,
         typer.Option(
@@ -135,7 +125,7 @@ def watch(
 
     arriving = rows_of(source, watcher.samples.columns, arrival.waiting, _read)
 
-    def say(text: str) -> None:
+    def print_line(text: str) -> None:
         line.clear()
         typer.echo(text)
 
@@ -149,13 +139,13 @@ def watch(
             if files is not None:
                 files.take(happening)
             if every is not None or not isinstance(happening, StreamEstimate):
-                say(json.dumps(record_of(happening)) if as_json else happening_line(happening))
+                print_line(json.dumps(record_of(happening)) if as_json else happening_line(happening))
 
         if as_json:
-            say(json.dumps(begun.to_dict()))
+            print_line(json.dumps(begun.to_dict()))
         else:
             for note in begun.notes:
-                say(note)
+                print_line(note)
         stack.enter_context(interrupt.quietly())
         try:
             for rows in arriving:
@@ -173,12 +163,12 @@ def watch(
                     emit(happening)
                 summary = watcher.summary
                 if as_json:
-                    say(json.dumps(summary_record(summary)))
+                    print_line(json.dumps(summary_record(summary)))
                 else:
                     for text in summary_lines(summary, robot.joint_names, robot.effort_units):
-                        say(text)
+                        print_line(text)
                 if folder is not None and not as_json:
-                    say(f"written  {folder}")
+                    print_line(f"written  {folder}")
             line.clear()
         if watcher.observer.steps:
             interrupt.answered()

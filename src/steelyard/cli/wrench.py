@@ -7,14 +7,12 @@ from typing import Annotated, Literal
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import LOG_HELP, Json
+from steelyard.cli.options import LOG_HELP, Json, ModelArgument
 
 
 @guarded
 def wrench(
-    model: Annotated[
-        str, typer.Argument(help="model.json, or the folder that contains it.", metavar="MODEL")
-    ],
+    model: ModelArgument,
     log: Annotated[str, typer.Argument(help=LOG_HELP, metavar="LOG")],
     frame: Annotated[
         str | None,
