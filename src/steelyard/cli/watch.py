@@ -139,7 +139,9 @@ def watch(
             if files is not None:
                 files.take(happening)
             if every is not None or not isinstance(happening, StreamEstimate):
-                print_line(json.dumps(record_of(happening)) if as_json else happening_line(happening))
+                print_line(
+                    json.dumps(record_of(happening)) if as_json else happening_line(happening)
+                )
 
         if as_json:
             print_line(json.dumps(begun.to_dict()))
