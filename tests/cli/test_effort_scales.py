@@ -13,6 +13,7 @@ import pytest
 from cli.conftest import Command
 from cli.river_files import edited
 from steelyard.estimation.consistent.consistent import Consistent
+from steelyard.estimation.identified import load_model
 from steelyard.estimation.prior.prior import default_knowledge
 from steelyard.identification.fitting import _unscaled_because
 from steelyard.identification.logs import model_of
@@ -60,6 +61,15 @@ def test_scales_are_found_and_used_for_other_logs(
     assert kept["values"] == found["values"]
     half = [1.96 * row[k] ** 0.5 * found["values"][k] for k, row in enumerate(kept["covariance"])]
     assert half == pytest.approx(found["half_width"], rel=1e-3)
+    headline = result["validation"][0]["headline"]
+    shares = [joint["percent_of_used"] for joint in headline["joints"]]
+    logged = [joint["percent_of_used"] for joint in headline["as_logged"]["joints"]]
+    assert logged[1] > 15.0 > 5.0 > shares[1], "the sensor of joint 2 reads 25 % too much"
+    assert result["verdict"]["errors_as_logged"] == headline["as_logged"]["pooled"]
+    model = load_model(out)
+    still = np.zeros(model.robot.n)
+    efforts = model.torque(still + 0.3, still, still) * found["values"]
+    np.testing.assert_allclose(model.effort(still + 0.3, still, still), efforts, rtol=1e-12)
     again = command("validate", out, logs[1], "--json")
     alone = json.loads(again.stdout)[0]["mean_percent"]
     assert alone == pytest.approx(result["validation"][0]["mean_percent"])

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, Literal
 from steelyard.report.content import ReportContent
 from steelyard.report.text.score_words import (
     basis_words,
-    error_words,
+    both_words,
     other_errors,
     poorly_predicted,
     without_percentage,
 )
 from steelyard.report.text.words import count, percent
-from steelyard.validation.headline import PooledError, pooled
+from steelyard.validation.headline import PooledError, as_logged, pooled
 
 if TYPE_CHECKING:
     from steelyard.diagnosis import Finding
@@ -57,6 +57,7 @@ class Verdict:
         level: No better than the worst limitation allows.
         limitations: Sentence and level of everything that was found against the model.
         errors: Errors of the headline, one per unit of effort; none without an unseen run.
+        as_logged: The same against the efforts as logged, if scales of the efforts were estimated.
         others: The relative errors in the band of the fit, as a sentence; or nothing.
     """
 
@@ -65,12 +66,18 @@ class Verdict:
     level: Level
     limitations: tuple[tuple[str, Level], ...] = ()
     errors: tuple[PooledError, ...] = ()
+    as_logged: tuple[PooledError, ...] = ()
     others: str = ""
 
     @property
     def percent_of_used(self) -> float | None:
-        """The error that the level is of, the largest over units of effort [%]."""
-        return max((one.percent_of_used for one in self.errors), default=None)
+        """The error that the level is of, the largest over units of effort [%].
+
+        With estimated scales of the efforts, the larger of the errors with and without them: which
+        of the two is that of the robot depends on whether the sensors or the model are off.
+        """
+        every = (*self.errors, *self.as_logged)
+        return max((one.percent_of_used for one in every), default=None)
 
     @property
     def line(self) -> str:
@@ -84,6 +91,7 @@ class Verdict:
             "headline": self.headline,
             "detail": self.detail,
             "errors": [one.to_dict() for one in self.errors],
+            "errors_as_logged": [one.to_dict() for one in self.as_logged],
         }
 
 
@@ -136,7 +144,8 @@ def _of_scores(content: ReportContent) -> Verdict:
         return _untested(content)
     scores = [run for run in content.scores if not run.repeats] or list(content.scores)
     errors = pooled(run.errors for run in scores)
-    plain = Verdict("", _detail(scores), "none", errors=errors, others=other_errors(scores))
+    logged = pooled(as_logged(run.errors for run in scores))
+    plain = Verdict("", _detail(scores), "none", (), errors, logged, other_errors(scores))
     motion = _motion(scores)
     worst = plain.percent_of_used
     if worst is None or not isfinite(worst):
@@ -147,7 +156,7 @@ def _of_scores(content: ReportContent) -> Verdict:
             detail=f"No relative error of {strange}: its measured effort is zero or not a number. "
             f"See the table. {plain.detail}".rstrip(),
         )
-    error = f"{error_words(errors)} ({basis_words(scores)})"
+    error = f"{both_words(errors, logged)} ({basis_words(scores)})"
     if worst >= 100.0:
         headline = f"Predicts {motion} no better than predicting zero: the error is {error}"
         return replace(plain, headline=headline, level="poor")
@@ -169,10 +178,11 @@ def _untested(content: ReportContent) -> Verdict:
     """Without a run that was kept aside nothing is known about other motions."""
     fitted, described = content.fitted, ""
     errors = pooled(run.errors for run in fitted)
+    logged = pooled(as_logged(run.errors for run in fitted))
     if errors and all(isfinite(one.percent_of_used) for one in errors):
         described = (
             f"The model describes {count(len(fitted), 'fitted run')} with an error of "
-            f"{error_words(errors)} ({basis_words(fitted)}), which is no evidence for other "
+            f"{both_words(errors, logged)} ({basis_words(fitted)}), which is no evidence for other "
             "motions. "
         )
     return Verdict(
