@@ -73,8 +73,8 @@ def test_the_error_against_efforts_as_logged_is_printed_and_judged(usual):
         largest = max(1.0, factor) * error.percent_of_used
         assert judged.percent_of_used == pytest.approx(largest)
         text = printed(content)
-        assert "with the estimated effort scales, and of" in " ".join(text.split())
-        assert "against the efforts as logged" in " ".join(text.split())
+        words = "with the estimated effort scales; against the efforts as logged"
+        assert f"{words} {factor * error.error:.2g} Nm: " in " ".join(text.split())
         table = text[text.index("not fitted (") :]
         assert row(table, "joint")[3] == "as logged"
         share = error.percent_of_used * factor

@@ -62,6 +62,8 @@ def test_with_estimated_scales_the_error_is_that_of_efforts_as_logged_too() -> N
     (alone,) = pooled(as_logged([found]))
     assert alone.error == pytest.approx(logged.error)
     assert found.to_dict()["as_logged"]["pooled"] == [alone.to_dict()]
+    (unknown,) = score(valued(), run, np.ones(1), 5.0, reference=reference).errors.as_logged
+    assert (unknown.unit, unknown.least) == ("A", 250.0), "without a gain in the logged unit"
     plain = score(valued(), run, gains, 5.0).errors
     assert plain.as_logged == () and as_logged([plain]) == []
     assert plain.to_dict()["as_logged"] is None

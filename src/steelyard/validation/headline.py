@@ -60,12 +60,6 @@ class EffortReference:
     fitted: tuple[float, ...] = ()
     scales: tuple[float, ...] = ()
 
-    @property
-    def as_logged(self) -> EffortReference:
-        """The same for efforts that are not divided by the scales."""
-        fitted = tuple(x * s for x, s in zip(self.fitted, self.scales, strict=False))
-        return replace(self, fitted=fitted, scales=())
-
 
 @dataclass(frozen=True)
 class JointError:
@@ -233,6 +227,7 @@ def band_errors(
     reference: EffortReference,
     sums: tuple[Array, int],
     sums_moving: tuple[Array, Array],
+    scales: Sequence[float] = (),
 ) -> BandErrors:
     """Errors of a run from sums of squares in the fixed band.
 
@@ -244,6 +239,7 @@ def band_errors(
         sums: Sums of squares of error and measured effort over all samples, shape `(2, n)`, in
             logged units; number of samples.
         sums_moving: The same where each joint moves; numbers of samples, shape `(n,)`.
+        scales: Estimated scales that the gains contain and the errors shall not, one per joint.
     """
     longest = float(np.max(sums_moving[1], initial=0.0))
     at_rest = longest == 0.0
@@ -251,14 +247,15 @@ def band_errors(
     joints = []
     for j, (name, unit) in enumerate(names):
         known = all_known[j]
-        scale = abs(float(gains[j])) if known else 1.0
+        unscaled = scales[j] if scales and known else 1.0
+        scale = unscaled * abs(float(gains[j])) if known else 1.0
         moves = bool(sums_moving[1][j] > SHORT * longest)
         squares, samples = (
             (sums_moving[0][:, j], int(sums_moving[1][j])) if moves else (sums[0][:, j], sums[1])
         )
         error, used = (scale * sqrt(float(x) / samples) for x in squares)
         rated = reference.rated[j] if known and reference.rated else None
-        least = LEAST_USED * reference.fitted[j] if reference.fitted else 0.0
+        least = LEAST_USED * unscaled * reference.fitted[j] if reference.fitted else 0.0
         joints.append(
             JointError(
                 name,

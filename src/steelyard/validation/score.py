@@ -223,16 +223,14 @@ def _errors(
     """Errors in the fixed band, with estimated scales also against the efforts as logged."""
     names = [(c.name, c.effort_unit) for c in valued.model.robot.coordinates]
 
-    def of_rows(rows: list[int], gains: Array, reference: EffortReference) -> BandErrors:
-        sums, sums_moving = fixed.all[rows], fixed.moving[rows]
-        moving = (sums_moving, fixed.samples_moving)
-        return band_errors(run, names, gains, reference, (sums, fixed.samples), moving)
+    def of_rows(rows: list[int], scales: Sequence[float] = ()) -> BandErrors:
+        sums, moving = (fixed.all[rows], fixed.samples), (fixed.moving[rows], fixed.samples_moving)
+        return band_errors(run, names, gains, reference, sums, moving, scales)
 
-    found = of_rows([0, 1], gains, reference)
+    found = of_rows([0, 1])
     if not reference.scales:
         return found
-    logged = of_rows([2, 1], gains * np.array(reference.scales), reference.as_logged)
-    return replace(found, as_logged=logged.joints)
+    return replace(found, as_logged=of_rows([2, 1], reference.scales).joints)
 
 
 def _parts(kept: Thinned, gains: Array) -> TorqueParts:

@@ -11,6 +11,7 @@ from steelyard.application.controller.functions import (
     Controller,
     ObserverNumbers,
 )
+from steelyard.control.usable import logged_over_model
 from steelyard.errors import DataError, ModelError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.estimation.residual_peaks import FEWEST
@@ -100,6 +101,8 @@ def origin_of(identified: IdentifiedModel) -> tuple[str, ...]:
         ]
     else:
         lines.append("Efforts are those at the joints that move the robot, friction included.")
+    if factors := logged_over_model(identified):
+        lines.append(f"Logged efforts are {factors} times as large (estimated effort scales).")
     return tuple(lines)
 
 

@@ -97,9 +97,12 @@ def both_words(errors: Sequence[PooledError], logged: Sequence[PooledError]) -> 
     """The errors, with estimated scales of the efforts also those against efforts as logged."""
     if not logged:
         return error_words(errors)
+    unscaled = ", ".join(
+        f"{significant(one.error, 2)} {one.unit}: {percent(one.percent_of_used)}" for one in logged
+    )
     return (
-        f"{error_words(errors)} with the estimated effort scales, and of {error_words(logged)} "
-        "against the efforts as logged"
+        f"{error_words(errors)} with the estimated effort scales; against the efforts as logged "
+        f"{unscaled}"
     )
 
 

@@ -148,6 +148,7 @@ def _of_scores(content: ReportContent) -> Verdict:
     plain = Verdict("", _detail(scores), "none", (), errors, logged, other_errors(scores))
     motion = _motion(scores)
     worst = plain.percent_of_used
+    scaled = max((one.percent_of_used for one in errors), default=0.0)
     if worst is None or not isfinite(worst):
         strange = ", ".join(without_percentage(scores))
         return replace(
@@ -157,7 +158,7 @@ def _of_scores(content: ReportContent) -> Verdict:
             f"See the table. {plain.detail}".rstrip(),
         )
     error = f"{both_words(errors, logged)} ({basis_words(scores)})"
-    if worst >= 100.0:
+    if scaled >= 100.0:
         headline = f"Predicts {motion} no better than predicting zero: the error is {error}"
         return replace(plain, headline=headline, level="poor")
     level = level_of(worst)
