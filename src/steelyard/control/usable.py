@@ -69,17 +69,10 @@ def remarks(identified: IdentifiedModel) -> tuple[str, ...]:
         )
     if identified.model.n_channels > len(identified.model.robot.passive):
         found.append("friction with memory begins relaxed, as after a long rest")
-    if factors := logged_over_model(identified):
+    if identified.effort_scales is not None:
+        factors = identified.effort_scales.words(identified.joints)
         found.append(
             f"torques are those of the model: logged efforts are {factors} times as large "
             "(estimated effort scales)"
         )
     return tuple(found)
-
-
-def logged_over_model(identified: IdentifiedModel) -> str:
-    """Estimated scales of the logged efforts, like `joint1 0.90, joint2 1.10`; empty without."""
-    if identified.effort_scales is None:
-        return ""
-    values = zip(identified.joints, identified.effort_scales.values, strict=True)
-    return ", ".join(f"{joint} {scale:.2f}" for joint, scale in values)

@@ -11,7 +11,6 @@ from steelyard.application.controller.functions import (
     Controller,
     ObserverNumbers,
 )
-from steelyard.control.usable import logged_over_model
 from steelyard.errors import DataError, ModelError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.estimation.residual_peaks import FEWEST
@@ -101,7 +100,8 @@ def origin_of(identified: IdentifiedModel) -> tuple[str, ...]:
         ]
     else:
         lines.append("Efforts are those at the joints that move the robot, friction included.")
-    if factors := logged_over_model(identified):
+    if identified.effort_scales is not None:
+        factors = identified.effort_scales.words(identified.joints)
         lines.append(f"Logged efforts are {factors} times as large (estimated effort scales).")
     return tuple(lines)
 

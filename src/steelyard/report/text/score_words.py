@@ -182,8 +182,7 @@ def scale_words(identified: IdentifiedModel | None, scores: Sequence[RunScore]) 
     """By what measured efforts are divided before they are compared; empty without scales."""
     if identified is None or identified.effort_scales is None or not scores:
         return ""
-    values = zip(scores[0].joints, identified.effort_scales.values, strict=True)
-    listed = ", ".join(f"{joint.joint} {scale:.2f}" for joint, scale in values)
+    listed = identified.effort_scales.words(joint.joint for joint in scores[0].joints)
     return (
         f"efforts divided by the estimated scale: {listed}; as logged: not divided by it. torque() "
         "of the model has the unit of the divided efforts, effort() that of the log"
