@@ -13,8 +13,10 @@ import pytest
 from cli.conftest import Command
 from cli.river_files import edited
 from steelyard.estimation.consistent.consistent import Consistent
+from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.identified import load_model
 from steelyard.estimation.prior.prior import default_knowledge
+from steelyard.identification import fitting
 from steelyard.identification.fitting import _unscaled_because
 from steelyard.identification.logs import model_of
 from steelyard.regression.base import base_parameters
@@ -73,6 +75,31 @@ def test_scales_are_found_and_used_for_other_logs(
     again = command("validate", out, logs[1], "--json")
     alone = json.loads(again.stdout)[0]["mean_percent"]
     assert alone == pytest.approx(result["validation"][0]["mean_percent"])
+
+
+def test_scales_are_not_adopted_while_the_side_of_the_gears_is_open(
+    given: Path,
+    command: Command,
+    tmp_path: Path,
+    logs: list[Path],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked = []
+
+    def all_zero(estimate: Estimate, effort_kind: str) -> tuple[tuple[str, ...], int]:
+        asked.append(effort_kind)
+        return ("rotor_inertia.a", "rotor_inertia.b"), 2
+
+    monkeypatch.setattr(fitting, "rotors_at_zero", all_zero)
+    robot, out = edited(given, tmp_path), tmp_path / "out"
+    done = command("identify", robot, logs[0], "-o", out, "--json", "--no-check")
+    assert done.exit_code == 0, done.output
+    result = json.loads(done.stdout)
+    assert result["effort_scales"] is None and asked == ["joint_torque"]
+    (note,) = (note for note in result["notes"] if "no scales of the efforts are adopted" in note)
+    assert "with them 2 of 2 rotor inertias are zero" in note
+    model = load_model(out)
+    assert model.effort_scales is None and model.signals.gains.tolist() == [1.0] * model.robot.n
 
 
 def test_scales_are_off_where_the_robot_file_says_so(
