@@ -13,7 +13,10 @@ import pytest
 from cli.conftest import Command
 from cli.river_files import edited
 from steelyard.estimation.consistent.consistent import Consistent
+from steelyard.estimation.estimate import Estimate
+from steelyard.estimation.identified import load_model
 from steelyard.estimation.prior.prior import default_knowledge
+from steelyard.identification import fitting
 from steelyard.identification.fitting import _unscaled_because
 from steelyard.identification.logs import model_of
 from steelyard.regression.base import base_parameters
@@ -60,9 +63,43 @@ def test_scales_are_found_and_used_for_other_logs(
     assert kept["values"] == found["values"]
     half = [1.96 * row[k] ** 0.5 * found["values"][k] for k, row in enumerate(kept["covariance"])]
     assert half == pytest.approx(found["half_width"], rel=1e-3)
+    headline = result["validation"][0]["headline"]
+    shares = [joint["percent_of_used"] for joint in headline["joints"]]
+    logged = [joint["percent_of_used"] for joint in headline["as_logged"]["joints"]]
+    assert logged[1] > 15.0 > 5.0 > shares[1], "the sensor of joint 2 reads 25 % too much"
+    assert result["verdict"]["errors_as_logged"] == headline["as_logged"]["pooled"]
+    model = load_model(out)
+    still = np.zeros(model.robot.n)
+    efforts = model.torque(still + 0.3, still, still) * found["values"]
+    np.testing.assert_allclose(model.effort(still + 0.3, still, still), efforts, rtol=1e-12)
     again = command("validate", out, logs[1], "--json")
     alone = json.loads(again.stdout)[0]["mean_percent"]
     assert alone == pytest.approx(result["validation"][0]["mean_percent"])
+
+
+def test_scales_are_not_adopted_while_the_side_of_the_gears_is_open(
+    given: Path,
+    command: Command,
+    tmp_path: Path,
+    logs: list[Path],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked = []
+
+    def all_zero(estimate: Estimate, effort_kind: str) -> tuple[tuple[str, ...], int]:
+        asked.append(effort_kind)
+        return ("rotor_inertia.a", "rotor_inertia.b"), 2
+
+    monkeypatch.setattr(fitting, "rotors_at_zero", all_zero)
+    robot, out = edited(given, tmp_path), tmp_path / "out"
+    done = command("identify", robot, logs[0], "-o", out, "--json", "--no-check")
+    assert done.exit_code == 0, done.output
+    result = json.loads(done.stdout)
+    assert result["effort_scales"] is None and asked == ["joint_torque"]
+    (note,) = (note for note in result["notes"] if "no scales of the efforts are adopted" in note)
+    assert "with them 2 of 2 rotor inertias are zero" in note
+    model = load_model(out)
+    assert model.effort_scales is None and model.signals.gains.tolist() == [1.0] * model.robot.n
 
 
 def test_scales_are_off_where_the_robot_file_says_so(

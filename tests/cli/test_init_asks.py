@@ -15,7 +15,7 @@ from steelyard.cli import ask
 from steelyard.robot.robot import Coordinate
 from steelyard.robot_file.file import load_robot
 from steelyard.robot_file.template.guess_columns import guess_columns
-from steelyard.robot_file.template.known import Effort, Known
+from steelyard.robot_file.template.known import Effort, Known, with_effort
 
 URDF = "../given/demo_arm.urdf"
 TWO = (Coordinate("joint1", "revolute"), Coordinate("joint2", "revolute"))
@@ -42,6 +42,9 @@ def test_every_question_can_be_skipped() -> None:
 
 def test_answers_are_understood() -> None:
     assert ask.effort_of(TORQUES, answers("6", "2")) == Effort("link_torque")
+    behind = with_effort(TORQUES, Effort("link_torque"))
+    assert ask.effort_of(behind, answers("")) is None
+    assert ask.effort_of(behind, answers("1")) == Effort("joint_torque")
     gears = ask.gears_of(MOTORS, TWO, answers("100", "100, zero", "100, -50"))
     assert gears is not None and gears.ratios == (100.0, -50.0)
     assert ask.mounting_of(answers("ceiling")) == (0.0, 0.0, 9.81)

@@ -12,7 +12,9 @@ import steelyard
 from cli.conftest import Command
 from cli.mistakes import ROBOT
 from cli.river_files import edited
+from steelyard.application.controller.prepare import origin_of
 from steelyard.control.usable import remarks
+from steelyard.estimation.known_scales import KnownScales
 from steelyard.excitation.trajectories.files import read_motion
 from steelyard.files import write_json
 from steelyard.identification.feedforward import feedforward
@@ -149,6 +151,29 @@ def test_torques_behind_the_gears_are_noted(identified: Path, motion: Path, tmp_
     model = changed(identified, tmp_path / "behind", effort_kind="link_torque")
     (note,) = feedforward(model, motion).notes
     assert "behind the gears" in note and not feedforward(identified, motion).notes
+
+
+def test_torques_are_in_the_unit_of_the_log_on_request(
+    command: Command, identified: Path, motion: Path, tmp_path: Path
+) -> None:
+    model = steelyard.load_model(identified)
+    values = np.linspace(0.8, 1.2, model.robot.n)
+    scaled = replace(model, effort_scales=KnownScales(values, 1e-4 * np.eye(len(values))))
+    plain, found = feedforward(scaled, motion), feedforward(scaled, motion, as_logged=True)
+    np.testing.assert_allclose(found.torque, plain.torque * values, rtol=1e-12)
+    (note,) = plain.notes
+    assert f"logged efforts are {model.joints[0]} 0.80" in note and not found.notes
+    assert f"{model.joints[-1]} 1.20 times as large" in origin_of(scaled)[-1]
+    folder = tmp_path / "scaled"
+    folder.mkdir()
+    (folder / "model.json").write_text(scaled.text())
+    for option, factor in (((), 1.0), (("--as-logged",), values)):
+        out = tmp_path / f"torques{len(option)}.csv"
+        done = command("feedforward", folder, motion, "-o", out, *option)
+        assert done.exit_code == 0, done.stderr
+        table = pl.read_csv(out)
+        written = np.column_stack([table[f"tau_{joint}"] for joint in model.joints])
+        np.testing.assert_allclose(written, plain.torque * factor, rtol=1e-9, atol=1e-9)
 
 
 def test_friction_with_memory_is_noted(identified: Path) -> None:

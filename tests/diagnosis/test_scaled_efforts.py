@@ -15,22 +15,13 @@ from steelyard.estimation.effort_scales import Scales
 FOUND = Scales(np.array([0.8, 1.05]), 0.05**2 * np.eye(2), np.zeros(0), 1.0)
 
 
-def remark(
-    monkeypatch: pytest.MonkeyPatch, *causes: Cause, rotors_at_zero: tuple[str, ...] = ()
-) -> str:
+def remark(monkeypatch: pytest.MonkeyPatch, *causes: Cause) -> str:
     """What the finding on `FOUND` says."""
-    return found(monkeypatch, FOUND, *causes, rotors_at_zero=rotors_at_zero).says
+    return found(monkeypatch, FOUND, *causes).says
 
 
-def found(
-    monkeypatch: pytest.MonkeyPatch,
-    values: Scales,
-    *causes: Cause,
-    rotors_at_zero: tuple[str, ...] = (),
-) -> Finding:
+def found(monkeypatch: pytest.MonkeyPatch, values: Scales, *causes: Cause) -> Finding:
     """The finding on scales beside which the causes are left, the most likely first."""
-    zero = (rotors_at_zero, len(rotors_at_zero))
-    monkeypatch.setattr(scaled_efforts, "rotors_at_zero", lambda identified: zero)
     monkeypatch.setattr(scaled_efforts, "can_be_ranked", lambda model: True)
     monkeypatch.setattr(scaled_efforts, "beginnings", lambda runs: runs)
     ranked = SimpleNamespace(found=causes)
@@ -58,14 +49,6 @@ def test_a_term_that_looks_like_scales_is_named(monkeypatch: pytest.MonkeyPatch,
 def test_others_and_weaker_ones_are_not(monkeypatch: pytest.MonkeyPatch) -> None:
     for causes in ((), (cause("spring", 0.9),), (cause("stribeck", 3.0), cause("spring", 2.0))):
         assert "explains more" not in remark(monkeypatch, *causes)
-
-
-def test_the_side_of_the_gears_is_to_be_decided_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    rotors = ("rotor_inertia.a", "rotor_inertia.b")
-    says = remark(monkeypatch, cause("spring", 3.0), rotors_at_zero=rotors)
-    assert says.endswith(
-        "decide first whether torques contain those of the rotors, which acts like a scale"
-    )
 
 
 @pytest.mark.parametrize(("value", "doubtful"), [(1.25, False), (1.8, True), (0.5, True)])

@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from rich.console import Console
 
 from report.inspected import contact_content, payload_events
@@ -13,6 +14,7 @@ from steelyard.report.terminal.payload import event_lines
 from steelyard.report.terminal.terminal import CSV_COLUMNS
 from steelyard.report.text.score_words import coverage_words
 from steelyard.report.text.verdict import verdict
+from steelyard.validation.headline import pooled
 
 
 def printed(content: ReportContent, width: int = 120, verbose: bool = False) -> str:
@@ -55,6 +57,34 @@ def test_scales_of_the_efforts_stand_under_the_table(usual):
     ):
         assert line in printed(content)
         assert line[1:] in render(content)
+
+
+def test_the_error_against_efforts_as_logged_is_printed_and_judged(usual):
+    def scaled(score, factor):
+        joints = tuple(replace(x, error=factor * x.error) for x in score.errors.joints)
+        return replace(score, errors=replace(score.errors, as_logged=joints))
+
+    score = usual.scores[0]
+    (error,) = pooled([score.errors])
+    for factor, level in ((0.5, "good"), (4.0, "fair"), (9.0, "fair")):
+        content = replace(usual, scores=(scaled(score, factor),), limitations=())
+        judged = verdict(content)
+        assert judged.level == level
+        largest = max(1.0, factor) * error.percent_of_used
+        assert judged.percent_of_used == pytest.approx(largest)
+        text = printed(content)
+        words = "with the estimated effort scales; against the efforts as logged"
+        assert f"{words} {factor * error.error:.2g} Nm: " in " ".join(text.split())
+        table = text[text.index("not fitted (") :]
+        assert row(table, "joint")[3] == "as logged"
+        share = error.percent_of_used * factor
+        assert float(row(table, "pooled")[3].rstrip("\u00a0%")) == pytest.approx(share, abs=0.051)
+        assert '<th scope="col">As logged</th>' in render(content)
+    poor = verdict(replace(usual, scores=(scaled(score, 9.0),)))
+    assert poor.detail.startswith("Poorly predicted joints: ")
+    several = printed(replace(usual, scores=(scaled(score, 4.0), scaled(score, 4.0))))
+    assert row(several, "run  ")[3] == "as logged"
+    assert "as logged" not in printed(usual) + render(usual)
 
 
 def test_the_details_are_printed_on_request(usual):

@@ -9,6 +9,7 @@ from steelyard.errors import ModelError
 from steelyard.identification.logs import model_of
 from steelyard.robot.robot import Limits
 from steelyard.robot_file.file import LoadedRobot, load_robot
+from steelyard.robot_file.template.guess_efforts import link_side
 from steelyard.robot_file.template.proposal import proposed
 from steelyard.robot_file.template.template import assigned, drafted
 
@@ -33,13 +34,13 @@ ROBOTS = {
         "panda/panda_arm.urdf",
         "panda/panda_gaz2019_trajectory1.parquet",
         7,
-        "joint_torque",
+        "link_torque",
     ),
     "panda with hand": (
         "../models/panda_description/urdf/panda.urdf",
         "panda/panda_gaz2019_trajectory1.parquet",
         7,
-        "joint_torque",
+        "link_torque",
     ),
     "ar5": ("rokae_ar5/ar5.urdf", "rokae_ar5/ar5_run1_rows0_2300.parquet", 7, "joint_torque"),
     "tiago": (
@@ -88,7 +89,28 @@ def test_real_robots_and_logs(name: str, tmp_path: Path) -> None:
     assert set(loaded.signals.columns) <= set(frame.columns)
     assert np.all(loaded.signals.position_scale == 1.0) and loaded.signals.time_scale == 1.0
     assert loaded.terms is not None
-    assert "rotor_inertia" in [term.description for term in loaded.terms]
+    behind = kind == "link_torque"
+    assert ("rotor_inertia" in [term.description for term in loaded.terms]) is not behind
+    comments = " ".join(" ".join(line.lstrip("# ") for line in text.splitlines()).split())
+    assert ('set kind = "joint_torque" and add "rotor_inertia" to' in comments) is behind
+
+
+@pytest.mark.parametrize(
+    ("robot", "joint", "name"),
+    [
+        ("panda", "panda_joint1", "panda"),
+        ("arm", "fr3_joint1", "fr3"),
+        ("lbr_iiwa_14_r820", "joint_a1", "lbr"),
+        ("GEN3_ROBOTIQ", "joint_1", "gen3"),
+        ("gen3_lite", "joint_1", ""),
+        ("expanda", "pandan", ""),
+        ("ur10e", "shoulder_pan_joint", ""),
+    ],
+)
+def test_robots_with_sensors_behind_the_gears_are_known_by_name(
+    robot: str, joint: str, name: str
+) -> None:
+    assert link_side(robot, [joint]) == name
 
 
 @needs_data

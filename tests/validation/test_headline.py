@@ -12,6 +12,7 @@ from steelyard.validation.headline import (
     BandErrors,
     EffortReference,
     JointError,
+    as_logged,
     band_of,
     gains_known,
     pooled,
@@ -47,6 +48,25 @@ def test_another_band_may_be_given_and_slow_logs_limit_it() -> None:
     found = score(valued(), run, np.array([GAIN]), 5.0, reference=EffortReference(40.0))
     assert found.errors.cutoff == 40.0 and found.errors.joints[0].error > 2.0 * GAIN
     assert band_of(EffortReference(), 10.0) == 4.0 and band_of(EffortReference(), 100.0) == BAND
+
+
+def test_with_estimated_scales_the_error_is_that_of_efforts_as_logged_too() -> None:
+    scale = 0.8
+    run = run_of(lambda motion: scale * valued().torque(motion) / GAIN)
+    gains, reference = np.array([GAIN / scale]), EffortReference(fitted=(1e3,), scales=(scale,))
+    found = score(valued(), run, gains, 5.0, reference=reference).errors
+    (joint,), (logged,) = found.joints, found.as_logged
+    assert joint.percent_of_used < 0.1 and joint.least == 250.0
+    assert logged.used == pytest.approx(scale * joint.used) and logged.least == 200.0
+    assert logged.error == pytest.approx((1.0 - scale) * joint.used, rel=5e-3)
+    (alone,) = pooled(as_logged([found]))
+    assert alone.error == pytest.approx(logged.error)
+    assert found.to_dict()["as_logged"]["pooled"] == [alone.to_dict()]
+    (unknown,) = score(valued(), run, np.ones(1), 5.0, reference=reference).errors.as_logged
+    assert (unknown.unit, unknown.least) == ("A", 250.0), "without a gain in the logged unit"
+    plain = score(valued(), run, gains, 5.0).errors
+    assert plain.as_logged == () and as_logged([plain]) == []
+    assert plain.to_dict()["as_logged"] is None
 
 
 def test_without_a_gain_the_error_is_in_the_logged_unit() -> None:

@@ -15,7 +15,7 @@ G = 9.81
 MOUNTINGS = {"upright": None, "ceiling": (0.0, 0.0, G)}
 """Gravity in the base frame [m/s²]; `None` as in the model file."""
 EFFORTS = {
-    "1": None,
+    "1": Effort("joint_torque"),
     "2": Effort("link_torque"),
     "3": Effort("motor_current", "A"),
     "4": Effort("motor_current", "mA"),
@@ -38,7 +38,9 @@ def effort_of(guess: Guess, ask: Ask) -> Effort | None:
     """Content of the effort columns, where their names state a torque or nothing."""
     if needs_gains(guess) or guess.motor_side:
         return None
-    return EFFORTS[_chosen(ask, f"{_KIND}Number", "1", EFFORTS)]
+    guessed = "2" if guess.section.effort.kind == "link_torque" else "1"
+    answer = _chosen(ask, f"{_KIND}Number", guessed, EFFORTS)
+    return None if answer == guessed else EFFORTS[answer]
 
 
 def gears_of(guess: Guess, moving: Sequence[Coordinate], ask: Ask) -> Gears | None:

@@ -33,6 +33,14 @@ def feedforward(
             "0 for the sign itself. A law with a smoothing in the robot file keeps it.",
         ),
     ] = 1e-3,
+    as_logged: Annotated[
+        bool,
+        typer.Option(
+            "--as-logged",
+            help="Torques in the unit of the log: multiplied by the estimated effort scales of the "
+            "model, if it has any.",
+        ),
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Compute the joint torques of a model along a desired motion.
@@ -52,7 +60,7 @@ def feedforward(
     from steelyard.report.text.words import significant
 
     refuse_existing(output)
-    found = along(model, motion, rate=rate, smoothing=smoothing)
+    found = along(model, motion, rate=rate, smoothing=smoothing, as_logged=as_logged)
     found.write(output)
     if as_json:
         typer.echo(json.dumps({**found.to_dict(), "output": str(output)}, allow_nan=False))

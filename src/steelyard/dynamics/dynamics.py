@@ -83,6 +83,9 @@ class Dynamics(ABC):
     ) -> Array:
         """Joint efforts of all terms, shape of `q` [Nm; N].
 
+        Of an identified model with estimated scales of the logged efforts, these are the efforts
+        divided by the scales; `IdentifiedModel.effort` has them as logged.
+
         Args:
             q: Positions; or a `Motion`, which has all three.
             dq: Velocities.
@@ -104,6 +107,8 @@ class Dynamics(ABC):
         ddq: ArrayLike | None = None,
     ) -> Array:
         """Efforts of the friction laws, those of motors through the gears; shape of `q` [Nm; N].
+
+        In the unit of `torque`: divided by estimated scales of the logged efforts, if any.
 
         Args:
             q: Positions; or a `Motion`, which has all three.

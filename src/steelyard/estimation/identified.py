@@ -30,6 +30,7 @@ from steelyard.estimation.residual_peaks import ContactThresholds
 from steelyard.measurement.motion_samples import MotionSamples
 from steelyard.measurement.processing import Processing
 from steelyard.model import Model, ValuedModel
+from steelyard.motion import Motion
 from steelyard.regression.base import BaseMap
 from steelyard.regression.parallel_filter import noise_bandwidth
 from steelyard.robot.robot import Robot
@@ -88,7 +89,9 @@ class Cutoffs:
 class IdentifiedModel(Dynamics):
     """A model with estimated values, and how to read logs of its robot.
 
-    It computes all quantities of `Dynamics`, such as `torque(motion)` and `mass_matrix(q)`.
+    It computes all quantities of `Dynamics`, such as `torque(motion)` and `mass_matrix(q)`. Where
+    scales of the logged efforts were estimated, these are of the efforts divided by the scales;
+    `effort(motion)` has the efforts as logged.
 
     Attributes:
         model: Robot and terms.
@@ -159,6 +162,35 @@ class IdentifiedModel(Dynamics):
     def evaluate(self, quantity: Quantity, *arguments: ArrayLike, t: Array | None = None) -> Array:
         """A quantity at one configuration or along samples; see `Dynamics.evaluate`."""
         return self.valued.evaluate(quantity, *arguments, t=t)
+
+    def effort(
+        self,
+        q: Motion | ArrayLike,
+        dq: ArrayLike | None = None,
+        ddq: ArrayLike | None = None,
+    ) -> Array:
+        """Joint efforts as a log of the robot contains them, shape of `q` [Nm; N].
+
+        They are read with the gains of the robot file: `torque` times `effort_scales`, and equal to
+        `torque` without such scales. A drive that controls the logged effort needs these as
+        feedforward.
+
+        Args:
+            q: Positions; or a `Motion`, which has all three.
+            dq: Velocities.
+            ddq: Accelerations.
+
+        Example:
+            >>> model = load_model("arm-model")
+            >>> still = [0.0, 0.0]
+            >>> efforts = model.effort([0.3, 0.5], still, still)
+            >>> model.effort_scales is None
+            True
+            >>> bool((efforts == model.torque([0.3, 0.5], still, still)).all())
+            True
+        """
+        torque = self.torque(q, dq, ddq)
+        return torque if self.effort_scales is None else torque * self.effort_scales.values
 
     def start(self) -> Stepper:
         """Begin to evaluate sample by sample: `start().step(q, dq, ddq)`."""

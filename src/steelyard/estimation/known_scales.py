@@ -1,6 +1,6 @@
 """Scales of the logged efforts that a model was identified with, and how well they are known."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +25,10 @@ class KnownScales:
         n = len(self.values)
         if self.covariance.shape != (n, n):
             raise ValueError(f"{n} scales of efforts need a covariance of shape ({n}, {n})")
+
+    def words(self, joints: Iterable[str]) -> str:
+        """Like `joint1 0.90, joint2 1.10`."""
+        return ", ".join(f"{name} {x:.2f}" for name, x in zip(joints, self.values, strict=True))
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values; exact."""

@@ -101,8 +101,8 @@ def subject_of(robot: str, log: LogArgument, base: str | None = None) -> Subject
         refuse_motors(assignment.guess, columns)
     text = drafted(proposal, assignment, target).text
     loaded = load_robot(target, text)
-    reasons = guess_columns(loaded.robot.coordinates, columns, sample).reasons
-    notes = (*proposal.notes, *notes_beside(proposal.loaded, loaded), *reasons)
+    guess = assignment.guess or guess_columns(loaded.robot.coordinates, columns, sample)
+    notes = (*proposal.notes, *notes_beside(proposal.loaded, loaded), *guess.reasons)
     return Subject(target, text, loaded, notes)
 
 

@@ -1,7 +1,7 @@
 """Torques of an identified model along a motion: what `steelyard feedforward` does."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +94,7 @@ def feedforward(
     joints: Sequence[str] | None = None,
     rate: float = RATE,
     smoothing: float = SMOOTHING,
+    as_logged: bool = False,
 ) -> FeedforwardTorques:
     """Torques along a desired motion, for a controller that adds them to its own.
 
@@ -106,6 +107,8 @@ def feedforward(
         joints: Names of the columns of samples; those of the model in its order if `None`.
         rate: Samples per second along a file [Hz].
         smoothing: Speed over which the sign of friction is smoothed [rad/s; m/s]; 0 for the sign.
+        as_logged: Whether torques are multiplied by the estimated scales of the logged efforts, as
+            a drive that controls the logged effort needs them; without such scales both are equal.
 
     Raises:
         SteelyardError: A file cannot be used, a joint is missing, or the model's efforts are no
@@ -121,6 +124,9 @@ def feedforward(
     robot = identified.model.robot
     samples = _samples(motion, joints, robot, rate)
     torque = feedforward_torque(identified.valued, samples, smoothing)
+    if as_logged and identified.effort_scales is not None:
+        torque = torque * identified.effort_scales.values
+        identified = replace(identified, effort_scales=None)
     return FeedforwardTorques(robot.coordinates, samples, torque, remarks(identified))
 
 

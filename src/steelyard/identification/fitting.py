@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.diagnosis.fitted.rotors_at_zero import rotors_at_zero
+from steelyard.diagnosis.gear_side import INSTEAD
 from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.estimate import Z95, Estimate, Estimator
 from steelyard.estimation.fields.fields import Finding
@@ -136,11 +138,17 @@ def fit(
     requested = loaded_robot.estimation.effort_scales == "auto"
     if requested and not unscaled and isinstance(estimator, Consistent):
         scales = effort_scales(estimator, information, progress=progress)
+    declared = runs, information
     if scales is not None:
         runs = [_scaled(run, scales.found.values) for run in runs]
         information = information.scaled(1.0 / scales.found.values, information.signature.effort)
         estimating = partial(_with_scales, scales)
-    estimate = estimating(runs, information)(information)
+    estimate, refused = estimating(runs, information)(information), ""
+    zero, every = rotors_at_zero(estimate, runs[0].recording.signals.effort_kind)
+    if scales is not None and zero:
+        refused, scales, estimating = NO_SCALES.format(len(zero), every), None, from_runs
+        runs, information = declared
+        estimate = estimating(runs, information)(information)
     beside = offer_of(other, "").make(context) if method.name == plain else least_squares
     reference = beside(information)
     ignored = (*_unused(loaded_robot, method, why, context), *_in_vain(loaded_robot, unscaled))
@@ -148,6 +156,7 @@ def fit(
         *ground.notes,
         *_chosen(method, why, estimate),
         *([] if scales is None else [scales.note]),
+        *([refused] if refused else []),
         *estimate.notes,
         *_beyond(model, context.knowledge, estimate if method.name == plain else reference),
     )
@@ -182,6 +191,12 @@ def fit(
         method,
         estimating,
     )
+
+
+NO_SCALES = (
+    "no scales of the efforts are adopted: with them {} of {} rotor inertias are zero, so torques "
+    f"may be those of sensors behind the gears, which has a similar effect; if so, use {INSTEAD}"
+)
 
 
 def calibrated(found: Fit, threads: int, progress: Progress) -> Fit:

@@ -49,7 +49,7 @@ from steelyard.progress import Progress, silent
 from steelyard.report import ReportContent, parameters_csv, render, summary
 from steelyard.report.sections.register import SECTIONS
 from steelyard.report.text.findings import open_words
-from steelyard.report.text.score_words import error_words
+from steelyard.report.text.score_words import both_words
 from steelyard.report.text.table import rows
 from steelyard.report.text.verdict import Verdict, verdict
 from steelyard.robot_file.file import load_robot
@@ -131,7 +131,7 @@ class Identification(Result):
         """Robot, level and error in one line."""
         judged = self.verdict
         level = "no verdict" if judged.level == "none" else judged.level.upper()
-        error = f", {error_words(judged.errors)}" if judged.errors else ""
+        error = f", {both_words(judged.errors, judged.as_logged)}" if judged.errors else ""
         return f"Identification({self.content.robot}: {level}{error})".replace("\u00a0", " ")
 
     def _repr_html_(self) -> str:

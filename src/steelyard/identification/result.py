@@ -17,6 +17,8 @@ from steelyard.report import ReportContent
 if TYPE_CHECKING:
     from polars import DataFrame
 
+    from steelyard.validation.headline import JointError
+
 TEXT_WIDTH = 120
 """Columns of the text that `print` shows."""
 
@@ -69,7 +71,9 @@ def scores_frame(content: ReportContent) -> "DataFrame":
     """Errors as the terminal prints them, one row per joint of each log, fitted or not.
 
     `error`, `used` and `rated` are in `unit`, below `band_hz`; the other errors (`rmse`, `mae` ...)
-    are in `logged_unit`, in the band of the fit.
+    are in `logged_unit`, in the band of the fit. Where scales of the efforts were estimated,
+    `error`, `used` and `percent_of_used` are of the efforts divided by them, and
+    `error_as_logged`, `used_as_logged` and `percent_of_used_as_logged` of the efforts as logged.
     """
     scored = [(True, score) for score in content.fitted]
     scored += [(False, score) for score in content.scores]
@@ -80,12 +84,24 @@ def scores_frame(content: ReportContent) -> "DataFrame":
             "predicted_from": score.predicted_from,
             "band_hz": score.errors.cutoff,
             **printed.to_dict(),
+            **({} if logged is None else _as_logged(logged)),
             **{"logged_unit" if key == "unit" else key: value for key, value in other.items()},
         }
         for fitted, score in scored
-        for printed, other in zip(score.errors.joints, score.to_dict()["joints"], strict=True)
+        for printed, logged, other in zip(
+            score.errors.joints,
+            score.errors.as_logged or [None] * len(score.errors.joints),
+            score.to_dict()["joints"],
+            strict=True,
+        )
     ]
     return frame(joints, "scores")
+
+
+def _as_logged(joint: "JointError") -> dict[str, Any]:
+    """The columns of an error against efforts that are not divided by estimated scales."""
+    values = joint.to_dict()
+    return {f"{key}_as_logged": values[key] for key in ("error", "used", "percent_of_used")}
 
 
 def frame(rows: Sequence[Mapping[str, Any]], where: str) -> "DataFrame":

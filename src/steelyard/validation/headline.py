@@ -6,12 +6,16 @@ a joint is related to its rated effort, and to the effort it used: the root mean
 the log, but at least a quarter of that in the fitted runs, so that the relative error of a joint
 with hardly any load in this log is not one of noise and stiction alone. Over joints and runs,
 errors and references are pooled as root mean squares of all samples that count.
+
+Where scales of the logged efforts were estimated, an error is computed twice: with the logged
+efforts divided by the scales, and as logged, which is what the torque of the model is off from
+efforts that are read with the gains of the robot file alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import TYPE_CHECKING, Any
 
@@ -47,11 +51,14 @@ class EffortReference:
         rated: Greatest effort of each joint [Nm; N]; `None` where unknown, empty if all are.
         fitted: Root mean square effort of each joint in the fitted runs, in the unit of
             `JointError`; empty if unknown.
+        scales: Estimated scales that the gains contain, logged over model, one per joint; empty
+            without.
     """
 
     cutoff: float = BAND
     rated: tuple[float | None, ...] = ()
     fitted: tuple[float, ...] = ()
+    scales: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -117,11 +124,14 @@ class BandErrors:
         cutoff: Of the low-pass on both sides [Hz].
         at_rest: Whether no joint moves in the run.
         joints: One per joint.
+        as_logged: The same against efforts that are not divided by estimated scales; empty
+            without such scales.
     """
 
     cutoff: float
     at_rest: bool
     joints: tuple[JointError, ...]
+    as_logged: tuple[JointError, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
@@ -130,6 +140,12 @@ class BandErrors:
             "at_rest": self.at_rest,
             "joints": [joint.to_dict() for joint in self.joints],
             "pooled": [one.to_dict() for one in pooled([self])],
+            "as_logged": {
+                "joints": [joint.to_dict() for joint in self.as_logged],
+                "pooled": [one.to_dict() for one in pooled(as_logged([self]))],
+            }
+            if self.as_logged
+            else None,
         }
 
 
@@ -178,6 +194,11 @@ def pooled(runs: Iterable[BandErrors]) -> tuple[PooledError, ...]:
     return tuple(_pooled(unit, [j for j in counted if j.unit == unit]) for unit in units)
 
 
+def as_logged(runs: Iterable[BandErrors]) -> list[BandErrors]:
+    """The runs with their errors against efforts as logged; none without estimated scales."""
+    return [replace(run, joints=run.as_logged, as_logged=()) for run in runs if run.as_logged]
+
+
 def _pooled(unit: str, joints: Sequence[JointError]) -> PooledError:
     samples = np.array([joint.samples for joint in joints], dtype=np.float64)
 
@@ -206,6 +227,7 @@ def band_errors(
     reference: EffortReference,
     sums: tuple[Array, int],
     sums_moving: tuple[Array, Array],
+    scales: Sequence[float] = (),
 ) -> BandErrors:
     """Errors of a run from sums of squares in the fixed band.
 
@@ -217,6 +239,7 @@ def band_errors(
         sums: Sums of squares of error and measured effort over all samples, shape `(2, n)`, in
             logged units; number of samples.
         sums_moving: The same where each joint moves; numbers of samples, shape `(n,)`.
+        scales: Estimated scales that the gains contain and the errors shall not, one per joint.
     """
     longest = float(np.max(sums_moving[1], initial=0.0))
     at_rest = longest == 0.0
@@ -224,14 +247,15 @@ def band_errors(
     joints = []
     for j, (name, unit) in enumerate(names):
         known = all_known[j]
-        scale = abs(float(gains[j])) if known else 1.0
+        unscaled = scales[j] if scales and known else 1.0
+        scale = unscaled * abs(float(gains[j])) if known else 1.0
         moves = bool(sums_moving[1][j] > SHORT * longest)
         squares, samples = (
             (sums_moving[0][:, j], int(sums_moving[1][j])) if moves else (sums[0][:, j], sums[1])
         )
         error, used = (scale * sqrt(float(x) / samples) for x in squares)
         rated = reference.rated[j] if known and reference.rated else None
-        least = LEAST_USED * reference.fitted[j] if reference.fitted else 0.0
+        least = LEAST_USED * unscaled * reference.fitted[j] if reference.fitted else 0.0
         joints.append(
             JointError(
                 name,
@@ -272,7 +296,8 @@ def effort_reference(identified: IdentifiedModel) -> EffortReference:
         limit if ok and 0.0 < limit < np.inf else None
         for limit, ok in zip(limits, known, strict=True)
     )
-    return EffortReference(identified.cutoffs.headline, rated, fitted)
+    scales = () if identified.effort_scales is None else identified.effort_scales.values.tolist()
+    return EffortReference(identified.cutoffs.headline, rated, fitted, tuple(scales))
 
 
 def _percent(error: float, reference: float) -> float:

@@ -168,7 +168,7 @@ def model_errors(
         LogError: The band is too wide for the run's rate.
         DataError: The robot's loops close at no sample.
     """
-    reference = effort_reference(first)
+    reference = replace(effort_reference(first), scales=())
     gains, cutoff = identified.signals.gains, band_of(reference, run.rate)
     found = score(identified.valued, run, gains, cutoff, reference=reference)
     scales = _scales(identified, first)

@@ -6,7 +6,7 @@ joint moves.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby, tee, zip_longest
 from math import isfinite, sqrt
 from typing import Any, Literal
@@ -166,7 +166,7 @@ def score(
         in_band = _filtered(again, alone, band, run.rate)
         for part, banded in zip_longest(own, in_band):
             if banded is not None:
-                fixed.add(banded[1], banded[0][1])
+                fixed.add(_and_unscaled(banded[1], reference.scales), banded[0][1])
             if part is None:
                 continue
             (t, moving, q, dq), efforts = part
@@ -199,17 +199,38 @@ def score(
             if comparable and squares.samples_moving.any()
             else None
         ),
-        errors=band_errors(
-            run,
-            [(c.name, c.effort_unit) for c in valued.model.robot.coordinates],
-            gains,
-            reference,
-            (fixed.all, fixed.samples),
-            (fixed.moving, fixed.samples_moving),
-        ),
+        errors=_errors(valued, run, gains, reference, fixed),
         traces=traces_of(thinned, None if bands is None else bands.sigma / np.abs(gains)),
         parts=None if split is None else _parts(kept, gains),
     )
+
+
+def _and_unscaled(efforts: Array, scales: Sequence[float]) -> Array:
+    """Measured and predicted efforts, and those predicted for efforts without estimated scales.
+
+    Args:
+        efforts: In logged units, `(2, n, B)`.
+        scales: Logged effort over that of the model, one per joint; empty without.
+    """
+    if not scales:
+        return efforts
+    return np.concatenate([efforts, efforts[1:] / np.array(scales)[:, None]])
+
+
+def _errors(
+    valued: ValuedModel, run: Run, gains: Array, reference: EffortReference, fixed: "_Squares"
+) -> BandErrors:
+    """Errors in the fixed band, with estimated scales also against the efforts as logged."""
+    names = [(c.name, c.effort_unit) for c in valued.model.robot.coordinates]
+
+    def of_rows(rows: list[int], scales: Sequence[float] = ()) -> BandErrors:
+        sums, moving = (fixed.all[rows], fixed.samples), (fixed.moving[rows], fixed.samples_moving)
+        return band_errors(run, names, gains, reference, sums, moving, scales)
+
+    found = of_rows([0, 1])
+    if not reference.scales:
+        return found
+    return replace(found, as_logged=of_rows([2, 1], reference.scales).joints)
 
 
 def _parts(kept: Thinned, gains: Array) -> TorqueParts:

@@ -50,7 +50,8 @@ def _worse(score: RunScore) -> tuple[JointScore, ...]:
 
 def _advice(case: FittedCase) -> Fix:
     """What to try first."""
-    zero, every = rotors_at_zero(case.identified)
+    identified = case.identified
+    zero, every = rotors_at_zero(identified.estimate, identified.signals.effort_kind)
     if zero:
         return Fix(
             f"{len(zero)} of {every} rotor inertias are zero: torques may be those of sensors "

@@ -5,7 +5,7 @@ from typing import ClassVar
 from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.diagnosis.gear_side import INSTEAD, rotors_of
-from steelyard.estimation.identified import IdentifiedModel
+from steelyard.estimation.estimate import Estimate
 
 FEW = 0.5
 """Share of rotor inertias at zero from which on the side of the gears is doubtful."""
@@ -21,7 +21,8 @@ class RotorsAtZero:
 
     def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
         """One remark, with what to change, after a fit."""
-        zero, every = rotors_at_zero(case.identified)
+        identified = case.identified
+        zero, every = rotors_at_zero(identified.estimate, identified.signals.effort_kind)
         if not case.fitted or not zero:
             return ()
         says = (
@@ -33,15 +34,16 @@ class RotorsAtZero:
         return (Finding(self.name, "", Severity.OK, says, "", joints, fix, headline=True),)
 
 
-def rotors_at_zero(identified: IdentifiedModel) -> tuple[tuple[str, ...], int]:
+def rotors_at_zero(estimate: Estimate, effort_kind: str) -> tuple[tuple[str, ...], int]:
     """Rotor inertias at or below zero, and how many there are; none where they are the fewer.
 
-    Of torques that are declared as those at the joints.
+    Args:
+        estimate: The estimate.
+        effort_kind: Content of the efforts: they are asked of torques at the joints only.
     """
-    estimate = identified.estimate
     rotors = rotors_of(estimate)
     values = dict(zip(estimate.parameters.names, estimate.parameters.values, strict=True))
     zero = tuple(name for name in rotors if name in estimate.at_bound or values[name] <= 0.0)
     many = len(zero) >= max(LEAST, FEW * len(rotors))
-    at_joints = identified.signals.effort_kind == "joint_torque"
+    at_joints = effort_kind == "joint_torque"
     return (zero if many and at_joints else ()), len(rotors)

@@ -7,7 +7,6 @@ import numpy as np
 from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.diagnosis.fitted.model_error import beginnings, can_be_ranked, ranked_causes
-from steelyard.diagnosis.fitted.rotors_at_zero import rotors_at_zero
 from steelyard.estimation.estimate import Z95
 from steelyard.terms.laws.load_dependent import LoadDependent
 from steelyard.terms.laws.spring import Spring
@@ -39,19 +38,12 @@ class ScaledEfforts:
             f"a scale of the efforts is estimated per joint ({listed}): sensors or gains are off "
             f"by "
             "these factors, or a missing term has the same effect; masses are as uncertain as "
-            f"the scales{_other_reason(case, scales.found.distance)}"
+            f"the scales{_term_instead(case, scales.found.distance)}"
         )
         if not wrong:
             return (Finding(self.name, "", Severity.OK, says, "", headline=True),)
         fix = Fix(f"Check gain and unit of the effort of {', '.join(wrong)}")
         return (Finding(self.name, "", Severity.DOUBTFUL, says, "", wrong, fix, headline=True),)
-
-
-def _other_reason(case: FittedCase, distance: float) -> str:
-    """What may have the effect of scales: the side of the gears, or else a missing term."""
-    if rotors_at_zero(case.identified)[0]:
-        return "; decide first whether torques contain those of the rotors, which acts like a scale"
-    return _term_instead(case, distance)
 
 
 def _term_instead(case: FittedCase, distance: float) -> str:

@@ -9,7 +9,7 @@ from statistics import fmean
 from typing import TYPE_CHECKING
 
 from steelyard.report.text.words import count, percent, significant
-from steelyard.validation.headline import PooledError, pooled
+from steelyard.validation.headline import BandErrors, PooledError, as_logged, pooled
 
 if TYPE_CHECKING:
     from steelyard.estimation.identified import IdentifiedModel
@@ -93,6 +93,19 @@ def error_words(errors: Sequence[PooledError]) -> str:
     )
 
 
+def both_words(errors: Sequence[PooledError], logged: Sequence[PooledError]) -> str:
+    """The errors, with estimated scales of the efforts also those against efforts as logged."""
+    if not logged:
+        return error_words(errors)
+    unscaled = ", ".join(
+        f"{significant(one.error, 2)} {one.unit}: {percent(one.percent_of_used)}" for one in logged
+    )
+    return (
+        f"{error_words(errors)} with the estimated effort scales; against the efforts as logged "
+        f"{unscaled}"
+    )
+
+
 def basis_words(scores: Sequence[RunScore]) -> str:
     """Like `RMS below 5 Hz, pooled over 6 joints, where they move`."""
     n_joints = len(scores[0].joints)
@@ -109,17 +122,32 @@ def basis_words(scores: Sequence[RunScore]) -> str:
 
 def joint_errors(scores: Sequence[RunScore]) -> tuple[PooledError | None, ...]:
     """Error of each joint over runs; `None` of one that rests in all of them while others move."""
+    return joint_errors_of([run.errors for run in scores])
+
+
+def joint_errors_of(runs: Sequence[BandErrors]) -> tuple[PooledError | None, ...]:
+    """The same of the errors alone; none without runs."""
     own = (
-        [replace(run.errors, joints=(run.errors.joints[number],)) for run in scores]
-        for number in range(len(scores[0].joints))
+        [replace(run, joints=(run.joints[number],)) for run in runs]
+        for number in range(len(runs[0].joints) if runs else 0)
     )
-    return tuple(next(iter(pooled(runs)), None) for runs in own)
+    return tuple(next(iter(pooled(errors)), None) for errors in own)
 
 
 def poorly_predicted(scores: Sequence[RunScore], limit: float) -> str:
-    """Joints with an error above `limit` [% of the effort used]; or nothing."""
+    """Joints with an error above `limit` [% of the effort used]; or nothing.
+
+    With estimated scales of the efforts, the larger of the errors with and without them counts.
+    """
     listed = []
-    for joint, error in zip(scores[0].joints, joint_errors(scores), strict=True):
+    own = joint_errors(scores)
+    logged = joint_errors_of(as_logged(run.errors for run in scores)) or own
+    for joint, *both in zip(scores[0].joints, own, logged, strict=True):
+        error = max(
+            (one for one in both if one is not None),
+            key=lambda one: one.percent_of_used,
+            default=None,
+        )
         if error is not None and limit < error.percent_of_used < inf:
             size = f"{significant(error.error, 2)} {error.unit}"
             words = f"{joint.joint} {size} ({percent(error.percent_of_used)})"
@@ -154,9 +182,11 @@ def scale_words(identified: IdentifiedModel | None, scores: Sequence[RunScore]) 
     """By what measured efforts are divided before they are compared; empty without scales."""
     if identified is None or identified.effort_scales is None or not scores:
         return ""
-    values = zip(scores[0].joints, identified.effort_scales.values, strict=True)
-    listed = ", ".join(f"{joint.joint} {scale:.2f}" for joint, scale in values)
-    return f"efforts divided by the estimated scale: {listed}"
+    listed = identified.effort_scales.words(joint.joint for joint in scores[0].joints)
+    return (
+        f"efforts divided by the estimated scale: {listed}; as logged: not divided by it. torque() "
+        "of the model has the unit of the divided efforts, effort() that of the log"
+    )
 
 
 def relative(joint: JointScore) -> float:

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, Literal
 from steelyard.report.content import ReportContent
 from steelyard.report.text.score_words import (
     basis_words,
-    error_words,
+    both_words,
     other_errors,
     poorly_predicted,
     without_percentage,
 )
 from steelyard.report.text.words import count, percent
-from steelyard.validation.headline import PooledError, pooled
+from steelyard.validation.headline import PooledError, as_logged, pooled
 
 if TYPE_CHECKING:
     from steelyard.diagnosis import Finding
@@ -57,6 +57,7 @@ class Verdict:
         level: No better than the worst limitation allows.
         limitations: Sentence and level of everything that was found against the model.
         errors: Errors of the headline, one per unit of effort; none without an unseen run.
+        as_logged: The same against the efforts as logged, if scales of the efforts were estimated.
         others: The relative errors in the band of the fit, as a sentence; or nothing.
     """
 
@@ -65,12 +66,17 @@ class Verdict:
     level: Level
     limitations: tuple[tuple[str, Level], ...] = ()
     errors: tuple[PooledError, ...] = ()
+    as_logged: tuple[PooledError, ...] = ()
     others: str = ""
 
     @property
     def percent_of_used(self) -> float | None:
-        """The error that the level is of, the largest over units of effort [%]."""
-        return max((one.percent_of_used for one in self.errors), default=None)
+        """The largest error over units of effort, with and without estimated scales [%].
+
+        Which of the two is that of the model depends on whether the sensors or the model are off.
+        """
+        every = (*self.errors, *self.as_logged)
+        return max((one.percent_of_used for one in every), default=None)
 
     @property
     def line(self) -> str:
@@ -84,6 +90,7 @@ class Verdict:
             "headline": self.headline,
             "detail": self.detail,
             "errors": [one.to_dict() for one in self.errors],
+            "errors_as_logged": [one.to_dict() for one in self.as_logged],
         }
 
 
@@ -136,9 +143,11 @@ def _of_scores(content: ReportContent) -> Verdict:
         return _untested(content)
     scores = [run for run in content.scores if not run.repeats] or list(content.scores)
     errors = pooled(run.errors for run in scores)
-    plain = Verdict("", _detail(scores), "none", errors=errors, others=other_errors(scores))
+    logged = pooled(as_logged(run.errors for run in scores))
+    plain = Verdict("", _detail(scores), "none", (), errors, logged, other_errors(scores))
     motion = _motion(scores)
     worst = plain.percent_of_used
+    scaled = max((one.percent_of_used for one in errors), default=0.0)
     if worst is None or not isfinite(worst):
         strange = ", ".join(without_percentage(scores))
         return replace(
@@ -147,11 +156,12 @@ def _of_scores(content: ReportContent) -> Verdict:
             detail=f"No relative error of {strange}: its measured effort is zero or not a number. "
             f"See the table. {plain.detail}".rstrip(),
         )
-    error = f"{error_words(errors)} ({basis_words(scores)})"
-    if worst >= 100.0:
+    error = f"{both_words(errors, logged)} ({basis_words(scores)})"
+    if scaled >= 100.0:
         headline = f"Predicts {motion} no better than predicting zero: the error is {error}"
         return replace(plain, headline=headline, level="poor")
-    level = level_of(worst)
+    limited: Level = "good" if worst <= GOOD else "fair"
+    level = max(level_of(scaled), limited, key=SEVERITY.index)
     if scores[0].repeats:
         level = max(level, "none", key=SEVERITY.index)
     return replace(plain, headline=f"Predicts {motion} with an error of {error}", level=level)
@@ -169,10 +179,11 @@ def _untested(content: ReportContent) -> Verdict:
     """Without a run that was kept aside nothing is known about other motions."""
     fitted, described = content.fitted, ""
     errors = pooled(run.errors for run in fitted)
+    logged = pooled(as_logged(run.errors for run in fitted))
     if errors and all(isfinite(one.percent_of_used) for one in errors):
         described = (
             f"The model describes {count(len(fitted), 'fitted run')} with an error of "
-            f"{error_words(errors)} ({basis_words(fitted)}), which is no evidence for other "
+            f"{both_words(errors, logged)} ({basis_words(fitted)}), which is no evidence for other "
             "motions. "
         )
     return Verdict(

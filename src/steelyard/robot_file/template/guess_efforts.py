@@ -1,5 +1,6 @@
 """What columns of efforts hold, by their names and values: currents, torques, counts, nothing."""
 
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -13,6 +14,14 @@ TORQUE = (
     "including rotor inertia; for sensors behind the gears (Franka, KUKA iiwa, Kinova Gen3, Rokae "
     'xMate) set kind = "link_torque" and remove rotor_inertia from [model] terms'
 )
+BEHIND = (
+    "torque of sensors behind the gears, by the names of robot and joints ({}): rotors and gears "
+    'are not in it. If it is computed from motor currents, set kind = "joint_torque" and add '
+    '"rotor_inertia" to [model] terms'
+)
+"""Why efforts of a known robot are those of sensors behind the gears."""
+LINK_SIDE = re.compile(r"(?<![a-z])(panda|fr3|franka|iiwa|lbr|gen3(?!_?lite))(?![a-z])")
+"""Names of robots with torque sensors behind the gears: Franka, KUKA iiwa, Kinova Gen3."""
 BEYOND = 3.0
 """Reach of torques over the joint's limit from which on their unit is another one."""
 UNSTATED = (
@@ -66,6 +75,15 @@ def _is_current(column: Column) -> bool:
     if column.has("a", "amp", "amps"):
         return True
     return column.has(*CURRENTS) and not column.has(*TORQUES)
+
+
+def link_side(robot: str, joints: Sequence[str]) -> str:
+    """What in the names of a robot and its joints says that torques are those behind the gears.
+
+    Empty if nothing does.
+    """
+    found = (LINK_SIDE.search(name.lower()) for name in (robot, *joints))
+    return next((match.group() for match in found if match), "")
 
 
 def beyond_effort(

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +14,9 @@ from steelyard.robot.xml_reader import read_xml
 from steelyard.robot_file.column_names import like_finger
 from steelyard.robot_file.file import LoadedRobot
 from steelyard.robot_file.template.guess_columns import Guess, Sample, guess_columns
+from steelyard.robot_file.template.guess_efforts import BEHIND, TORQUE, UNSTATED, link_side
 from steelyard.robot_file.template.guess_motors import Gears, reductions
-from steelyard.robot_file.template.known import Known, with_effort
+from steelyard.robot_file.template.known import Effort, Known, with_effort
 from steelyard.robot_file.template.model import gears_part, model_part
 from steelyard.robot_file.template.proposal import Proposal
 from steelyard.robot_file.template.settings import SETTINGS, excitation_part
@@ -90,11 +91,21 @@ def assigned(
     if columns is None:
         return Assignment(None, free, free)
     try:
-        guess = guess_columns(free, columns, sample, rate)
+        guess = _behind_the_gears(guess_columns(free, columns, sample, rate), robot.name)
     except LogError as error:
         return Assignment(tuple(columns), free, free, None, error.wrong)
     moving = tuple(c for c in free if c.name in guess.joints)
     return Assignment(tuple(columns), free, moving, guess)
+
+
+def _behind_the_gears(guess: Guess, robot: str) -> Guess:
+    """The guess, with torques of a known robot as those of sensors behind the gears."""
+    name = link_side(robot, guess.joints)
+    if not name or guess.section.effort.kind != "joint_torque":
+        return guess
+    stated = BEHIND.format(name)
+    reasons = (why.replace(TORQUE, stated).replace(UNSTATED, stated) for why in guess.reasons)
+    return replace(with_effort(guess, Effort("link_torque")), reasons=tuple(reasons))
 
 
 def drafted(

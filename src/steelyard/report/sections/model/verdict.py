@@ -14,8 +14,8 @@ from steelyard.report.sections.tables import light_table
 from steelyard.report.text.findings import finding_dict
 from steelyard.report.text.score_words import (
     basis_words,
+    both_words,
     coverage_words,
-    error_words,
     relative,
     relative_errors,
     scale_words,
@@ -23,7 +23,7 @@ from steelyard.report.text.score_words import (
 from steelyard.report.text.table import rows
 from steelyard.report.text.verdict import COLOURS, FAIR, GOOD, level_of, verdict
 from steelyard.report.text.words import NONE, percent, significant
-from steelyard.validation.headline import JointError, PooledError, pooled
+from steelyard.validation.headline import JointError, PooledError, as_logged, pooled
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -57,6 +57,7 @@ class VerdictSection(Section):
             "runs": [_run(score) for score in content.scores if not score.repeats],
             "repeated": [_run(score) for score in content.scores if score.repeats],
             "fitted": [_run(score) for score in content.fitted],
+            "scaled": any(run.errors.as_logged for run in (*content.scores, *content.fitted)),
             "scales": scale_words(content.identified, content.scores or content.fitted),
             "good": GOOD,
             "fair": FAIR,
@@ -157,11 +158,21 @@ def _run(score: RunScore) -> dict[str, Any]:
         "repeats": score.repeats,
         "cutoff": score.cutoff,
         "band": score.errors.cutoff,
-        "figures": error_words(pooled([score.errors])),
+        "figures": both_words(pooled([score.errors]), pooled(as_logged([score.errors]))),
         "basis": basis_words([score]),
-        "errors": [_error(joint) for joint in score.errors.joints],
+        "errors": [
+            _error(joint) | {"as_logged": logged}
+            for joint, logged in zip(score.errors.joints, _logged_shares(score), strict=True)
+        ],
         "joints": score.joints,
     }
+
+
+def _logged_shares(score: RunScore) -> list[float | None]:
+    """The errors of the joints against efforts as logged [%]; `None` without estimated scales."""
+    if not score.errors.as_logged:
+        return [None] * len(score.errors.joints)
+    return [joint.percent_of_used for joint in score.errors.as_logged]
 
 
 def _error(joint: JointError) -> dict[str, Any]:
@@ -182,11 +193,17 @@ def _runs_table(scores: Sequence[RunScore], unseen: bool) -> RenderableType:
     from rich.text import Text
 
     title = f"{len(scores)} runs, {'not fitted' if unseen else 'fitted'} ({basis_words(scores)})"
-    table = light_table(("run", "error", "of used", "of rated", "worst joint"), (0, 4))
+    scaled = any(score.errors.as_logged for score in scores)
+    logged = ["as logged"] if scaled else []
+    table = light_table(
+        ("run", "error", "of used", *logged, "of rated", "worst joint"), (0, 4 + len(logged))
+    )
     for score in scores:
-        for error in pooled([score.errors]):
+        unscaled: Sequence[PooledError | None] = pooled(as_logged([score.errors]))
+        errors = pooled([score.errors])
+        for error, other in zip(errors, unscaled or [None] * len(errors), strict=True):
             name = f"{score.run} (repeats {score.repeats})" if score.repeats else score.run
-            _add(table, name, error, _worst(score))
+            _add(table, name, error, _worst(score), logged=other)
     return Group(Text(title), table)
 
 
@@ -211,27 +228,39 @@ def _joints_table(score: RunScore, unseen: bool) -> RenderableType:
     basis = f"RMS below {score.errors.cutoff:g} Hz, {where}"
     if not all(joint.counted for joint in score.errors.joints):
         basis += "; joints at rest do not count"
-    headings = ("joint", "error", "of used", "of rated", "used", "rated", "")
-    table = light_table(headings, (0, 6))
-    for joint in score.errors.joints:
+    logged = ["as logged"] if score.errors.as_logged else []
+    headings = ("joint", "error", "of used", *logged, "of rated", "used", "rated", "")
+    table = light_table(headings, (0, 6 + len(logged)))
+    others = score.errors.as_logged or [None] * len(score.errors.joints)
+    for joint, other in zip(score.errors.joints, others, strict=True):
         effort = significant(joint.used), significant(joint.rated)
-        _add(table, joint.joint, joint, *effort, "" if joint.counted else "at rest")
-    several = len(pooled([score.errors])) > 1
-    for error in pooled([score.errors]):
-        _add(table, f"pooled, {error.unit}" if several else "pooled", error)
+        note = "" if joint.counted else "at rest"
+        _add(table, joint.joint, joint, *effort, note, logged=other)
+    errors = pooled([score.errors])
+    unscaled = pooled(as_logged([score.errors])) or [None] * len(errors)
+    for error, one in zip(errors, unscaled, strict=True):
+        name = f"pooled, {error.unit}" if len(errors) > 1 else "pooled"
+        _add(table, name, error, logged=one)
     return Group(Text(f"{score.run}, {again if unseen else 'fitted'} ({basis})"), table)
 
 
-def _add(table: Table, name: str, error: JointError | PooledError, *more: str) -> None:
-    """A row: error with its unit, and relative to what is used and rated."""
+def _add(
+    table: Table,
+    name: str,
+    error: JointError | PooledError,
+    *more: str,
+    logged: JointError | PooledError | None = None,
+) -> None:
+    """A row: error with its unit, and relative to what is used, as logged too, and rated."""
     from rich.text import Text
 
     counted = not isinstance(error, JointError) or error.counted
-    style = COLOURS[level_of(error.percent_of_used)] if counted else "dim"
+    shares = [one.percent_of_used for one in (error, logged) if one is not None]
+    styles = [COLOURS[level_of(share)] if counted else "dim" for share in shares]
     table.add_row(
         Text(name),
         f"{significant(error.error)} {error.unit}",
-        Text(percent(error.percent_of_used), style=style),
+        *(Text(percent(share), style=style) for share, style in zip(shares, styles, strict=True)),
         percent(error.percent_of_rated),
         *(Text(cell) for cell in more),
     )
