@@ -237,20 +237,14 @@ def _add(table: Table, name: str, error: JointError | PooledError, *more: str) -
     )
 
 
-def _fit_table(score: RunScore) -> Table:
-    from rich.table import Table
+def _fit_table(score: RunScore) -> RenderableType:
+    """Errors in the band of the fit, between its title and the meaning of its columns."""
+    from rich.console import Group
     from rich.text import Text
 
-    table = Table(
-        title=Text(f"{score.run}, in the band of the fit, below {score.cutoff:g} Hz"),
-        title_justify="left",
-        caption=CAPTION,
-        caption_justify="left",
-    )
-    table.add_column("joint", overflow="fold")
-    for heading in ("moving", "all", "RMSE", "MAE", "zero", "nominal"):
-        table.add_column(heading, justify="right")
-    table.add_column("unit")
+    headings = ("joint", "moving", "all", "RMSE", "MAE", "zero", "nominal", "unit")
+    table = light_table(headings, (0, 7))
+    table.columns[0].no_wrap = True
     for joint in score.joints:
         style = COLOURS[level_of(relative(joint))]
         table.add_row(
@@ -268,4 +262,5 @@ def _fit_table(score: RunScore) -> Table:
         pooled = percent(score.pooled_percent_moving), percent(score.pooled_percent)
         table.add_row("pooled", *pooled)
     table.add_row("mean", percent(score.mean_percent_moving), percent(score.mean_percent))
-    return table
+    title = f"{score.run}, in the band of the fit, below {score.cutoff:g} Hz"
+    return Group(Text(title), table, Text(CAPTION, style="dim"))
