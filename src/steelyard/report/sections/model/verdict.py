@@ -12,6 +12,7 @@ from steelyard.report.sections.model.parameters import usable
 from steelyard.report.sections.section import Numbers, Section
 from steelyard.report.sections.tables import light_table
 from steelyard.report.text.findings import finding_dict
+from steelyard.report.text.residual_times import fitted_larger
 from steelyard.report.text.score_words import (
     basis_words,
     coverage_words,
@@ -53,6 +54,7 @@ class VerdictSection(Section):
         return {
             "verdict": verdict(content),
             "usable": _usable(content),
+            "fitted_larger": fitted_larger(content.fitted, content.scores),
             "facts": _facts(content),
             "runs": [_run(score) for score in content.scores if not score.repeats],
             "repeated": [_run(score) for score in content.scores if score.repeats],
@@ -107,6 +109,8 @@ class VerdictSection(Section):
         judged, unseen = verdict(content), bool(content.scores)
         if judged.others:
             yield Text(judged.others)
+        if larger := fitted_larger(content.fitted, content.scores):
+            yield Text(larger)
         scores = content.scores or content.fitted
         for score in scores:
             if len(scores) > 1:
