@@ -100,8 +100,8 @@ def check(
         console = Console()
         found.show(console, verbose)
         good = not (model or found.last.severity)
-        parts = parted(load_robot(robot, base=fixed_base), logs) if good else logs
-        for line in hints(found, folder, [] if model else [robot, *parts]):
+        given = parted(load_robot(robot, base=fixed_base), logs) if good else logs
+        for line in hints(found, folder, [] if model else [robot, *given]):
             console.print(Text(line), soft_wrap=True)
     if found.last.severity:
         raise typer.Exit(int(found.last.severity))

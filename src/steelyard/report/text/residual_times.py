@@ -67,8 +67,8 @@ def _windows(run: RunScore) -> tuple[Array, Array]:
     errors = np.array([joint.error if joint.counted else 0.0 for joint in run.errors.joints])
     weights = np.divide(errors**2, mean, out=np.zeros(len(mean)), where=mean > 0.0)
     number = ((traces.t - traces.t[0]) // WINDOW).astype(int)
-    total = np.bincount(number, squares @ weights)
-    return float(traces.t[0]) + WINDOW * np.arange(len(total)), total
+    total = np.asarray(np.bincount(number, squares @ weights), dtype=np.float64)
+    return np.asarray(float(traces.t[0]) + WINDOW * np.arange(len(total))), total
 
 
 def _merged(starts: Array) -> list[tuple[float, float]]:
