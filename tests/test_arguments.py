@@ -213,3 +213,50 @@ def test_weights_that_an_estimator_does_not_use_are_noted(
     found = steelyard.identify(robot, folder / "fit.csv", check=False)
     noted = [note for note in found.content.notes if "does not use [estimation] weights" in note]
     assert bool(noted) == ignored
+
+
+def test_a_check_and_a_run_are_one_line(folder: Path) -> None:
+    robot, log = folder / "arm.toml", folder / "fit.csv"
+    (run,) = steelyard.load_runs(robot, log)
+    assert repr(run) == (
+        f"Run('fit': 2 joints, {run.n_samples} samples at {run.rate:g} Hz, {run.duration:.4g} s)"
+    )
+    found = steelyard.check(robot, log, quick=True)
+    assert repr(found).startswith(f"CheckResult({robot}: ") and "\n" not in repr(found)
+    assert " findings: " in repr(found)
+
+
+def test_a_whole_run_has_a_row_per_sample(folder: Path) -> None:
+    (run,) = steelyard.load_runs(folder / "arm.toml", folder / "fit.csv")
+    data = run.whole()
+    assert data.motion.q.shape == data.effort.shape == data.moving.shape == (run.n_samples, 2)
+    assert data.t.shape == data.segment.shape == (run.n_samples,)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"validat": "x"}, "steelyard.identify: .*'validat'; did you mean 'validate'"),
+        ({}, "steelyard.identify: missing a required argument: 'logs'"),
+    ],
+)
+def test_unknown_arguments_name_the_function(arguments: dict[str, str], words: str) -> None:
+    given = ("arm.toml", "log.csv") if arguments else ("arm.toml",)
+    with pytest.raises(TypeError, match=words):
+        steelyard.identify(*given, **arguments)
+
+
+def test_a_wrong_shape_states_the_expected_one_first() -> None:
+    with pytest.raises(SteelyardError) as caught:
+        steelyard.Motion(np.zeros(5), np.zeros(5), np.zeros((5, 2)), np.zeros((5, 2)))
+    assert str(caught.value).splitlines()[0] == "'q' has shape (5,), expected: (5, n)"
+
+
+def test_parameters_of_a_saved_model_have_intervals(folder: Path) -> None:
+    model = steelyard.load_model(folder / "arm-model")
+    table = steelyard.parameter_table(model)
+    assert table["name"].to_list() == list(model.base.base_names)
+    seen = table.filter(table["value"].is_not_null())
+    assert (seen["upper"] - seen["lower"]).to_numpy() == pytest.approx(
+        2.0 * 1.96 * seen["std"].to_numpy(), rel=1e-3
+    )

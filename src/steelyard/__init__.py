@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from steelyard.identification.reduce import reduce as reduce
     from steelyard.identification.reduction_loop import reduction_loop as reduction_loop
     from steelyard.identification.repeated import repeated as repeated
+    from steelyard.identification.result import parameter_table as parameter_table
     from steelyard.identification.simulate import simulate as simulate
     from steelyard.identification.track import track as track
     from steelyard.identification.validate import validate as validate
@@ -96,6 +97,7 @@ _HOMES = {
     "load_runs": "identification.parts",
     "model_of": "identification.parts",
     "open_log": "formats.register",
+    "parameter_table": "identification.result",
     "payload_events": "identification.payload",
     "read_trajectory": "identification.parts",
     "reduce": "identification.reduce",

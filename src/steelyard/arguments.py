@@ -2,12 +2,13 @@
 
 import functools
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from numbers import Integral, Real
 from types import NoneType
 from typing import Any, Literal, ParamSpec, TypeVar, get_args, get_origin, get_type_hints
 
 from steelyard.errors import DataError
+from steelyard.suggest import advice
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -32,7 +33,7 @@ def checked(**least: float) -> Callable[[Callable[Arguments, Result]], Callable[
 
         @functools.wraps(function)
         def run(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
-            for name, value in signature.bind(*args, **kwargs).arguments.items():
+            for name, value in _bound(function.__name__, signature, args, kwargs).items():
                 lowest = least.get(name)
                 if not _fits(value, hints()[name], lowest):
                     raise _refused(function.__name__, name, value, hints()[name], lowest)
@@ -41,6 +42,22 @@ def checked(**least: float) -> Callable[[Callable[Arguments, Result]], Callable[
         return run
 
     return around
+
+
+def _bound(
+    function: str, signature: inspect.Signature, args: Sequence[Any], kwargs: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Arguments by name, as Python binds them.
+
+    Raises:
+        TypeError: One is unknown or missing; it names the function and the nearest argument.
+    """
+    try:
+        return signature.bind(*args, **kwargs).arguments
+    except TypeError as error:
+        unknown = next((name for name in kwargs if name not in signature.parameters), None)
+        near = "" if unknown is None else f"; {advice(unknown, signature.parameters, 'arguments')}"
+        raise TypeError(f"steelyard.{function}: {error}{near}") from None
 
 
 def _fits(value: Any, hint: Any, lowest: float | None) -> bool:

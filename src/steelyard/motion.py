@@ -84,12 +84,18 @@ def shaped(name: str, values: ArrayLike, shapes: Sequence[tuple[int | None, ...]
         and all(want in (None, got) for want, got in zip(shape, array.shape, strict=True))
         for shape in shapes
     ):
-        letters = [["N" if size is None else str(size) for size in shape] for shape in shapes]
-        accepted = " or ".join(" x ".join(shape) or "1" for shape in letters)
+        letters = [
+            [free if size is None else str(size) for free, size in zip("Nn", shape, strict=False)]
+            for shape in shapes
+        ]
+        listed = [", ".join(shape) + "," * (len(shape) == 1) for shape in letters]
+        accepted = " or ".join(f"({shape})" for shape in listed)
         raise DataError(
-            f"'{name}' has shape {array.shape}",
+            f"'{name}' has shape {array.shape}, expected: {accepted}",
             where="samples of a motion",
-            fix=f"give {accepted} numbers: rows are samples, columns are joints",
+            fix="give one sample as a vector, or N samples as rows with one column per joint"
+            if any(len(shape) < 2 for shape in shapes)
+            else "give N samples as rows with one column per joint",
         )
     return array
 

@@ -76,6 +76,36 @@ USER = (
         "no such log",
         options=("--validate", f"{GIVEN}/nothing.csv"),
     ),
+    Mistake(
+        "log before the robot file",
+        ("identify", f"{LOG}@0:5", ROBOT, "--json"),
+        ("in the place of the robot file", f"steelyard identify {ROBOT} {LOG}@0:5"),
+    ),
+    Mistake(
+        "log before the robot file, missing",
+        ("check", "no.parquet", "other.csv@0:5"),
+        ("robot file first, then logs: steelyard check ROBOT no.parquet other.csv@0:5",),
+    ),
+    Mistake(
+        "folder of a log before the robot file",
+        ("check", "bag", ROBOT),
+        ("is a robot file", f"steelyard check {ROBOT} bag"),
+    ),
+    Mistake(
+        "robot file among the logs",
+        ("identify", ROBOT, f"{GIVEN}/demo_arm.urdf", LOG),
+        ("demo_arm.urdf' is among the logs", f"steelyard identify {ROBOT} {LOG}"),
+    ),
+    Mistake(
+        "log before the URDF",
+        ("init", LOG, f"{GIVEN}/demo_arm.urdf"),
+        (f"robot model first, then logs: steelyard init {GIVEN}/demo_arm.urdf {LOG}",),
+    ),
+    Mistake(
+        "log before the model",
+        ("wrench", LOG, "steelyard-arm"),
+        (f"model first, then logs: steelyard wrench steelyard-arm {LOG}",),
+    ),
     output("output folder exists", GIVEN, "exists already", "--output"),
     output("output below a file", f"{ROBOT}/out", "cannot be written", "Not a directory"),
     output("output below a file's file", f"{ROBOT}/deep/out", "cannot be written"),

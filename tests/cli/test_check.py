@@ -114,6 +114,8 @@ def test_the_worst_judgement_is_the_exit_code(
     short = words(command("check", ROBOT, LOG, OTHER).stdout)
     said = "ok 1 check position unit Ok: no error was found (2 findings: 2 ok)"
     assert short == f"{said} {words(step)}"
+    one = command("check", ROBOT, LOG).stdout.rstrip()
+    assert one.endswith(f"steelyard identify {ROBOT} {LOG}@0:4.2 --validate {LOG}@4.2:6")
     both = words(command("check", ROBOT, degrees, LOG).stdout)
     assert (severity.word == "wrong") == ("give this one a robot file of its own" in both)
     assert f"(2 findings: 1 {severity.word}, 1 ok)" in both

@@ -111,12 +111,15 @@ def test_a_wrong_transmission_leaves_the_robot_file_undecided(
     done = command("check", wrong, log, "--quick")
     words = " ".join(done.stdout.split())
     assert done.exit_code == 1 and "questions are open; the robot file may be wrong" in words
-    assert "next compare signs, gear ratios, couplings, position_offset" in words
+    assert "next # compare signs, gear ratios, couplings, position_offset" in words
     assert "steelyard identify" not in words
     done = command("identify", wrong, log, "-o", tmp_path / "model")
     words = " ".join(done.stdout.split())
     assert "! check of the logs: " in words and "questions are open; the robot file may" in words
-    assert f"next steelyard check {wrong} {log}" in words and "--to urdf" not in words
+    assert (
+        f"next # open questions about the robot file steelyard check {wrong} {log}" in words
+        and "--to urdf" not in words
+    )
 
 
 def test_the_document_lists_every_suspicion() -> None:

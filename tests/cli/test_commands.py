@@ -48,6 +48,11 @@ def test_help_shows_an_example(name: str, command: Command) -> None:
     assert f"Example: steelyard {name}" in done.stdout
 
 
+def test_help_names_the_default_folder(command: Command) -> None:
+    words = " ".join(command("identify", "--help").stdout.replace("│", " ").split())
+    assert "must not exist. steelyard-ROBOT if unset." in words
+
+
 def test_help_does_not_swallow_brackets(command: Command) -> None:
     words = "".join(command("replay", "--help").stdout.split())
     assert 'pipinstall"steelyard[replay]"' in words

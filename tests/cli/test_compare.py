@@ -101,7 +101,7 @@ def test_an_estimator_that_fails_does_not_stop_the_others(command, monkeypatch) 
         ),
         (
             ("--estimators", "wls", "--all"),
-            ("both --estimators and --all are given", "leave out one of the two"),
+            ("estimators are named, and all are requested", "leave out one of the two"),
         ),
         (("-o", "../given"), ("the output folder exists already",)),
     ],

@@ -36,7 +36,7 @@ def test_the_limit_decides_the_exit_code(identified: Path, command: Command) -> 
 def test_a_fitted_log_leads_to_another_one(identified: Path, command: Command) -> None:
     said = " ".join(command("validate", identified, f"{LOG}@1.5:4").stdout.split())
     assert "log another motion and run: steelyard validate MODEL OTHER_LOG" in said
-    assert f"next steelyard validate {identified} OTHER_LOG" in said
+    assert f"next # error on another motion steelyard validate {identified} OTHER_LOG" in said
     assert "next " not in command("validate", identified, OTHER).stdout
 
 

@@ -11,7 +11,7 @@ from steelyard.cli.check import hints
 from steelyard.diagnosis import Case, Diagnosis, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.diagnosis.fitted.rotors_at_zero import RotorsAtZero
-from steelyard.diagnosis.gear_side import GearSide, rotors_of
+from steelyard.diagnosis.gear_side import SEPARABLE, GearSide, rotors_of
 from steelyard.identification.check import CheckResult
 from steelyard.identification.check_case import Subject, case_of
 from steelyard.identification.logs import log_files
@@ -43,19 +43,19 @@ def test_rotors_in_the_torques_decide(tmp_path: Path) -> None:
     (finding,) = GearSide()(case(tmp_path, 1.0))
     assert finding.answered and finding.severity == Severity.OK and finding.fix is None
     assert finding.says == (
-        "torques contain those of the rotors: 4 of 4 rotor inertias are significantly positive"
+        f"torques contain those of the rotors: 4 of 4 {SEPARABLE} are significantly positive"
     )
 
 
 def test_without_them_the_question_is_open(tmp_path: Path) -> None:
     (finding,) = GearSide()(case(tmp_path, 0.0))
     assert not finding.answered and finding.severity == Severity.OK
-    assert finding.figure == "0 of 4 rotor inertias are significantly positive"
+    assert finding.figure == f"0 of 4 {SEPARABLE} are significantly positive"
     assert 'kind = "link_torque" without rotor_inertia' in finding.says
     content = CheckContent("arm", "arm.toml", ("run.csv",), None, Diagnosis((finding,)), {})
     assert hints(CheckResult(content), None, ["arm.toml", "run.csv"])[1:] == [
-        'next        kind = "link_torque" in arm.toml, no rotor_inertia in terms'
-        "  if sensors are behind the gears; then identify again",
+        'next        # if sensors are behind the gears: kind = "link_torque" in arm.toml, '
+        "no rotor_inertia in terms",
         "            steelyard identify arm.toml run.csv",
     ]
 
@@ -84,7 +84,7 @@ def at_bound(fitted: FittedCase, count: int) -> FittedCase:
 def test_rotors_at_zero_are_a_remark_with_what_to_change(fitted: FittedCase) -> None:
     (finding,) = RotorsAtZero()(at_bound(fitted, 2))
     assert finding.headline and finding.severity == Severity.OK
-    assert finding.says.startswith("2 of 4 rotor inertias are zero")
+    assert finding.says.startswith(f"2 of 4 {SEPARABLE} are zero")
     assert finding.joints == ("elbow", "forearm_roll")
     assert finding.fix is not None and 'kind = "link_torque"' in finding.fix.says
 

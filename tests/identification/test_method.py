@@ -113,7 +113,7 @@ def test_unknown_names_are_refused_where_they_stand(folder: Path) -> None:
     assert "other.toml, line 4" in caught.value.where and "'Huber'" in caught.value.fix
     with pytest.raises(ModelError) as caught:
         found(folder, method="least_square")
-    assert caught.value.where == "--method" and "'least_squares'" in caught.value.fix
+    assert caught.value.where == "method (--method)" and "'least_squares'" in caught.value.fix
     with pytest.raises(ModelError, match="no estimator 'GA'"):
         found(folder, method="GA")
     with pytest.raises(ModelError, match="no estimator 'WSL'"):

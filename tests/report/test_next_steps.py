@@ -37,15 +37,20 @@ def test_without_a_run_that_was_not_fitted_one_is_to_be_logged(usual):
 def test_friction_is_to_be_chosen_where_residuals_are_no_noise_and_it_was_not(usual):
     content = replace(usual, limitations=(INCOMPLETE,))
     assert commands(content) == commands(usual)
-    assert commands(replace(content, friction=None))[0] == 'friction = "auto" in arm.toml, [model]'
+    remarks = [
+        remark for _, remark in next_steps(replace(content, friction=None), "arm.toml", MODEL)
+    ]
+    assert remarks[0].endswith('friction = "auto" in arm.toml, [model]')
 
 
 def test_rotor_inertias_at_zero_propose_sensors_behind_the_gears(usual):
     fix = Fix("if so, other sensors")
     zero = Finding(RotorsAtZero.name, "", Severity.OK, "rotors", "", fix=fix, headline=True)
-    steps = commands(replace(usual, limitations=(zero,)))
-    assert steps[0] == 'kind = "link_torque" in arm.toml, no rotor_inertia in terms'
-    assert steps[1:] == commands(replace(usual, limitations=(replace(zero, fix=None),)))
+    steps = next_steps(replace(usual, limitations=(zero,)), "arm.toml", MODEL)
+    edit = 'kind = "link_torque" in arm.toml, no rotor_inertia in terms'
+    assert steps[0] == ("", f"if sensors are behind the gears: {edit}")
+    unfixed = replace(usual, limitations=(replace(zero, fix=None),))
+    assert steps[1:] == next_steps(unfixed, "arm.toml", MODEL)
 
 
 def test_what_is_wrong_with_a_log_comes_first_with_its_path(usual):
@@ -81,9 +86,10 @@ def test_an_undecided_robot_file_is_to_be_checked_first(usual):
 
 
 def test_steps_stand_below_each_other():
-    assert step_lines((("one", "first"), ("another", "then"), ("a long command", ""))) == [
-        "next    one      first",
-        "        another  then",
+    assert step_lines((("one", "first"), ("", "an edit"), ("a long command", ""))) == [
+        "next    # first",
+        "        one",
+        "        # an edit",
         "        a long command",
     ]
     assert step_lines(()) == []

@@ -55,8 +55,8 @@ def test_the_menu_shows_another_run(browse, usual):
     assert seen.drawn == 2 and seen.console == ()
     captions = re.findall(r'caption" data-joint="\d">([^<]*<span class="">[^<]*)<', seen.dom)
     assert [re.sub("<.*?>", "", one).replace("&nbsp;", " ") for one in captions] == [
-        "error 0.60 Nm: 3.0 % of the effort used where it moves, below 5 Hz · 100 % in the band",
-        "error 0.90 Nm: 3.0 % of the effort used where it moves, below 5 Hz · 100 % in the band",
+        f"error {error} of the measured effort where it moves, below 8 Hz · 100 % in the band"
+        for error in ("0.080 A: 3.0 %", "0.16 A: 6.0 %")
     ]
 
 

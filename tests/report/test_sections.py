@@ -16,6 +16,7 @@ from steelyard.report.sections.register import SECTIONS
 from steelyard.report.sections.section import Section
 from steelyard.report.text.table import rows
 from steelyard.report.text.verdict import exit_code, level_of, verdict
+from steelyard.report.text.words import percent
 
 BY_NAME: dict[str, Section] = {section.name: section for section in SECTIONS}
 
@@ -152,8 +153,9 @@ def test_a_poor_verdict_is_exit_code_1(usual):
 
 
 def test_levels():
-    errors = (None, float("nan"), 10.0, 10.1, 30.0, 30.1, float("inf"))
+    errors = (None, float("nan"), 10.04, 10.06, 30.04, 30.1, float("inf"))
     assert [level_of(e) for e in errors] == ["none", "none", "good", "fair", "fair", "poor", "poor"]
+    assert [percent(e) for e in errors[2:5]] == ["10.0\u00a0%", "10.1\u00a0%", "30.0\u00a0%"]
 
 
 def test_poor_parameters_are_marked(usual):

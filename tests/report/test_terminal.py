@@ -93,8 +93,8 @@ def test_the_details_are_printed_on_request(usual):
     assert text.startswith(printed(content).partition("note:")[0])
     assert "points, in the band of the fit, below 8 Hz" in text
     assert "9.0\u00a0% pooled, whole log" in text and "95 % bands" in text
-    line = next(line for line in text.splitlines() if "│ elbow" in line)
-    assert [c.strip() for c in line.split("│")[1:-1]] == [
+    line = text.partition("in the band of the fit, below")[2]
+    assert row(line, "elbow") == [
         "elbow",
         "10.0\u00a0%",
         "12.5\u00a0%",
@@ -108,6 +108,15 @@ def test_the_details_are_printed_on_request(usual):
     assert "2 poorly identifiable: mz.link of shoulder, Iyy.link of shoulder" in text
     assert "1 not identifiable from these data: offset.elbow" in text
     assert "note: Hampel threshold 15" in text
+
+
+def test_names_of_joints_are_whole_at_80_columns(usual):
+    name = "shoulder_pan_joint"
+    score = usual.scores[0]
+    joints = tuple(replace(joint, joint=name) for joint in score.joints)
+    content = replace(usual, scores=(replace(score, joints=joints),))
+    table = printed(content, 80, verbose=True).partition("in the band of the fit, below")[2]
+    assert len(row(table, name)) == 8
 
 
 def test_several_runs_have_one_row_each(usual):

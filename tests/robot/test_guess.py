@@ -235,6 +235,15 @@ def test_a_column_beside_currents_without_a_unit_is_named() -> None:
     [
         (numbered("q#", "tau#"), "no column looks like time"),
         (["t", *numbered("tau#")], "none look like the positions of 2 joints"),
+        (
+            ["t", *numbered("j#", "b#", "tau#")],
+            'of 2 joints; if these are, write [signals] position = "j{}" or '
+            '[signals] position = "b{}"',
+        ),
+        (
+            ["t", *numbered("q#"), "b0", "b1", "x5"],
+            'if these are, write [signals.effort] columns = ["b0", "b1"]',
+        ),
         (["t", *numbered("q#")], "none look like the efforts of 2 joints"),
         (
             ["t", *numbered("q#", "tau#", count=3)],

@@ -71,7 +71,8 @@ def check(
     from steelyard.cli.show import progress_bar
     from steelyard.files import whole_file, whole_folder
     from steelyard.identification.check import check as checked
-    from steelyard.identification.logs import new_folder
+    from steelyard.identification.logs import new_folder, parted
+    from steelyard.robot_file.file import load_robot
 
     folder = None if output is None else new_folder(output, "")
     with progress_bar() as progress:
@@ -98,7 +99,9 @@ def check(
     else:
         console = Console()
         found.show(console, verbose)
-        for line in hints(found, folder, [] if model else [robot, *logs]):
+        good = not (model or found.last.severity)
+        given = parted(load_robot(robot, base=fixed_base), logs) if good else logs
+        for line in hints(found, folder, [] if model else [robot, *given]):
             console.print(Text(line), soft_wrap=True)
     if found.last.severity:
         raise typer.Exit(int(found.last.severity))
@@ -126,9 +129,9 @@ def hints(found: "CheckResult", folder: Path | None, named: Sequence[str]) -> li
         lines.append("-o FOLDER   writes a page with the plots")
     steps = gear_side_steps(found.last.findings, used[0] if used else found.content.file)
     if found.last.undecided:
-        steps.insert(0, (COMPARE, ""))
+        steps.insert(0, ("", COMPARE))
     elif "transmission" in found.last.open_checks:
-        steps.insert(0, (GEARS, ""))
+        steps.insert(0, ("", GEARS))
     if named and not found.last.severity:
         steps.append((identifying(used[0], used[1:]), ""))
     lines += step_lines(tuple(steps), 12)

@@ -2,12 +2,13 @@
 
 import json
 import os
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import Details, Json, Output, Seed
+from steelyard.cli.options import Details, Json, Seed, output_folder
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -26,7 +27,10 @@ DESIGN = 120.0
 
 @guarded
 def demo(
-    output: Output = None, seed: Seed = 0, verbose: Details = False, as_json: Json = False
+    output: Annotated[Path | None, output_folder("steelyard-demo")] = None,
+    seed: Seed = 0,
+    verbose: Details = False,
+    as_json: Json = False,
 ) -> None:
     """Demonstration on a simulated arm: design a motion, identify, validate.
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import Details, FixedBase, Json, Output, RobotArgument, Seed
+from steelyard.cli.options import Details, FixedBase, Json, RobotArgument, Seed, output_folder
 from steelyard.identification.defaults import DESIGN_BUDGET_S
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def excite(
     ] = None,
     fixed_base: FixedBase = None,
     seed: Seed = 0,
-    output: Output = None,
+    output: Annotated[Path | None, output_folder("steelyard-ROBOT-motion")] = None,
     verbose: Details = False,
     as_json: Json = False,
 ) -> None:

@@ -7,6 +7,7 @@ from typing import ParamSpec
 import typer
 
 from steelyard.cli import interrupt
+from steelyard.cli.argument_order import refuse_wrong_order
 from steelyard.errors import SteelyardError
 
 Arguments = ParamSpec("Arguments")
@@ -20,6 +21,7 @@ def guarded(command: Callable[Arguments, None]) -> Callable[Arguments, None]:
     @functools.wraps(command)
     def run(*args: Arguments.args, **kwargs: Arguments.kwargs) -> None:
         try:
+            refuse_wrong_order(command, kwargs)
             command(*args, **kwargs)
         except SteelyardError as error:
             interrupt.check()

@@ -13,9 +13,9 @@ from steelyard.cli.options import (
     Details,
     FixedBase,
     Json,
-    Output,
     RobotArgument,
     Threads,
+    output_folder,
 )
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def identify(
         str | None,
         typer.Option(help="Frame of the payload; that of the last link if unset.", metavar="NAME"),
     ] = None,
-    output: Output = None,
+    output: Annotated[Path | None, output_folder("steelyard-ROBOT")] = None,
     no_check: Annotated[
         bool,
         typer.Option("--no-check", help="Skip the check of the logs; see `steelyard check`."),

@@ -68,7 +68,7 @@ def init(
     from steelyard.cli import interrupt
     from steelyard.errors import ModelError, OutputError
     from steelyard.files import whole_file
-    from steelyard.identification.logs import log_files
+    from steelyard.identification.logs import log_files, parted
     from steelyard.robot_file.file import load_robot
     from steelyard.robot_file.template.proposal import proposed
     from steelyard.robot_file.template.template import drafted, notes_beside
@@ -98,7 +98,9 @@ def init(
     if as_json:
         typer.echo(json.dumps(results(draft, known, target, notes)))
     else:
-        show(draft, known, notes, [model, str(target), *(logs or [])])
+        whole = draft.unreadable or written.signals is None
+        parts = list(logs or ()) if whole else parted(written, logs or ())
+        show(draft, known, notes, [model, str(target), *(logs or [])], parts)
     if draft.missing or draft.without_columns:
         raise typer.Exit(INCOMPLETE)
 
@@ -171,7 +173,13 @@ def _some(names: Sequence[str]) -> str:
     return ", ".join(names[:_NAMED]) + more
 
 
-def show(draft: "Draft", known: "Known", notes: Sequence[str], named: Sequence[str]) -> None:
+def show(
+    draft: "Draft",
+    known: "Known",
+    notes: Sequence[str],
+    named: Sequence[str],
+    parts: Sequence[str],
+) -> None:
     """Print what is written, what was guessed, and what is left to do.
 
     Args:
@@ -179,6 +187,7 @@ def show(draft: "Draft", known: "Known", notes: Sequence[str], named: Sequence[s
         known: What is known beyond the columns.
         notes: What was decided.
         named: Model file, robot file and logs, as they were given.
+        parts: Logs to identify from, the last to validate.
     """
     from rich.console import Console
     from rich.text import Text
@@ -208,7 +217,7 @@ def show(draft: "Draft", known: "Known", notes: Sequence[str], named: Sequence[s
         say(line)
     for note in notes:
         say(f"note  {note}")
-    for line in next_steps(draft, named):
+    for line in next_steps(draft, named, parts):
         say(line)
 
 
@@ -234,32 +243,38 @@ def _beyond_columns(draft: "Draft", known: "Known") -> Iterator[str]:
         yield f'friction  Coulomb and viscous; for "auto" {known.friction}'
 
 
-def next_steps(draft: "Draft", named: Sequence[str]) -> list[str]:
+def next_steps(draft: "Draft", named: Sequence[str], parts: Sequence[str]) -> list[str]:
     """Commands that follow, with the real names.
 
     Args:
         draft: The robot file.
         named: Model file, robot file and logs, as they were given.
+        parts: Logs to identify from, the last to validate.
     """
-    from steelyard.report.text.next_steps import identifying
+    from steelyard.report.text.next_steps import identifying, step_lines
 
     target = shlex.quote(named[1])
     given = " ".join(shlex.quote(log) for log in named[2:]) or "LOG..."
-    why = "the last log" if len(named) > 3 else "--validate OTHER_LOG"
-    lines = []
-    if not named[2:]:
-        lines += [
-            "next  no log given: review the lines marked CHECK, then design a motion to record:",
-            f"      steelyard excite {target} -o motion",
-            "      with its log (columns are guessed unless [signals] names them):",
-        ]
-    elif draft.missing:
-        lines.append("next  correct the above, review the lines marked CHECK, then:")
+    review = "review the lines marked CHECK, then:"
+    if len(named) > 3:
+        why = "the last log validates the model"
+    elif len(parts) > 1:
+        why = "the end of the log validates the model"
     else:
-        lines.append("next  review the lines marked CHECK, then:")
-    return [
-        *lines,
-        f"      steelyard check {target} {given}",
-        f"      if no error is found, identify; {why} validates the model:",
-        f"      {identifying(named[1], named[2:] or ('LOG...',))}",
+        why = "--validate OTHER_LOG validates the model"
+    steps = []
+    if not named[2:]:
+        steps = [
+            (
+                f"steelyard excite {target} -o motion",
+                "review the lines marked CHECK, then design a motion to record:",
+            ),
+        ]
+        review = "with its log (columns are guessed unless [signals] names them):"
+    elif draft.missing:
+        review = f"correct the above, {review}"
+    steps += [
+        (f"steelyard check {target} {given}", review),
+        (identifying(named[1], parts or ("LOG...",)), f"if no error is found, identify; {why}:"),
     ]
+    return step_lines(tuple(steps), 6)

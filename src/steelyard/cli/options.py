@@ -1,7 +1,6 @@
 """Options that several commands share."""
 
-from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -17,10 +16,15 @@ Threads = Annotated[
     int | None, typer.Option(min=1, help="Threads for the pass over the data; all cores if unset.")
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")]
-Output = Annotated[
-    Path | None,
-    typer.Option("--output", "-o", help="Output folder; must not exist."),
-]
+
+
+def output_folder(default: str) -> Any:
+    """The option of a folder that is always written, `default` if unset."""
+    return typer.Option(
+        "--output", "-o", help=f"Output folder; must not exist. {default} if unset."
+    )
+
+
 Commanded = Annotated[
     bool,
     typer.Option(

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import LOG_HELP, Details, Json, ModelArgument, Output, Threads
+from steelyard.cli.options import LOG_HELP, Details, Json, ModelArgument, Threads, output_folder
 from steelyard.identification.defaults import DESIGN_BUDGET_S
 
 
@@ -79,7 +79,7 @@ def reduce(
     budget: Annotated[
         float, typer.Option(min=1.0, help="Time limit of that design in seconds.")
     ] = DESIGN_BUDGET_S,
-    output: Output = None,
+    output: Annotated[Path | None, output_folder("steelyard-reduced")] = None,
     threads: Threads = None,
     verbose: Details = False,
     as_json: Json = False,

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import FixedBase, Json, Output, RobotArgument, Seed
+from steelyard.cli.options import FixedBase, Json, RobotArgument, Seed, output_folder
 
 
 @guarded
@@ -95,7 +95,7 @@ def simulate(
     ] = "base",
     fixed_base: FixedBase = None,
     seed: Seed = 0,
-    output: Output = None,
+    output: Annotated[Path | None, output_folder("steelyard-ROBOT-simulated")] = None,
     as_json: Json = False,
 ) -> None:
     """Simulate a robot with random true parameters near the nominal ones, and log it.

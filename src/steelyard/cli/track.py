@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import FixedBase, Json, Output, RobotArgument, Seed
+from steelyard.cli.options import FixedBase, Json, RobotArgument, Seed, output_folder
 
 
 @guarded
@@ -56,7 +56,7 @@ def track(
     ] = None,
     fixed_base: FixedBase = None,
     seed: Seed = 0,
-    output: Output = None,
+    output: Annotated[Path | None, output_folder("steelyard-ROBOT-tracking")] = None,
     as_json: Json = False,
 ) -> None:
     """Simulate a robot under control, with and without an identified model.

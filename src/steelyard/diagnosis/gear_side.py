@@ -49,6 +49,10 @@ class GearSide:
         return (_finding(self.name, estimate),)
 
 
+SEPARABLE = "rotor inertias (those separable from link inertias)"
+"""What `rotors_of` are, for people: there may be fewer than joints."""
+
+
 def rotors_of(estimate: Estimate) -> tuple[str, ...]:
     """Rotor inertias that are base parameters of their own and that the data show."""
     return tuple(name for name in estimate.parameters.names if law_of(name) is RotorInertia)
@@ -58,7 +62,7 @@ def _finding(name: str, estimate: Estimate) -> Finding:
     rotors = rotors_of(estimate)
     values = zip(estimate.parameters.names, estimate.parameters.values, estimate.std, strict=True)
     sure = sum(value > SURE * std for of, value, std in values if of in rotors)
-    figure = f"{sure} of {len(rotors)} rotor inertias are significantly positive"
+    figure = f"{sure} of {len(rotors)} {SEPARABLE} are significantly positive"
     if rotors and sure >= ENOUGH * len(rotors):
         says = f"torques contain those of the rotors: {figure}"
         return Finding(name, "", Severity.OK, says, figure)

@@ -21,7 +21,7 @@ from steelyard.identification.result import Result, paths_of
 from steelyard.progress import Progress, silent
 from steelyard.report.check_page import CheckContent, render_check
 from steelyard.report.terminal.findings import show as show_findings
-from steelyard.report.text.findings import diagnosis_dict
+from steelyard.report.text.findings import diagnosis_dict, headline, tally
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -40,6 +40,10 @@ class CheckResult(Result):
     def last(self) -> Diagnosis:
         """The findings with the corrected robot file; without one, with the given file."""
         return self.content.diagnosis if self.fixed is None else self.fixed.diagnosis
+
+    def __repr__(self) -> str:
+        """Robot file, verdict and numbers of findings in one line."""
+        return f"CheckResult({self.content.file}: {headline(self.last)}; {tally(self.last)})"
 
     def report(self) -> str:
         """The report as one self-contained HTML page."""

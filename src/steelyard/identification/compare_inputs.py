@@ -77,14 +77,14 @@ def offers_of(names: Sequence[str], everything: bool) -> tuple[Offer, ...]:
     """
     if names and everything:
         raise ModelError(
-            "both --estimators and --all are given",
-            where="--estimators with --all",
-            fix="leave out one of the two options",
+            "estimators are named, and all are requested",
+            where="estimators, everything (--estimators, --all)",
+            fix="leave out one of the two",
         )
     if not names:
         return tuple(offer for offer in ESTIMATORS if everything or not offer.slow)
     each = [name.strip() for some in names for name in some.split(",") if name.strip()]
-    found = [offer_of(name, "--estimators") for name in each]
+    found = [offer_of(name, "estimators (--estimators)") for name in each]
     return tuple(dict.fromkeys(found))
 
 

@@ -41,7 +41,13 @@ from steelyard.identification.method import method_of
 from steelyard.identification.precheck import passed, prechecked
 from steelyard.identification.repeated import Repeated, of_each_log
 from steelyard.identification.repeated_rows import marked_repeats, refuse_same_rows
-from steelyard.identification.result import Result, frame, paths_of, scores_frame
+from steelyard.identification.result import (
+    Result,
+    parameter_table,
+    paths_of,
+    result_line,
+    scores_frame,
+)
 from steelyard.identification.sensitivity import varied
 from steelyard.measurement import Run
 from steelyard.parameters import Parameters
@@ -49,8 +55,6 @@ from steelyard.progress import Progress, silent
 from steelyard.report import ReportContent, parameters_csv, render, summary
 from steelyard.report.sections.register import SECTIONS
 from steelyard.report.text.findings import open_words
-from steelyard.report.text.score_words import both_words
-from steelyard.report.text.table import rows
 from steelyard.report.text.verdict import Verdict, verdict
 from steelyard.robot_file.file import load_robot
 from steelyard.robot_file.loaded import LoadedRobot
@@ -86,7 +90,7 @@ class Identification(Result):
     @property
     def parameters(self) -> "DataFrame":
         """The base parameters, one a row: value, standard deviation, 95 % interval, status."""
-        return frame([vars(row) for row in rows(self.model)], "parameters")
+        return parameter_table(self.model)
 
     @property
     def repeated(self) -> Repeated | None:
@@ -129,10 +133,7 @@ class Identification(Result):
 
     def __repr__(self) -> str:
         """Robot, level and error in one line."""
-        judged = self.verdict
-        level = "no verdict" if judged.level == "none" else judged.level.upper()
-        error = f", {both_words(judged.errors, judged.as_logged)}" if judged.errors else ""
-        return f"Identification({self.content.robot}: {level}{error})".replace("\u00a0", " ")
+        return result_line("Identification", self.content)
 
     def _repr_html_(self) -> str:
         tables = f"{self.scores._repr_html_()}{self.parameters._repr_html_()}"

@@ -41,7 +41,7 @@ def method_of(loaded: LoadedRobot, option: str | None = None) -> Offer:
         ModelError: There is no estimator of that name.
     """
     given = loaded.estimation
-    where = loaded.where("estimation", "method") if option is None else "--method"
+    where = loaded.where("estimation", "method") if option is None else "method (--method)"
     name = given.method if option is None else option
     if plain(name) == plain("least_squares"):
         name = LEAST_SQUARES[given.weights]

@@ -182,7 +182,9 @@ def _gains(
             given = "loaded logs are" if carrying else "a payload is"
             raise ModelError(
                 f"{given} given, but no drive gain is to be identified",
-                where="--loaded" if carrying else "--payload-mass, --payload-frame",
+                where="loaded (--loaded)"
+                if carrying
+                else "payload_mass, payload_frame (--payload-mass, --payload-frame)",
                 fix='give gain = "identify" in [signals.effort], or identify the payload with '
                 "`steelyard payload MODEL LOG`",
             )

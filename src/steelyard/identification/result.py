@@ -10,9 +10,13 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from steelyard.errors import LogError
+from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.extras import require
 from steelyard.files import whole_folder
 from steelyard.report import ReportContent
+from steelyard.report.text.score_words import both_words
+from steelyard.report.text.table import rows
+from steelyard.report.text.verdict import verdict
 
 if TYPE_CHECKING:
     from polars import DataFrame
@@ -58,6 +62,9 @@ class Result(ABC):
             self.write(part)
         return Path(folder)
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}(print it, or write its files with save(FOLDER))"
+
     def __str__(self) -> str:
         text = io.StringIO()
         self.show(Console(file=text, width=TEXT_WIDTH))
@@ -65,6 +72,14 @@ class Result(ABC):
 
     def _repr_html_(self) -> str:
         return f"<pre>{escape(str(self))}</pre>"
+
+
+def result_line(kind: str, content: ReportContent) -> str:
+    """Kind of the result, robot, level and error in one line."""
+    judged = verdict(content)
+    level = "no verdict" if judged.level == "none" else judged.level.upper()
+    error = f", {both_words(judged.errors, judged.as_logged)}" if judged.errors else ""
+    return f"{kind}({content.robot}: {level}{error})".replace("\u00a0", " ")
 
 
 def scores_frame(content: ReportContent) -> "DataFrame":
@@ -104,7 +119,29 @@ def _as_logged(joint: "JointError") -> dict[str, Any]:
     return {f"{key}_as_logged": values[key] for key in ("error", "used", "percent_of_used")}
 
 
-def frame(rows: Sequence[Mapping[str, Any]], where: str) -> "DataFrame":
+def parameter_table(model: str | Path | IdentifiedModel) -> "DataFrame":
+    """The base parameters of a model as a data frame, one a row.
+
+    Columns: `name`, `group` (the base parameter in full), `unit`, `value`, `std`, `lower` and
+    `upper` (95 % interval), `relative_percent` (of `std`), `nominal` (of the model file), `grade`,
+    `status` (the grade in words), `learned_percent` (share from the data, with a prior).
+
+    Args:
+        model: The model, its `model.json`, or the folder that holds it.
+
+    Raises:
+        SteelyardError: The model cannot be read.
+        PackageError: Polars is not installed.
+
+    Example:
+        >>> table = parameter_table("arm-model")
+        >>> table["std"].min() >= 0.0
+        True
+    """
+    return frame([vars(row) for row in rows(load_model(model))], "parameters")
+
+
+def frame(records: Sequence[Mapping[str, Any]], where: str) -> "DataFrame":
     """A data frame of rows that have the same keys.
 
     Raises:
@@ -113,7 +150,7 @@ def frame(rows: Sequence[Mapping[str, Any]], where: str) -> "DataFrame":
     require("polars", "polars", "data frames", where)
     from polars import DataFrame
 
-    return DataFrame(rows, infer_schema_length=None)
+    return DataFrame(records, infer_schema_length=None)
 
 
 def paths_of(logs: str | Path | Iterable[str | Path], least: int = 0) -> list[str]:

@@ -28,7 +28,7 @@ from steelyard.identification.logs import (
     scored_from_commanded,
 )
 from steelyard.identification.repeated_rows import holds_fitted_rows, marked_repeats
-from steelyard.identification.result import Result, paths_of, scores_frame
+from steelyard.identification.result import Result, paths_of, result_line, scores_frame
 from steelyard.measurement import Run
 from steelyard.progress import Progress, silent
 from steelyard.report import ReportContent, render, summary
@@ -59,6 +59,10 @@ class Validation(Result):
     def scores(self) -> "DataFrame":
         """Errors of predicted efforts, one row per joint of each log."""
         return scores_frame(self.content)
+
+    def __repr__(self) -> str:
+        """Robot, level and error in one line."""
+        return result_line("Validation", self.content)
 
     def report(self) -> str:
         """The report as one self-contained HTML page."""

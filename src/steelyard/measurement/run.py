@@ -138,6 +138,11 @@ class Run:
     quality: Quality
     importance: Importance | None = None
 
+    def __repr__(self) -> str:
+        joints = self.recording.channels.joints
+        size = f"{self.n_samples} samples at {self.rate:g} Hz, {self.duration:.4g} s"
+        return f"Run('{self.name}': {joints} joints, {size})"
+
     @property
     def rate(self) -> float:
         """Rate of the uniform clock [Hz]."""

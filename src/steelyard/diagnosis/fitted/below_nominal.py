@@ -9,7 +9,7 @@ from typing import ClassVar
 from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.diagnosis.fitted.rotors_at_zero import rotors_at_zero
-from steelyard.diagnosis.gear_side import INSTEAD
+from steelyard.diagnosis.gear_side import INSTEAD, SEPARABLE
 from steelyard.validation.score import JointScore, RunScore
 
 WORSE = 1.2
@@ -54,7 +54,7 @@ def _advice(case: FittedCase) -> Fix:
     zero, every = rotors_at_zero(identified.estimate, identified.signals.effort_kind)
     if zero:
         return Fix(
-            f"{len(zero)} of {every} rotor inertias are zero: torques may be those of sensors "
+            f"{len(zero)} of {every} {SEPARABLE} are zero: torques may be those of sensors "
             f"behind the gears; try {INSTEAD} first"
         )
     return Fix("Review the terms, and the check of this joint's effort")

@@ -4,7 +4,7 @@ from typing import ClassVar
 
 from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
-from steelyard.diagnosis.gear_side import INSTEAD, rotors_of
+from steelyard.diagnosis.gear_side import INSTEAD, SEPARABLE, rotors_of
 from steelyard.estimation.estimate import Estimate
 
 FEW = 0.5
@@ -26,7 +26,7 @@ class RotorsAtZero:
         if not case.fitted or not zero:
             return ()
         says = (
-            f"{len(zero)} of {every} rotor inertias are zero: torques may be those of sensors "
+            f"{len(zero)} of {every} {SEPARABLE} are zero: torques may be those of sensors "
             "behind the gears, which do not contain the rotors'"
         )
         joints = tuple(name.partition(".")[2] for name in zero)

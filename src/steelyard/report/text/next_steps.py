@@ -24,7 +24,7 @@ MANY = 1.0 / 3.0
 """Share of the base parameters that are not well identified, from which on a motion is advised."""
 
 Step = tuple[str, str]
-"""A command, or a line of the robot file, and what it is for."""
+"""A command, or nothing, and a remark: what it is for, or what to change in the robot file."""
 
 
 def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, ...]:
@@ -47,7 +47,9 @@ def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, .
     if content.friction is None and any(
         found.check == MODEL_ERROR and not found.severity for found in content.limitations
     ):
-        steps.append((f'friction = "auto" in {robot}, [model]', "laws chosen from the logs"))
+        steps.append(
+            ("", f'friction laws chosen from the logs: friction = "auto" in {robot}, [model]')
+        )
     if content.identified is not None and _weak(content) > MANY:
         command = f"steelyard excite {robot} --earlier {model} --still-unknown"
         steps.append((command, "a motion for the rest"))
@@ -58,10 +60,9 @@ def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, .
 
 def gear_side_steps(findings: Sequence[Finding], robot: str) -> list[Step]:
     """The edit for sensors behind the gears, where a finding proposes it."""
-    edit = f'kind = "link_torque" in {robot}, no rotor_inertia in terms'
+    edit = f'if sensors are behind the gears: kind = "link_torque" in {robot}, no rotor_inertia'
     proposed = any(found.check == GEAR_SIDE and found.fix is not None for found in findings)
-    why = "if sensors are behind the gears; then identify again"
-    return [(edit, why)] if proposed else []
+    return [("", f"{edit} in terms")] if proposed else []
 
 
 def identifying(robot: str, logs: Sequence[str]) -> str:
@@ -93,13 +94,18 @@ def robot_file(content: ReportContent) -> str:
 
 
 def step_lines(steps: tuple[Step, ...], indent: int = 8) -> list[str]:
-    """The steps as lines of a terminal, `indent` columns of each for the heading; none without."""
-    width = max((len(step) for step, purpose in steps if purpose), default=0)
-    heads = ("next", *[""] * (len(steps) - 1))
-    return [
-        f"{head:{indent}}{step:{width}}  {purpose}".rstrip()
-        for head, (step, purpose) in zip(heads, steps, strict=False)
+    """The steps as lines of a terminal, `indent` columns of each for the heading; none without.
+
+    A remark is a line of its own before its command, a comment to a shell.
+    """
+    lines = [
+        line
+        for command, remark in steps
+        for line in (f"# {remark}" if remark else "", command)
+        if line
     ]
+    heads = ("next", *[""] * (len(lines) - 1))
+    return [f"{head:{indent}}{line}" for head, line in zip(heads, lines, strict=False)]
 
 
 def _weak(content: ReportContent) -> float:

@@ -95,10 +95,11 @@ class Verdict:
 
 
 def level_of(relative_percent: float | None) -> Level:
-    """How good a relative error [%] is; `none` if there is no number."""
+    """How good a relative error [%], as printed, to 0.1 %, is; `none` if there is no number."""
     if relative_percent is None or relative_percent != relative_percent:
         return "none"
-    return "good" if relative_percent <= GOOD else "fair" if relative_percent <= FAIR else "poor"
+    printed = round(relative_percent, 1)
+    return "good" if printed <= GOOD else "fair" if printed <= FAIR else "poor"
 
 
 def verdict(content: ReportContent) -> Verdict:

@@ -1,5 +1,6 @@
 """A guess of which columns of a log are what, by their names and their values."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -245,21 +246,34 @@ def _matched(
         ("efforts", effort, numbered_tau),
     ):
         if not groups:
-            give_up(_unlike(what, like, joints), columns)
+            give_up(_unlike(what, like, joints, columns), columns)
     alive = [g for g in numbered_tau if any(changes(c.name, values) for c in g)] or numbered_tau
     return joints, list(numbered_q[0]), list(alive[0]), "by their numbers"
 
 
-def _unlike(what: str, like: Sequence[Column], joints: Sequence[Coordinate]) -> str:
+def _unlike(
+    what: str, like: Sequence[Column], joints: Sequence[Coordinate], columns: Sequence[str]
+) -> str:
     """Why no columns are assigned: none like them, or not one for each joint."""
     if not like:
-        return f"none look like the {what} of {len(joints)} joints"
+        lines = _candidates(what, joints, columns)
+        return f"none look like the {what} of {len(joints)} joints" + (
+            f"; if these are, write {' or '.join(lines)}" if lines else ""
+        )
     names = ", ".join(joint.name for joint in joints)
     return (
         f"{len(like)} columns look like {what} ({listed(like)}), but the robot model has "
         f"{len(joints)} joints ({names}): log or model file of another robot, or joints that are "
         "not logged"
     )
+
+
+def _candidates(what: str, joints: Sequence[Coordinate], columns: Sequence[str]) -> tuple[str, ...]:
+    """Lines of the robot file with unknown columns that are numbered, one per joint."""
+    unknown = [column for column in map(Column, columns) if column.quantity is None]
+    groups = by_number(len(joints), unknown)
+    key = "[signals] position" if what == "positions" else "[signals.effort] columns"
+    return tuple(f"{key} = {json.dumps(_short(group, joints))}" for group in groups)
 
 
 def _velocity(

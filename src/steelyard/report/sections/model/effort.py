@@ -110,14 +110,15 @@ def _figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
 
 
 def _caption(score: RunScore, joint: int) -> str:
-    """The error of a joint as in the table of the verdict, with its unit and band."""
-    error = score.errors.joints[joint]
-    size = f"error {significant(error.error, 2)} {error.unit}"
-    if not error.counted:
-        return f"at rest: {size} below {score.errors.cutoff:g} Hz, not counted"
-    where = "" if score.errors.at_rest else " where it moves"
-    share = f"{percent(error.percent_of_used)} of the effort used"
-    return f"{size}: {share}{where}, below {score.errors.cutoff:g} Hz"
+    """The error of a joint in the unit and the band of its plot."""
+    numbers, counted = score.joints[joint], score.errors.joints[joint].counted
+    rmse, share, where = numbers.rmse_moving, numbers.relative_percent_moving, " where it moves"
+    if rmse is None or share is None or not counted or score.errors.at_rest:
+        rmse, share, where = numbers.rmse, numbers.relative_percent, ""
+    size = f"error {significant(rmse, 2)} {numbers.unit}"
+    if not counted:
+        return f"at rest: {size} below {score.cutoff:g} Hz, not counted"
+    return f"{size}: {percent(share)} of the measured effort{where}, below {score.cutoff:g} Hz"
 
 
 def _covered(traces: Traces, joint: int) -> float | None:

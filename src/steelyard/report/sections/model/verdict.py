@@ -12,6 +12,7 @@ from steelyard.report.sections.model.parameters import usable
 from steelyard.report.sections.section import Numbers, Section
 from steelyard.report.sections.tables import light_table
 from steelyard.report.text.findings import finding_dict
+from steelyard.report.text.residual_times import fitted_larger
 from steelyard.report.text.score_words import (
     basis_words,
     both_words,
@@ -53,6 +54,7 @@ class VerdictSection(Section):
         return {
             "verdict": verdict(content),
             "usable": _usable(content),
+            "fitted_larger": fitted_larger(content.fitted, content.scores),
             "facts": _facts(content),
             "runs": [_run(score) for score in content.scores if not score.repeats],
             "repeated": [_run(score) for score in content.scores if score.repeats],
@@ -108,6 +110,8 @@ class VerdictSection(Section):
         judged, unseen = verdict(content), bool(content.scores)
         if judged.others:
             yield Text(judged.others)
+        if larger := fitted_larger(content.fitted, content.scores):
+            yield Text(larger)
         scores = content.scores or content.fitted
         for score in scores:
             if len(scores) > 1:
@@ -266,20 +270,14 @@ def _add(
     )
 
 
-def _fit_table(score: RunScore) -> Table:
-    from rich.table import Table
+def _fit_table(score: RunScore) -> RenderableType:
+    """Errors in the band of the fit, between its title and the meaning of its columns."""
+    from rich.console import Group
     from rich.text import Text
 
-    table = Table(
-        title=Text(f"{score.run}, in the band of the fit, below {score.cutoff:g} Hz"),
-        title_justify="left",
-        caption=CAPTION,
-        caption_justify="left",
-    )
-    table.add_column("joint", overflow="fold")
-    for heading in ("moving", "all", "RMSE", "MAE", "zero", "nominal"):
-        table.add_column(heading, justify="right")
-    table.add_column("unit")
+    headings = ("joint", "moving", "all", "RMSE", "MAE", "zero", "nominal", "unit")
+    table = light_table(headings, (0, 7))
+    table.columns[0].no_wrap = True
     for joint in score.joints:
         style = COLOURS[level_of(relative(joint))]
         table.add_row(
@@ -297,4 +295,5 @@ def _fit_table(score: RunScore) -> Table:
         pooled = percent(score.pooled_percent_moving), percent(score.pooled_percent)
         table.add_row("pooled", *pooled)
     table.add_row("mean", percent(score.mean_percent_moving), percent(score.mean_percent))
-    return table
+    title = f"{score.run}, in the band of the fit, below {score.cutoff:g} Hz"
+    return Group(Text(title), table, Text(CAPTION, style="dim"))
