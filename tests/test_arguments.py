@@ -11,7 +11,7 @@ import pytest
 
 import steelyard
 from steelyard.errors import SteelyardError
-from steelyard.identification.fix import Fixed
+from steelyard.identification.checks.fix import Fixed
 from steelyard.progress import Stopped, tell
 from test_interface import folder as folder
 

@@ -20,7 +20,7 @@ from proofs.support.safety_robots import Arm, Link, arm_urdf, random_arm
 from steelyard.diagnosis import Case, examine
 from steelyard.diagnosis.case import Evidence
 from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.identification.precheck import refusal
+from steelyard.identification.checks.precheck import refusal
 from steelyard.measurement import Processing, Recording
 from steelyard.measurement.recording import LogInMemory
 from steelyard.robot_file.file import LoadedRobot, load_robot

@@ -24,7 +24,7 @@ from steelyard.diagnosis.hypotheses.by_surroundings import delay_fit
 from steelyard.estimation.identified import IdentifiedModel, Provenance
 from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.formats import open_log, parse_log_argument
-from steelyard.identification.fitting import Payload, fit
+from steelyard.identification.fitting.fitting import Payload, fit
 from steelyard.identification.logs import model_of, prepared, with_friction
 from steelyard.measurement import Processing, Recording
 from steelyard.measurement.recording import LogInMemory

@@ -26,7 +26,7 @@ from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.excitation.trajectories.sampled import SampledMotion
 from steelyard.identification.identify import identify
 from steelyard.identification.parts import model_of
-from steelyard.identification.reduce import reduce
+from steelyard.identification.reduction.reduce import reduce
 from steelyard.kernel.quantities.kinematics import frame_of, last_frame
 from steelyard.motion import run
 from steelyard.parameters import Parameters

@@ -24,7 +24,7 @@ from steelyard.diagnosis.signals.differences import one_sided
 from steelyard.estimation.consistent.program import Program
 from steelyard.estimation.estimate import Z95
 from steelyard.estimation.identified import Provenance
-from steelyard.identification.fitting import Fit, Payload, calibrated, fit
+from steelyard.identification.fitting.fitting import Fit, Payload, calibrated, fit
 from steelyard.identification.logs import model_of
 from steelyard.progress import silent
 from steelyard.validation.bands import Bands

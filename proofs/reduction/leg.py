@@ -27,7 +27,7 @@ from steelyard.arrays import Array
 from steelyard.estimation.least_squares.least_squares import OrdinaryLeastSquares
 from steelyard.estimation.reduction.reduce import reduce
 from steelyard.identification.parts import model_of, read_trajectory
-from steelyard.identification.reduction_loop import Round, reduction_loop
+from steelyard.identification.reduction.reduction_loop import Round, reduction_loop
 from steelyard.motion import Trajectory
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor

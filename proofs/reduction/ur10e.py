@@ -18,7 +18,7 @@ from steelyard.estimation.reduction.criteria import CRITERIA
 from steelyard.estimation.reduction.path import backward
 from steelyard.estimation.reduction.state import FullModel
 from steelyard.identification.identify import Identification
-from steelyard.identification.reduce import ReducedModel
+from steelyard.identification.reduction.reduce import ReducedModel
 
 ROBOT = str(EXAMPLES / "ur10e.toml")
 POOR = "ur-20_02_06-20sec_5harm"

@@ -13,8 +13,8 @@ from proofs.support.mistakes import Arm, Job
 
 from steelyard.diagnosis import Diagnosis
 from steelyard.errors import SteelyardError
-from steelyard.identification.check_case import diagnosed, subject_of
-from steelyard.identification.fix import fixed
+from steelyard.identification.checks.check_case import diagnosed, subject_of
+from steelyard.identification.checks.fix import fixed
 from steelyard.identification.identify import identify
 from steelyard.identification.logs import log_files
 from steelyard.identification.validate import validate

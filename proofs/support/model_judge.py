@@ -18,7 +18,7 @@ from proofs.support.model_oracles import Oracle, PinocchioOracle, urdf_oracle
 from proofs.support.mujoco_oracle import MjcfOracle, compiled
 
 from steelyard.arrays import Array
-from steelyard.cli.init import init
+from steelyard.cli.commands.init import init
 from steelyard.errors import SteelyardError
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.kernel.quantities.passive_joints import random_positions

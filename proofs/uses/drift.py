@@ -12,7 +12,7 @@ import numpy as np
 from proofs.support.claims import Claim, main_of
 
 import steelyard
-from steelyard.identification.health import Health
+from steelyard.identification.uses.health import Health
 from steelyard.model import ValuedModel
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters

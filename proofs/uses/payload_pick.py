@@ -19,8 +19,8 @@ from steelyard.estimation.identified import IdentifiedModel
 from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.identification.identify import identify
 from steelyard.identification.logs import model_of
-from steelyard.identification.payload import payload_events
-from steelyard.identification.wrench import MethodName, external_wrench
+from steelyard.identification.uses.payload import payload_events
+from steelyard.identification.uses.wrench import MethodName, external_wrench
 from steelyard.kernel.quantities.kinematics import frame_kinematics
 from steelyard.motion import run
 from steelyard.robot.inertia import Inertia

@@ -9,7 +9,7 @@ from proofs.support.claims import Claim, main_of
 
 from steelyard.estimation.payload.load import PayloadEstimate
 from steelyard.identification.identify import identify
-from steelyard.identification.payload import identify_payload, payload_events
+from steelyard.identification.uses.payload import identify_payload, payload_events
 
 MASS = 2.805
 LOADED = (PAIR[1], "ur-20_01_31-load")

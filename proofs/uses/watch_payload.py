@@ -11,7 +11,7 @@ from steelyard.application.payload_events import PayloadEvent
 from steelyard.application.watch.payload_stream import PERIOD
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.identification.identify import identify
-from steelyard.identification.watch import start_watch
+from steelyard.identification.uses.watch import start_watch
 
 LATEST = 3.0 + 2.0 * PERIOD + 0.5
 """Time after a change by which it is reported [s]: motion on both sides, two searches."""

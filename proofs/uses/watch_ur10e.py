@@ -20,7 +20,7 @@ from steelyard.application.watch.contact_stream import ContactStart
 from steelyard.application.watch.watcher import Happening, Watcher
 from steelyard.arrays import Array
 from steelyard.estimation.identified import IdentifiedModel
-from steelyard.identification.watch import start_watch
+from steelyard.identification.uses.watch import start_watch
 
 PUSHES = "collision/ur-20_01_22-push_pose_1"
 

@@ -30,7 +30,7 @@ import steelyard
 from steelyard.arrays import Array
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.files import write_table
-from steelyard.identification.wrench import ExternalWrench, MethodName
+from steelyard.identification.uses.wrench import ExternalWrench, MethodName
 from steelyard.motion import Motion
 from steelyard.virtual.wrench import AppliedWrench
 

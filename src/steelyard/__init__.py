@@ -25,31 +25,31 @@ if TYPE_CHECKING:
     from steelyard.estimation.identified import load_model as load_model
     from steelyard.estimation.register import estimators as estimators
     from steelyard.formats.register import open_log as open_log
-    from steelyard.identification.check import check as check
-    from steelyard.identification.compare import compare as compare
-    from steelyard.identification.compare_models import compare_models as compare_models
-    from steelyard.identification.contact import contact as contact
-    from steelyard.identification.design import design_excitation as design_excitation
-    from steelyard.identification.feedforward import feedforward as feedforward
-    from steelyard.identification.health import health as health
+    from steelyard.identification.checks.check import check as check
+    from steelyard.identification.comparison.compare import compare as compare
+    from steelyard.identification.comparison.compare_models import compare_models as compare_models
+    from steelyard.identification.fitting.repeated import repeated as repeated
     from steelyard.identification.identify import Identification as Identification
     from steelyard.identification.identify import identify as identify
+    from steelyard.identification.motion.design import design_excitation as design_excitation
+    from steelyard.identification.motion.simulate import simulate as simulate
+    from steelyard.identification.motion.track import track as track
     from steelyard.identification.parts import export as export
     from steelyard.identification.parts import export_code as export_code
     from steelyard.identification.parts import information as information
     from steelyard.identification.parts import load_runs as load_runs
     from steelyard.identification.parts import model_of as model_of
     from steelyard.identification.parts import read_trajectory as read_trajectory
-    from steelyard.identification.payload import identify_payload as identify_payload
-    from steelyard.identification.payload import payload_events as payload_events
-    from steelyard.identification.reduce import reduce as reduce
-    from steelyard.identification.reduction_loop import reduction_loop as reduction_loop
-    from steelyard.identification.repeated import repeated as repeated
+    from steelyard.identification.reduction.reduce import reduce as reduce
+    from steelyard.identification.reduction.reduction_loop import reduction_loop as reduction_loop
     from steelyard.identification.result import parameter_table as parameter_table
-    from steelyard.identification.simulate import simulate as simulate
-    from steelyard.identification.track import track as track
+    from steelyard.identification.uses.contact import contact as contact
+    from steelyard.identification.uses.feedforward import feedforward as feedforward
+    from steelyard.identification.uses.health import health as health
+    from steelyard.identification.uses.payload import identify_payload as identify_payload
+    from steelyard.identification.uses.payload import payload_events as payload_events
+    from steelyard.identification.uses.wrench import external_wrench as external_wrench
     from steelyard.identification.validate import validate as validate
-    from steelyard.identification.wrench import external_wrench as external_wrench
     from steelyard.measurement.kalman_filter import KalmanFilter as KalmanFilter
     from steelyard.measurement.run import Run as Run
     from steelyard.model import Model as Model
@@ -78,19 +78,19 @@ _HOMES = {
     "Stepper": "dynamics.stepper",
     "Trajectory": "motion",
     "base_parameters": "regression.base",
-    "check": "identification.check",
-    "compare": "identification.compare",
-    "compare_models": "identification.compare_models",
-    "contact": "identification.contact",
-    "design_excitation": "identification.design",
+    "check": "identification.checks.check",
+    "compare": "identification.comparison.compare",
+    "compare_models": "identification.comparison.compare_models",
+    "contact": "identification.uses.contact",
+    "design_excitation": "identification.motion.design",
     "estimators": "estimation.register",
     "export": "identification.parts",
     "export_code": "identification.parts",
-    "external_wrench": "identification.wrench",
-    "feedforward": "identification.feedforward",
-    "health": "identification.health",
+    "external_wrench": "identification.uses.wrench",
+    "feedforward": "identification.uses.feedforward",
+    "health": "identification.uses.health",
     "identify": "identification.identify",
-    "identify_payload": "identification.payload",
+    "identify_payload": "identification.uses.payload",
     "information": "identification.parts",
     "load_model": "estimation.identified",
     "load_robot": "robot_file.file",
@@ -98,14 +98,14 @@ _HOMES = {
     "model_of": "identification.parts",
     "open_log": "formats.register",
     "parameter_table": "identification.result",
-    "payload_events": "identification.payload",
+    "payload_events": "identification.uses.payload",
     "read_trajectory": "identification.parts",
-    "reduce": "identification.reduce",
-    "reduction_loop": "identification.reduction_loop",
-    "repeated": "identification.repeated",
-    "simulate": "identification.simulate",
+    "reduce": "identification.reduction.reduce",
+    "reduction_loop": "identification.reduction.reduction_loop",
+    "repeated": "identification.fitting.repeated",
+    "simulate": "identification.motion.simulate",
     "terms": "",
-    "track": "identification.track",
+    "track": "identification.motion.track",
     "validate": "identification.validate",
 }
 """Where names live: a module, and behind a colon the name there if it is another one."""

@@ -11,7 +11,7 @@ import pytest
 from estimation.test_least_squares import data
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.estimation.register import offer_of
-from steelyard.identification.fitting import Fit
+from steelyard.identification.fitting.fitting import Fit
 from steelyard.progress import silent
 
 DRAWS = 20
@@ -68,7 +68,7 @@ def test_few_draws_are_refused(command, given: Path, tmp_path: Path) -> None:
 
 
 def test_data_of_one_window_lose_nothing() -> None:
-    from steelyard.identification.bootstrap import drawn_again
+    from steelyard.identification.fitting.bootstrap import drawn_again
     from steelyard.report import ReportContent
 
     information, *_ = data(np.full(4, 0.1))

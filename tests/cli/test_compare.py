@@ -11,7 +11,7 @@ import pytest
 from cli.mistakes import leftovers
 from cli.river_files import edited
 from steelyard.estimation.register import ESTIMATORS
-from steelyard.identification.compare_inputs import lines_of, offers_of
+from steelyard.identification.comparison.compare_inputs import lines_of, offers_of
 from steelyard.robot_file.file import load_robot
 from steelyard.robot_file.sections import EstimationSection
 
@@ -83,7 +83,7 @@ def test_an_estimator_that_fails_does_not_stop_the_others(command, monkeypatch) 
 
     offers = (Offer("invented", "fails", "information", lambda _: failing), *ESTIMATORS)
     monkeypatch.setattr(register, "ESTIMATORS", offers)
-    monkeypatch.setattr("steelyard.identification.compare_inputs.ESTIMATORS", offers)
+    monkeypatch.setattr("steelyard.identification.comparison.compare_inputs.ESTIMATORS", offers)
     done = command("compare", ROBOT, LOG, "--estimators", "invented", "WLS")
     assert done.exit_code == 0, done.output
     text = words(done.output)

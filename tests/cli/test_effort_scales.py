@@ -16,8 +16,8 @@ from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.identified import load_model
 from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.identification import fitting
-from steelyard.identification.fitting import _unscaled_because
+from steelyard.identification.fitting import fitting
+from steelyard.identification.fitting.fitting import _unscaled_because
 from steelyard.identification.logs import model_of
 from steelyard.regression.base import base_parameters
 from steelyard.robot_file.file import load_robot

@@ -9,7 +9,7 @@ import pytest
 import steelyard
 from cli.conftest import Command
 from steelyard.errors import ModelError
-from steelyard.identification.excitation_inputs import earlier_of
+from steelyard.identification.motion.excitation_inputs import earlier_of
 
 TABLES = """
 [[knowledge]]

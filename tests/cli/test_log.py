@@ -9,7 +9,7 @@ import pytest
 
 from cli.conftest import Command
 from cli.mistakes import LOG
-from steelyard.cli.log import chosen, size_text
+from steelyard.cli.commands.log import chosen, size_text
 from steelyard.formats import open_log
 
 

@@ -13,7 +13,7 @@ from cli.mistakes import leftovers
 from steelyard.errors import DataError
 from steelyard.estimation.identified import load_model
 from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.identification.payload import identify_payload, payload_events
+from steelyard.identification.uses.payload import identify_payload, payload_events
 from steelyard.motion import run
 from steelyard.parameters import Parameters
 from steelyard.robot.inertia import Inertia

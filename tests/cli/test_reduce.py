@@ -16,7 +16,7 @@ from steelyard.cli.app import app
 from steelyard.errors import ModelError
 from steelyard.estimation.identified import load_model
 from steelyard.identification.parts import information, load_runs
-from steelyard.identification.reduce import matching, reduce
+from steelyard.identification.reduction.reduce import matching, reduce
 from steelyard.report.sections.register import SECTIONS
 from steelyard.robot_file.file import load_robot
 from steelyard.virtual.invent import random_truth
@@ -225,7 +225,7 @@ def test_the_next_motion_is_of_the_smaller_model(
 def test_the_loop_goes_on_where_it_was_interrupted(
     robot: Path, work: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from steelyard.identification.reduction_loop import reduction_loop
+    from steelyard.identification.reduction.reduction_loop import reduction_loop
 
     arm = load_robot(robot).robot
     truth = random_truth(arm, 0)

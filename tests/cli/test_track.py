@@ -17,7 +17,7 @@ from steelyard.control.usable import remarks
 from steelyard.estimation.known_scales import KnownScales
 from steelyard.excitation.trajectories.files import read_motion
 from steelyard.files import write_json
-from steelyard.identification.feedforward import feedforward
+from steelyard.identification.uses.feedforward import feedforward
 from steelyard.robot_file.file import load_robot
 from steelyard.terms.laws.presliding import Dahl
 

@@ -20,7 +20,7 @@ from steelyard.cli import interrupt
 from steelyard.cli.app import app
 from steelyard.cli.main import main
 from steelyard.identification.logs import log_files
-from steelyard.identification.watch import start_watch, stream_trace
+from steelyard.identification.uses.watch import start_watch, stream_trace
 
 AT_ONCE = ("--timeout", "0")
 

@@ -7,13 +7,13 @@ import pytest
 
 from diagnosis.fitted import case as fitted_case
 from diagnosis.fitted import demo_arm, log
-from steelyard.cli.check import hints
+from steelyard.cli.commands.check import hints
 from steelyard.diagnosis import Case, Diagnosis, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.diagnosis.fitted.rotors_at_zero import RotorsAtZero
 from steelyard.diagnosis.gear_side import SEPARABLE, GearSide, rotors_of
-from steelyard.identification.check import CheckResult
-from steelyard.identification.check_case import Subject, case_of
+from steelyard.identification.checks.check import CheckResult
+from steelyard.identification.checks.check_case import Subject, case_of
 from steelyard.identification.logs import log_files
 from steelyard.parameters import Parameters
 from steelyard.progress import silent

@@ -9,7 +9,7 @@ import pytest
 from diagnosis.fitted import demo_arm, log
 from steelyard.diagnosis import Case, Severity, joint_zeros
 from steelyard.diagnosis.joint_zeros import JointZeros
-from steelyard.identification.check_case import Subject, case_of
+from steelyard.identification.checks.check_case import Subject, case_of
 from steelyard.identification.logs import log_files
 from steelyard.progress import silent
 from steelyard.robot_file.file import load_robot

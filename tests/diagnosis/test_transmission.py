@@ -8,11 +8,11 @@ import pytest
 
 from diagnosis.fitted import demo_arm, log
 from steelyard.arrays import Array
-from steelyard.cli.check import GEARS, hints
+from steelyard.cli.commands.check import GEARS, hints
 from steelyard.diagnosis import Case, Diagnosis, Finding, Severity, examine
 from steelyard.diagnosis.decision.transmission import TransmissionCheck, alternatives, open_gears
-from steelyard.identification.check import CheckResult
-from steelyard.identification.check_case import case_of, subject_of
+from steelyard.identification.checks.check import CheckResult
+from steelyard.identification.checks.check_case import case_of, subject_of
 from steelyard.identification.logs import log_files
 from steelyard.progress import silent
 from steelyard.report.check_page import CheckContent

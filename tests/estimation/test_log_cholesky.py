@@ -20,7 +20,7 @@ from steelyard.estimation.estimate import Estimate, StandardEstimate
 from steelyard.estimation.knowledge import Knowledge, Row
 from steelyard.estimation.least_squares.whitened import whitened
 from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.identification.compare_inputs import comparison_inputs
+from steelyard.identification.comparison.compare_inputs import comparison_inputs
 from steelyard.model import Model
 from steelyard.progress import silent
 from steelyard.regression.accumulate import Accumulator, Stretch

@@ -8,7 +8,7 @@ import pytest
 from excitation.tabled import OPEN, arm, designed
 from steelyard.excitation import advice
 from steelyard.excitation.predicted_accuracy import deviations
-from steelyard.identification.design import DesignedMotion
+from steelyard.identification.motion.design import DesignedMotion
 
 ANY = f'{OPEN}[excitation.limits]\neffort = "any"\n'
 

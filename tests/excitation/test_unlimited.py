@@ -14,7 +14,7 @@ from steelyard.excitation.from_tables import build
 from steelyard.excitation.problem import Problem
 from steelyard.excitation.search.parallel_search import SearchBudget
 from steelyard.excitation.uncovered import Declined
-from steelyard.identification.excitation_inputs import refuse_formats
+from steelyard.identification.motion.excitation_inputs import refuse_formats
 from steelyard.robot_file.file import load_robot
 
 COMPENSATED = """[signals]

@@ -10,7 +10,7 @@ import pytest
 import steelyard
 from steelyard.errors import ModelError, SteelyardError
 from steelyard.estimation.register import ESTIMATORS
-from steelyard.identification.fitting import _method
+from steelyard.identification.fitting.fitting import _method
 from steelyard.identification.identify import Identification
 from steelyard.identification.method import Sources
 from steelyard.progress import silent

@@ -10,9 +10,9 @@ from rich.console import Console
 
 from steelyard.estimation.payload.load import PayloadEstimate
 from steelyard.report import ReportContent
+from steelyard.report.sections.estimation.per_run import PerRunSection
 from steelyard.report.sections.model.drives import DrivesSection
 from steelyard.report.sections.model.friction import FrictionSection
-from steelyard.report.sections.model.per_run import PerRunSection
 from steelyard.report.sections.section import Section
 from steelyard.report.sections.tables import PlainTable
 from steelyard.terms.laws.presliding import Dahl

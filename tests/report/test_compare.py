@@ -11,7 +11,7 @@ from rich.console import Console
 
 from steelyard.report import ReportContent
 from steelyard.report.compare_page import render_comparison
-from steelyard.report.sections.model.compare import CompareSection, time_words
+from steelyard.report.sections.estimation.compare import CompareSection, time_words
 from steelyard.report.terminal.compare import comparison_lines
 from steelyard.validation.comparison import Comparison
 

@@ -13,7 +13,7 @@ from steelyard.parameters import Parameters
 from steelyard.report import ReportContent, render
 from steelyard.report.figures import Figure
 from steelyard.report.parts import fitted_samples, unseen_samples
-from steelyard.report.sections.model.correlations import CorrelationsSection, correlations
+from steelyard.report.sections.estimation.correlations import CorrelationsSection, correlations
 from steelyard.report.sections.model.ellipsoids import EllipsoidsSection, semi_axes
 from steelyard.report.sections.model.friction_curves import FrictionCurvesSection, curves_of
 from steelyard.report.sections.model.masses import MassesSection

@@ -11,7 +11,7 @@ import pytest
 from steelyard.estimation.reduction.reduce import Reduction
 from steelyard.parameters import Parameters
 from steelyard.report import ReportContent
-from steelyard.report.sections.model.reduction import samples_of
+from steelyard.report.sections.estimation.reduction import samples_of
 from steelyard.report.sections.register import SECTIONS
 from steelyard.report.sections.section import Section
 from steelyard.report.text.table import rows

@@ -1,1 +1,1 @@
-"""The commands."""
+"""The command line: parsing, errors, interruption; the commands are in `commands`."""

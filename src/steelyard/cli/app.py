@@ -6,27 +6,27 @@ from typing import Annotated
 
 import typer
 
-from steelyard.cli.check import check
-from steelyard.cli.compare import compare
-from steelyard.cli.compare_models import compare_models
-from steelyard.cli.contact import contact
-from steelyard.cli.demo import demo
-from steelyard.cli.doctor import doctor
-from steelyard.cli.excite import excite
-from steelyard.cli.export import export
-from steelyard.cli.feedforward import feedforward
-from steelyard.cli.health import health
-from steelyard.cli.identify import identify
-from steelyard.cli.init import init
-from steelyard.cli.log import log
-from steelyard.cli.payload import payload
-from steelyard.cli.reduce import reduce
-from steelyard.cli.replay import replay
-from steelyard.cli.simulate import simulate
-from steelyard.cli.track import track
-from steelyard.cli.validate import validate
-from steelyard.cli.watch import watch
-from steelyard.cli.wrench import wrench
+from steelyard.cli.commands.check import check
+from steelyard.cli.commands.compare import compare
+from steelyard.cli.commands.compare_models import compare_models
+from steelyard.cli.commands.contact import contact
+from steelyard.cli.commands.demo import demo
+from steelyard.cli.commands.doctor import doctor
+from steelyard.cli.commands.excite import excite
+from steelyard.cli.commands.export import export
+from steelyard.cli.commands.feedforward import feedforward
+from steelyard.cli.commands.health import health
+from steelyard.cli.commands.identify import identify
+from steelyard.cli.commands.init import init
+from steelyard.cli.commands.log import log
+from steelyard.cli.commands.payload import payload
+from steelyard.cli.commands.reduce import reduce
+from steelyard.cli.commands.replay import replay
+from steelyard.cli.commands.simulate import simulate
+from steelyard.cli.commands.track import track
+from steelyard.cli.commands.validate import validate
+from steelyard.cli.commands.watch import watch
+from steelyard.cli.commands.wrench import wrench
 
 app = typer.Typer(
     name="steelyard",

@@ -17,7 +17,7 @@ from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
 from steelyard.diagnosis.signals.moving_base import of_base
 from steelyard.errors import LogError
 from steelyard.estimation.identified import IdentifiedModel
-from steelyard.identification.bootstrap import drawn_again
+from steelyard.identification.checks.precheck import passed, prechecked
 from steelyard.identification.descriptions import (
     commanded_note,
     dropped,
@@ -26,7 +26,10 @@ from steelyard.identification.descriptions import (
     provenance,
     settings,
 )
-from steelyard.identification.fitting import Fit, Payload, calibrated, fit
+from steelyard.identification.fitting.bootstrap import drawn_again
+from steelyard.identification.fitting.fitting import Fit, Payload, calibrated, fit
+from steelyard.identification.fitting.repeated import Repeated, of_each_log
+from steelyard.identification.fitting.sensitivity import varied
 from steelyard.identification.logs import (
     LogArgument,
     log_files,
@@ -38,8 +41,6 @@ from steelyard.identification.logs import (
     signals_of,
 )
 from steelyard.identification.method import method_of
-from steelyard.identification.precheck import passed, prechecked
-from steelyard.identification.repeated import Repeated, of_each_log
 from steelyard.identification.repeated_rows import marked_repeats, refuse_same_rows
 from steelyard.identification.result import (
     Result,
@@ -48,7 +49,6 @@ from steelyard.identification.result import (
     result_line,
     scores_frame,
 )
-from steelyard.identification.sensitivity import varied
 from steelyard.measurement import Run
 from steelyard.parameters import Parameters
 from steelyard.progress import Progress, silent

@@ -4,7 +4,7 @@ from importlib.metadata import version
 
 from steelyard.report.content import ReportContent
 from steelyard.report.page import Shown, page_of
-from steelyard.report.sections.model.compare import CompareSection
+from steelyard.report.sections.estimation.compare import CompareSection
 from steelyard.report.sections.model.drives import DrivesSection
 from steelyard.report.sections.model.friction import FrictionSection
 from steelyard.report.sections.model.quality import QualitySection

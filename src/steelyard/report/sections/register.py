@@ -1,12 +1,17 @@
 """All sections, in the order of the page."""
 
 from steelyard.report.content import ReportContent
+from steelyard.report.sections.estimation.bootstrap import BootstrapSection
+from steelyard.report.sections.estimation.compare import CompareSection
+from steelyard.report.sections.estimation.conditioning import ConditioningSection
+from steelyard.report.sections.estimation.correlations import CorrelationsSection
+from steelyard.report.sections.estimation.per_run import PerRunSection
+from steelyard.report.sections.estimation.reduction import ReductionSection, RemovalsSection
+from steelyard.report.sections.estimation.repeated import RepeatedSection
+from steelyard.report.sections.estimation.sensitivity import SensitivitySection
+from steelyard.report.sections.estimation.unseen import UnseenSection
 from steelyard.report.sections.model.bodies import BodiesSection
-from steelyard.report.sections.model.bootstrap import BootstrapSection
 from steelyard.report.sections.model.check import CheckSection
-from steelyard.report.sections.model.compare import CompareSection
-from steelyard.report.sections.model.conditioning import ConditioningSection
-from steelyard.report.sections.model.correlations import CorrelationsSection
 from steelyard.report.sections.model.drives import DrivesSection
 from steelyard.report.sections.model.effort import EffortSection
 from steelyard.report.sections.model.effort_scales import EffortScalesSection
@@ -15,16 +20,11 @@ from steelyard.report.sections.model.friction import FrictionSection
 from steelyard.report.sections.model.friction_curves import FrictionCurvesSection
 from steelyard.report.sections.model.masses import MassesSection
 from steelyard.report.sections.model.parameters import ParametersSection
-from steelyard.report.sections.model.per_run import PerRunSection
 from steelyard.report.sections.model.quality import QualitySection
-from steelyard.report.sections.model.reduction import ReductionSection, RemovalsSection
-from steelyard.report.sections.model.repeated import RepeatedSection
 from steelyard.report.sections.model.residuals import ResidualsSection
-from steelyard.report.sections.model.sensitivity import SensitivitySection
 from steelyard.report.sections.model.settings import SettingsSection
 from steelyard.report.sections.model.torque_split import TorqueSplitSection
 from steelyard.report.sections.model.truth import TruthSection
-from steelyard.report.sections.model.unseen import UnseenSection
 from steelyard.report.sections.model.verdict import VerdictSection
 from steelyard.report.sections.model.zero_offsets import ZeroOffsetsSection
 from steelyard.report.sections.motion.advice import DesignAdviceSection

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from steelyard.report.content import ReportContent
-from steelyard.report.sections.model.compare import (
+from steelyard.report.sections.estimation.compare import (
     failure_words,
     headline,
     in_order,

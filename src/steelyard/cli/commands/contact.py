@@ -1,0 +1,57 @@
+"""`steelyard contact`: contacts in a log, from the efforts that the model does not explain."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from steelyard.cli.guard import guarded
+from steelyard.cli.options import LOG_HELP, AlarmRate, Json, ModelArgument
+
+
+@guarded
+def contact(
+    model: ModelArgument,
+    log: Annotated[str, typer.Argument(help=LOG_HELP, metavar="LOG")],
+    calibrate: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--calibrate",
+            help="Logs of motion without contact, not fitted, to calibrate thresholds with; if "
+            "unset, the motion that was left out in turn when the model was identified.",
+            metavar="LOG...",
+        ),
+    ] = None,
+    rate: AlarmRate = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Output folder for the report; none if unset."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Find contacts in a log without a force sensor: when, at which joints, on which link.
+
+    Example: steelyard contact steelyard-ur10e shift.csv --calibrate free1.csv free2.csv
+    """
+    from rich.console import Console
+
+    from steelyard.cli import interrupt
+    from steelyard.cli.show import progress_bar
+    from steelyard.files import whole_folder
+    from steelyard.identification.logs import new_folder
+    from steelyard.identification.uses.contact import contact as found_in
+
+    folder = None if output is None else new_folder(output, "")
+    with progress_bar() as progress:
+        found = found_in(model, log, calibrate=calibrate or (), rate=rate, progress=progress)
+        if folder is not None:
+            with whole_folder(folder) as part:
+                found.write(part)
+                interrupt.too_late()
+    if as_json:
+        typer.echo(json.dumps(found.to_dict(), allow_nan=False))
+        return
+    found.show(Console())
+    if folder is not None:
+        typer.echo(f"\nreport  {folder / 'report.html'}")

@@ -1,0 +1,237 @@
+"""`steelyard watch`: external torque, contacts and payload on samples as they arrive."""
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from steelyard.cli.guard import guarded
+from steelyard.cli.options import AlarmRate, Json, ModelArgument
+
+POLL = 0.01
+"""Pause while there is nothing new [s]."""
+
+REDRAWN = 0.1
+"""Least time between two states of the terminal's line [s]."""
+
+
+@guarded
+def watch(
+    model: ModelArgument,
+    source: Annotated[
+        str,
+        typer.Option(
+            "--from",
+            help="File that is being written (CSV, JSON lines, MCAP), or - for standard input "
+            "(CSV, JSON lines), with the columns of the robot file.",
+            metavar="SOURCE",
+        ),
+    ],
+    frame: Annotated[
+        str | None,
+        typer.Option(help="Estimate the wrench on this frame, along its axes.", metavar="NAME"),
+    ] = None,
+    calibrate: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--calibrate",
+            help="Logs of motion without contact, not fitted, recorded like the stream, to "
+            "calibrate thresholds of contact with; if unset, the motion that was left out in turn "
+            "when the model was identified.",
+            metavar="LOG...",
+        ),
+    ] = None,
+    rate: AlarmRate = None,
+    bandwidth: Annotated[
+        float | None,
+        typer.Option(
+            min=1e-3,
+            help="Bandwidth of the observer in Hz, a tenth of the sampling rate at most; if "
+            "unset, that of the model's thresholds.",
+            metavar="HZ",
+        ),
+    ] = None,
+    every: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            help="Print estimates too, with this time between them in s (also in estimates.csv).",
+            metavar="SECONDS",
+        ),
+    ] = None,
+    timeout: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            help="End if nothing is appended to the file for this time; 0 reads what is there. "
+            "If unset, only Ctrl-C ends it; standard input ends with its writer.",
+            metavar="SECONDS",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="Output folder for events.csv and estimates.csv, written as they come; must not "
+            "exist.",
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Report external torque, contacts and payload on samples as they arrive.
+
+    Events are printed as they come, one line each; with --json one JSON object a line.
+
+    Example: steelyard watch steelyard-ur10e --from today.csv --frame tool0 -o today
+    """
+    from steelyard.application.watch.records import record_of, summary_record
+    from steelyard.application.watch.watcher import Happening, StreamEstimate
+    from steelyard.cli import interrupt
+    from steelyard.cli.show import progress_bar
+    from steelyard.errors import DataError
+    from steelyard.formats.streams.source import STANDARD_INPUT, rows_of
+    from steelyard.identification.logs import new_folder
+    from steelyard.identification.uses.watch import start_watch
+    from steelyard.identification.uses.watch_files import StreamFiles
+    from steelyard.report.terminal.watch import happening_line, state_line, summary_lines
+
+    if source == STANDARD_INPUT and timeout is not None:
+        raise DataError(
+            "standard input ends when its writer closes it, not after some time",
+            where="--timeout",
+            fix="leave it out, or give a file with --from",
+        )
+    folder = None if output is None else new_folder(output, "")
+    with progress_bar() as progress:
+        begun = start_watch(
+            model,
+            frame,
+            calibrate=calibrate or (),
+            rate=rate,
+            bandwidth=bandwidth,
+            every=every,
+            progress=progress,
+        )
+    watcher, robot = begun.watcher, begun.model.robot
+    line = _StateLine()
+    arrival = _Arrival(timeout, lambda: line.draw(state_line(watcher)))
+
+    arriving = rows_of(source, watcher.samples.columns, arrival.waiting, _read)
+
+    def print_line(text: str) -> None:
+        line.clear()
+        typer.echo(text)
+
+    with ExitStack() as stack:
+        files = None
+        if folder is not None:
+            opened = StreamFiles.opened(folder, robot.joint_names, frame is not None)
+            files = stack.enter_context(opened)
+
+        def emit(happening: Happening) -> None:
+            if files is not None:
+                files.take(happening)
+            if every is not None or not isinstance(happening, StreamEstimate):
+                print_line(
+                    json.dumps(record_of(happening)) if as_json else happening_line(happening)
+                )
+
+        if as_json:
+            print_line(json.dumps(begun.to_dict()))
+        else:
+            for note in begun.notes:
+                print_line(note)
+        stack.enter_context(interrupt.quietly())
+        try:
+            for rows in arriving:
+                arrival.came()
+                for happening in watcher.take(rows):
+                    emit(happening)
+                if files is not None:
+                    files.flush()
+                if interrupt.stop_requested():
+                    break
+            watcher.refuse_unusable(source)
+        finally:
+            if watcher.observer.steps > watcher.observer.gaps:
+                for happening in watcher.end():
+                    emit(happening)
+                summary = watcher.summary
+                if as_json:
+                    print_line(json.dumps(summary_record(summary)))
+                else:
+                    for text in summary_lines(summary, robot.joint_names, robot.effort_units):
+                        print_line(text)
+                if folder is not None and not as_json:
+                    print_line(f"written  {folder}")
+            line.clear()
+        if watcher.observer.steps:
+            interrupt.answered()
+
+
+class _Arrival:
+    """Waits for rows, and knows when to stop.
+
+    Args:
+        timeout: Time without rows after which the stream ends [s]; never if `None`.
+        draw: Shows the state.
+    """
+
+    def __init__(self, timeout: float | None, draw: Callable[[], None]) -> None:
+        self._timeout, self._draw = timeout, draw
+        self._latest = time.monotonic()
+
+    def came(self) -> None:
+        """Rows came."""
+        self._latest = time.monotonic()
+        self._draw()
+
+    def waiting(self) -> bool:
+        """Pause; whether to go on."""
+        from steelyard.cli import interrupt
+
+        late = self._timeout is not None and time.monotonic() - self._latest >= self._timeout
+        if late or interrupt.stop_requested():
+            return False
+        self._draw()
+        time.sleep(POLL)
+        return True
+
+
+class _StateLine:
+    """A line on the terminal's standard error that is written again and again; none elsewhere."""
+
+    def __init__(self) -> None:
+        self._on, self._drawn = sys.stderr.isatty(), -1.0
+
+    def draw(self, text: str) -> None:
+        """Replace the line, now and then."""
+        now = time.monotonic()
+        if self._on and now - self._drawn >= REDRAWN:
+            self._drawn = now
+            sys.stderr.write(f"\r\x1b[2K{text}")
+            sys.stderr.flush()
+
+    def clear(self) -> None:
+        """Remove it."""
+        if self._on and self._drawn >= 0.0:
+            sys.stderr.write("\r\x1b[2K")
+            sys.stderr.flush()
+
+
+def _read() -> bytes:
+    """What standard input has, without a buffer that a thread could hold at the end."""
+    from steelyard.formats.streams.pieces import PIECE
+
+    try:
+        number = sys.stdin.fileno()
+    except OSError:
+        return bytes(sys.stdin.buffer.read(PIECE))
+    return os.read(number, PIECE)

@@ -1,0 +1,1 @@
+"""Checks of logs before an identification, and the corrections that they propose."""

@@ -1,0 +1,1 @@
+"""Estimators, or models, side by side on the same logs."""

@@ -1,0 +1,1 @@
+"""Motion that is designed, simulated or tracked."""

@@ -1,0 +1,1 @@
+"""Smaller models, and the loop with motion designed for them."""

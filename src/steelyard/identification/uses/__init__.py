@@ -1,0 +1,1 @@
+"""Uses of an identified model: feedforward, payload, contact, wrench, streams, health."""

@@ -1,0 +1,1 @@
+"""Sections about how well logs determine a model."""
