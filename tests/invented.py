@@ -16,7 +16,7 @@ from steelyard.robot_file.file import load_robot
 
 
 def ball(seed: int) -> Inertia:
-    """A body that can exist, different for every seed."""
+    """A physically consistent body, different for every seed."""
     rng = np.random.default_rng(seed)
     spread = rng.normal(size=(3, 3)) * 0.1
     sigma = spread @ spread.T + 0.002 * np.eye(3)

@@ -123,7 +123,7 @@ def robots() -> Iterator[tuple[str, Robot, tuple[Term, ...]]]:
 
 
 def controller_of(robot: Robot, terms: tuple[Term, ...], names: tuple[str, ...]) -> Controller:
-    """Bodies that can exist, and invented values of other parameters."""
+    """Physically consistent bodies, and invented values of other parameters."""
     model, rng = Model(robot, terms), np.random.default_rng(0)
     bodies = [
         np.zeros(10) if body.massless else (body.inertia if body.inertia.mass else ball(k)).ten

@@ -44,7 +44,7 @@ PARAMETERS = (93.0, 97.0)
 """Of all pairs of parameter and draw, where the model is right [%]."""
 
 EDGE = 90.0
-"""Of the parameters that the edge of possible bodies concerns, a few in each draw [%]."""
+"""Of the parameters that the edge of consistent bodies concerns, a few in each draw [%]."""
 
 SCATTER = 1.0
 """Scatter of a mean over the draws, and of one real log's, that the bounds do not count [%]."""

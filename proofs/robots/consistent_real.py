@@ -90,7 +90,7 @@ def claims_of(case: Case, folder: Path) -> list[Claim]:
     claims = [
         Claim(title, f"{ratio:.3f} times", f"<= {case.ratio} times", ratio <= case.ratio),
         Claim(
-            f"{case.name}: bodies that can exist",
+            f"{case.name}: physically consistent bodies",
             f"{valid} of {len(bodies)}",
             "all",
             bool(valid == len(bodies)),

@@ -1,4 +1,4 @@
-"""Random serial robots and cells as URDF text: bodies that can exist, some with simple shapes."""
+"""Random serial robots and cells as URDF text: consistent bodies, some with simple shapes."""
 
 from dataclasses import dataclass, replace
 

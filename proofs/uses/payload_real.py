@@ -1,4 +1,4 @@
-"""Payloads of a real UR10e: bodies that can exist, intervals, and logs without payload.
+"""Payloads of a real UR10e: physically consistent bodies, intervals, and logs without payload.
 
 2.805 kg is what the data's authors state of the log of 2020-02-19. No payload was set in the
 controller. Efforts are motor currents, gains known within 2 % each.
@@ -27,7 +27,7 @@ def _loaded(name: str, found: PayloadEstimate) -> list[Claim]:
         Claim(
             f"{name}: inertia",
             f"χ² rises by {found.chi_squared:.1f}",
-            "a body that can exist",
+            "a physically consistent body",
             found.flaw is None and not found.not_seen,
         ),
     ]

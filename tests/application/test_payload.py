@@ -224,13 +224,13 @@ def test_a_body_that_cannot_be_is_reported() -> None:
     assert (
         "Ixx have intervals entirely below zero, which is physically impossible" in found.remarks[0]
     )
-    assert found.to_dict()["possible_body"] is False and found.to_dict()["flaw"] == found.flaw
-    assert identify_payload(EXACT, [run(2, LOAD)], "tool").to_dict()["possible_body"] is True
+    assert found.to_dict()["consistent_body"] is False and found.to_dict()["flaw"] == found.flaw
+    assert identify_payload(EXACT, [run(2, LOAD)], "tool").to_dict()["consistent_body"] is True
 
 
 def test_a_noisy_payload_is_a_body_that_can_exist() -> None:
     found = identify_payload(model_of(run(1, noise=2.0)), [run(2, LOAD, noise=2.0)], "tool")
-    assert found.flaw is None and found.to_dict()["possible_body"] is True
+    assert found.flaw is None and found.to_dict()["consistent_body"] is True
     assert found.chi_squared > 0.0
 
 

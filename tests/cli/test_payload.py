@@ -138,7 +138,7 @@ def test_what_is_known_of_the_load_counts(loaded: Path, identified: Path, comman
         json.loads(command("payload", identified, loaded, *some, "--json").stdout)
         for some in ([], options)
     )
-    assert known["possible_body"] is True and free["possible_body"] is True
+    assert known["consistent_body"] is True and free["consistent_body"] is True
     assert known["mass_half_width"] < 0.005 and known["mass"] == pytest.approx(1.5, rel=3e-3)
     assert np.abs(np.array(known["centre"]) - LOAD.com).max() < 2e-3
     widths = [np.diag(some["inertia_com_half_width"]) for some in (free, known)]
@@ -208,7 +208,7 @@ def test_when_a_load_is_picked_up_and_put_down(
         assert event["earliest"] - 0.1 <= when <= event["latest"] + 0.1
         assert abs(event["mass"] - LOAD.mass) < 1.5 * event["mass_half_width"] < 0.3
     (carried,) = printed["logs"][0]["carried"]
-    assert carried["payload"]["possible_body"] is True
+    assert carried["payload"]["consistent_body"] is True
     words = " ".join(command("payload", identified, picking, "--when").stdout.split())
     assert (
         "picking: 2 changes of the payload" in words

@@ -201,7 +201,7 @@ def test_what_a_bound_holds_is_at_it_and_reported() -> None:
     assert of(estimate)["viscous.trunk_joint"] == 0.1
     (note,) = (note for note in estimate.notes if "contradict" in note)
     assert "smooth trunk (file, line 7): 0.3" in note and "without it" in note
-    assert not any("bodies that can exist" in note for note in estimate.notes)
+    assert not any("physically consistent bodies" in note for note in estimate.notes)
     free = Consistent(REGRESSOR.base, known())(information_of(0.05))
     assert free.at_bound == () and not any("contradict" in note for note in free.notes)
 

@@ -1,4 +1,4 @@
-"""Data that possible bodies contradict by far are solved in other units of the squares."""
+"""Data that consistent bodies contradict by far are solved in other units of the squares."""
 
 from dataclasses import replace
 

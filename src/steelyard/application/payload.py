@@ -7,9 +7,9 @@ import numpy as np
 from steelyard.application.other_efforts import LEAST_FITTED, refuse_unexplained
 from steelyard.errors import DataError
 from steelyard.estimation.identified import IdentifiedModel
+from steelyard.estimation.payload.consistent_body import PayloadKnowledge
 from steelyard.estimation.payload.load import PayloadEstimate
 from steelyard.estimation.payload.load_case import LoadCase, carrier, load_case, refuse_foreign
-from steelyard.estimation.payload.possible_body import PayloadKnowledge
 from steelyard.estimation.payload.weighing import CaseFit, fitted_case, weighed
 from steelyard.regression.information import Information
 from steelyard.robot_file.efforts import MOTOR_KINDS
@@ -31,7 +31,7 @@ def identify_payload(
     gain: float | None = None,
     known: PayloadKnowledge | None = None,
 ) -> PayloadEstimate:
-    """Weigh what a robot carries: a body that can exist.
+    """Weigh what a robot carries: a physically consistent body.
 
     Args:
         identified: The robot without the payload. Its covariance says how far its parameters may

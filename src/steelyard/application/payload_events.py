@@ -28,9 +28,9 @@ from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.estimation.estimate import Z95
 from steelyard.estimation.identified import IdentifiedModel
+from steelyard.estimation.payload.consistent_body import PayloadKnowledge
 from steelyard.estimation.payload.load import PayloadEstimate
 from steelyard.estimation.payload.load_case import carrier, combined, drifting, payload_lift
-from steelyard.estimation.payload.possible_body import PayloadKnowledge
 from steelyard.estimation.payload.weighing import fitted_case, weighed
 from steelyard.regression.information import Information, Window, packed
 from steelyard.regression.regressor import Layout

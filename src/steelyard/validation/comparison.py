@@ -121,7 +121,7 @@ class EstimatorScore:
 
     @property
     def valid(self) -> bool:
-        """Whether every body is known to be one that can exist."""
+        """Whether every body is known to be physically consistent."""
         return self.impossible == ()
 
     @property

@@ -28,7 +28,7 @@ def random_truth(
     """An invented truth near the robot's nominal model.
 
     Inertias are the nominal ones seen through a random deformation of the body, so they are
-    those of a body that can exist; a link whose model file gives no mass properties, or impossible
+    those of a consistent body; a link whose model file gives no mass properties, or impossible
     ones, becomes a ball of about 1 kg. Rotor inertia is drawn in proportion to the inertia that a
     coordinate moves, all other laws in proportion to its typical torque: at half of the robot's
     limits, a law loads a coordinate with 10 to 25 % of it.
@@ -100,7 +100,7 @@ def _sizes(term: Term, robot: Robot, scales: Scales) -> Array:
 
 
 def _usable(nominal: Inertia, known: bool) -> Inertia:
-    """The nominal body, or a ball where there is none that can exist."""
+    """The nominal body, or a ball where it is not physically consistent."""
     if nominal.flaw() is None and (known or nominal.mass > 0.0):
         return nominal
     return Inertia.about_com(1.0, [0.0, 0.0, 0.05], np.eye(3) * 1.5e-3)

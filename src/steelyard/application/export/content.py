@@ -143,7 +143,7 @@ def _standard(identified: IdentifiedModel) -> dict[str, float]:
 
 
 def _inertia(robot: Robot, index: int, values: Mapping[str, float]) -> Inertia:
-    """Mass properties of a body that can exist; the least ones for one without mass."""
+    """Mass properties of a physically consistent body; the least ones for one without mass."""
     name = robot.bodies[index].name
     inertia = Inertia.from_ten([values[f"{number}.{name}"] for number in INERTIAL_NAMES])
     if not inertia.ten.any():

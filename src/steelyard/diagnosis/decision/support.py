@@ -1,9 +1,9 @@
 """What the data of a log support by themselves, where nothing but a nominal model is known.
 
 That links are heavier or lighter than a model file says is always a hypothesis. So an explanation
-is beyond doubt only if bodies that can exist, whatever they weigh, fit the log clearly better under
-it than as declared. Orders, signs and directions show so; a factor on all efforts never does, for
-bodies of as many times the mass make it.
+is beyond doubt only if physically consistent bodies, whatever they weigh, fit the log clearly
+better under it than as declared. That happens for orders, signs and directions; never for a factor
+on all efforts, as bodies of as many times the mass have the same effect.
 """
 
 from collections.abc import Iterator, Sequence

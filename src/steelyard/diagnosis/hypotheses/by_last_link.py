@@ -2,7 +2,7 @@
 
 Where most of an arm's mass is in its last link, an error of that link in the model file changes the
 efforts of all joints by about one factor, and looks like a gain. A heavier link is the same as a
-payload; a lighter one is not, and has to be a body that can exist.
+payload; a lighter one is not, and has to be a physically consistent body.
 """
 
 from collections.abc import Iterator

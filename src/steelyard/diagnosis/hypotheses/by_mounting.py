@@ -2,8 +2,8 @@ r"""Directions of gravity that bodies of a log's own fit, where they fit none th
 
 Efforts are linear in bodies and in gravity, $e = (Y_0 + \sum_a g_a Y_a) \phi$. With the bodies
 eliminated by least squares (variable projection), what is left depends on the direction of $g$
-alone, and is minimised from every axis. The likeliest directions are then compared with bodies
-that can exist.
+alone, and is minimised from every axis. The likeliest directions are then compared with physically
+consistent bodies.
 """
 
 from copy import copy
@@ -19,7 +19,7 @@ from steelyard.diagnosis.likelihood.likelihood import Likelihood
 from steelyard.diagnosis.likelihood.possible import SAMPLES, Possible, possible, rows_of
 
 FEW = 3
-"""Directions that are compared with bodies that can exist."""
+"""Directions that are compared with physically consistent bodies."""
 RIDGE = 1e-4
 """What keeps columns that a motion does not excite at zero, relative to their length."""
 FLOOR = 1e-4

@@ -1,4 +1,4 @@
-r"""What a log supports by itself: bodies that can exist, fitted under one interpretation of it.
+r"""What a log supports by itself: consistent bodies, fitted under one interpretation of it.
 
 A nominal model is weak evidence: links may be several times heavier or lighter than it says. So a
 interpretation is also compared with bodies of the log's own, which need only be possible, with
@@ -69,7 +69,7 @@ _KNOWN: "WeakKeyDictionary[Interpretation, Possible | None]" = WeakKeyDictionary
 
 
 def possible(likelihood: Likelihood, interpretation: Interpretation) -> Possible | None:
-    """Bodies that can exist and agree best; `None` where they cannot be found."""
+    """Physically consistent bodies that agree best; `None` where they cannot be found."""
     if interpretation not in _KNOWN:
         _KNOWN[interpretation] = _possible(likelihood, interpretation)
     return _KNOWN[interpretation]
@@ -91,7 +91,7 @@ def _possible(likelihood: Likelihood, interpretation: Interpretation) -> Possibl
 def other_link(likelihood: Likelihood, interpretation: Interpretation) -> Array | None:
     """Ten numbers by which the last link differs from the model file, all other links as there.
 
-    The link that they make can exist. `None` where none can be found.
+    The link that they make is physically consistent. `None` where none can be found.
 
     Args:
         likelihood: The log.

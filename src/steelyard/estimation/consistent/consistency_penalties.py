@@ -124,7 +124,7 @@ class Pullback:
 
 @dataclass(frozen=True)
 class Free:
-    """No penalty worth the name: a body may be anything that can exist.
+    """No penalty beyond physical consistency.
 
     What no data show is kept from growing without bound: 1000 times the prior costs one half.
     """

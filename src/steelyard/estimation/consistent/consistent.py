@@ -1,10 +1,10 @@
-r"""Physically consistent parameters: bodies that can exist, near their priors [Wensing2018].
+r"""Physically consistent parameters: bodies near their priors [Wensing2018].
 
 The data come whitened and compressed, bodies in the scale of their prior, friction, rotor inertia
 and stiffness within their bounds; the program is convex: Clarabel comes near its optimum, Newton's
 method gets there. Its curvature at the optimum is the posterior's precision (Laplace), so intervals
-count data and prior alike, and each parameter has its share of data. Near the edge of what
-can exist the penalty is steep, which makes no parameter better known: the prior counts there with
+count data and prior alike, and each parameter has its share of data. Near the edge of
+physical consistency the penalty is steep, which makes no parameter better known: the prior counts there with
 the curvature that it has at its own values.
 """
 
@@ -56,7 +56,7 @@ class Consistent:
     Attributes:
         base: Lifts base parameters to standard ones.
         knowledge: Priors, bounds and constraints.
-        form: How bodies are held to their priors, and that they can exist.
+        form: Penalties of bodies far from their priors, and physical consistency.
         gamma: Weight of the prior; of its stated uncertainty, or found from the data, if `None`.
         per_run: Columns whose parameters every run has for itself.
         equal: Whether all rows weigh the same, whatever their noise.
@@ -149,7 +149,7 @@ class Consistent:
     def _rescaled(self, program: Program, gamma: float) -> Array | None:
         """The optimum in other units of the squares; `None` where they do not help either.
 
-        Where possible bodies contradict the data, the squares are so many times the prior's
+        Where consistent bodies contradict the data, the squares are so many times the prior's
         penalty that the solver loses the latter's digits.
         """
         for unit in units_of(program.unknowns):

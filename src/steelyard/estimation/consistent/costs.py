@@ -13,7 +13,7 @@ from steelyard.estimation.consistent.program import Program, conic_constraints
 from steelyard.estimation.knowledge import Knowledge
 
 EDGE = 0.02
-"""Least eigenvalue of a body's `X` below which it is at the edge of possible bodies."""
+"""Least eigenvalue of a body's `X` below which it is at the edge of consistent bodies."""
 
 NAMED = 6
 """Active constraints that a note names."""
@@ -66,7 +66,7 @@ def cost_notes(
 def _physical(
     program: Program, knowledge: Knowledge, attempt: Attempt, spread: Spread
 ) -> str | None:
-    """What bounds and possible bodies cost without a prior; nothing if noise explains it."""
+    """What bounds and consistent bodies cost without a prior; nothing if noise explains it."""
     whole = attempt(program, LEAST)
     if whole.rise <= len(program.unknowns.vector):
         return None

@@ -40,7 +40,7 @@ def contradicting(labels: Sequence[str]) -> DataError:
 
 
 def contradictions(knowledge: Knowledge) -> tuple[str, ...]:
-    """Constraints and bounds that contradict each other, or every body that can exist.
+    """Constraints and bounds that contradict each other, or every physically consistent body.
 
     Returns:
         Labels of constraints that cannot hold together for any bodies, but can if any one is left
@@ -93,7 +93,7 @@ def _bounds(knowledge: Knowledge) -> tuple[Row, ...]:
 
 @dataclass(frozen=True, eq=False)
 class _Bodies:
-    r"""What bodies that can exist allow: the least slack with which all rows hold.
+    r"""What physically consistent bodies allow: the least slack with which all rows hold.
 
     Each row, in units of its length, may fail by $s$, and so may $X \succeq \delta 1$ of every
     body's pseudo-inertia $L X L^T$ in the scale $L$ of its prior. Such values always exist, so the
@@ -129,7 +129,7 @@ class _Bodies:
         return Block("nonnegative", np.arange(planes.shape[1]), planes, offset)
 
     def _body(self, body: int) -> Block:
-        """A body that can exist, with slack."""
+        """A physically consistent body, with slack."""
         columns = np.array([*range(10 * body, 10 * body + 10), self._scale.shape[1]])
         root = np.diag([1.0 if i == j else np.sqrt(2.0) for i, j in ENTRIES])
         one = np.array([float(i == j) for i, j in ENTRIES])

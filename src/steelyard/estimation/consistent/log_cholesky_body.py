@@ -1,4 +1,4 @@
-r"""Bodies that can exist from numbers that are free: log-Cholesky coordinates [Rucker2022].
+r"""Physically consistent bodies from numbers that are free: log-Cholesky coordinates [Rucker2022].
 
 A pseudo-inertia in the scale of its prior is $X = U U^T$ with a lower triangular $U$ whose diagonal
 is $e^{a_i}$: every choice of the ten coordinates is a body, and zero is the prior.

@@ -4,7 +4,7 @@ An interior-point solver comes near the optimum in a dozen steps and needs as ma
 digits that the weighted squares show. Near the optimum the objective is smooth: with the bounds
 that hold as equations, a few Newton steps end at rounding. The problem is convex, so a point with
 no slope, bounds that hold pulling outward, is the optimum; where that cannot be confirmed, or a
-body lies at the margin of what can exist, nothing is returned.
+body lies at the margin of physical consistency, nothing is returned.
 """
 
 import numpy as np

@@ -171,7 +171,7 @@ class Program:
         return self._precision(self.unknowns.pseudo(u), gamma)
 
     def stated_precision(self, u: Array, gamma: float) -> Array:
-        r"""The same without what is gained by being near the edge of possible bodies.
+        r"""The same without what is gained by being near the edge of consistent bodies.
 
         Where an eigenvalue $\lambda$ of $X$ nears zero, the penalty's curvature grows with
         $\lambda^{-2}$: it keeps the body possible, but knows the parameters no better. There the

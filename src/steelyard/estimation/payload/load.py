@@ -32,7 +32,7 @@ class PayloadEstimate:
         sigma: Standard deviation of the filtered residuals per effort row, shape `(rows,)`.
         n_samples: Filtered samples per effort row, shape `(rows,)`.
         notes: What was taken for granted, for people to read.
-        chi_squared: Rise of the weighted squares by the constraint that the body can exist.
+        chi_squared: Rise of the weighted squares by the constraint of physical consistency.
         free_mass: Mass without this constraint [kg]; `None` if it is not known.
     """
 
@@ -115,7 +115,7 @@ class PayloadEstimate:
             return tuple(found)
         if self.negative_mass is not None:
             found.append(
-                f"without the constraint that the body can exist, the data ask for a negative mass "
+                f"without the constraint of physical consistency, the data ask for a negative mass "
                 f"of about {self.negative_mass:.2g} kg: gains, tool or model differ from those of "
                 "the model's logs"
             )
@@ -137,7 +137,7 @@ class PayloadEstimate:
         )
         if self.chi_squared > NOISE:
             found.append(
-                f"the constraint that the body can exist raises χ² by {self.chi_squared:.0f} "
+                f"the constraint of physical consistency raises χ² by {self.chi_squared:.0f} "
                 f"(up to {NOISE:.0f} is within noise): the inertia contains model error"
             )
         return tuple(found)
@@ -162,7 +162,7 @@ class PayloadEstimate:
             "ten": _plain(self.ten),
             "covariance": _plain(self.covariance),
             "not_seen": list(self.not_seen),
-            "possible_body": self.flaw is None if seen and not self.not_seen else None,
+            "consistent_body": self.flaw is None if seen and not self.not_seen else None,
             "flaw": self.flaw,
             "chi_squared_rise": self.chi_squared,
             "remarks": list(self.remarks),

@@ -24,13 +24,13 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.estimation.estimate import Z95
 from steelyard.estimation.identified import IdentifiedModel
-from steelyard.estimation.payload.load import PayloadEstimate, payload_of, refuse_unseen
-from steelyard.estimation.payload.load_case import LoadCase
-from steelyard.estimation.payload.possible_body import (
+from steelyard.estimation.payload.consistent_body import (
     PayloadKnowledge,
-    possible_body,
+    consistent_body,
     refuse_contradiction,
 )
+from steelyard.estimation.payload.load import PayloadEstimate, payload_of, refuse_unseen
+from steelyard.estimation.payload.load_case import LoadCase
 from steelyard.estimation.payload.stacked_information import (
     covariance_of,
     inverse,
@@ -88,7 +88,7 @@ def weighed(
     gain: float,
     known: PayloadKnowledge,
 ) -> PayloadEstimate:
-    """One payload of a case as a body that can exist.
+    """One payload of a case as a physically consistent body.
 
     Args:
         identified: The robot without payload.
@@ -114,7 +114,7 @@ def weighed(
     refuse_unseen(by_data, carries)
     refuse_contradiction(free, by_data, known)
     information = seen_information(fit.matrix, columns)
-    body = possible_body(free, information, by_data, widening, known)
+    body = consistent_body(free, information, by_data, widening, known)
     return payload_of(
         carries,
         identified.model.robot,

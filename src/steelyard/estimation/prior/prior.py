@@ -89,7 +89,7 @@ def notes_on(corrected: Mapping[str, PriorBody]) -> tuple[str, ...]:
 
 
 def corrected_body(given: Inertia, *, noted: bool = False) -> PriorBody:
-    r"""The body nearest to a given one that can exist, of the same mass and centre.
+    r"""The consistent body nearest to a given one, of the same mass and centre.
 
     The second moments about the centre of mass, $\Sigma_c$, keep their principal axes; those below
     `THINNEST` of the greatest are lifted to it. Where even the greatest is less than that of a ball

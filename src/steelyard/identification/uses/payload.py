@@ -13,9 +13,9 @@ from steelyard.application.payload_events import PayloadEvents, find_payload_eve
 from steelyard.arguments import checked
 from steelyard.errors import DataError
 from steelyard.estimation.identified import IdentifiedModel, load_model
+from steelyard.estimation.payload.consistent_body import PayloadKnowledge, Shape
 from steelyard.estimation.payload.load import PayloadEstimate
 from steelyard.estimation.payload.load_case import carrier
-from steelyard.estimation.payload.possible_body import PayloadKnowledge, Shape
 from steelyard.identification.descriptions import dropped
 from steelyard.identification.logs import (
     LogArgument,

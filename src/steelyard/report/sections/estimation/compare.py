@@ -127,7 +127,7 @@ def _cells(score: EstimatorScore) -> tuple[str, ...]:
 
 
 def bodies_words(score: EstimatorScore) -> str:
-    """Whether the bodies can exist."""
+    """Whether the bodies are physically consistent."""
     if score.impossible is None:
         return "not estimated" if score.parameters is not None else NONE
     if not score.impossible:

@@ -1,4 +1,4 @@
-"""Links as bodies: mass, centre, moments of inertia, and whether such a body can exist."""
+"""Links as bodies: mass, centre, moments of inertia, physical consistency."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

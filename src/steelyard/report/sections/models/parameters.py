@@ -127,7 +127,7 @@ def _words(model: ComparedModel) -> str:
 
 
 def _bodies(model: ComparedModel) -> str:
-    """Whether the links can exist."""
+    """Whether the links are physically consistent."""
     if model.identified.estimate.standard is None:
         return "not estimated"
     invalid = [link.name for link in solids(model.identified) if link.margin <= 0.0]

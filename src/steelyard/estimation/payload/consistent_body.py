@@ -1,4 +1,4 @@
-r"""A payload as a body that can exist, from the ten numbers of an unconstrained estimate.
+r"""A payload as a physically consistent body, from the ten numbers of an unconstrained estimate.
 
 With the unconstrained $\hat\phi$ and its covariance $C$
 
@@ -7,8 +7,8 @@ $$ \min_\phi \|\phi - \hat\phi\|^2_{C^{-1}} + \sum_k r_k(\phi)^2 \quad
 
 where the rows $r_k$ are what is known: mass, centre of mass, and the second moments of a shape
 about the centre, linear in $\phi$ for a given centre. A shape says nothing about where the body is.
-If nothing is known and $\hat\phi$ is a body that can exist, it is the result; else a weak penalty
-keeps what the data hardly determine away from the edge of possible bodies.
+If nothing is known and $\hat\phi$ is physically consistent, it is the result; else a weak penalty
+keeps what the data hardly determine away from the edge of consistent bodies.
 """
 
 from dataclasses import dataclass, replace
@@ -132,7 +132,7 @@ class PossibleBody:
     """The estimate.
 
     Attributes:
-        ten: The ten numbers of a body that can exist, shape `(10,)`.
+        ten: The ten numbers of a physically consistent body, shape `(10,)`.
         covariance: With what is known, shape `(10, 10)`; rows of what nothing determines are not
             numbers. Physical constraints do not narrow it.
         chi_squared: Rise of the weighted squares by the physical constraints.
@@ -143,10 +143,10 @@ class PossibleBody:
     chi_squared: float
 
 
-def possible_body(
+def consistent_body(
     free: Array, information: Array, by_data: Array, widening: Array, known: PayloadKnowledge
 ) -> PossibleBody:
-    """The body that can exist and agrees best with an unconstrained estimate and what is known.
+    """The consistent body that agrees best with an unconstrained estimate and what is known.
 
     Args:
         free: The unconstrained ten numbers, zero along what the data do not determine.
@@ -303,7 +303,7 @@ def _optimum(matrix: Array, vector: Array) -> tuple[Array, float]:
             *(replace(block, columns=behind[block.columns]) for block in part.blocks),
         ),
     )
-    best = solved(program, "the payload as a body that can exist")[:count]
+    best = solved(program, "the payload as a physically consistent body")[:count]
     rise = np.square(matrix @ best - vector).sum() - np.square(matrix @ u - vector).sum()
     return np.asarray(best[:10]), max(0.0, float(rise))
 

@@ -1,4 +1,4 @@
-"""Payloads as bodies that can exist, from unconstrained ten numbers."""
+"""Payloads as physically consistent bodies, from unconstrained ten numbers."""
 
 import numpy as np
 import pytest
@@ -6,11 +6,11 @@ import pytest
 from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.estimation.estimate import Z95
-from steelyard.estimation.payload.possible_body import (
+from steelyard.estimation.payload.consistent_body import (
     PayloadKnowledge,
     PossibleBody,
     Shape,
-    possible_body,
+    consistent_body,
     refuse_contradiction,
 )
 from steelyard.robot.inertia import Inertia
@@ -33,7 +33,7 @@ def drawn(seed: int) -> Array:
 
 def found(free: Array, known: PayloadKnowledge = NOTHING, std: Array = STD) -> PossibleBody:
     by_data = np.diag(np.where(np.isinf(std), np.nan, std**2))
-    return possible_body(free, np.diag(std**-2.0), by_data, np.zeros((10, 10)), known)
+    return consistent_body(free, np.diag(std**-2.0), by_data, np.zeros((10, 10)), known)
 
 
 def test_a_possible_estimate_stays_what_it_is() -> None:
@@ -107,8 +107,8 @@ def test_errors_of_the_model_widen_what_is_not_known() -> None:
     widening = 0.05**2 * np.outer(ten, ten)
     variances = (0.001 * STD) ** 2
     args = (1.03 * ten, np.diag(1.0 / variances), np.diag(variances) + widening, widening)
-    free = possible_body(*args, NOTHING)
-    weighed = possible_body(*args, PayloadKnowledge(mass=2.5))
+    free = consistent_body(*args, NOTHING)
+    weighed = consistent_body(*args, PayloadKnowledge(mass=2.5))
     assert np.sqrt(free.covariance[0, 0]) == pytest.approx(0.05 * 2.5, rel=0.01)
     np.testing.assert_allclose(weighed.ten[:4], ten[:4], rtol=3e-3)
     assert weighed.covariance[3, 3] < 0.01 * free.covariance[3, 3]
