@@ -3,8 +3,8 @@ r"""Physically consistent parameters: bodies near their priors [Wensing2018].
 The data come whitened and compressed, bodies in the scale of their prior, friction, rotor inertia
 and stiffness within their bounds; the program is convex: Clarabel comes near its optimum, Newton's
 method gets there. Its curvature at the optimum is the posterior's precision (Laplace), so intervals
-count data and prior alike, and each parameter has its share of data. Near the edge of
-physical consistency the penalty is steep, which makes no parameter better known: the prior counts there with
+count data and prior alike, and each parameter has its share of data. Near the edge of physical
+consistency the penalty is steep, which makes no parameter better known: the prior counts there with
 the curvature that it has at its own values.
 """
 
