@@ -17,7 +17,7 @@ from scipy.stats import poisson
 import steelyard
 from steelyard.application.payload_events import PayloadEvent
 from steelyard.application.watch.contact_stream import ContactStart
-from steelyard.application.watch.watcher import Happening, Watcher
+from steelyard.application.watch.watcher import StreamEvent, Watcher
 from steelyard.arrays import Array
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.identification.uses.watch import start_watch
@@ -30,7 +30,7 @@ def rows_of(model: IdentifiedModel, path: str) -> Array:
     return np.concatenate(list(steelyard.open_log(path).parts(model.signals.columns)))
 
 
-def watched(model: IdentifiedModel, rows: Array) -> tuple[list[Happening], float]:
+def watched(model: IdentifiedModel, rows: Array) -> tuple[list[StreamEvent], float]:
     """All that a stream with the model's own thresholds reports, and its length [s]."""
     watcher = start_watch(model, rate=RATE).watcher
     return [*watcher.take(rows), *watcher.end()], watcher.time

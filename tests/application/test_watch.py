@@ -90,8 +90,8 @@ NO_MASS = SlidingMass(np.zeros(0), np.zeros(0), np.zeros(0))
 class Search:
     """Finds the changes that have motion on both sides in the rows; some searches fail."""
 
-    def __init__(self, *fails: int) -> None:
-        self.fails = fails
+    def __init__(self, *fails: int, least: tuple[float, ...] = (0.5,)) -> None:
+        self.fails, self.least = fails, least
         self.lengths: list[float] = []
 
     def __call__(self, rows: Array) -> PayloadEvents:
@@ -104,7 +104,10 @@ class Search:
             for t, kind in KINDS.items()
             if start + 3.0 < t < stop - 3.0
         )
-        return PayloadEvents("stream", "tool", "link", events, (), 0.1, 1.0, 0.5, True, (), NO_MASS)
+        least = self.least[len(self.lengths) % len(self.least)]
+        return PayloadEvents(
+            "stream", "tool", "link", events, (), 0.1, 1.0, least, True, (), NO_MASS
+        )
 
 
 def run_of(stream: PayloadStream, seconds: float) -> list[tuple[float, PayloadEvent]]:
@@ -131,6 +134,20 @@ def test_a_search_that_fails_is_no_change_and_is_said() -> None:
     assert run_of(stream, 12.5) == []
     assert stream.failed == "" and stream.searches == 1
     assert stream.state is not None and stream.state.mass == 0.0
+
+
+def test_the_least_visible_mass_is_that_of_half_of_the_searches() -> None:
+    stream = PayloadStream(Search())
+    assert stream.least_mass is None
+    run_of(stream, 30.0)
+    assert stream.least_mass == 0.5
+    assert stream.state is not None and stream.state.least_mass == 0.5
+    mixed = PayloadStream(Search(least=(0.2, 0.3, 1.2)))
+    run_of(mixed, 60.0)
+    assert mixed.least_mass == 0.3
+    blind = PayloadStream(Search(least=(0.5, np.inf, np.inf)))
+    run_of(blind, 60.0)
+    assert blind.least_mass == np.inf
 
 
 def test_lasting_residuals_are_doubted_and_a_push_is_not() -> None:

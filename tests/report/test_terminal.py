@@ -8,10 +8,13 @@ import pytest
 from rich.console import Console
 
 from report.inspected import contact_content, payload_events
+from steelyard.application.watch.records import summary_record
+from steelyard.application.watch.watcher import StreamSummary
 from steelyard.estimation.known_scales import KnownScales
 from steelyard.report import ReportContent, parameters_csv, render, summary
 from steelyard.report.terminal.payload import event_lines
 from steelyard.report.terminal.terminal import CSV_COLUMNS
+from steelyard.report.terminal.watch import summary_lines
 from steelyard.report.text.score_words import coverage_words
 from steelyard.report.text.verdict import verdict
 from steelyard.validation.headline import pooled
@@ -213,3 +216,21 @@ def test_a_standing_robot_is_named_with_the_pushes_that_are_visible():
     visible = "shoulder_lift_joint 9.0 Nm, a_joint_with_a_name_that_is_rather_long 12 N"
     assert any(warning.endswith(f"{words}{visible}") for warning in resting.warnings)
     assert not any("no joint moves" in warning for warning in moving.warnings)
+
+
+@pytest.mark.parametrize(
+    ("least", "words"),
+    [
+        (0.4321, "change of the payload's mass that would be seen: 0.43 kg (at the frame's origin"),
+        (float("inf"), "no change of the payload would have been seen: too little motion"),
+        (None, ""),
+    ],
+)
+def test_a_stream_says_which_change_of_the_payload_would_be_seen(
+    least: float | None, words: str
+) -> None:
+    summary = StreamSummary(60.0, 6000, {}, 0, 0, 0, (1.0,), "", "", least)
+    text = "\n".join(summary_lines(summary, ("j1",), ("Nm",)))
+    assert words in text and ("would" in text) is (least is not None)
+    record = summary_record(summary)["least_mass_kg"]
+    assert record == (least if least != float("inf") else None)

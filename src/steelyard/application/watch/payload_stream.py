@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from steelyard.application.payload_events import Carried, PayloadEvent, PayloadEvents
+from steelyard.application.payload_events import PayloadEvent, PayloadEvents
 from steelyard.arrays import Array
 from steelyard.errors import SteelyardError
 
@@ -37,10 +37,12 @@ class PayloadState:
     Attributes:
         mass: Its mass, zero if nothing is carried [kg].
         half_width: Half-width of the 95 % interval of the mass; NaN if nothing is carried.
+        least_mass: Smallest change of the mass that would be seen, infinite if none would [kg].
     """
 
     mass: float
     half_width: float
+    least_mass: float
 
 
 class PayloadStream:
@@ -66,6 +68,12 @@ class PayloadStream:
         self._due = FIRST
         self._candidates: list[PayloadEvent] = []
         self._reported: list[PayloadEvent] = []
+        self._least: list[float] = []
+
+    @property
+    def least_mass(self) -> float | None:
+        """Change of the mass that half of the searches would have seen [kg]; `None` without any."""
+        return float(np.quantile(self._least, 0.5, method="higher")) if self._least else None
 
     def step(self, t: float, row: Array) -> tuple[PayloadEvent, ...]:
         """Take the next sample; the events that are certain with it.
@@ -87,7 +95,8 @@ class PayloadStream:
             return ()
         self.failed, self.searches = "", self.searches + 1
         start = self._kept[0][0]
-        self.state = _state(found.carried, t - start)
+        self.state = _state(found, t - start)
+        self._least.append(found.least_mass)
         events = [_later(event, start) for event in found.events]
         certain = [e for e in events if _known(e, self._candidates)]
         certain = [e for e in certain if not _known(e, self._reported)]
@@ -108,10 +117,10 @@ def _later(event: PayloadEvent, start: float) -> PayloadEvent:
     return replace(event, **times)
 
 
-def _state(carried: tuple[Carried, ...], duration: float) -> PayloadState:
+def _state(found: PayloadEvents, duration: float) -> PayloadState:
     """What is carried at the end of a stretch."""
-    last = [one for one in carried if one.stop >= duration - SAME]
+    last = [one for one in found.carried if one.stop >= duration - SAME]
     if not last:
-        return PayloadState(0.0, np.nan)
+        return PayloadState(0.0, np.nan, found.least_mass)
     payload = last[-1].payload
-    return PayloadState(payload.mass, float(payload.half_width[0]))
+    return PayloadState(payload.mass, float(payload.half_width[0]), found.least_mass)

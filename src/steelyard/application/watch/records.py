@@ -1,14 +1,15 @@
 """What a stream reports as JSON values and as rows of tables."""
 
 from collections.abc import Sequence
+from math import isfinite
 from typing import Any
 
 from steelyard.application.contact import ContactEvent
 from steelyard.application.payload_events import PayloadEvent
 from steelyard.application.watch.contact_stream import ContactStart
 from steelyard.application.watch.watcher import (
-    Happening,
     StreamEstimate,
+    StreamEvent,
     StreamNote,
     StreamSummary,
 )
@@ -30,46 +31,47 @@ WRENCH = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 """Entries of a wrench."""
 
 
-def record_of(happening: Happening) -> dict[str, Any]:
+def record_of(event: StreamEvent) -> dict[str, Any]:
     """As JSON values; `event` says what it is."""
-    if isinstance(happening, ContactStart):
-        load = happening.joint
+    if isinstance(event, ContactStart):
+        load = event.joint
         return {
             "event": "contact",
-            "time_s": happening.time,
-            "known_s": happening.known,
+            "time_s": event.time,
+            "known_s": event.known,
             **vars(load),
-            "links": list(happening.links),
+            "links": list(event.links),
         }
-    if isinstance(happening, ContactEvent):
-        return {"event": "contact_end", **happening.to_dict()}
-    if isinstance(happening, PayloadEvent):
+    if isinstance(event, ContactEvent):
+        return {"event": "contact_end", **event.to_dict()}
+    if isinstance(event, PayloadEvent):
         return {
             "event": "payload",
-            "kind": happening.kind,
-            "time_s": happening.time,
-            "earliest_s": happening.earliest,
-            "latest_s": happening.latest,
-            "mass_kg": happening.mass,
-            "mass_half_width_kg": happening.mass_half_width,
-            "over_threshold": happening.ratio,
+            "kind": event.kind,
+            "time_s": event.time,
+            "earliest_s": event.earliest,
+            "latest_s": event.latest,
+            "mass_kg": event.mass,
+            "mass_half_width_kg": event.mass_half_width,
+            "over_threshold": event.ratio,
         }
-    if isinstance(happening, StreamNote):
-        return {"event": "note", "time_s": happening.time, "text": happening.text}
+    if isinstance(event, StreamNote):
+        return {"event": "note", "time_s": event.time, "text": event.text}
     record: dict[str, Any] = {
         "event": "estimate",
-        "time_s": happening.time,
-        "torque": happening.torque.tolist(),
-        "torque_half_width": happening.half_width.tolist(),
+        "time_s": event.time,
+        "torque": event.torque.tolist(),
+        "torque_half_width": event.half_width.tolist(),
     }
-    if happening.wrench is not None and happening.wrench_half_width is not None:
-        record["wrench"] = happening.wrench.tolist()
-        record["wrench_half_width"] = happening.wrench_half_width.tolist()
+    if event.wrench is not None and event.wrench_half_width is not None:
+        record["wrench"] = event.wrench.tolist()
+        record["wrench_half_width"] = event.wrench_half_width.tolist()
     return record
 
 
 def summary_record(summary: StreamSummary) -> dict[str, Any]:
     """A summary as JSON values."""
+    least = summary.least_mass
     return {
         "event": "summary",
         "duration_s": summary.duration,
@@ -80,39 +82,40 @@ def summary_record(summary: StreamSummary) -> dict[str, Any]:
         "payload_changes": summary.payload_changes,
         "largest_torque": list(summary.largest),
         "payload_not_sought": summary.payload,
+        "least_mass_kg": None if least is None or not isfinite(least) else least,
         "doubt": summary.doubt or None,
     }
 
 
-def event_row(happening: ContactEvent | PayloadEvent | StreamNote) -> list[str | float]:
+def event_row(event: ContactEvent | PayloadEvent | StreamNote) -> list[str | float]:
     """A row of the table of events, in the order of `EVENT_COLUMNS`."""
-    if isinstance(happening, ContactEvent):
-        load = happening.joints[0]
+    if isinstance(event, ContactEvent):
+        load = event.joints[0]
         return [
             "contact",
-            happening.start,
-            happening.end,
+            event.start,
+            event.end,
             load.joint,
             load.peak,
             "",
             load.unit,
             load.ratio,
-            happening.place,
+            event.place,
         ]
-    if isinstance(happening, PayloadEvent):
-        mass, half = happening.mass, happening.mass_half_width
+    if isinstance(event, PayloadEvent):
+        mass, half = event.mass, event.mass_half_width
         return [
-            happening.kind,
-            happening.time,
+            event.kind,
+            event.time,
             "",
             "payload",
             mass,
             half,
             "kg",
-            happening.ratio,
+            event.ratio,
             "",
         ]
-    return ["note", happening.time, "", happening.text, "", "", "", "", ""]
+    return ["note", event.time, "", event.text, "", "", "", "", ""]
 
 
 def estimate_columns(joints: Sequence[str], wrench: bool) -> list[str]:

@@ -57,7 +57,7 @@ class StreamNote:
     text: str
 
 
-Happening = ContactStart | ContactEvent | PayloadEvent | StreamEstimate | StreamNote
+StreamEvent = ContactStart | ContactEvent | PayloadEvent | StreamEstimate | StreamNote
 """What a stream reports, in the order in which it becomes known."""
 
 
@@ -75,6 +75,8 @@ class StreamSummary:
         largest: Largest external effort of each joint by size [Nm; N].
         payload: Why the last search for changes of the payload was not possible; empty if it was.
         doubt: Why residuals may be no contact; empty without doubt.
+        least_mass: Change of the payload's mass that half of the searches would have seen,
+            infinite if they would have seen none [kg]; `None` without a search.
     """
 
     duration: float
@@ -86,6 +88,7 @@ class StreamSummary:
     largest: tuple[float, ...]
     payload: str
     doubt: str
+    least_mass: float | None = None
 
 
 def rests_of(identified: IdentifiedModel) -> Array:
@@ -151,7 +154,7 @@ class Watcher:
         self._noted: set[object] = set()
         self._doubt = Doubt(np.asarray(identified.estimate.sigma))
 
-    def take(self, rows: Array) -> Iterator[Happening]:
+    def take(self, rows: Array) -> Iterator[StreamEvent]:
         """Take consecutive rows of the columns `samples.columns`.
 
         Raises:
@@ -161,7 +164,7 @@ class Watcher:
             yield from self._sample(sample)
         yield from self._rows_noted()
 
-    def end(self) -> Iterator[Happening]:
+    def end(self) -> Iterator[StreamEvent]:
         """What is left to report at the end of the stream: a contact that lasts."""
         if self._contact.active:
             yield self._counted(self._contact.ended())
@@ -182,7 +185,13 @@ class Watcher:
             tuple(self._largest.tolist()),
             failed,
             self._doubt.text,
+            None if self.payload is None else self.payload.least_mass,
         )
+
+    @property
+    def started(self) -> bool:
+        """Whether samples followed another without a pause, so that something was observed."""
+        return self.observer.steps > self.observer.gaps
 
     def refuse_unusable(self, source: str) -> None:
         """Rows that arrived can be watched.
@@ -208,7 +217,7 @@ class Watcher:
             "time_unit among them",
         )
 
-    def _sample(self, sample: StreamSample) -> Iterator[Happening]:
+    def _sample(self, sample: StreamSample) -> Iterator[StreamEvent]:
         observer, since, gaps = self.observer, sample.t - self.time, self.observer.gaps
         velocity = velocity_of(sample.dq, self._rest)
         observer.step(sample.t, sample.q, velocity, self._gains * sample.effort)

@@ -4,15 +4,20 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from steelyard.cli.guard import guarded
 from steelyard.cli.options import AlarmRate, Json, ModelArgument
+
+if TYPE_CHECKING:
+    from steelyard.application.watch.watcher import StreamEvent
+    from steelyard.arrays import Array
+    from steelyard.identification.uses.watch import WatchStart
 
 POLL = 0.01
 """Pause while there is nothing new [s]."""
@@ -91,16 +96,14 @@ def watch(
 
     Example: steelyard watch steelyard-ur10e --from today.csv --frame tool0 -o today
     """
-    from steelyard.application.watch.records import record_of, summary_record
-    from steelyard.application.watch.watcher import Happening, StreamEstimate
     from steelyard.cli import interrupt
     from steelyard.cli.show import progress_bar
     from steelyard.errors import DataError
     from steelyard.formats.streams.source import STANDARD_INPUT, rows_of
     from steelyard.identification.logs import new_folder
-    from steelyard.identification.uses.watch import start_watch
+    from steelyard.identification.uses.watch import start_watch, watch_rows
     from steelyard.identification.uses.watch_files import StreamFiles
-    from steelyard.report.terminal.watch import happening_line, state_line, summary_lines
+    from steelyard.report.terminal.watch import state_line
 
     if source == STANDARD_INPUT and timeout is not None:
         raise DataError(
@@ -119,61 +122,77 @@ def watch(
             every=every,
             progress=progress,
         )
-    watcher, robot = begun.watcher, begun.model.robot
+    watcher, joints = begun.watcher, begun.model.robot.joint_names
     line = _StateLine()
+    printer = _Printer(line, as_json, estimates=every is not None)
     arrival = _Arrival(timeout, lambda: line.draw(state_line(watcher)))
-
     arriving = rows_of(source, watcher.samples.columns, arrival.waiting, _read)
-
-    def print_line(text: str) -> None:
-        line.clear()
-        typer.echo(text)
-
     with ExitStack() as stack:
         files = None
         if folder is not None:
-            opened = StreamFiles.opened(folder, robot.joint_names, frame is not None)
-            files = stack.enter_context(opened)
-
-        def emit(happening: Happening) -> None:
-            if files is not None:
-                files.take(happening)
-            if every is not None or not isinstance(happening, StreamEstimate):
-                print_line(
-                    json.dumps(record_of(happening)) if as_json else happening_line(happening)
-                )
-
-        if as_json:
-            print_line(json.dumps(begun.to_dict()))
-        else:
-            for note in begun.notes:
-                print_line(note)
+            files = stack.enter_context(StreamFiles.opened(folder, joints, frame is not None))
+        printer.start(begun)
         stack.enter_context(interrupt.quietly())
         try:
-            for rows in arriving:
-                arrival.came()
-                for happening in watcher.take(rows):
-                    emit(happening)
-                if files is not None:
-                    files.flush()
-                if interrupt.stop_requested():
-                    break
-            watcher.refuse_unusable(source)
+            watch_rows(
+                watcher,
+                arrival.noted(arriving),
+                printer.event,
+                files,
+                source=source,
+                stopped=interrupt.stop_requested,
+            )
         finally:
-            if watcher.observer.steps > watcher.observer.gaps:
-                for happening in watcher.end():
-                    emit(happening)
-                summary = watcher.summary
-                if as_json:
-                    print_line(json.dumps(summary_record(summary)))
-                else:
-                    for text in summary_lines(summary, robot.joint_names, robot.effort_units):
-                        print_line(text)
+            if watcher.started:
+                printer.summary(begun)
                 if folder is not None and not as_json:
-                    print_line(f"written  {folder}")
+                    printer.text(f"written  {folder}")
             line.clear()
         if watcher.observer.steps:
             interrupt.answered()
+
+
+class _Printer:
+    """Prints what a stream reports, in lines or as JSON.
+
+    Args:
+        line: The terminal's line of the state, removed before anything is printed.
+        as_json: Whether every line is a JSON object.
+        estimates: Whether estimates are printed too.
+    """
+
+    def __init__(self, line: "_StateLine", as_json: bool, *, estimates: bool) -> None:
+        self._line, self._as_json, self._estimates = line, as_json, estimates
+
+    def text(self, text: str) -> None:
+        """A line."""
+        self._line.clear()
+        typer.echo(text)
+
+    def start(self, begun: "WatchStart") -> None:
+        """What the watcher rests on."""
+        lines = (json.dumps(begun.to_dict()),) if self._as_json else begun.notes
+        for text in lines:
+            self.text(text)
+
+    def event(self, event: "StreamEvent") -> None:
+        """An event as it comes."""
+        from steelyard.application.watch.records import record_of
+        from steelyard.application.watch.watcher import StreamEstimate
+        from steelyard.report.terminal.watch import event_line
+
+        if self._estimates or not isinstance(event, StreamEstimate):
+            self.text(json.dumps(record_of(event)) if self._as_json else event_line(event))
+
+    def summary(self, begun: "WatchStart") -> None:
+        """The end of the stream."""
+        from steelyard.application.watch.records import summary_record
+        from steelyard.report.terminal.watch import summary_lines
+
+        found, robot = begun.watcher.summary, begun.model.robot
+        texts = summary_lines(found, robot.joint_names, robot.effort_units)
+        for text in (json.dumps(summary_record(found)),) if self._as_json else texts:
+            self.text(text)
 
 
 class _Arrival:
@@ -188,10 +207,12 @@ class _Arrival:
         self._timeout, self._draw = timeout, draw
         self._latest = time.monotonic()
 
-    def came(self) -> None:
-        """Rows came."""
-        self._latest = time.monotonic()
-        self._draw()
+    def noted(self, arriving: "Iterable[Array]") -> "Iterator[Array]":
+        """The same rows; the time at which they come is noted."""
+        for rows in arriving:
+            self._latest = time.monotonic()
+            self._draw()
+            yield rows
 
     def waiting(self) -> bool:
         """Pause; whether to go on."""

@@ -1,6 +1,6 @@
 """External torque, contact and payload on a stream: what `steelyard watch` does."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ import numpy as np
 from steelyard.application.contact import sliding_friction, supported_rate, without_contact
 from steelyard.application.payload_events import PayloadEvents, find_payload_events
 from steelyard.application.watch.payload_stream import Detect, PayloadStream
-from steelyard.application.watch.watcher import Watcher, rests_of, velocity_of
+from steelyard.application.watch.watcher import StreamEvent, Watcher, rests_of, velocity_of
 from steelyard.arrays import Array
 from steelyard.errors import DataError, LogError
 from steelyard.estimation.external.momentum import PER_PERIOD
@@ -23,6 +23,7 @@ from steelyard.formats.window import windowed
 from steelyard.identification.logs import LogArgument, fitted_before, log_files, processing_of
 from steelyard.identification.result import paths_of
 from steelyard.identification.uses.contact import edges_of, left_out_words
+from steelyard.identification.uses.watch_files import StreamFiles
 from steelyard.measurement import Recording, prepare
 from steelyard.measurement.recording import LogInMemory
 from steelyard.measurement.sample_stream import SampleStream
@@ -127,6 +128,50 @@ def start_watch(
         1.0 / (PER_PERIOD * cutoff) if every is None else every,
     )
     return WatchStart(watcher, identified, (*notes, *why))
+
+
+def watch_rows(
+    watcher: Watcher,
+    arriving: Iterable[Array],
+    emit: Callable[[StreamEvent], None],
+    files: StreamFiles | None = None,
+    *,
+    source: str,
+    stopped: Callable[[], bool] = lambda: False,
+) -> None:
+    """Report what happens in rows as they arrive, until they end.
+
+    A contact that is still going on is ended there, also where an error ends the rows.
+
+    Args:
+        watcher: Takes the rows.
+        arriving: Consecutive rows of the columns `watcher.samples.columns`.
+        emit: Receives every event.
+        files: Receives them too, and is complete after each piece of rows.
+        source: What the rows come from.
+        stopped: Asked after each piece of rows; they end where it is `True`.
+
+    Raises:
+        SteelyardError: The rows cannot be read, or none of them can be used.
+    """
+
+    def report(events: Iterable[StreamEvent]) -> None:
+        for event in events:
+            if files is not None:
+                files.take(event)
+            emit(event)
+
+    try:
+        for rows in arriving:
+            report(watcher.take(rows))
+            if files is not None:
+                files.flush()
+            if stopped():
+                break
+        watcher.refuse_unusable(source)
+    finally:
+        if watcher.started:
+            report(watcher.end())
 
 
 def _payload(

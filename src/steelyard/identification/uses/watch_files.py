@@ -14,7 +14,7 @@ from steelyard.application.watch.records import (
     estimate_row,
     event_row,
 )
-from steelyard.application.watch.watcher import Happening, StreamEstimate, StreamNote
+from steelyard.application.watch.watcher import StreamEstimate, StreamEvent, StreamNote
 from steelyard.files import explained
 
 EVENTS, ESTIMATES = "events.csv", "estimates.csv"
@@ -52,12 +52,12 @@ class StreamFiles:
             tables.flush()
             yield tables
 
-    def take(self, happening: Happening) -> None:
+    def take(self, event: StreamEvent) -> None:
         """Write what belongs into the tables: contacts when they end."""
-        if isinstance(happening, StreamEstimate):
-            self._estimates.writerow(_short(estimate_row(happening)))
-        elif isinstance(happening, ContactEvent | PayloadEvent | StreamNote):
-            self._events.writerow(_short(event_row(happening)))
+        if isinstance(event, StreamEstimate):
+            self._estimates.writerow(_short(estimate_row(event)))
+        elif isinstance(event, ContactEvent | PayloadEvent | StreamNote):
+            self._events.writerow(_short(event_row(event)))
 
     def flush(self) -> None:
         """Hand all rows to the system."""

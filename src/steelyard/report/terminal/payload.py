@@ -50,13 +50,13 @@ def event_lines(found: Sequence[PayloadEvents], console: Console) -> None:
 
     for one in found:
         console.print(Text(f"{one.run}: {counted_changes(one)}", style="bold"))
-        for line in _happenings(one):
+        for line in _lines_of(one):
             console.print(Text(line))
     for note in dict.fromkeys(note for one in found for note in one.notes):
         console.print(Text(f"note: {note}"))
 
 
-def _happenings(found: PayloadEvents) -> Iterator[str]:
+def _lines_of(found: PayloadEvents) -> Iterator[str]:
     """Changes, then what is carried."""
     for event in found.events:
         mass, half = rounded(event.mass, event.mass_half_width)

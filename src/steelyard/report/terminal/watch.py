@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import isnan
+from math import isinf, isnan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,40 +17,39 @@ from steelyard.report.text.words import signed, significant
 
 if TYPE_CHECKING:
     from steelyard.application.watch.watcher import (
-        Happening,
         StreamEstimate,
+        StreamEvent,
         StreamSummary,
         Watcher,
     )
 
 
-def happening_line(happening: Happening) -> str:
+def event_line(event: StreamEvent) -> str:
     """One line."""
-    if isinstance(happening, ContactStart):
-        load = happening.joint
+    if isinstance(event, ContactStart):
+        load = event.joint
         return _line(
-            happening.time,
+            event.time,
             "contact",
-            f"{_load(load)}, {happening.place}",
+            f"{_load(load)}, {event.place}",
         )
-    if isinstance(happening, ContactEvent):
-        load = happening.joints[0]
+    if isinstance(event, ContactEvent):
+        load = event.joints[0]
         return _line(
-            happening.end,
+            event.end,
             "released",
-            f"after {happening.end - happening.start:.2f} s; largest {_load(load)}, "
-            f"{happening.place}",
+            f"after {event.end - event.start:.2f} s; largest {_load(load)}, {event.place}",
         )
-    if isinstance(happening, PayloadEvent):
-        mass, half = rounded(happening.mass, happening.mass_half_width)
+    if isinstance(event, PayloadEvent):
+        mass, half = rounded(event.mass, event.mass_half_width)
         return _line(
-            happening.time,
-            happening.kind,
-            f"{mass} ± {half} kg (between {happening.earliest:.2f} and {happening.latest:.2f} s)",
+            event.time,
+            event.kind,
+            f"{mass} ± {half} kg (between {event.earliest:.2f} and {event.latest:.2f} s)",
         )
-    if isinstance(happening, StreamNote):
-        return _line(happening.time, "note", happening.text)
-    return _line(happening.time, "estimate", _numbers(happening))
+    if isinstance(event, StreamNote):
+        return _line(event.time, "note", event.text)
+    return _line(event.time, "estimate", _numbers(event))
 
 
 def _load(load: JointLoad) -> str:
@@ -85,7 +84,9 @@ def state_line(watcher: Watcher) -> str:
     if payload is not None and payload.state is not None:
         mass, half_width = rounded(payload.state.mass, payload.state.half_width)
         carried = f"{mass} ± {half_width} kg" if half_width else "none"
-        parts.append(f"payload {carried}")
+        least = payload.state.least_mass
+        changes = "no changes" if isinf(least) else f"changes of {least:.2g} kg or more"
+        parts.append(f"payload {carried} ({changes} visible)")
     return "   ".join(parts)
 
 
@@ -109,8 +110,20 @@ def summary_lines(
         yield f"rows left out: {rows}"
     if summary.gaps:
         yield f"pauses after which the observer restarted: {summary.gaps}"
+    if summary.least_mass is not None:
+        yield _visible(summary.least_mass)
     if summary.payload:
         yield f"the last search for changes of the payload was not possible: {summary.payload}"
+
+
+def _visible(least: float) -> str:
+    """Which change of the payload would have been seen."""
+    if isinf(least):
+        return "no change of the payload would have been seen: too little motion"
+    return (
+        f"smallest change of the payload's mass that would be seen: {least:.2g} kg (at the frame's "
+        "origin, in half of the searches)"
+    )
 
 
 def _counted(count: int, what: str) -> str:
