@@ -71,7 +71,7 @@ FILES = {
     "Rokae AR5": "examples/rokae_ar5.toml",
     "TIAGo": "examples/tiago.toml",
     "TX40": "examples/tx40.toml",
-    "leg (p1)": "proofs/problems/leg.toml",
+    "leg (p1)": "studies/robots/p1_leg.toml",
     "welder (p2)": "proofs/problems/welder_full.toml",
     "7R arm (p4)": "studies/robots/p4_arm.toml",
 }

@@ -1,13 +1,14 @@
 """The loop of [Wang] on a simulated leg: excite, run, identify, remove, excite again.
 
-The paper prints neither the leg nor its limits: they are in `problems/leg.toml`, fixed beforehand,
-with masses that give torques of the size that its tables imply (31 and 21 Nm root mean square over
-both joints). The loop runs once on a virtual leg. Its motions are then used for 20 truths with five
-draws of noise each: the full model from the first motion, the reduced one from the motion of its
-round, ten periods at 30 ms each, tested on a circle of the foot. Once the truth is of the model's
-class, once it has Stribeck and load-dependent friction as well. The noise is of the size of table
-II, correlated over a second, which lets estimates scatter as in table I (0.2 to 41 %; in the paper
-0.01 to 12 %). Beside the loop stands the default reduction of the runs of the first motion.
+The paper prints neither the leg nor its limits: they are in `studies/robots/p1_leg.toml`, fixed
+beforehand, with masses that give torques of the size that its tables imply (31 and 21 Nm root mean
+square over both joints). The loop runs once on a virtual leg. Its motions are then used for 20
+truths with five draws of noise each: the full model from the first motion, the reduced one from the
+motion of its round, ten periods at 30 ms each, tested on a circle of the foot. Once the truth is of
+the model's class, once it has Stribeck and load-dependent friction as well. The noise is of the
+size of table II, correlated over a second, which lets estimates scatter as in table I (0.2 to 41 %;
+in the paper 0.01 to 12 %). Beside the loop stands the default reduction of the runs of the first
+motion.
 """
 
 import sys
@@ -19,9 +20,10 @@ from pathlib import Path
 
 import numpy as np
 from proofs.support.claims import Claim, main_of
-from proofs.support.designs import PROBLEMS
 
 sys.path.append(str(Path(__file__).parents[2] / "tests"))
+from studies.support.robots import ROBOTS
+
 from drawn import samples_of
 from steelyard.arrays import Array
 from steelyard.estimation.least_squares.least_squares import OrdinaryLeastSquares
@@ -36,7 +38,7 @@ from steelyard.virtual.invent import random_truth
 from steelyard.virtual.robot import VirtualRobot
 from steelyard.virtual.simulate import customary_sensors
 
-LEG = PROBLEMS / "leg.toml"
+LEG = ROBOTS / "p1_leg.toml"
 PERIODS, STEP = 10, 0.03
 NOISE, CORRELATED_S = np.array([[0.41], [0.18]]), 1.0
 TRUTHS, DRAWS = 20, 5
