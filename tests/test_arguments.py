@@ -12,7 +12,7 @@ import pytest
 import steelyard
 from steelyard.errors import SteelyardError
 from steelyard.identification.checks.fix import Fixed
-from steelyard.progress import Stopped, tell
+from steelyard.progress import Stopped, report_progress
 from test_interface import folder as folder
 
 NAN = float("nan")
@@ -186,9 +186,9 @@ def test_robots_and_models_are_accepted_as_read(folder: Path) -> None:
 
 
 def test_a_watcher_without_an_answer_does_not_stop_the_work() -> None:
-    tell(lambda event: None, "reading", 0, 1)  # type: ignore[arg-type, return-value]
+    report_progress(lambda event: None, "reading", 0, 1)  # type: ignore[arg-type, return-value]
     with pytest.raises(Stopped):
-        tell(lambda event: False, "reading", 0, 1)
+        report_progress(lambda event: False, "reading", 0, 1)
 
 
 def test_a_robot_file_without_changes_is_not_saved(folder: Path) -> None:

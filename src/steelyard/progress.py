@@ -22,23 +22,25 @@ class Event:
 
 
 Progress = Callable[[Event], bool]
-"""Told of every event; the work stops if it answers `False`."""
+"""Called with every event; the work stops if it returns `False`."""
 
 
 class Stopped(Exception):
-    """The watcher of a long piece of work requested a stop."""
+    """The callback of a long computation requested a stop."""
 
 
 def silent(event: Event) -> bool:
-    """A watcher that says nothing and never stops the work."""
+    """A callback that does nothing and never stops the work."""
     return True
 
 
-def tell(progress: Progress, phase: str, done: float, total: float, note: str = "") -> None:
-    """Report to `progress`.
+def report_progress(
+    progress: Progress, phase: str, done: float, total: float, note: str = ""
+) -> None:
+    """Call `progress` with an event.
 
     Raises:
-        Stopped: The answer was to stop.
+        Stopped: It returned `False`.
     """
     answer: bool | None = progress(Event(phase, done, total, note))
     if answer is not None and not answer:

@@ -22,7 +22,7 @@ from steelyard.measurement import Processing, Recording, Run, prepare
 from steelyard.measurement.recording import LogInMemory
 from steelyard.model import Model
 from steelyard.parameters import Parameters
-from steelyard.progress import Event, Stopped, tell
+from steelyard.progress import Event, Stopped, report_progress
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.gather import gather
 from steelyard.regression.information import Information, Signature, Window
@@ -195,7 +195,7 @@ def test_the_cheap_come_first_and_a_stop_keeps_what_is_done() -> None:
 
 def test_an_estimator_that_is_stopped_has_not_failed() -> None:
     def searching(data: Information) -> Estimate:
-        tell(lambda _: False, "searching", 1, 2)
+        report_progress(lambda _: False, "searching", 1, 2)
         raise AssertionError
 
     offers = [LEAST, offer("search", searching, slow=True)]

@@ -16,7 +16,7 @@ from steelyard.diagnosis.decision.checks import (
 from steelyard.diagnosis.finding import Edit, Finding, Severity
 from steelyard.diagnosis.register import CHECKS
 from steelyard.diagnosis.together import together
-from steelyard.progress import tell
+from steelyard.progress import report_progress
 
 BASIC = (JOINT_ORDER, POSITION_SIGN, EFFORT_SIGN, EFFORT_UNIT, EFFORT_KIND, MOUNTING)
 """Checks without whose answers nobody knows whether the robot file describes the log."""
@@ -82,6 +82,6 @@ def examine(case: Case, *, quick: bool = False, checks: Sequence[Check] | None =
     selected = [s for s in (CHECKS if checks is None else checks) if s.quick or not quick]
     findings: list[Finding] = []
     for number, check in enumerate(selected):
-        tell(case.progress, f"checking: {check.name}", number, len(selected))
+        report_progress(case.progress, f"checking: {check.name}", number, len(selected))
         findings += check(case)
     return Diagnosis(together(findings))

@@ -13,7 +13,7 @@ from steelyard.arrays import Array
 from steelyard.formats.cut import Cut
 from steelyard.formats.log import PART, Log
 from steelyard.formats.window import TimeColumn, time_column, windowed
-from steelyard.progress import Progress, silent, tell
+from steelyard.progress import Progress, report_progress, silent
 from steelyard.robot_file.column_names import Column
 
 KINDS = {
@@ -162,7 +162,9 @@ def with_progress(
     for part in parts:
         yield part
         done += len(part)
-        tell(progress, phase, done, max(done, known if known is not None else done + PART))
+        report_progress(
+            progress, phase, done, max(done, known if known is not None else done + PART)
+        )
 
 
 def kind_of(path: Path) -> str:

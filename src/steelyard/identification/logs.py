@@ -17,7 +17,7 @@ from steelyard.measurement import Processing, Recording, Run, prepare
 from steelyard.measurement.processing import requested_processing
 from steelyard.measurement.rows.clock import learn_clock
 from steelyard.model import Model
-from steelyard.progress import Progress, tell
+from steelyard.progress import Progress, report_progress
 from steelyard.robot.robot import Robot
 from steelyard.robot_file.file import LoadedRobot
 from steelyard.robot_file.signals import ROW, Signals
@@ -241,7 +241,7 @@ def prepared(
     """
     runs = []
     for number, recording in enumerate(recordings):
-        tell(progress, "reading logs", number, len(recordings))
+        report_progress(progress, "reading logs", number, len(recordings))
         runs.append(prepare(recording, wanted, at_rest=at_rest))
     if not runs:
         return ()
@@ -313,7 +313,7 @@ def scored(
     prior, reference = identified.model.prior, effort_reference(identified)
     split, scores = TorqueSplit(identified.valued), []
     for number, run in enumerate(runs):
-        tell(progress, "validating", number, len(runs))
+        report_progress(progress, "validating", number, len(runs))
         scores.append(score(identified.valued, run, gains, cutoff, prior, bands, split, reference))
     return tuple(scores)
 

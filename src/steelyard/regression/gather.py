@@ -12,7 +12,7 @@ from steelyard.errors import LogError
 from steelyard.measurement.closure_failures import closed_parts
 from steelyard.measurement.run import Block, Run
 from steelyard.model import Model
-from steelyard.progress import Progress, silent, tell
+from steelyard.progress import Progress, report_progress, silent
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.information import Information, Signature, Window
 from steelyard.regression.parallel_filter import ParallelFilter
@@ -246,7 +246,7 @@ def accumulate(
     for piece, result in in_order(accumulator, pieces, threads):
         if result.counts.any():
             collected.add(piece.window, result)
-        tell(progress, f"gathering {piece.window.run}", piece.window.stop, duration)
+        report_progress(progress, f"gathering {piece.window.run}", piece.window.stop, duration)
     return Information(
         accumulator.regressor.layout, signature, tuple(collected.windows), *collected.sums
     )

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array, frozen
 from steelyard.measurement.noise_propagation import motion_error
 from steelyard.measurement.run import Run
-from steelyard.progress import Progress, silent, tell
+from steelyard.progress import Progress, report_progress, silent
 from steelyard.regression.accumulate import Accumulator, Stretch
 from steelyard.regression.gather import Piece, in_order, start_pass
 from steelyard.regression.information import Signature
@@ -48,7 +48,7 @@ def gather_samples(
     accumulator, kept = gram_pass.accumulator, _Kept(max(1, most))
     for piece, found in in_order(accumulator.rows, gram_pass.pieces, threads):
         kept.add(_instants(accumulator, piece, run.rate, *found))
-        tell(progress, f"gathering {piece.window.run}", piece.window.stop, run.duration)
+        report_progress(progress, f"gathering {piece.window.run}", piece.window.stop, run.duration)
     if not kept.parts:
         raise gram_pass.too_short()
     chosen = accumulator.matched

@@ -20,7 +20,7 @@ from steelyard.estimation.fold_errors import FOLDS
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.estimation.residual_peaks import ResidualPeaks
 from steelyard.measurement.run import Run
-from steelyard.progress import Progress, silent, tell
+from steelyard.progress import Progress, report_progress, silent
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
 from steelyard.validation.bands import Bands
@@ -80,7 +80,7 @@ def calibrate(
         chosen = stretches_left_out(runs, information)
     found, cutoff = [], residual_cutoff(identified, runs)
     for number, one in enumerate(chosen):
-        tell(progress, "calibrating bands", number, len(chosen))
+        report_progress(progress, "calibrating bands", number, len(chosen))
         whole = kind == "runs"
         errors = _errors(identified, runs, information, estimator, one, whole, cutoff)
         found += [] if errors is None else [errors]

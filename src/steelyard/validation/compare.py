@@ -17,7 +17,7 @@ from steelyard.estimation.knowledge import Knowledge
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.estimation.register import Context, Needs, Offer
 from steelyard.measurement.run import Run
-from steelyard.progress import Progress, Stopped, silent, tell
+from steelyard.progress import Progress, Stopped, report_progress, silent
 from steelyard.regression.base import BaseMap
 from steelyard.regression.information import Information
 from steelyard.robot.inertia import Inertia
@@ -165,11 +165,11 @@ def _tried(
     seconds: list[float] = []
     for left in (None, *range(count)):
         done = 0 if left is None else left + 1
-        tell(progress, f"fitting with {offer.name}", done, count + 1)
+        report_progress(progress, f"fitting with {offer.name}", done, count + 1)
         chosen = [k for k in range(count) if k != left]
         found = _fitted(offer, context, parts, chosen, seconds)
         # an interrupt may have become an error of a library on its way
-        tell(progress, f"fitting with {offer.name}", done + 1, count + 1)
+        report_progress(progress, f"fitting with {offer.name}", done + 1, count + 1)
         if not isinstance(found, Estimate):
             failures.append(Failure(None if left is None else parts.names[left], *found))
         elif left is None:

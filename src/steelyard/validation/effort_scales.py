@@ -17,7 +17,7 @@ from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.effort_scales import DEVIATION, Scaled, Scales
 from steelyard.estimation.estimate import Z95
 from steelyard.estimation.fold_errors import FEWEST, FOLDS, logarithms
-from steelyard.progress import Progress, silent, tell
+from steelyard.progress import Progress, report_progress, silent
 from steelyard.regression.information import Information
 from steelyard.validation.cross import LEAST
 
@@ -107,7 +107,7 @@ def effort_scales(
     folds = information.merged(1 if several else FOLDS)
     errors = []
     for fold in range(len(folds.windows)):
-        tell(progress, "judging effort scales", fold, len(folds.windows))
+        report_progress(progress, "judging effort scales", fold, len(folds.windows))
         rest = folds.of([k for k in range(len(folds.windows)) if k != fold])
         left_out = folds.of([fold])
         try:

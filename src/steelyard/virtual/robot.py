@@ -16,7 +16,7 @@ from steelyard.files import write_table
 from steelyard.model import Model
 from steelyard.motion import Motion, Trajectory
 from steelyard.parameters import Parameters
-from steelyard.progress import Progress, silent, tell
+from steelyard.progress import Progress, report_progress, silent
 from steelyard.robot.robot import Robot
 from steelyard.robot_file.signals import Signals
 from steelyard.terms.laws.rigid_body import RigidBody
@@ -184,7 +184,7 @@ class VirtualRobot:
             q[0], dq[0] = self._plant.step(tau, _TICK)
         for k in range(ticks):
             if k % _TICKS_PER_EVENT == 0:
-                tell(self._progress, "simulation", t[k], float(t[-1]))
+                report_progress(self._progress, "simulation", t[k], float(t[-1]))
             before = tau
             seen, speed = drives.sense(q[k] + felt[k], dq[k])
             tau = drives.actuate(loop.torque(settling + k, seen, speed))
@@ -195,7 +195,7 @@ class VirtualRobot:
             if k + 1 < ticks:
                 self._plant.load(bool(loaded[k]))
                 q[k + 1], dq[k + 1] = self._plant.step(tau, _TICK)
-        tell(self._progress, "simulation", t[-1], t[-1])
+        report_progress(self._progress, "simulation", t[-1], t[-1])
         return TrueRun(
             t,
             q,

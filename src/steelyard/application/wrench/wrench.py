@@ -23,7 +23,7 @@ from steelyard.estimation.external.wrench import (
 )
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.measurement.run import Run
-from steelyard.progress import Progress, silent, tell
+from steelyard.progress import Progress, report_progress, silent
 from steelyard.validation.residual_traces import FORGOTTEN, residual_trace
 
 SIMULTANEOUS = 2.795
@@ -169,7 +169,7 @@ def estimated_wrench(
     expected, length = method.expected, sum(s.samples for s in whole.segments) / run.rate
     known, done = expected.variances > 0.0, 0.0
     for stretch in source.stretches(whole):
-        tell(progress, "estimating the wrench", done, length)
+        report_progress(progress, "estimating the wrench", done, length)
         efforts, found = stretch.efforts, method(stretch.efforts)
         done += len(stretch.t) * efforts.step
         parts.append(

@@ -19,7 +19,7 @@ from steelyard.diagnosis.likelihood.excerpt import excerpt_of
 from steelyard.diagnosis.likelihood.likelihood import Likelihood, likelihood_of
 from steelyard.diagnosis.signal_overview import once
 from steelyard.estimation.identified import IdentifiedModel
-from steelyard.progress import tell
+from steelyard.progress import report_progress
 
 BAD = {True: 0.12, False: 0.5}
 """Misfit of a joint from which on an interpretation is bad, with a reference and without."""
@@ -79,9 +79,9 @@ def ranking(case: Case, evidence: Evidence) -> Ranking | None:
     if any(signals.unknown_gains) and not knowledge.identified:
         likelihood = _with_free_gains(likelihood)
     number = case.logs.index(evidence)
-    tell(case.progress, COMPARING, number, len(case.logs), evidence.name)
+    report_progress(case.progress, COMPARING, number, len(case.logs), evidence.name)
     found = ranked(likelihood, _others(likelihood, case.reference))
-    tell(case.progress, COMPARING, number + 1, len(case.logs), evidence.name)
+    report_progress(case.progress, COMPARING, number + 1, len(case.logs), evidence.name)
     return found if np.any(found.declared.score.counts > 0.0) else None
 
 

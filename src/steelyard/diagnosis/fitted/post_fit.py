@@ -19,7 +19,7 @@ from steelyard.diagnosis.fitted.rotors_at_zero import RotorsAtZero
 from steelyard.diagnosis.fitted.runs_disagree import RunsDisagree
 from steelyard.diagnosis.fitted.scaled_efforts import ScaledEfforts
 from steelyard.diagnosis.fitted.unseen_reason import UnseenReason
-from steelyard.progress import Progress, silent, tell
+from steelyard.progress import Progress, report_progress, silent
 
 POST_FIT: tuple[PostFitCheck, ...] = (
     AbsurdBodies(),
@@ -53,6 +53,6 @@ def examine_fit(
     chosen = POST_FIT if checks is None else checks
     found: list[Finding] = []
     for number, check in enumerate(chosen):
-        tell(progress, f"checking the fit: {check.name}", number, len(chosen))
+        report_progress(progress, f"checking the fit: {check.name}", number, len(chosen))
         found += [finding for finding in check(case) if finding.severity or finding.headline]
     return tuple(sorted(found, key=lambda finding: -finding.severity))

@@ -8,7 +8,7 @@ from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.estimation.closed_loop.experiment import Experiment, Measured
 from steelyard.estimation.closed_loop.forward import Integration
-from steelyard.progress import Progress, tell
+from steelyard.progress import Progress, report_progress
 
 _TURN, _SPEED, _SHARE = 1e-6, 1e-5, 1e-4
 """Changes by which derivatives are found: of positions, velocities, and of the rest over their
@@ -211,7 +211,7 @@ def filtered(
     state = State(run, noise, belief.values - steps.about, belief.covariance)
     for k in range(1, len(run.q)):
         if k % _TICKS_PER_EVENT == 0:
-            tell(progress, f"filtering {run.name}", k / run.rate, len(run.q) / run.rate)
+            report_progress(progress, f"filtering {run.name}", k / run.rate, len(run.q) / run.rate)
         noisy, calm = (0.5 * (x[k - 1] + x[k]) for x in (run.tau, quiet))
         slopes = steps(state.motion, noisy, calm, 1.0 / run.rate)
         state.predict(slopes, run.counts[k])

@@ -10,7 +10,7 @@ from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.estimation.closed_loop.experiment import Experiment, Loop, Measured
 from steelyard.estimation.closed_loop.forward import Forward, Integration, impossible_mass
-from steelyard.progress import Progress, silent, tell
+from steelyard.progress import Progress, report_progress, silent
 
 _TICKS_PER_EVENT = 500
 _BEYOND = 3.0
@@ -123,7 +123,7 @@ class _Tape:
         previous, before = None, moving.dq[:, 0].copy()
         for k in range(len(t)):
             if k % _TICKS_PER_EVENT == 0:
-                tell(progress, f"simulating {run.name}", k * step, len(t) * step)
+                report_progress(progress, f"simulating {run.name}", k * step, len(t) * step)
             rate = wanted_dq[k] - moving.dq.T
             commanded = loop.controller.torque(wanted_q[k] - moving.q.T, rate).T + ahead[k][:, None]
             sample, inside = divmod(k, ticks)

@@ -10,7 +10,7 @@ from steelyard.arrays import Array
 from steelyard.estimation.fields.search import Indices, Problem, Slots
 from steelyard.estimation.fields.shape import Shape
 from steelyard.model import Model
-from steelyard.progress import Progress, tell
+from steelyard.progress import Progress, report_progress
 from steelyard.regression.base import BaseMap, base_parameters
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import Regressor, chosen_regressor
@@ -120,7 +120,7 @@ class Search:
         choices: Indices = random.integers(0, sizes, (starts, len(sizes)))
         regressor: Regressor | None = None
         for number in range(MOST):
-            tell(progress, "estimating fields", number, MOST)
+            report_progress(progress, "estimating fields", number, MOST)
             regressor = self._regressor(grids, regressor)
             information = information_of(regressor)
             choice, costs, _ = self._problem(information).solved(choices)
@@ -136,7 +136,7 @@ class Search:
             ]
             nearest = [np.argmin(np.abs(g - x)) for g, x in zip(grids, shape.place, strict=True)]
             choices = np.array([nearest])
-        tell(progress, "estimating fields", MOST, MOST)
+        report_progress(progress, "estimating fields", MOST, MOST)
         return shape
 
     def _regressor(self, grids: Sequence[Array], before: Regressor | None) -> Regressor:

@@ -15,7 +15,7 @@ from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError
 from steelyard.estimation.estimate import Estimate, Estimator
 from steelyard.parameters import Parameters
-from steelyard.progress import Progress, silent, tell
+from steelyard.progress import Progress, report_progress, silent
 from steelyard.regression.information import Information
 
 LEAST = 0.5
@@ -114,7 +114,7 @@ def bootstrap(
         drawn = [int(k) for mine in runs.values() for k in rng.choice(mine, len(mine))]
         values = _values(estimator, information.of(drawn), whole)
         found += [] if values is None else [values]
-        tell(progress, "resampling windows", number + 1, draws)
+        report_progress(progress, "resampling windows", number + 1, draws)
     if len(found) < LEAST * draws:
         raise DataError(
             f"only {len(found)} of {draws} bootstrap draws gave an estimate",

@@ -19,7 +19,7 @@ from steelyard.excitation.constraints.bounding import goals
 from steelyard.excitation.shapes.poses import Poses
 from steelyard.excitation.shapes.reach import rates
 from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.progress import Progress, silent, tell
+from steelyard.progress import Progress, report_progress, silent
 from steelyard.robot.robot import Robot
 
 TOLERANCE = 1e-4
@@ -104,7 +104,7 @@ def proven_distances(
             wanted = np.ceil(slack / np.maximum(gap - goal, 0.01 * tolerance))
         pieces = np.clip(wanted, 2, _PIECES).astype(np.intp)
         work = work.at(~good).cut(pieces[~good])
-        tell(progress, "proving clearances", total - float(work.half.sum()), total)
+        report_progress(progress, "proving clearances", total - float(work.half.sum()), total)
     return proven
 
 

@@ -21,7 +21,7 @@ from steelyard.arrays import Array
 from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.kernel.program.interval import enclosed
 from steelyard.kernel.program.program import Program
-from steelyard.progress import Progress, silent, tell
+from steelyard.progress import Progress, report_progress, silent
 
 STRETCHES = 512
 """Stretches of time to begin with."""
@@ -165,7 +165,7 @@ def proven_minimum(
     done = 0.0
     used = len(start)
     while len(start):
-        tell(progress, phase, done, course.duration)
+        report_progress(progress, phase, done, course.duration)
         values, lower = bound(course.stretches(start, end))
         seen = np.minimum(seen, values.min(axis=1))
         spare = values - goals(seen, tolerance)[:, None]

@@ -15,7 +15,7 @@ from steelyard.excitation.trajectories.exact import ORDERS, ExactTrajectory
 from steelyard.excitation.trajectories.jumps import Jump, unrest, velocity_jumps
 from steelyard.excitation.uncovered import Declined, Gap
 from steelyard.files import write_json
-from steelyard.progress import Progress, silent, tell
+from steelyard.progress import Progress, report_progress, silent
 from steelyard.robot.robot import Robot
 
 EXTREMES = (
@@ -166,7 +166,7 @@ def certify(
     """
     proofs = []
     for number, constraint in enumerate(constraints):
-        tell(progress, "certificate", number, len(constraints))
+        report_progress(progress, "certificate", number, len(constraints))
         known = None if proven is None else proven[number]
         proofs.append(proof_of(trajectory, constraint, progress, known))
     return Certificate(

@@ -8,7 +8,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import DataError
-from steelyard.progress import Progress, silent, tell
+from steelyard.progress import Progress, report_progress, silent
 
 SHARE = 0.3
 """First standard deviation, over the width of the box."""
@@ -92,6 +92,6 @@ def adapted(
         if costs.min() < best:
             values, best = tried[costs.argmin()], float(costs.min())
         strategy.tell(points, costs.tolist())
-        tell(progress, "CMA-ES", strategy.countevals, evaluations)
+        report_progress(progress, "CMA-ES", strategy.countevals, evaluations)
     spent = ATTEMPTS in strategy.stop()
     return Adapted(values, best, int(strategy.countevals), spent)

@@ -11,7 +11,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import DataError
-from steelyard.progress import Progress, silent, tell
+from steelyard.progress import Progress, report_progress, silent
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ def evolved(
             values, cost = tried[costs.argmin()], float(costs.min())
         Evaluator().eval(StaticProblem(genes, F=costs[:, None]), individuals)
         algorithm.tell(infills=individuals)
-        tell(progress, "genetic algorithm", generation + 1, generations)
+        report_progress(progress, "genetic algorithm", generation + 1, generations)
     return Evolved(values, cost, evaluations)
 
 

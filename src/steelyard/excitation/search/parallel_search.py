@@ -19,7 +19,7 @@ from steelyard.excitation.from_tables import Recipe
 from steelyard.excitation.problem import Problem
 from steelyard.excitation.search.starts import NoMotion
 from steelyard.processes import module_command
-from steelyard.progress import Progress, Stopped, silent, tell
+from steelyard.progress import Progress, Stopped, report_progress, silent
 
 KEPT = 4
 """Best motions that are kept for the end."""
@@ -175,7 +175,7 @@ def _lines(
     while len(over.ends) < effort.useful:
         spent = time.monotonic() - begun
         note = f"best {found[0].criterion_value:.4g} of {len(found)}" if found else ""
-        tell(
+        report_progress(
             progress,
             "designing",
             effort.seconds * _share(spent, found, effort),

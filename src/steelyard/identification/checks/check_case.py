@@ -19,7 +19,7 @@ from steelyard.identification.logs import (
     signals_of,
     wanted_by,
 )
-from steelyard.progress import Progress, tell
+from steelyard.progress import Progress, report_progress
 from steelyard.robot_file.edits import edited
 from steelyard.robot_file.file import LoadedRobot, load_robot, robot_text
 from steelyard.robot_file.signals import Signals
@@ -120,7 +120,7 @@ def case_of(
         [(f"{file.path.stem}{cut}", file.path) for file, cut in zip(files, cuts, strict=True)]
     )
     for number, (name, file) in enumerate(zip(names, files, strict=True)):
-        tell(progress, "reading logs", number, len(files))
+        report_progress(progress, "reading logs", number, len(files))
         try:
             one = Evidence(recording_of(file, signals), wanted, name)
             if len(one.rows[0]) == 0:

@@ -24,7 +24,7 @@ from steelyard.identification.named_models import named_models
 from steelyard.identification.repeated_rows import holds_fitted_rows
 from steelyard.identification.result import Result, frame, paths_of
 from steelyard.measurement import Run
-from steelyard.progress import Progress, silent, tell
+from steelyard.progress import Progress, report_progress, silent
 from steelyard.report import ReportContent
 from steelyard.report.models_page import SECTIONS, render_models
 from steelyard.robot_file.signals import signals_to_dict
@@ -159,7 +159,7 @@ def compare_models(
     runs = _runs(named, files, progress)
     found = []
     for number, (name, identified) in enumerate(named.items()):
-        tell(progress, "comparing models", number, len(named))
+        report_progress(progress, "comparing models", number, len(named))
         scored = tuple(
             model_errors(
                 identified,

@@ -16,7 +16,7 @@ from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.estimation.repeated import RepeatedEstimates
 from steelyard.identification.fitting.fitting import Fit
 from steelyard.identification.result import frame
-from steelyard.progress import Progress, tell
+from steelyard.progress import Progress, report_progress
 from steelyard.report import ReportContent
 from steelyard.report.sections.estimation.repeated import repeated_table
 from steelyard.report.sections.tables import text_table
@@ -111,7 +111,7 @@ def of_each_log(content: ReportContent, fit: Fit, progress: Progress) -> ReportC
     """
     estimates, notes = dict[str, Estimate](), list[str]()
     for number, run in enumerate(fit.runs):
-        tell(progress, "estimating from each log", number, len(fit.runs))
+        report_progress(progress, "estimating from each log", number, len(fit.runs))
         own = [k for k, window in enumerate(fit.information.windows) if window.run == run.name]
         information = fit.information.of(own)
         try:

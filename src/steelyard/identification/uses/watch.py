@@ -27,7 +27,7 @@ from steelyard.identification.uses.watch_files import StreamFiles
 from steelyard.measurement import Recording, prepare
 from steelyard.measurement.recording import LogInMemory
 from steelyard.measurement.sample_stream import SampleStream
-from steelyard.progress import Progress, silent, tell
+from steelyard.progress import Progress, report_progress, silent
 from steelyard.regression.gather_samples import gather_samples
 from steelyard.regression.regressor import base_regressor
 from steelyard.validation.friction.mixes import remembers
@@ -236,7 +236,7 @@ def _calibrated(
         )
     traces = []
     for number, log in enumerate(unseen):
-        tell(progress, "calibrating thresholds", number, len(unseen))
+        report_progress(progress, "calibrating thresholds", number, len(unseen))
         traces.append(stream_trace(identified, log, cutoff))
     rest = rest_speed_of(
         identified.robot.n, identified.calibration, identified.processing.rest_speed

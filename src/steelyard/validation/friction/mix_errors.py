@@ -12,7 +12,7 @@ from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.estimate import Estimator
 from steelyard.estimation.fold_errors import logarithms
 from steelyard.model import Model
-from steelyard.progress import Progress, silent, tell
+from steelyard.progress import Progress, report_progress, silent
 from steelyard.regression.base import BaseMap
 from steelyard.regression.information import Information
 from steelyard.terms.laws.presliding import Dahl
@@ -90,7 +90,7 @@ class FrictionMixErrors:
             self.gammas.append(estimator.values(_plain(everything))[1])
 
         def fitted(information: Information) -> Array:
-            tell(self.progress, "choosing friction laws", len(self.known), self.count)
+            report_progress(self.progress, "choosing friction laws", len(self.known), self.count)
             return estimator.values(_plain(information), self.gammas[0])[0]
 
         return fitted
