@@ -145,7 +145,8 @@ def test_fix_writes_a_new_robot_file_and_checks_again(
     assert f"differs: {change}" in shown and "Checked again with" in shown
     assert shown.index("Wrong: position unit") < shown.index("Ok: no error")
     hints = f"robot file {fixed} -o FOLDER writes a page with the plots"
-    assert shown.endswith(f"{hints} next steelyard identify {fixed} {degrees}")
+    cut = f"{degrees}@0:4.2 --validate {degrees}@4.2:6"
+    assert shown.endswith(f"{hints} next steelyard identify {fixed} {cut}")
     assert command("check", fixed, degrees).exit_code == 0
     again = command("check", robot, degrees, "--fix")
     assert again.exit_code == 2 and "the robot file to write exists already" in again.stderr

@@ -224,7 +224,7 @@ def test_init_alone_and_with_a_log(command: Command, tmp_path: Path) -> None:
     alone, guessed = tmp_path / "alone.toml", tmp_path / "guessed.toml"
     shown = command("init", URDF, "-o", alone)
     assert shown.exit_code == 0 and f"wrote {alone}: 6 joints to identify" in shown.stdout
-    assert "no log given" in shown.stdout and f"steelyard excite {alone} -o" in shown.stdout
+    assert f"steelyard excite {alone} -o motion" in shown.stdout
     assert "Columns are guessed from each log" in alone.read_text()
     assert shown.stdout.splitlines()[-1].endswith(f"steelyard identify {alone} LOG...")
     facts = strict(command("init", URDF, LOG, "-o", guessed, "--json").stdout)

@@ -29,10 +29,7 @@ GRADES: tuple[tuple[str, tuple[Grade, ...]], ...] = (
 )
 """How the line of the terminal counts the parameters."""
 
-ONE_BY_ONE = (
-    "The error is that of predicted effort, for which the parameters count together; as single "
-    "values use the well identified ones."
-)
+ONE_BY_ONE = "Predictions use all parameters; as single values use the well identified ones."
 """What a small error does not say."""
 
 NAMED = 8
