@@ -45,7 +45,7 @@ def _log(name: str) -> str:
     return str(data_folder() / "ur10e" / f"{name}.parquet")
 
 
-def _pushes(path: str) -> list[tuple[float, float]]:
+def pushes_in(path: str) -> list[tuple[float, float]]:
     """When joints of the resting robot are displaced [s], by positions alone."""
     log = steelyard.open_log(path)
     names = ["time_s", *(f"q{k}_rad" for k in range(1, 7))]
@@ -84,7 +84,7 @@ def _found(model: IdentifiedModel) -> list[Claim]:
     """Pushes, with the time from the first change of a current until the contact is known."""
     path = _log("collision/ur-20_01_22-push_pose_1")
     events = steelyard.contact(model, path, rate=RATE).events
-    pushes = _pushes(path)
+    pushes = pushes_in(path)
     found = [[e for e in events if e.start < stop and e.end > start] for start, stop in pushes]
     beside = [e for e in events if not any(e in one for one in found)]
     delays = [1e3 * (one[0].known - _first_change(path, one[0].start)) for one in found if one]

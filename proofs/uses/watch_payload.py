@@ -19,12 +19,9 @@ LATEST = 3.0 + 2.0 * PERIOD + 0.5
 
 def changes(model: IdentifiedModel, log: Path) -> list[tuple[float, PayloadEvent]]:
     """Changes of the payload, and when they are reported [s]."""
-    watcher, found = start_watch(model).watcher, []
-    for row in rows_of(model, str(log)):
-        found += [
-            (watcher.time, one) for one in watcher.take(row[None]) if isinstance(one, PayloadEvent)
-        ]
-    return found
+    watcher = start_watch(model).watcher
+    taken = watcher.take(rows_of(model, str(log)))  # sample by sample, each before the next
+    return [(watcher.time, one) for one in taken if isinstance(one, PayloadEvent)]
 
 
 def main() -> list[Claim]:

@@ -238,7 +238,8 @@ def test_gains_too_small_ask_for_a_negative_mass() -> None:
     weaker = replace(EXACT, signals=replace(SIGNALS, gains=0.8 * GAINS))
     found = identify_payload(weaker, [run(2, noise=0.01)], "tool")
     assert found.negative_mass is not None and found.negative_mass < 0.0 <= found.mass
-    assert f"a negative mass of about {found.negative_mass:.2g} kg: gains, tool" in found.remarks[0]
+    assert f"a negative mass of about {found.negative_mass:.2g} kg: gains, tool" in found.remarks[1]
+    assert found.remarks[0] == found.unexplained != ""
     assert headline(found).startswith("No payload: the data ask for a negative mass of about -")
     assert found.to_dict()["negative_mass"] == found.negative_mass
     right = identify_payload(EXACT, [run(2, LOAD, noise=0.01)], "tool")

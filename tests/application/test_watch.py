@@ -164,3 +164,18 @@ def test_lasting_residuals_are_doubted_and_a_push_is_not() -> None:
     for _ in range(600):
         little.step(0.01, False, measured, measured)
     assert little.text.startswith("the model explains 0 % of the squared efforts of 6 s")
+
+
+def test_a_residual_that_exceeds_for_one_sample_is_no_contact() -> None:
+    never = np.full(N, np.nan)
+    stream = ContactStream(ROBOT, SIGMA, lasting=0.006)
+    found = []
+    for k in range(40):
+        residual = np.full(N, 0.1)
+        residual[1] = 3.0 if k == 10 or 20 <= k < 24 else 0.1
+        level = ContactTest(0.01 * k, residual, np.ones(N))
+        gap = k == 22
+        found += list(stream.step(0.01 * k, level, ContactTest(0.01 * k, never, never), gap))
+    (start,) = found
+    assert isinstance(start, ContactStart) and start.joint.peak == 3.0
+    assert (start.time, start.known) == pytest.approx((0.20, 0.21))

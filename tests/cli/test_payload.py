@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 from cli.conftest import Command
@@ -88,6 +89,26 @@ def test_a_log_that_the_model_knows_is_reported(
     assert "the interval of the mass contains zero: no payload is detected" in words
     assert "centre" not in words and words.startswith("No payload detected: ")
     assert "the model was identified from identification.csv" in words
+
+
+@pytest.mark.parametrize("when", [(), ("--when",)])
+def test_a_log_that_no_payload_explains_is_named(
+    when: tuple[str, ...], picking: Path, identified: Path, command: Command, tmp_path: Path
+) -> None:
+    table = pl.read_parquet(picking)
+    wrong = pl.col("tau2_Nm") + 6.0 * (9.0 * pl.col("time_s")).sin()
+    table.with_columns(tau2_Nm=wrong).write_parquet(tmp_path / "odd.parquet")
+    done = command("payload", identified, tmp_path / "odd.parquet", *when, "-o", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    assert "! the model with any payload does not explain this log: at " in done.stdout
+    assert "positions, efforts or units differ" in " ".join(done.stdout.split())
+    found = json.loads((tmp_path / "out" / "payload.json").read_text())
+    result = found["logs"][0] if when else found
+    assert "times that of the model's own logs" in result["unexplained"]
+    if when:
+        assert "Limits of this result" in (tmp_path / "out" / "report.html").read_text()
+        right = json.loads(command("payload", identified, picking, "--when", "--json").stdout)
+        assert right["logs"][0]["unexplained"] is None
 
 
 @pytest.mark.parametrize(

@@ -101,6 +101,7 @@ class PayloadEvents:
             (`SHARE`) would be.
         notes: What was taken for granted, for people to read.
         sliding: The mass over time.
+        unexplained: What the model does not explain with any payload; empty if there is nothing.
     """
 
     run: str
@@ -114,6 +115,7 @@ class PayloadEvents:
     conclusive: bool
     notes: tuple[str, ...]
     sliding: SlidingMass
+    unexplained: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
@@ -130,6 +132,7 @@ class PayloadEvents:
             "residual_inflation": self.inflation,
             "least_mass": self.least_mass if np.isfinite(self.least_mass) else None,
             "conclusive": self.conclusive,
+            "unexplained": self.unexplained or None,
             "notes": list(self.notes),
         }
 
@@ -175,7 +178,7 @@ def find_payload_events(
     changes = list(found.changes)
     while True:
         stretches = weigher.stretches(changes)
-        payloads = weigher.payloads(stretches)
+        payloads, unexplained = weigher.payloads(stretches)
         kept = [
             change
             for change, one, other in zip(changes, payloads[:-1], payloads[1:], strict=True)
@@ -205,6 +208,7 @@ def find_payload_events(
         bool(events) or found.least_mass <= _largest_payload(identified),
         _notes(found, carried),
         found.sliding,
+        unexplained,
     )
 
 
@@ -270,10 +274,14 @@ class _Weigher:
             for k in range(len(apart))
         ]
 
-    def payloads(self, stretches: list[Window]) -> list[PayloadEstimate | None]:
-        """What each stretch carries; `None` where no mass is beyond doubt."""
+    def payloads(self, stretches: list[Window]) -> tuple[list[PayloadEstimate | None], str]:
+        """What each stretch carries, and what no payload explains.
+
+        A stretch in which no mass is beyond doubt carries `None`.
+        """
         loads: list[int | None] = list(range(len(stretches)))
         found = self._weighed(stretches, loads)
+        unexplained = next((payload.unexplained for payload in found if payload is not None), "")
         if all(payload is None or np.isnan(payload.mass) for payload in found):
             raise DataError(
                 "the mass of a payload is not identifiable from this log and model",
@@ -283,10 +291,11 @@ class _Weigher:
             )
         heavy = [p is not None and p.mass > CERTAIN / Z95 * p.half_width[0] for p in found]
         if all(heavy):
-            return found
+            return found, unexplained
         numbers = iter(range(len(stretches)))
         loads = [next(numbers) if some else None for some in heavy]
-        return self._weighed(stretches, loads) if any(heavy) else [None] * len(stretches)
+        none: list[PayloadEstimate | None] = [None] * len(stretches)
+        return (self._weighed(stretches, loads) if any(heavy) else none), unexplained
 
     def _weighed(
         self, stretches: list[Window], loads: list[int | None]

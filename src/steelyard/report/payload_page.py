@@ -43,6 +43,10 @@ def render_payload_events(found: Sequence[PayloadEvents], robot: str) -> str:
             "note": NOTE,
         }
         sections.append(Shown(f"log{number}", one.run, fill("figures.html", content)))
+    limits = [f"{one.run}: {one.unexplained}" for one in found if one.unexplained]
+    if limits:
+        shown = fill("notes.html", {"notes": limits})
+        sections.insert(0, Shown("limits", "Limits of this result", shown))
     notes = tuple(dict.fromkeys(note for one in found for note in one.notes))
     sections.append(Shown("notes", "Notes", fill("notes.html", {"notes": notes}), folded=True))
     title = f"{robot}: payload in {', '.join(one.run for one in found)}"

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.application.contact import (
     APART,
@@ -60,15 +61,18 @@ class ContactTest:
 class ContactStream:
     """Finds contacts sample by sample."""
 
-    def __init__(self, robot: Robot, sigma: Array) -> None:
+    def __init__(self, robot: Robot, sigma: Array, lasting: float = 0.0) -> None:
         """Begin.
 
         Args:
             robot: The robot.
             sigma: Standard deviation of the residual of the fit per joint, shape `(n,)` [Nm; N].
+            lasting: Time for which a residual must exceed its threshold, sample after sample, to
+                be contact [s].
         """
-        self._robot, self._sigma = robot, sigma
+        self._robot, self._sigma, self._lasting = robot, sigma, lasting
         self._released = np.full((2, robot.n), np.nan)
+        self._since = np.full((2, robot.n), np.nan)
         self._loads: dict[int, JointLoad] = {}
         self._start = self._end = self._known = -np.inf
 
@@ -92,7 +96,8 @@ class ContactStream:
         size = np.abs([test.signal for test in tests])
         limits = np.array([test.limits for test in tests])
         held = (size >= self._released) & (not gap)
-        exceeds = size > limits
+        times = np.array([test.time for test in tests])
+        exceeds = self._lasts(size > limits, times, gap)
         if self._loads and not held.any() and t - self._end > APART:
             yield self.ended()
         self._released = np.where(held, self._released, np.where(exceeds, RELEASE * limits, np.nan))
@@ -103,12 +108,18 @@ class ContactStream:
         for k, j in np.argwhere(touched):
             ratio = float(size[k, j] / limits[k, j])
             self._add(int(j), float(tests[k].signal[j]), ratio, bool(k == CHANGE))
-        times = [tests[k].time for k in (LEVEL, CHANGE) if touched[k].any()]
-        self._end = max(times) if begins else max(self._end, *times)
+        latest = float(times[touched.any(axis=1)].max())
+        self._end = latest if begins else max(self._end, latest)
         if begins:
-            self._start, self._known = min(times), t
+            self._start, self._known = float(self._since[touched].min()), t
             event = self._event()
             yield ContactStart(event.start, t, event.joints[0], event.links)
+
+    def _lasts(self, exceeds: NDArray[np.bool_], times: Array, gap: bool) -> NDArray[np.bool_]:
+        """What exceeds its threshold for long enough, shape `(2, n)` like `exceeds`."""
+        begins = exceeds & (np.isnan(self._since) | gap)
+        self._since = np.where(begins, times[:, None], np.where(exceeds, self._since, np.nan))
+        return exceeds & (times[:, None] - self._since >= self._lasting)
 
     def ended(self) -> ContactEvent:
         """The contact that ends, now or with the stream; there must be one."""

@@ -21,6 +21,10 @@ from steelyard.estimation.rest_changes import ChangeStepper
 from steelyard.measurement.sample_stream import SampleStream, StreamSample
 from steelyard.validation.friction.mixes import remembers
 
+LASTING = 0.05
+"""Part of the period of the observer's bandwidth for which a residual exceeds its threshold in a
+contact: a force makes it exceed for longer, a velocity that jumps for a single sample does not."""
+
 LEAST_USED = 0.01
 """Share of the samples that must follow another one without a pause."""
 
@@ -147,7 +151,8 @@ class Watcher:
         self._gains, self._rest = identified.signals.gains, rests_of(identified)
         self._stepper = None if thresholds is None else thresholds.start()
         self._changes = None if thresholds is None else ChangeStepper(thresholds.changes)
-        self._contact = ContactStream(robot, np.asarray(identified.estimate.sigma))
+        sigma = np.asarray(identified.estimate.sigma)
+        self._contact = ContactStream(robot, sigma, LASTING / observer.bandwidth)
         self._every, self._due = 0.0 if every is None else every, -np.inf
         self._largest = np.zeros(robot.n)
         self._counts: Counter[str] = Counter()

@@ -34,6 +34,7 @@ class PayloadEstimate:
         notes: What was taken for granted, for people to read.
         chi_squared: Rise of the weighted squares by the constraint of physical consistency.
         free_mass: Mass without this constraint [kg]; `None` if it is not known.
+        unexplained: What the model does not explain with any payload; empty if there is nothing.
     """
 
     frame: str
@@ -45,6 +46,7 @@ class PayloadEstimate:
     notes: tuple[str, ...] = ()
     chi_squared: float = 0.0
     free_mass: float | None = None
+    unexplained: str = ""
 
     @property
     def inertia(self) -> Inertia:
@@ -108,7 +110,7 @@ class PayloadEstimate:
     @property
     def remarks(self) -> tuple[str, ...]:
         """How far the numbers can be trusted, one sentence each."""
-        found = []
+        found = [self.unexplained] if self.unexplained else []
         if self.not_seen:
             found.append(f"not identifiable from these data: {', '.join(self.not_seen)}")
         if np.isnan(self.mass):
@@ -164,6 +166,7 @@ class PayloadEstimate:
             "not_seen": list(self.not_seen),
             "consistent_body": self.flaw is None if seen and not self.not_seen else None,
             "flaw": self.flaw,
+            "unexplained": self.unexplained or None,
             "chi_squared_rise": self.chi_squared,
             "remarks": list(self.remarks),
             "notes": list(self.notes),
@@ -209,6 +212,7 @@ def payload_of(
     notes: tuple[str, ...],
     chi_squared: float = 0.0,
     free_mass: float | None = None,
+    unexplained: str = "",
 ) -> PayloadEstimate:
     """The estimate, with what the covariance knows nothing of taken out of the values.
 
@@ -227,6 +231,7 @@ def payload_of(
         notes,
         chi_squared,
         free_mass,
+        unexplained,
     )
 
 

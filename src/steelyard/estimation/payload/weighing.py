@@ -45,6 +45,13 @@ FREEDOM = 2.0
 ROUND_OFF = float(np.finfo(np.float64).eps)
 """Variance of residuals over the greatest mean square of efforts that sums of squares resolve."""
 
+UNEXPLAINED, NOTABLE = 2.5, 0.05
+"""Residual over that of the model's own logs, and over the effort, from which on a joint's efforts
+are not explained: 2.0 at most in the loaded logs of a UR10e, on days without fitted logs."""
+
+LEAST_SIGMA = 1e-3
+"""Residual of the model's own logs, over the effort, that a log is compared with at least."""
+
 KNOWN = 1e-6
 """Standard deviation of an arm's parameter that was not estimated, of its size or of 1 SI unit."""
 
@@ -129,6 +136,24 @@ def weighed(
         ),
         body.chi_squared,
         float(free[0]),
+        _unexplained(identified, case, fit),
+    )
+
+
+def _unexplained(identified: IdentifiedModel, case: LoadCase, fit: CaseFit) -> str:
+    """Joints whose residuals with any payload are not those of the model's own logs, in words."""
+    information = case.information
+    residual = np.sqrt(fit.variances)
+    effort = np.sqrt(information.effort_squares() / np.maximum(information.n_samples, 1.0))
+    own = residual / np.maximum(identified.estimate.sigma, LEAST_SIGMA * effort)
+    wrong = np.flatnonzero((own > UNEXPLAINED) & (residual > NOTABLE * effort))
+    if not len(wrong):
+        return ""
+    names = ", ".join(identified.joints[k] for k in wrong)
+    return (
+        f"the model with any payload does not explain this log: at {names} the residual is up to "
+        f"{own[wrong].max():.1f} times that of the model's own logs; positions, efforts or units "
+        "differ from theirs, and the interval may be too narrow: run steelyard check with this log"
     )
 
 

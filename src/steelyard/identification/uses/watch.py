@@ -103,9 +103,9 @@ def start_watch(
     elif own is not None and own.cutoff == cutoff:
         thresholds = _thresholds(identified, own, rate)
         notes = [
-            _claim(thresholds, left_out_words(identified)),
-            "these residuals are of smoothed logs, those of a stream are larger: calibrate with "
-            "logs that were recorded like the stream (--calibrate)",
+            f"{_claim(thresholds, left_out_words(identified))}; these logs were smoothed, and "
+            "abrupt stops cause larger residuals in a stream: calibrate with logs that were "
+            "recorded like the stream (--calibrate)"
         ]
     elif rate is not None:
         raise DataError(

@@ -10,6 +10,7 @@ from steelyard.report.text.payload_words import counted_changes, rounded
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.text import Text
 
     from steelyard.application.payload_events import PayloadEvents
     from steelyard.estimation.payload.load import PayloadEstimate
@@ -27,7 +28,10 @@ def payload_lines(estimate: PayloadEstimate, console: Console) -> None:
     """
     from rich.text import Text
 
-    console.print(Text(headline(estimate), style="bold green" if estimate.weighs else "bold"))
+    clear = estimate.weighs and not estimate.unexplained
+    console.print(Text(headline(estimate), style="bold green" if clear else "bold"))
+    if estimate.unexplained:
+        console.print(_warning(estimate.unexplained))
     carried = "" if estimate.frame == estimate.body else f", on link '{estimate.body}'"
     console.print()
     console.print(Text(f"payload in frame '{estimate.frame}'{carried}"))
@@ -35,7 +39,8 @@ def payload_lines(estimate: PayloadEstimate, console: Console) -> None:
     for name, value, half, unit in _numbers(estimate):
         table.add_row(name, *rounded(value, half), unit)
     console.print(table)
-    for line in (*estimate.remarks, *(f"note: {note}" for note in estimate.notes)):
+    remarks = (line for line in estimate.remarks if line != estimate.unexplained)
+    for line in (*remarks, *(f"note: {note}" for note in estimate.notes)):
         console.print(Text(line))
 
 
@@ -50,10 +55,19 @@ def event_lines(found: Sequence[PayloadEvents], console: Console) -> None:
 
     for one in found:
         console.print(Text(f"{one.run}: {counted_changes(one)}", style="bold"))
+        if one.unexplained:
+            console.print(_warning(one.unexplained))
         for line in _lines_of(one):
             console.print(Text(line))
     for note in dict.fromkeys(note for one in found for note in one.notes):
         console.print(Text(f"note: {note}"))
+
+
+def _warning(text: str) -> Text:
+    """What qualifies a result."""
+    from rich.text import Text
+
+    return Text(f"! {text}", style="yellow")
 
 
 def _lines_of(found: PayloadEvents) -> Iterator[str]:
