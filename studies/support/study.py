@@ -1,6 +1,7 @@
 """A study: what is done for each seed, what is concluded, and its command line."""
 
 import argparse
+import os
 import signal
 import sys
 import tempfile
@@ -139,10 +140,11 @@ def _seed(study: Study[T], folder: Path, quick: bool, seed: int) -> T:
 def _mapped(
     processes: int,
 ) -> Iterator[Callable[[Callable[[int], T], Sequence[int]], Iterator[T]]]:
-    """`map`, or one over processes that end with the block, after an interrupt as well."""
-    if processes == 1:
-        yield lambda work, seeds: map(work, seeds)
-        return
+    """`map` over processes that end with the block, after an interrupt as well.
+
+    Each of them computes on one processor: as many seeds as processors are run at a time.
+    """
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # libraries read it when a process starts
     with get_context("spawn").Pool(processes, signal.signal, _IGNORED) as pool:
         yield lambda work, seeds: pool.imap(work, seeds)
 

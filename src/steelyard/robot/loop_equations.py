@@ -13,14 +13,19 @@ import numpy as np
 
 from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
-from steelyard.robot.geometry import turn
-from steelyard.robot.robot import Loop, Robot
+from steelyard.robot.inertia import skew
+from steelyard.robot.robot import Body, Loop, Robot
 
 CLOSED = 1e-5
 """Distance of a pin's two points up to which it counts as closed [m]."""
 
+_ROUNDING = 1e-15
+"""Closure error that is rounding alone [m]."""
+
 _RANK = 1e-7
 """Singular values below this, relative to the largest, are zero."""
+
+_EYE = frozen(np.eye(3))
 
 _NEARBY = 8
 _TRIES = 40
@@ -43,6 +48,7 @@ class LoopEquations:
     assembly: Array
 
 
+@lru_cache(maxsize=128)
 def chains(robot: Robot, loop: Loop) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Bodies from behind the last one that carries both ends of a loop, down to each end."""
     lines = [_carriers(robot, body) for body in loop.bodies]
@@ -96,16 +102,24 @@ def _reach(
         if body.kind == "prismatic":
             position = position + axis * x
         else:
-            rotation = rotation @ turn(body.axis, x)
+            generator, square = _generators(body)
+            rotation = rotation @ (_EYE + np.sin(x) * generator + (1.0 - np.cos(x)) * square)
         axes.append((body, axis, position))
     tip = position + rotation @ point
     return tip, [
         (
             body.coordinate,
-            body.ratio * (axis if body.kind == "prismatic" else np.cross(axis, tip - origin)),
+            body.ratio * (axis if body.kind == "prismatic" else skew(axis) @ (tip - origin)),
         )
         for body, axis, origin in axes
     ]
+
+
+@lru_cache(maxsize=512)
+def _generators(body: Body) -> tuple[Array, Array]:
+    """Of the rotation about a body's axis: its cross product as a matrix, and the square of it."""
+    generator = skew(body.axis)
+    return frozen(generator), frozen(generator @ generator)
 
 
 def gaps(robot: Robot, q: Array) -> Array:
@@ -118,6 +132,8 @@ def closest(robot: Robot, q: Array, free: Sequence[int]) -> Array:
     q, damping = np.array(q, dtype=np.float64), 1e-3
     lack, slope = residual(robot, q)
     for _ in range(100):
+        if lack @ lack < _ROUNDING**2:
+            break
         matrix = slope[:, free]
         normal = matrix.T @ matrix
         scale = max(float(np.trace(normal)), 1e-12)

@@ -1,6 +1,7 @@
 """How large torques and masses are for a robot: what gains, friction and noise are measured by."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -137,6 +138,7 @@ def typical_masses(robot: Robot, model: MujocoModel) -> Array:
     return np.asarray(np.einsum("kia,kij,kjb->kab", postures.full, masses, postures.full))
 
 
+@lru_cache(maxsize=8)
 def postures_of(robot: Robot) -> Postures:
     """Random postures within the limits; those at which the loops cannot close are left out.
 
