@@ -190,9 +190,15 @@ def test_foreign_packages_stay_in_their_files(package: str) -> None:
     assert users == ONE_FILE[package]
 
 
-@pytest.mark.parametrize("module", ["steelyard", "steelyard.cli.app"])
-def test_a_start_loads_nothing_heavy(module: str) -> None:
-    heavy = ("llvmlite", "polars", "mujoco", "scipy", "pydantic")
+@pytest.mark.parametrize(
+    ("module", "heavy"),
+    [
+        ("steelyard", ("llvmlite", "polars", "mujoco", "scipy", "pydantic")),
+        ("steelyard.cli.app", ("llvmlite", "polars", "mujoco", "scipy", "pydantic")),
+        ("steelyard.identification.logs", ("llvmlite", "polars", "mujoco")),
+    ],
+)
+def test_a_start_loads_nothing_heavy(module: str, heavy: tuple[str, ...]) -> None:
     code = f"import sys, {module}; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -73,7 +73,7 @@ def run(path: Path, given: Sequence[object]) -> tuple[Array, str]:
     return np.array(done.stdout.split(), dtype=float), done.stderr
 
 
-@pytest.mark.parametrize("make", [tree, five_bar, odd_tree])
+@pytest.mark.parametrize("make", [five_bar, odd_tree])
 def test_the_plugin_computes_the_same(make: object, tmp_path: Path) -> None:
     robot: Robot = make()  # type: ignore[operator]
     model, motion, k = identified_of(robot), wander(robot), 7

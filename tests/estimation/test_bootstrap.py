@@ -42,7 +42,7 @@ def windows(seed: int, count: int = 40, size: int = 50, spread: float = 0.0) -> 
 
 @pytest.mark.parametrize("spread", [0.0, 1.0])
 def test_the_scatter_is_that_of_block_means(spread: float) -> None:
-    found = bootstrap(OrdinaryLeastSquares(), windows(0, spread=spread), draws=600)
+    found = bootstrap(OrdinaryLeastSquares(), windows(0, spread=spread), draws=300)
     wanted = np.sqrt((1.0 / 50 + spread**2) / 40)
     assert found.std[0] == pytest.approx(wanted, rel=0.25)
     lower, upper = found.interval()

@@ -85,10 +85,10 @@ def motions(robot: Robot) -> dict[str, ExactTrajectory]:
     """By name; their durations fit no controller's step."""
     quick = Swings(robot.n, 9, 2.001)
     return {
-        "fourier": random_fourier(robot, seed=3, period=6.2, periods=2),
+        "fourier": random_fourier(robot, seed=3, period=3.1, periods=2),
         "swings": Swings(robot.n),
         "quick": quick,
-        "slowed": SlowedMotion(quick, 0.3),
+        "slowed": SlowedMotion(quick, 0.6),
         "jumps": Jumps(robot.n),
     }
 

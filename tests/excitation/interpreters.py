@@ -43,7 +43,7 @@ def moments(duration: float) -> np.ndarray:
     """Times of a controller at 1 kHz that began at an odd moment, and random ones."""
     rng = np.random.default_rng(0)
     grid = np.arange(0.00037, duration, 1e-3)
-    return np.sort(np.concatenate([[0.0, duration], grid, rng.uniform(0.0, duration, 20000)]))
+    return np.sort(np.concatenate([[0.0, duration], grid, rng.uniform(0.0, duration, 5000)]))
 
 
 SIGNATURES: dict[str, tuple[str, ...]] = {

@@ -1,17 +1,24 @@
 """An arm of three joints with shapes, and what `[excitation]` tables make of it."""
 
+import json
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from queue import Queue
+from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
 from excitation.colliding import joint, link, urdf, written
 from steelyard.excitation.constraints.certificate import certify
 from steelyard.excitation.design import design
-from steelyard.excitation.from_tables import build
+from steelyard.excitation.from_tables import Recipe, build
 from steelyard.excitation.previous_model import Earlier
 from steelyard.excitation.problem import Problem
 from steelyard.excitation.result import Designed
+from steelyard.excitation.search import parallel_search, worker
 from steelyard.excitation.search.feasibility import refuse_impossible
 from steelyard.excitation.search.finish import Finished, finished
 from steelyard.excitation.search.parallel_search import SearchBudget
@@ -58,6 +65,19 @@ def problem_of(folder: Path, tables: str = "", earlier: Earlier | None = None) -
     return build(loaded, model_of(loaded), earlier)
 
 
+@contextmanager
+def searching_here(recipe: Recipe, method: str, effort: SearchBudget) -> Iterator["Queue[Any]"]:
+    """Search in this process, which has all packages loaded; `test_runner` has real ones."""
+    messages: Queue[Any] = Queue()
+    for number in range(effort.useful):
+        task = json.loads(json.dumps(parallel_search._task(recipe, method, effort, number)))
+        lines = worker.answers(task, time.monotonic() + effort.seconds)
+        for line in worker._explained(lines):
+            messages.put(json.loads(json.dumps(line)))
+        messages.put({"ended": 0})
+    yield messages
+
+
 def designed(
     folder: Path,
     tables: str = "",
@@ -67,10 +87,11 @@ def designed(
     seed: int = 0,
     seconds: float = 60.0,
 ) -> Designed:
-    """A short design of tables."""
+    """A short design of tables, with its search in this process."""
     loaded = arm(folder, tables)
     effort = SearchBudget(seconds, searches=1, processes=1, seed=seed)
-    return design(loaded, model_of(loaded), effort, earlier=earlier, start=start)
+    with patch.object(parallel_search, "_workers", searching_here):
+        return design(loaded, model_of(loaded), effort, earlier=earlier, start=start)
 
 
 def some_motion(folder: Path, tables: str) -> Finished:

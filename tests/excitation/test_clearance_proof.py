@@ -16,17 +16,21 @@ from steelyard.excitation.trajectories.sampled import SampledMotion
 from steelyard.progress import Event, Stopped
 from steelyard.robot_file.file import LoadedRobot, load_robot
 
-SAMPLES = 10_001
+SAMPLES = 1001
 
 
 def least(found: Clearance, motion: FourierMotion) -> np.ndarray:
-    """Least margins on a dense grid."""
-    q = motion.derivative(np.linspace(0.0, motion.duration, SAMPLES), 0)
-    return np.min([found.distances(part).min(axis=0) for part in np.array_split(q, 20)], axis=0)
+    """Least margins on a grid, and on a closer one beside the least of each pair."""
+    t = np.linspace(0.0, motion.duration, SAMPLES)
+    coarse = found.distances(motion.derivative(t, 0))
+    near = np.unique(coarse.argmin(axis=0))
+    beside = t[near, None] + np.linspace(-t[1], t[1], 21)
+    closer = np.clip(beside, 0.0, motion.duration).ravel()
+    fine = found.distances(motion.derivative(closer, 0))
+    return np.minimum(coarse.min(axis=0), fine.min(axis=0))
 
 
-@pytest.mark.parametrize("name", ["snake", "panda", "ur10"])
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize(("name", "seed"), [("snake", 0), ("snake", 1), ("panda", 0), ("ur10", 1)])
 def test_proven_is_below_the_least_sample_and_near(tmp_path: Path, name: str, seed: int) -> None:
     makers: dict[str, Callable[[], LoadedRobot]]
     makers = {"snake": lambda: snake(tmp_path), "panda": panda, "ur10": ur10}
@@ -45,7 +49,7 @@ def test_proven_is_below_the_least_sample_and_near(tmp_path: Path, name: str, se
     assert np.all(proven <= sampled)
     near = sampled < found.activation_distance
     assert near.any()
-    # depths of overlaps have sharp ends, which a millisecond's grid cuts off
+    # depths of overlaps have sharp ends, which a grid of milliseconds cuts off
     loose = np.where(sampled > -0.01, 3e-4, 2e-3)
     assert np.all(proven >= np.minimum(sampled, found.activation_distance) - loose)
 

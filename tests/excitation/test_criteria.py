@@ -97,13 +97,13 @@ def decimal_measure(kind: str, measure: str, matrix: Any, p: int) -> Decimal:
 
 
 def directions(g: Array) -> list[Array]:
-    """Symmetric changes: two that treat all eigenvalues alike, two that mostly hit the least."""
+    """Symmetric changes: one that treats all eigenvalues alike, one that mostly hits the least."""
     rng = np.random.default_rng(1)
-    draws = [d + d.T for d in rng.normal(size=(4, len(g), len(g)))]
+    draws = [d + d.T for d in rng.normal(size=(2, len(g), len(g)))]
     lower = np.linalg.cholesky(g)
     least = np.linalg.eigvalsh(g)[0]
-    alike = [lower @ d @ lower.T for d in draws[:2]]
-    return [0.5 * (d + d.T) for d in alike] + [least * d for d in draws[2:]]
+    alike = lower @ draws[0] @ lower.T
+    return [0.5 * (alike + alike.T), least * draws[1]]
 
 
 GRAMS = {
@@ -119,7 +119,7 @@ GRAMS = {
 def test_smooth_values_and_slopes_are_exact(kind: str, measure: str, which: str) -> None:
     g = GRAMS[which]
     criterion = MEASURES[measure](KINDS[kind])
-    for p in (4, 16, 64):
+    for p in (4, 64):
         value, slope = criterion.smooth(g, p)
         assert np.array_equal(slope, slope.T) or np.allclose(slope, slope.T, rtol=1e-12, atol=0.0)
         with localcontext() as context:

@@ -17,7 +17,7 @@ from steelyard.excitation.trajectories.slowed import SlowedMotion
 from steelyard.excitation.trajectories.trended import TrendedMotion
 from steelyard.excitation.trajectories.windowed import WindowedMotion
 
-CASES = pytest.mark.parametrize("seed", range(4))
+CASES = pytest.mark.parametrize("seed", range(2))
 KIND = pytest.mark.parametrize("make", MAKERS, ids=lambda make: make.__name__)
 
 
@@ -31,14 +31,14 @@ def inside(motion: ExactTrajectory, count: int) -> np.ndarray:
 def attained(motion: ExactTrajectory, order: int) -> tuple[np.ndarray, np.ndarray]:
     """Least and greatest value of a search that refines its grid thrice."""
     sides = np.concatenate([motion.breaks, motion.breaks - 1e-12 * motion.duration])
-    coarse = np.sort(np.concatenate([np.linspace(0.0, motion.duration, 20_001), sides]))
+    coarse = np.sort(np.concatenate([np.linspace(0.0, motion.duration, 5001), sides]))
     coarse = coarse[coarse >= 0.0]
     found = []
     for sign in (-1.0, 1.0):
         values = sign * motion.derivative(coarse, order)
         best = values.max(axis=0)
         for joint, middle in enumerate(coarse[values.argmax(axis=0)]):
-            width = motion.duration / 20_000
+            width = motion.duration / 5000
             for _ in range(2):
                 t = np.clip(np.linspace(middle - width, middle + width, 1001), 0, motion.duration)
                 here = sign * motion.derivative(t, order)[:, joint]
@@ -132,7 +132,7 @@ def test_round_trip_keeps_all_digits(make, seed: int) -> None:
 @KIND
 def test_positions_are_continuous(make) -> None:
     motion = make(np.random.default_rng(9))
-    t = np.linspace(0.0, motion.duration, 100_001)
+    t = np.linspace(0.0, motion.duration, 20_001)
     speed = np.max(np.abs(motion.extremes(1)), axis=0)
     assert np.all(np.abs(np.diff(motion.derivative(t, 0), axis=0)) <= speed * t[1] + 1e-9)
 

@@ -167,7 +167,7 @@ def test_limbs_are_found_better_with_as_many_steps_than_all_joints_at_once() -> 
     values = []
     for problem in (limbs, whole):
         whole_of = partial(composed, problem.objective, problem.inequalities, problem.limbs)
-        best = [list(whole_of(found(problem, 400, seed)))[-1] for seed in range(3)]
+        best = [list(whole_of(found(problem, 250, seed)))[-1] for seed in range(2)]
         values.append([problem.objective.value(x, 64.0) for x in best])
     assert np.mean(values[0]) < np.mean(values[1])
 

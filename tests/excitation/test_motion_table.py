@@ -1,5 +1,7 @@
 """Every key of `[excitation.motion]` has its effect, for every kind of motion."""
 
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -172,6 +174,13 @@ def path_of(folder: Path, motion: ExactTrajectory, point: Array | None = None) -
     return np.array(places)
 
 
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], ExactTrajectory]:
+    """The motion of a table, planned once."""
+    folder = tmp_path_factory.mktemp("plain")
+    return cache(lambda motion: plan(folder, OPEN + motion))
+
+
 SQUARE = {"centre": [0.45, 0.15, 0.35], "side": 0.12}
 
 
@@ -197,20 +206,26 @@ def test_square(tmp_path: Path) -> None:
         ("tool_axis", [0.0, 0.2, 1.0], None),
     ],
 )
-def test_keys_of_a_square(tmp_path: Path, key: str, value: Any, longer: bool | None) -> None:
+def test_keys_of_a_square(
+    tmp_path: Path,
+    plain: Callable[[str], ExactTrajectory],
+    key: str,
+    value: Any,
+    longer: bool | None,
+) -> None:
     usual = SQUARE | {"laps": 1, "speed": 0.5}
-    plain = plan(tmp_path, OPEN + table("square", **usual))
+    first = plain(table("square", **usual))
     if key == "tool_axis":
         with pytest.raises(Exception, match="attitude|reach"):
             plan(tmp_path, OPEN + table("square", **usual | {key: value}))
         return
     other = plan(tmp_path, OPEN + table("square", **usual | {key: value}))
     if longer is None:
-        shift = corners(path_of(tmp_path, other)) - corners(path_of(tmp_path, plain))
+        shift = corners(path_of(tmp_path, other)) - corners(path_of(tmp_path, first))
         np.testing.assert_allclose(shift[:, 0], -0.05, atol=2e-3)
     else:
-        assert (other.duration > 1.02 * plain.duration) == longer
-        assert (other.duration < 0.98 * plain.duration) == (not longer)
+        assert (other.duration > 1.02 * first.duration) == longer
+        assert (other.duration < 0.98 * first.duration) == (not longer)
 
 
 def test_the_point_of_the_tool_is_led(tmp_path: Path) -> None:
@@ -242,10 +257,12 @@ def test_pick_and_place(tmp_path: Path) -> None:
     "change",
     [{"cycles": 4}, {"lift": 0.0}, {"path": '"joint"'}, {"dwell": 0.5}, {"speed": 0.1}],
 )
-def test_keys_of_pick_and_place(tmp_path: Path, change: dict[str, Any]) -> None:
-    plain = plan(tmp_path, OPEN + table("pick_and_place", **PICK))
+def test_keys_of_pick_and_place(
+    tmp_path: Path, plain: Callable[[str], ExactTrajectory], change: dict[str, Any]
+) -> None:
+    first = plain(table("pick_and_place", **PICK))
     other = plan(tmp_path, OPEN + table("pick_and_place", **PICK | change))
-    assert abs(other.duration - plain.duration) > 0.01 * plain.duration
+    assert abs(other.duration - first.duration) > 0.01 * first.duration
 
 
 def test_an_open_box_to_pick_from(tmp_path: Path) -> None:
@@ -297,17 +314,22 @@ def test_circle(tmp_path: Path) -> None:
         ({"tool_axis": [0.0, 0.0, 1.0]}, None),
     ],
 )
-def test_keys_of_a_circle(tmp_path: Path, change: dict[str, Any], duration: float | None) -> None:
+def test_keys_of_a_circle(
+    tmp_path: Path,
+    plain: Callable[[str], ExactTrajectory],
+    change: dict[str, Any],
+    duration: float | None,
+) -> None:
     if duration is None:
         with pytest.raises(DataError, match="start of the path is out of reach"):
             plan(tmp_path, OPEN + table("circle", **CIRCLE | change))
         return
-    plain = plan(tmp_path, OPEN + table("circle", **CIRCLE, start=[0.2, -1.0, 2.0]))
-    assert plain.duration == pytest.approx(11.0)
+    first = plain(table("circle", **CIRCLE, start=[0.2, -1.0, 2.0]))
+    assert first.duration == pytest.approx(11.0)
     other = plan(tmp_path, OPEN + table("circle", **CIRCLE | change))
     assert other.duration == pytest.approx({"period": 13.0}.get(next(iter(change)), duration))
     t = np.linspace(0.0, 11.0, 40)
-    same = np.allclose(other.derivative(t, 0), plain.derivative(t, 0), atol=1e-6)
+    same = np.allclose(other.derivative(t, 0), first.derivative(t, 0), atol=1e-6)
     assert same == (change.get("start") == [0.2, -1.0, 2.0])
 
 

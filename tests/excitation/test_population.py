@@ -21,6 +21,10 @@ METHODS: dict[str, Method] = {
     "genetic": GeneticSearch(population=20, generations=15),
     "cma_es": CmaEsSearch(evaluations=600),
 }
+SHORT: dict[str, Method] = {
+    "genetic": GeneticSearch(population=20, generations=3),
+    "cma_es": CmaEsSearch(evaluations=120),
+}
 BOTH = pytest.mark.parametrize("method", METHODS)
 CONSTRAINED: Sequence[Constraint] = (box(0.8), torques())
 
@@ -34,10 +38,18 @@ def of_starts(design: Problem, count: int) -> Array:
     return np.sort([design.objective(x, 64.0)[0] for x in starts])
 
 
-@BOTH
-@pytest.mark.parametrize("constrained", [False, True])
-@pytest.mark.parametrize("name", ["rest", "rest, from to", "quintic, from", "reaching"])
-def test_a_search_improves_and_stays_inside(method: str, constrained: bool, name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "method", "constrained"),
+    [
+        ("rest", "genetic", True),
+        ("rest", "cma_es", False),
+        ("rest, from to", "cma_es", True),
+        ("quintic, from", "genetic", False),
+        ("reaching", "genetic", True),
+        ("reaching", "cma_es", True),
+    ],
+)
+def test_a_search_improves_and_stays_inside(name: str, method: str, constrained: bool) -> None:
     design = problem(FAMILIES[name], CONSTRAINED if constrained else ())
     reported: list[Array] = []
     x = METHODS[method].search(design, seeded(0, 0), reported.append)
@@ -56,7 +68,7 @@ def test_a_search_improves_and_stays_inside(method: str, constrained: bool, name
 def test_the_same_seed_gives_the_same_motion(method: str) -> None:
     design = problem(FAMILIES["rest"])
     before = np.random.get_state()[1].copy()  # type: ignore[union-attr]
-    one, two, other = (METHODS[method].search(design, seeded(s, 0), silently) for s in (1, 1, 2))
+    one, two, other = (SHORT[method].search(design, seeded(s, 0), silently) for s in (1, 1, 2))
     np.testing.assert_array_equal(one, two)
     assert not np.array_equal(one, other)
     np.testing.assert_array_equal(np.random.get_state()[1], before)  # type: ignore[index]
@@ -65,13 +77,9 @@ def test_the_same_seed_gives_the_same_motion(method: str) -> None:
 @BOTH
 def test_more_work_is_not_worse(method: str) -> None:
     design = problem(FAMILIES["rest"])
-    longer: dict[str, Method] = {
-        "genetic": GeneticSearch(population=20, generations=60),
-        "cma_es": CmaEsSearch(evaluations=2000),
-    }
     short, long = (
         design.objective(which[method].search(design, seeded(0, 0), silently), 64.0)[0]
-        for which in (METHODS, longer)
+        for which in (SHORT, METHODS)
     )
     assert long < short
 

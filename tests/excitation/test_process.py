@@ -19,7 +19,7 @@ from steelyard.excitation.planned.tour import Manner, ProcessMotion
 from tooled import DOWN, Arm, arm, boxes, invented_arm, plan
 
 
-def grid(motion: ProcessMotion, count: int = 40_000) -> Array:
+def grid(motion: ProcessMotion, count: int = 8000) -> Array:
     return np.linspace(0.0, motion.trajectory.duration, count)
 
 

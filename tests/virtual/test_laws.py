@@ -181,7 +181,7 @@ def felt(robot: Robot, law: Term, seed: int = 2) -> tuple[np.ndarray, np.ndarray
     """Logged torque, the model's, and the law's part of it, where all joints move."""
     truth = random_truth(robot, seed, terms=(RigidBody(), RotorInertia(), law))
     run = VirtualRobot(robot, truth, rest=0.3).follow(
-        random_fourier(robot, seed=7, period=4.0, harmonics=3)
+        random_fourier(robot, seed=7, period=1.5, harmonics=2)
     )
     spline = CubicSpline(run.t, run.q)
     motion = Motion(run.t, *(spline(run.t, k) for k in range(3)))
@@ -191,7 +191,7 @@ def felt(robot: Robot, law: Term, seed: int = 2) -> tuple[np.ndarray, np.ndarray
     without = truth.changed(**bare)
     part = torque - without.model.at(without.values).torque(motion)
     moving = np.all(np.abs(run.dq) > 0.15, axis=1)
-    inner = moving & (run.t > 0.5) & (run.t < 4.2)
+    inner = moving & (run.t > 0.5) & (run.t < 1.7)
     return run.tau[inner], torque[inner], part[inner]
 
 
@@ -225,7 +225,7 @@ def test_friction_never_gives_energy(pendulum: Robot, make_truth: Callable, case
     values = {p.name: 0.1 for p in law.parameters(pendulum)}
     if case.law == "lugre":
         values["lugre_damping.pivot"] = 1e-3
-    energy = swing(pendulum, make_truth(pendulum, law, smoothing=0.005, **values), 3000)
+    energy = swing(pendulum, make_truth(pendulum, law, smoothing=0.005, **values), 2000)
     # what bristles hold and give back
     bristles = 0.1 * 1e-2 if case.law == "maxwell_slip" else 0.13 * 1e-3
     assert np.diff(energy).max() < 1e-6 + bristles

@@ -24,7 +24,7 @@ def run(robot: Robot, truth: Truth, control: str, *models: tuple[str, Truth]) ->
     return tracking(robot, truth, motion, named, frame, customary_drives(robot))
 
 
-@pytest.mark.parametrize("control", ["pd", "pid", "cascade"])
+@pytest.mark.parametrize("control", ["pid", "cascade"])
 def test_the_true_model_reduces_errors_and_a_drifted_one_less(leg: Robot, control: str) -> None:
     truth = random_truth(leg, 0)
     found = run(leg, truth, control, ("true", truth), ("worn", truth.drifted(0.5)))

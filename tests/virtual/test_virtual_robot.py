@@ -77,7 +77,7 @@ def test_gains_are_critically_damped_and_lowered_where_coupled() -> None:
 
 
 def test_same_seed_same_log_and_runs_differ(arm: Robot, tmp_path: Path) -> None:
-    truth, motion = random_truth(arm, 0), motion_of(arm, 1.5)
+    truth, motion = random_truth(arm, 0), motion_of(arm, 0.5)
     sensors = Sensors(torque_noise=0.1, clock_jitter=1e-4)
     logs = {}
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
@@ -90,12 +90,12 @@ def test_same_seed_same_log_and_runs_differ(arm: Robot, tmp_path: Path) -> None:
 
 
 def test_csv_and_parquet_hold_the_same(arm: Robot, tmp_path: Path) -> None:
-    truth, motion = random_truth(arm, 0), motion_of(arm, 1.5)
+    truth, motion = random_truth(arm, 0), motion_of(arm, 0.5)
     for suffix in ("csv", "parquet"):
         run(VirtualRobot(arm, truth, seed=1, rest=0.1), motion, tmp_path / f"log.{suffix}")
     table = pl.read_csv(tmp_path / "log.csv")
     assert table.equals(pl.read_parquet(tmp_path / "log.parquet"))
-    assert table.columns[:2] == ["time_s", "q1_rad"] and len(table) == 426
+    assert table.columns[:2] == ["time_s", "q1_rad"] and len(table) == 176
 
 
 def test_other_endings_and_missing_folders_are_refused(arm: Robot, tmp_path: Path) -> None:

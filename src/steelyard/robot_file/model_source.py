@@ -7,7 +7,6 @@ from pathlib import Path
 
 from steelyard.errors import ModelError
 from steelyard.robot.mechanism import Mechanism
-from steelyard.robot.mjcf.read import read_mjcf
 from steelyard.robot.model_files.dh import DHRow, dh_mechanism
 from steelyard.robot.model_files.urdf import read_urdf
 from steelyard.robot.xml_reader import read_xml
@@ -17,7 +16,11 @@ from steelyard.robot_file.toml_check import Places
 
 def read_mechanism(path: Path) -> Mechanism:
     """The mechanism of a URDF or an MJCF, distinguished by the outermost element."""
-    return read_mjcf(path) if read_xml(path).tag == "mujoco" else read_urdf(path)
+    if read_xml(path).tag != "mujoco":
+        return read_urdf(path)
+    from steelyard.robot.mjcf.read import read_mjcf  # loads MuJoCo
+
+    return read_mjcf(path)
 
 
 def model_path_of(section: RobotSection, path: Path, places: Places) -> Path | None:

@@ -1,6 +1,7 @@
 """How a tool is oriented while it moves: anyhow, or along a direction."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -74,7 +75,7 @@ class Pointing:
         normal = np.cross(axis, self.direction)
         sine = np.linalg.norm(normal, axis=1)
         angle = np.arctan2(sine, axis @ self.direction)
-        across = self._across()
+        across = self._across
         opposite = (sine < 1e-9) & (angle > 1.0)
         normal[opposite], sine[opposite] = across[0], 1.0
         length = np.where(sine < 1e-12, 1.0, angle / np.maximum(sine, 1e-12))
@@ -83,9 +84,10 @@ class Pointing:
 
     def slopes(self, angular: Array) -> Array:
         """Turning rates about the two cross axes, shape `(N, 2, n)`."""
-        rates: Array = self._across() @ angular
+        rates: Array = self._across @ angular
         return rates
 
+    @cached_property
     def _across(self) -> Array:
         """Two unit vectors across the direction, shape `(2, 3)`."""
         least = np.eye(3)[int(np.argmin(np.abs(self.direction)))]

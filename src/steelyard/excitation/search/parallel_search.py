@@ -223,15 +223,7 @@ def _worker(
     recipe: Recipe, method: str, effort: SearchBudget, number: int, messages: "queue.Queue[Any]"
 ) -> Iterator[None]:
     """A process that searches; a session of its own keeps Ctrl-C from it."""
-    task = {
-        "problem": asdict(recipe),
-        "method": method,
-        "seed": effort.seed,
-        "until": time.time() + effort.seconds,
-        "first": number,
-        "step": effort.useful,
-        "searches": effort.searches,
-    }
+    task = _task(recipe, method, effort, number)
     process = subprocess.Popen(
         module_command("steelyard.excitation.search.worker"),
         stdin=subprocess.PIPE,
@@ -254,6 +246,19 @@ def _worker(
         with suppress(BrokenPipeError):
             process.stdin.close()
         process.stdout.close()
+
+
+def _task(recipe: Recipe, method: str, effort: SearchBudget, number: int) -> dict[str, Any]:
+    """What a process searches, as JSON values."""
+    return {
+        "problem": asdict(recipe),
+        "method": method,
+        "seed": effort.seed,
+        "until": time.time() + effort.seconds,
+        "first": number,
+        "step": effort.useful,
+        "searches": effort.searches,
+    }
 
 
 def _hear(process: "subprocess.Popen[str]", messages: "queue.Queue[Any]") -> None:
