@@ -189,7 +189,7 @@ def test_without_a_lever_there_is_no_moment() -> None:
 def test_directions_are_named() -> None:
     assert name_of(np.array([0.0, 0.0, -1.0, 0.0, 0.2, 0.0])) == "force along z"
     mixed = np.array([0.0, 0.8, 0.0, -0.6, 0.0, 0.0])
-    assert name_of(mixed) == "force along y with moment about the axis (−1, 0, 0)"
+    assert name_of(mixed) == "force along y with moment about −x"
     assert name_of(-mixed) == name_of(mixed)
     assert name_of(np.array([0.0, 0.0, 0.0, -0.7, 0.7001, 0.1])) == (
         "moment about the axis (−1, 1, 0)"

@@ -12,6 +12,7 @@ from steelyard.application.watch.records import summary_record
 from steelyard.application.watch.watcher import StreamSummary
 from steelyard.estimation.known_scales import KnownScales
 from steelyard.report import ReportContent, parameters_csv, render, summary
+from steelyard.report.contact_page import contact_lines
 from steelyard.report.terminal.payload import event_lines
 from steelyard.report.terminal.terminal import CSV_COLUMNS
 from steelyard.report.terminal.watch import summary_lines
@@ -218,6 +219,26 @@ def test_a_standing_robot_is_named_with_the_pushes_that_are_visible():
     assert not any("no joint moves" in warning for warning in moving.warnings)
 
 
+def test_signs_in_the_table_of_thresholds_are_explained():
+    content = contact_content()
+    thresholds = content.thresholds
+    clear = replace(
+        thresholds,
+        own=tuple((True,) * len(row) for row in thresholds.own),
+        changes=np.ones(len(thresholds.changes)),
+    )
+    blind = replace(
+        clear, own=((False, *clear.own[0][1:]), *clear.own[1:]), changes=np.nan * clear.changes
+    )
+    texts = []
+    for some in (clear, blind):
+        console = Console(file=io.StringIO(), width=200)
+        contact_lines(replace(content, thresholds=some, events=()), console)
+        texts.append(console.file.getvalue())
+    for words in ("* too few visits in the calibration", "no change is tested"):
+        assert words in texts[1] and words not in texts[0]
+
+
 @pytest.mark.parametrize(
     ("least", "words"),
     [
@@ -232,5 +253,9 @@ def test_a_stream_says_which_change_of_the_payload_would_be_seen(
     summary = StreamSummary(60.0, 6000, {}, 0, 0, 0, (1.0,), "", "", least)
     text = "\n".join(summary_lines(summary, ("j1",), ("Nm",)))
     assert words in text and ("would" in text) is (least is not None)
-    record = summary_record(summary)["least_mass_kg"]
-    assert record == (least if least != float("inf") else None)
+    record = summary_record(summary)
+    assert record["least_mass_kg"] == (least if least != float("inf") else None)
+    assert record["carried_kg"] is None and "payload at the last search" not in text
+    loaded = replace(summary, carried=(2.8371, 0.0912))
+    assert "payload at the last search: 2.837 ± 0.091 kg" in summary_lines(loaded, ("j1",), ("Nm",))
+    assert summary_record(loaded)["carried_half_width_kg"] == 0.0912

@@ -16,7 +16,7 @@ from steelyard.report.sections.tables import PlainTable, Row, narrow_table
 from steelyard.report.text.words import NONE, signed, significant
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from rich.console import Console
 
@@ -226,6 +226,19 @@ def contact_lines(content: ContactContent, console: Console) -> None:
         console.print()
     console.print(Text("Thresholds"))
     console.print(narrow_table(thresholds_table(content, relative=False)))
+    for words in _footnotes(content.thresholds):
+        console.print(Text(words))
+
+
+def _footnotes(thresholds: ContactThresholds) -> Iterator[str]:
+    """What signs in the table of thresholds mean."""
+    if not all(map(all, thresholds.own)):
+        yield "* too few visits in the calibration: the joint's largest threshold and its friction"
+    if np.isnan(thresholds.changes).all():
+        yield (
+            "no change is tested (too little rest in the calibration): of pushes at rest, only "
+            "those beyond the threshold of rest are found; logs with rest help (--calibrate)"
+        )
 
 
 def render_contact(content: ContactContent) -> str:

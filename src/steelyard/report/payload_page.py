@@ -55,7 +55,7 @@ def render_payload_events(found: Sequence[PayloadEvents], robot: str) -> str:
 
 LEGEND = [
     Key("--measured", f"mass in a window of {SPAN:g} s"),
-    Key("--rest", "its 95 % interval", "area"),
+    Key("--interval", "its 95 % interval", "area"),
     Key("--vermillion", "carried between changes"),
 ]
 NOTE = (
@@ -107,7 +107,7 @@ def _figure(found: PayloadEvents) -> Figure:
         "time [s]",
         "mass [kg]",
         [
-            area("95 % interval", t, mass - half, mass + half, "--rest"),
+            area("95 % interval", t, mass - half, mass + half, "--interval"),
             line("window", t, mass, "--measured", width=1.2),
             line("carried", steps, carried, "--vermillion", width=2.5),
         ],

@@ -82,6 +82,8 @@ def summary_record(summary: StreamSummary) -> dict[str, Any]:
         "payload_changes": summary.payload_changes,
         "largest_torque": list(summary.largest),
         "payload_not_sought": summary.payload,
+        "carried_kg": None if summary.carried is None else summary.carried[0],
+        "carried_half_width_kg": None if summary.carried is None else summary.carried[1],
         "least_mass_kg": None if least is None or not isfinite(least) else least,
         "doubt": summary.doubt or None,
     }

@@ -81,6 +81,8 @@ class StreamSummary:
         doubt: Why residuals may be no contact; empty without doubt.
         least_mass: Change of the payload's mass that half of the searches would have seen,
             infinite if they would have seen none [kg]; `None` without a search.
+        carried: Mass of the payload at the last search and half-width of its 95 % interval [kg];
+            `None` if there was none, or no search.
     """
 
     duration: float
@@ -93,6 +95,7 @@ class StreamSummary:
     payload: str
     doubt: str
     least_mass: float | None = None
+    carried: tuple[float, float] | None = None
 
 
 def rests_of(identified: IdentifiedModel) -> Array:
@@ -178,6 +181,7 @@ class Watcher:
     def summary(self) -> StreamSummary:
         """What was seen so far."""
         failed = "" if self.payload is None else self.payload.failed
+        state = None if self.payload is None else self.payload.state
         if self.payload is not None and not self.payload.searches:
             failed = failed or "too few samples"
         return StreamSummary(
@@ -191,6 +195,7 @@ class Watcher:
             failed,
             self._doubt.text,
             None if self.payload is None else self.payload.least_mass,
+            None if state is None or not state.mass else (state.mass, state.half_width),
         )
 
     @property

@@ -56,7 +56,8 @@ def name_of(direction: Array) -> str:
 
 def _axis_name(kind: str, axis: Array) -> str:
     """A force or moment along an axis; coordinates are relative to the largest, shape `(3,)`."""
-    if np.count_nonzero(axis) == 1 and axis.sum() > 0.0:
-        return f"{kind} {'xyz'[int(np.argmax(axis))]}"
+    if np.count_nonzero(axis) == 1:
+        sign = "−" if axis.sum() < 0.0 else ""
+        return f"{kind} {sign}{'xyz'[int(np.argmax(np.abs(axis)))]}"
     figures = (f"{one:.2g}" for one in axis / np.abs(axis).max() + 0.0)
     return f"{kind} the axis ({', '.join(figures)})".replace("-", "−")

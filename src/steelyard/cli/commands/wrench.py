@@ -68,8 +68,7 @@ def wrench(
 ) -> None:
     """Estimate force and moment on a frame along a log, without a force sensor.
 
-    With 95 % intervals, finite in singular postures; directions that are not observable are
-    named.
+    With 95 % intervals, finite in singular postures; names what is not observable.
 
     Example: steelyard wrench steelyard-ur10e shift.csv --frame tool0 -o wrench
     """

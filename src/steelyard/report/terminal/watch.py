@@ -12,7 +12,7 @@ from steelyard.application.contact import ContactEvent, JointLoad
 from steelyard.application.payload_events import PayloadEvent
 from steelyard.application.watch.contact_stream import ContactStart
 from steelyard.application.watch.watcher import StreamNote
-from steelyard.report.text.payload_words import rounded
+from steelyard.report.text.payload_words import rounded, with_interval
 from steelyard.report.text.words import signed, significant
 
 if TYPE_CHECKING:
@@ -110,6 +110,8 @@ def summary_lines(
         yield f"rows left out: {rows}"
     if summary.gaps:
         yield f"pauses after which the observer restarted: {summary.gaps}"
+    if summary.carried is not None:
+        yield f"payload at the last search: {with_interval(*summary.carried)} kg"
     if summary.least_mass is not None:
         yield _visible(summary.least_mass)
     if summary.payload:
