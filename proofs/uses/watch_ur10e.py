@@ -14,8 +14,8 @@ from proofs.support.claims import Claim, data_folder, main_of
 from proofs.uses.contact_ur10e import RATE, UNSEEN, pushes_in
 
 import steelyard
+from steelyard.application.contact import ContactEvent
 from steelyard.application.payload_events import PayloadEvent
-from steelyard.application.watch.contact_stream import ContactStart
 from steelyard.application.watch.watcher import StreamEvent, Watcher
 from steelyard.arrays import Array
 from steelyard.estimation.identified import IdentifiedModel
@@ -45,11 +45,11 @@ def thresholds_of(model: IdentifiedModel, calibrate: Sequence[str] = ()) -> Cont
 
 def contacts(
     model: IdentifiedModel, log: str, thresholds: ContactThresholds
-) -> tuple[list[ContactStart], float]:
+) -> tuple[list[ContactEvent], float]:
     """Contacts in a stream, and its length [s]."""
     watcher = Watcher(model, model.observe(bandwidth=thresholds.cutoff), None, thresholds)
     found = [*watcher.take(rows_of(model, log)), *watcher.end()]
-    return [one for one in found if isinstance(one, ContactStart)], watcher.time
+    return [one for one in found if isinstance(one, ContactEvent)], watcher.time
 
 
 def _log(name: str) -> str:
@@ -67,16 +67,15 @@ def _alarms(what: str, count: int, seconds: float) -> Claim:
 
 
 def _pushed(model: IdentifiedModel, what: str, thresholds: ContactThresholds) -> Claim:
-    """All pushes are reported while they last, and nothing else."""
-    pushes = pushes_in(_log(PUSHES))
-    starts = [one.known for one in contacts(model, _log(PUSHES), thresholds)[0]]
-    found = [any(begin < t < end for t in starts) for begin, end in pushes]
-    beside = [t for t in starts if not any(begin < t < end for begin, end in pushes)]
+    """All pushes are found, and nothing else."""
+    pushes, events = pushes_in(_log(PUSHES)), contacts(model, _log(PUSHES), thresholds)[0]
+    found = [[e for e in events if e.start < stop and e.end > start] for start, stop in pushes]
+    beside = [e for e in events if not any(e in one for one in found)]
     return Claim(
-        f"pushes reported while they last, {what}",
-        f"{sum(found)} of {len(pushes)}, {len(beside)} other contacts",
+        f"pushes found, {what}",
+        f"{sum(map(bool, found))} of {len(pushes)}, {len(beside)} other contacts",
         "4 of 4, 0 other contacts",
-        sum(found) == len(pushes) == 4 and not beside,
+        all(found) and len(pushes) == 4 and not beside,
     )
 
 
@@ -84,7 +83,7 @@ def _unseen(model: IdentifiedModel) -> list[Claim]:
     """Contacts and payloads that are not there."""
     logs = [_log(name) for name in UNSEEN]
     found = [watched(model, log) for log in logs]
-    own = sum(isinstance(one, ContactStart) for some, _ in found for one in some)
+    own = sum(isinstance(one, ContactEvent) for some, _ in found for one in some)
     changes = sum(isinstance(one, PayloadEvent) for some, _ in found for one in some)
     seconds = sum(length for _, length in found)
     one, other = (thresholds_of(model, some) for some in (logs[::2], logs[1::2]))

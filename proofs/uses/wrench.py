@@ -178,8 +178,8 @@ def _claims(
     ]
     return [
         Claim(
-            f"{name}: RMS force error, 30 N pushes (where regular: {others} N)",
-            f"{force:.2f} N, {vector:.2f} N as a vector; moment {smoothed.rms(MOMENT):.2f} Nm",
+            f"{name}: RMS force error per component, 30 N pushes (where regular: {others} N)",
+            f"{force:.2f} N; {vector:.2f} N as a vector; moment {smoothed.rms(MOMENT):.2f} Nm",
             "<= 2 N",
             force <= 2.0,
         ),

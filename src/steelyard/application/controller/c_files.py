@@ -109,7 +109,8 @@ def _observer(code: CCode) -> str:
         contact = f"""\
   `{code.name}_observer_contact` compares them with thresholds of contact for
   {numbers.thresholds.rate:.3g} false alarms per hour at {numbers.bandwidth:g} Hz; changes at rest,
-  which `steelyard contact` tests as well, are not compared.
+  which `steelyard contact` tests as well, are not compared. They are of smoothed motion: take as
+  contact what lasts for two samples or more, as velocities jump at abrupt stops.
 """
     return f"""\
 - External efforts: `{code.name}_observer_start` and `{code.name}_observer_step` observe them from

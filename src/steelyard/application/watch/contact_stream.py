@@ -119,7 +119,7 @@ class ContactStream:
         """What exceeds its threshold for long enough, shape `(2, n)` like `exceeds`."""
         begins = exceeds & (np.isnan(self._since) | gap)
         self._since = np.where(begins, times[:, None], np.where(exceeds, self._since, np.nan))
-        return exceeds & (times[:, None] - self._since >= self._lasting)
+        return np.asarray(exceeds & (times[:, None] - self._since >= self._lasting))
 
     def ended(self) -> ContactEvent:
         """The contact that ends, now or with the stream; there must be one."""
