@@ -35,7 +35,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the arm, two logs of it, and its identified model."""
     place = tmp_path_factory.mktemp("interface")
     (place / "arm.urdf").write_text(URDF)
-    (place / "arm.toml").write_text('[robot]\nurdf = "arm.urdf"\n')
+    short = "[excitation.motion]\nperiod = 5.0\n"
+    (place / "arm.toml").write_text(f'[robot]\nurdf = "arm.urdf"\n{short}')
     robot = place / "arm.toml"
     steelyard.simulate(robot, place / "fit", seed=1)
     steelyard.simulate(robot, place / "random", seed=2)

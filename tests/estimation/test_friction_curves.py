@@ -100,7 +100,7 @@ def test_elements_that_slip_give_no_energy_in_any_closed_cycle() -> None:
     """Some of them negative; random nested cycles, walked through until they repeat."""
     rows = rows_of(Coulomb(), MaxwellSlip(lengths=LENGTHS))
     rng, tried, negative = np.random.default_rng(5), 0, 0
-    while tried < 25:
+    while tried < 12:
         values = {"coulomb.hinge": rng.uniform(0.0, 0.5)}
         values |= {f"maxwell_slip{k}.hinge": rng.uniform(-1.0, 1.0) for k in (1, 2, 3)}
         if least(rows, values) < 0.0:
@@ -114,9 +114,9 @@ def test_elements_that_slip_give_no_energy_in_any_closed_cycle() -> None:
                 for a, b in zip(corners, np.roll(corners, -1), strict=True)
             ]
         )
-        once, twice = (energy(values, np.tile(cycle, n)) for n in (3, 4))
+        once, twice = (energy(values, np.tile(cycle, n)) for n in (2, 3))
         assert twice - once > -1e-6
-    assert negative > 5
+    assert negative > 3
 
 
 def test_a_cycle_that_gives_energy_is_forbidden() -> None:

@@ -74,7 +74,7 @@ def noisy(draw: int, noise: float) -> tuple[list[Information], list[Information]
 
 
 def test_intervals_hold_the_truth() -> None:
-    draws, inside, masses = 25, np.zeros(4), 0
+    draws, inside, masses = 15, np.zeros(4), 0
     for draw in range(draws):
         found = identified_gains(MODEL, *noisy(draw, 0.5), mass=LOAD.mass, frame="tool")
         inside += np.abs(found.gains - GAINS) <= found.half_width

@@ -260,7 +260,6 @@ def test_bodies_without_prior_stop_at_the_margin() -> None:
     ("name", "log", "prior"),
     [
         ("rokae_ar5", "rokae_ar5/ar5_run1_rows0_2300.parquet", ""),
-        ("tiago", "tiago/tiago_run1_rows0_5600.parquet", ""),
         ("tiago", "tiago/tiago_run1_rows0_5600.parquet", '\n[prior]\nsource = "none"\n'),
     ],
 )

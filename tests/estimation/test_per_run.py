@@ -100,7 +100,7 @@ def expanded(runs: list[OneRun]) -> tuple[np.ndarray, np.ndarray]:
 def dense_fit(runs: list[OneRun], weighted: bool) -> Dense:
     matrix, effort = expanded(runs)
     variances = (effort**2).mean(axis=1) if weighted else np.ones(4)
-    for _ in range(200 if weighted else 1):
+    for _ in range(50 if weighted else 1):
         root = 1.0 / np.sqrt(variances)
         stacked = (matrix * root[:, None, None]).reshape(-1, matrix.shape[2])
         values = np.linalg.lstsq(stacked, (effort * root[:, None]).ravel(), rcond=None)[0]

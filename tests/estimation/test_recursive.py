@@ -100,7 +100,7 @@ def test_drift_is_followed() -> None:
 
 def test_intervals_hold_the_truth_where_nothing_drifts() -> None:
     inside = total = 0
-    for seed in range(80):
+    for seed in range(30):
         information, track = drifting(0.0, seed, 15)
         found = Recursive(0.8)(information)
         inside += int(np.sum(np.abs(found.parameters.values - track[0]) <= found.half_width))
