@@ -8,8 +8,10 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from cli.mistakes import workshop
+from short_arm import short_logs
 from steelyard.cli.app import app, expanded
 from steelyard.validation.left_out import stretches_left_out
+from steelyard.virtual.demo import write_demo_arm
 
 Command = Callable[..., Result]
 
@@ -51,7 +53,24 @@ def command(work: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
 @pytest.fixture(scope="session")
 def identified(given: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The output folder of an identification with validation, terminal output beside it."""
-    folder = tmp_path_factory.mktemp("identified")
+    return _identified(given, tmp_path_factory.mktemp("identified"))
+
+
+@pytest.fixture(scope="session")
+def six_given(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Robot file and logs of the arm with six joints, which feel all of a load or a push."""
+    folder = tmp_path_factory.mktemp("six")
+    short_logs(folder, write=write_demo_arm)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def six_identified(six_given: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same as `identified`, of six joints."""
+    return _identified(six_given, tmp_path_factory.mktemp("identified_six"))
+
+
+def _identified(given: Path, folder: Path) -> Path:
     log, other = (str(given / f"{name}.csv") for name in ("identification", "validation"))
     arguments = ["identify", str(given / "demo_arm.toml"), log, "--validate", other]
     done = CliRunner().invoke(app, [*arguments, "-o", str(folder / "out")])

@@ -176,7 +176,7 @@ def test_fix_elsewhere_still_finds_the_model(
         }
     ]
     assert 'urdf = "../demo_arm.urdf"' in target.read_text()
-    assert load_robot(target).robot.n == 6
+    assert load_robot(target).robot.n == 3
 
 
 def test_fix_of_a_bare_model_writes_a_whole_robot_file(
@@ -184,7 +184,7 @@ def test_fix_of_a_bare_model_writes_a_whole_robot_file(
 ) -> None:
     target = tmp_path / "new.toml"
     table = pl.read_csv(given / "identification.csv")
-    turned = [(pl.col(c) * 100.0).alias(c) for c in table.columns if c.startswith("q")]
+    turned = [(pl.col(c) * 30.0).alias(c) for c in table.columns if c.startswith("q")]
     table.with_columns(turned).write_csv(tmp_path / "far.csv")
     done = command("check", robot.parent / "demo_arm.urdf", tmp_path / "far.csv", "--fix", target)
     assert "note: time is 'time_s' in s, by its name" in words(done.stdout)
@@ -202,7 +202,7 @@ def test_a_robot_file_without_signals_gets_them(
     done = command("check", robot, degrees, "--fix")
     assert done.exit_code == 0, done.output
     signals = load_robot(robot.parent / "arm-fixed.toml").signals
-    assert signals is not None and signals.effort[5] == "tau6_Nm"
+    assert signals is not None and signals.effort[2] == "tau3_Nm"
 
 
 @dataclass(frozen=True)
@@ -343,8 +343,8 @@ def test_what_the_suspicions_get_to_see(
     command("check", robot, OTHER, "--model", identified)
     command("check", ROBOT, OTHER, "--quick")
     (case,) = slow.seen
-    assert case.reference is not None and case.reference.model.robot.n == 6
-    assert case.guesses == {"velocity": tuple(f"dq{k}_rad_s" for k in range(1, 7))}
+    assert case.reference is not None and case.reference.model.robot.n == 3
+    assert case.guesses == {"velocity": tuple(f"dq{k}_rad_s" for k in range(1, 4))}
     command("check", ROBOT, OTHER)
     assert slow.seen[1].guesses == {} and slow.seen[1].reference is None
 
@@ -352,13 +352,13 @@ def test_what_the_suspicions_get_to_see(
 def test_a_model_of_another_robot_is_refused(
     identified: Path, given: Path, command: Command, tmp_path: Path
 ) -> None:
-    five = [f'"{name}"' for name in load_robot(given / "demo_arm.toml").robot.joint_names[:5]]
+    two = [f'"{name}"' for name in load_robot(given / "demo_arm.toml").robot.joint_names[:2]]
     change = (
         'urdf = "demo_arm.urdf"\n',
-        f'urdf = "demo_arm.urdf"\njoints = [{", ".join(five)}]\n',
+        f'urdf = "demo_arm.urdf"\njoints = [{", ".join(two)}]\n',
     )
     done = command("check", edited(given, tmp_path, change), OTHER, "--model", identified)
-    assert done.exit_code == 2 and "flange_roll, the robot file of" in done.stderr
+    assert done.exit_code == 2 and "elbow, the robot file of" in done.stderr
 
 
 def test_help_has_an_example(command: Command) -> None:

@@ -13,7 +13,7 @@ from cli.conftest import Command
 from cli.mistakes import LOG, ROBOT
 from steelyard.errors import LogError, ModelError
 
-JOINTS = range(1, 7)
+JOINTS = range(1, 4)
 COLUMNS = {"commanded_position": "q_cmd{}_rad", "commanded_velocity": "dq_cmd{}_rad_s"}
 
 
@@ -25,7 +25,7 @@ def following(identified: Path, tmp_path_factory: pytest.TempPathFactory) -> Pat
     data = json.loads((folder / "model.json").read_text())
     for key, pattern in COLUMNS.items():
         data["signals"][key] = [pattern.replace("{}", str(k)) for k in JOINTS]
-    data["signals"]["commanded_velocity_scale"] = [1.0] * 6
+    data["signals"]["commanded_velocity_scale"] = [1.0] * 3
     (folder / "model.json").write_text(json.dumps(data))
     return folder
 

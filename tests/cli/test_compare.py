@@ -1,8 +1,6 @@
 """`steelyard compare`: by runs and by stretches, what it writes, mistakes, and Ctrl-C."""
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +8,7 @@ import pytest
 
 from cli.mistakes import leftovers
 from cli.river_files import edited
+from cli.test_interrupt import pressed_here
 from steelyard.estimation.register import ESTIMATORS
 from steelyard.identification.comparison.compare_inputs import lines_of, offers_of
 from steelyard.robot_file.file import load_robot
@@ -18,7 +17,6 @@ from steelyard.robot_file.sections import EstimationSection
 LOG = "../given/identification.csv"
 OTHER = "../given/validation.csv"
 ROBOT = "../given/demo_arm.toml"
-DRIVER = Path(__file__).parent / "interrupted_at.py"
 SOME = ("OLS", "WLS", "ridge")
 
 
@@ -179,34 +177,36 @@ def test_the_advice_has_its_line(command) -> None:
     assert found["robot_file"] == '[estimation] method = "WLS"'
 
 
-def pressed(function: str, arguments: tuple[str, ...], work: Path) -> tuple[int, str, str]:
-    done = subprocess.run(
-        [sys.executable, str(DRIVER), function, str(work.parent / "entered.txt"), *arguments],
-        cwd=work,
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    return done.returncode, done.stdout, done.stderr
-
-
 COMPARE = ("compare", ROBOT, LOG, "--estimators", "WLS", "OLS", "--no-check")
 SECOND = "least_squares.OrdinaryLeastSquares.__call__"
 
 
-def test_ctrl_c_keeps_what_is_done(work: Path, tmp_path: Path) -> None:
+def test_ctrl_c_keeps_what_is_done(
+    work: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(work)
     out = tmp_path / "out"
-    code, text, errors = pressed(SECOND, (*COMPARE, "-o", str(out)), work)
-    assert (code, errors) == (130, "")
-    assert "stopped: 1 of 2 estimators compared; not tried: OLS" in words(text)
+    code, _ = pressed_here(SECOND, (*COMPARE, "-o", str(out)), monkeypatch)
+    shown = capsys.readouterr()
+    assert (code, shown.err) == (130, "")
+    assert "stopped: 1 of 2 estimators compared; not tried: OLS" in words(shown.out)
     found = json.loads((out / "compare.json").read_text())
     assert [one["estimator"] for one in found["estimators"]] == ["WLS"]
     assert found["stopped_before"] == ["OLS"]
     assert "stopped: 1 of 2" in (out / "compare.html").read_text()
 
 
-def test_ctrl_c_before_the_first_is_done_leaves_nothing(work: Path, tmp_path: Path) -> None:
+def test_ctrl_c_before_the_first_is_done_leaves_nothing(
+    work: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(work)
     out = tmp_path / "out"
-    code, text, errors = pressed("gather.gather", (*COMPARE, "-o", str(out)), work)
-    assert (code, text, errors) == (130, "", "stopped: nothing was written\n")
+    code, _ = pressed_here("gather.gather", (*COMPARE, "-o", str(out)), monkeypatch)
+    assert (code, *capsys.readouterr()) == (130, "", "stopped: nothing was written\n")
     assert not out.exists() and leftovers(work) == []

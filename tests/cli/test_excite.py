@@ -232,8 +232,9 @@ def started(folder: Path, *options: str, terminal: int | None = None) -> "subpro
     arm(folder, ANY + QUICK)
     command = [sys.executable, "-m", "steelyard", "excite", "arm.toml", "-o", "out"]
     budget = () if "--budget" in options else ("--budget", "120")
+    processes = () if "--processes" in options else ("--processes", "1")
     return subprocess.Popen(
-        [*command, "--processes", "2", *budget, *options],
+        [*command, *processes, *budget, *options],
         cwd=folder,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
@@ -312,7 +313,7 @@ def test_ctrl_c_in_a_terminal(tmp_path: Path) -> None:
 @linux
 def test_ctrl_c_for_all_processes_keeps_the_best_so_far(tmp_path: Path) -> None:
     ours, theirs = pty.openpty()
-    process = started(tmp_path, "--json", terminal=theirs)
+    process = started(tmp_path, "--json", "--processes", "2", terminal=theirs)
     os.close(theirs)
     names = wait_for(process)
     assert best_found(process, ours)
@@ -329,7 +330,7 @@ def test_ctrl_c_for_all_processes_keeps_the_best_so_far(tmp_path: Path) -> None:
 
 @linux
 def test_ctrl_c_twice_leaves_nothing(tmp_path: Path) -> None:
-    process = started(tmp_path, "--processes", "1")
+    process = started(tmp_path)
     names = wait_for(process)
     while worked(names) < 2.5:
         time.sleep(0.05)

@@ -37,7 +37,7 @@ def test_a_file_is_written(
     assert f"{name}: " in words and "moving links" in words and " kg" in words
     assert f"{form} cannot represent:" in words and "constant efforts (offset)" in words
     assert ("rotor inertia" in words) == (form == "URDF")
-    assert mujoco.MjModel.from_xml_path(str(tmp_path / name)).nu == (0 if form == "URDF" else 6)
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / name)).nu == (0 if form == "URDF" else 3)
 
 
 def test_json_and_the_usual_name(
@@ -53,7 +53,7 @@ def test_json_and_the_usual_name(
     assert (
         set(printed["mass_from_data"].values()) == {1.0} and printed["impossible_in_original"] == []
     )
-    assert load_robot(printed["file"]).robot.n == 6
+    assert load_robot(printed["file"]).robot.n == 3
     again = command("export", model / "model.json", "--to", "urdf")
     assert again.exit_code == 2 and "exists already" in again.output
     Path(printed["file"]).unlink()
@@ -113,7 +113,7 @@ def test_code_for_controllers(
     words = " ".join(done.stdout.split())
     assert f"{name}-c: {name}.h, {name}.c, {name}_test.c, CMakeLists.txt, README.md" in words
     assert "functions: mass, torque, pose, jacobian local variables: at most" in words
-    assert "double tau[6]);" in (tmp_path / f"{name}-c" / f"{name}.h").read_text()
+    assert "double tau[3]);" in (tmp_path / f"{name}-c" / f"{name}.h").read_text()
     done = command("export", model, "-o", tmp_path / "arm.py", "--json", "--frame", "forearm")
     printed = json.loads(done.stdout)
     assert printed["format"] == "python" and printed["files"] == ["arm.py"]

@@ -9,18 +9,18 @@ import pytest
 import steelyard
 from cli.conftest import Command
 from cli.mistakes import leftovers
+from short_arm import without_wrist
 from steelyard.application.health_windows import QUANTITIES
 from steelyard.motion import Motion
 from steelyard.validation.torque_parts import only
-from steelyard.virtual.demo import write_demo_arm
 from steelyard.virtual.invent import random_truth
 
 WORN = 0.6
 """Growth of the elbow's Coulomb friction."""
 
 
-RESCALED, SHIFTED = 0.08, 0.5
-"""Change of the second drive gain, and of the fifth sensor's offset [Nm]."""
+RESCALED, SHIFTED = 0.08, 1.5
+"""Change of the second drive gain, and of the third sensor's offset [Nm]."""
 
 LOGS = (("fit", 0.0), ("before", 0.0), ("after", WORN), ("repaired", 0.0))
 """Names, and how much the elbow is worn."""
@@ -30,7 +30,7 @@ LOGS = (("fit", 0.0), ("before", 0.0), ("after", WORN), ("repaired", 0.0))
 def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with logs of the demo arm before and after wear or repair, and its model."""
     folder = tmp_path_factory.mktemp("worn")
-    loaded = write_demo_arm(folder)
+    loaded = without_wrist(folder)
     truth = random_truth(loaded.robot, 0)
     valued = truth.model.at(truth.values)
     dry = only(valued, lambda term: term.law == "coulomb")
@@ -47,7 +47,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
         effort[:, 2] += worn * dry.torque(motion)[:, 2]
         if name == "repaired":
             effort[:, 1] *= 1.0 + RESCALED
-            effort[:, 4] += SHIFTED
+            effort[:, 2] += SHIFTED
         effort += 0.02 * effort.std(axis=0) * rng.standard_normal(effort.shape)
         columns = {"time_s": t}
         for label, signal in (("q{}_rad", q), ("dq{}_rad_s", dq), ("tau{}_Nm", effort)):
@@ -72,15 +72,15 @@ def test_wear_is_named_and_nothing_else(arm: Path, command: Command, tmp_path: P
     assert step["size"] == pytest.approx(WORN, abs=0.06) and step["logs"] == ["before", "after"]
     assert len(printed["windows"]) == len(joints) * len(QUANTITIES)
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert "1 of 6 joints drifted in 2 logs" in page and "between before and after" in page
+    assert "1 of 3 joints drifted in 2 logs" in page and "between before and after" in page
 
 
 def test_gains_and_offsets_are_named(arm: Path) -> None:
     found = steelyard.health(arm / "model", [arm / "before.npz", arm / "repaired.npz"])
     joints = steelyard.load_model(arm / "model").joints
     steps = {(c.joint, c.quantity): c for c in found.drifts if c.shape == "steps"}
-    assert set(steps) == {(joints[1], "effort scale"), (joints[4], "offset")}
-    scale, offset = steps[joints[1], "effort scale"], steps[joints[4], "offset"]
+    assert set(steps) == {(joints[1], "effort scale"), (joints[2], "offset")}
+    scale, offset = steps[joints[1], "effort scale"], steps[joints[2], "offset"]
     assert scale.size == pytest.approx(RESCALED, abs=2.0 * scale.half_width) and not scale.unit
     assert offset.size == pytest.approx(SHIFTED, abs=2.0 * offset.half_width)
     assert offset.unit == "Nm"
@@ -108,12 +108,12 @@ def with_efforts(arm: Path, factors: list[float]) -> Path:
 def test_a_short_log_with_other_efforts_does_not_pass(
     arm: Path, command: Command, tmp_path: Path
 ) -> None:
-    log = with_efforts(arm, [1.0, 1.0, 1.5, 1.0, 1.0, 1.0])
+    log = with_efforts(arm, [1.0, 1.0, 1.5])
     done = command("health", arm / "model", f"{log}@0:15", "-o", tmp_path / "out")
     joint = steelyard.load_model(arm / "model").joints[2]
     words = " ".join(done.stdout.split())
     assert done.exit_code == 1, done.output
-    assert "1 of 6 joints differ in efforts_1_1_1.5_1_1_1@:15, drift not proven" in words
+    assert "1 of 3 joints differ in efforts_1_1_1.5@:15, drift not proven" in words
     assert "one log cannot tell drift from an error of the model" in words
     assert f"{joint} (" in words and "effort scale" in words and "No drift" not in words
     saved = json.loads((tmp_path / "out" / "health.json").read_text())
@@ -122,7 +122,7 @@ def test_a_short_log_with_other_efforts_does_not_pass(
 
 
 def test_a_reversed_joint_is_refused(arm: Path, command: Command) -> None:
-    log = with_efforts(arm, [1.0, -1.0, 1.0, 1.0, 1.0, 1.0])
+    log = with_efforts(arm, [1.0, -1.0, 1.0])
     done = command("health", arm / "model", log)
     joint = steelyard.load_model(arm / "model").joints[1]
     assert done.exit_code == 2 and done.stdout == ""

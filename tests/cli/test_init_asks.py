@@ -85,7 +85,7 @@ def at_terminal(command: Sequence[str], given: Sequence[str]) -> tuple[int, str]
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
 def test_at_a_terminal_answers_go_into_the_file(tmp_path: Path) -> None:
     robot = tmp_path / "arm.toml"
-    given = ["3", "100,100,100,100,100,100", "ceiling"]
+    given = ["3", "100,100,100", "ceiling"]
     code, said = at_terminal(["init", str(URDF), str(LOG), "-o", str(robot)], given)
     assert code == 0, said
     assert "What do the effort columns contain?" in said and "(Enter: upright)" in said
@@ -105,7 +105,7 @@ def test_no_input_asks_nothing_at_a_terminal(tmp_path: Path) -> None:
 
 def test_currents_without_gains_are_up_to_one_scale(command: Command, tmp_path: Path) -> None:
     rows = pl.read_csv(LOG)
-    names = {f"tau{k}_Nm": f"current{k}_A" for k in range(1, 7)}
+    names = {f"tau{k}_Nm": f"current{k}_A" for k in range(1, 4)}
     log, robot = tmp_path / "run 1.parquet", tmp_path / "arm.toml"
     rows.rename(names).write_parquet(log)
     shown = command("init", URDF, log, "-o", robot)
@@ -113,15 +113,15 @@ def test_currents_without_gains_are_up_to_one_scale(command: Command, tmp_path: 
     assert "gains unknown: the log does not contain Nm per A" in shown.stdout
     assert f"steelyard check {robot} '{log}'" in shown.stdout
     loaded = load_robot(robot)
-    assert loaded.signals is not None and sum(loaded.signals.unknown_gains) == 5
+    assert loaded.signals is not None and sum(loaded.signals.unknown_gains) == 2
     assert not loaded.signals.unknown_gains[1]  # the shoulder carries the arm
     assert "--loaded LOADED_LOG --payload-mass KG" in robot.read_text()
 
 
 def test_friction_is_chosen_where_the_logs_allow_it(command: Command, tmp_path: Path) -> None:
     t = np.arange(0.0, 20.0, 0.01)
-    rows = {"t": t} | {f"q{k}": 0.3 * np.sin((0.5 + 0.1 * k) * t) for k in range(1, 7)}
-    rows |= {f"tau{k}": rows[f"q{k}"] for k in range(1, 7)}
+    rows = {"t": t} | {f"q{k}": 0.3 * np.sin((0.5 + 0.1 * k) * t) for k in range(1, 4)}
+    rows |= {f"tau{k}": rows[f"q{k}"] for k in range(1, 4)}
     pl.DataFrame(rows).write_csv(tmp_path / "long.csv")
     shown = command("init", URDF, tmp_path / "long.csv", "-o", tmp_path / "long.toml")
     assert 'friction  "auto"' in shown.stdout
@@ -161,10 +161,10 @@ def test_a_template_names_no_columns_that_the_log_lacks(command: Command, tmp_pa
     pl.read_csv(LOG).drop("q1_rad").write_csv(tmp_path / "five.csv")
     shown = command("init", URDF, tmp_path / "five.csv", "-o", robot)
     assert shown.exit_code == 1
-    assert "5 columns look like positions" in shown.stdout
-    assert "but the robot model has 6 joints (" in shown.stdout
+    assert "2 columns look like positions" in shown.stdout
+    assert "but the robot model has 3 joints (" in shown.stdout
     lines = [line.removeprefix("# ") for line in robot.read_text().splitlines()]
-    unknown = str(["?"] * 6).replace("'", '"')
+    unknown = str(["?"] * 3).replace("'", '"')
     assert 'time = "time_s"' in lines and f"columns = {unknown}" in lines
     assert any(line.startswith(f"position = {unknown}") for line in lines)
     assert '"link_torque": sensors' in robot.read_text()

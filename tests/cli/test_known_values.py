@@ -60,7 +60,7 @@ def test_known_values_are_met_and_named(known: Path, given: Path, command: Comma
     assert ",1.25," in line and ",known," in line
     assert "2 parameters are known and not estimated" in Path("out/report.html").read_text()
     assert model.reference[0].known == estimate.known
-    torque = model.friction(np.zeros(6), np.full(6, 0.5), np.zeros(6))
+    torque = model.friction(np.zeros(3), np.full(3, 0.5), np.zeros(3))
     assert torque[1] == pytest.approx(values[f"coulomb.{names[1]}"], rel=1e-3)
     assert set(estimate.known) <= set(earlier_of(model).removed)
     with pytest.raises(ModelError, match="parameters with a value from"):

@@ -10,7 +10,7 @@ from cli.conftest import Command
 from cli.river_files import edited
 
 TERMS = 'terms = ["rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"]'
-GEARS = "[robot.transmission]\nratios = [1, 1, 1, 1, 1, 1]\n\n[model]"
+GEARS = "[robot.transmission]\nratios = [1, 1, 1]\n\n[model]"
 
 MISTAKES = {
     '{law = "coulomb", joints = 5}': ("joints = 5", "list names"),
@@ -22,7 +22,7 @@ MISTAKES = {
     '{law = "coulomb", along = {w = {elbow = inf}}}': ("inf", "along = {wrist"),
     '{law = "coulomb", along = {w = 3}}': ("('w', 3)", "along = {wrist"),
     '{law = "coulomb", threshold = true}': ("threshold = True", "neither true nor false"),
-    '{law = "coulomb", threshold = [0.1]}': ("(0.1,) for 6", "one per coordinate"),
+    '{law = "coulomb", threshold = [0.1]}': ("(0.1,) for 3", "one per coordinate"),
     '{law = "coulomb", per_run = "yes"}': ("per_run = 'yes'", "true or false"),
     '{law = "dahl", length = 0}': ("length = 0", "above zero"),
     '{law = "lugre", speed = [0.0, 0.1]}': ("speed = (0.0, 0.1)", "above zero"),
@@ -33,7 +33,7 @@ MISTAKES = {
     '{law = "maxwell_slip", lengths = [inf]}': ("inf", "one length above zero"),
     '{law = "maxwell_slip", lengths = [true]}': ("(True,)", "neither true nor false"),
     '{law = "maxwell_slip", relaxing = "no"}': ("relaxing = 'no'", "true or false"),
-    '{law = "spring", free = [0.0]}': ("1 free positions for 6", "one per coordinate"),
+    '{law = "spring", free = [0.0]}': ("1 free positions for 3", "one per coordinate"),
     '{law = "coupled", pairs = 5}': ("pairs = 5", '{from = "hip", to = "knee"}'),
     '{law = "gravity_compensator", links = 5, points = 5}': ("the links 5", "points = [["),
     '{law = "gravity_compensator", name = 5, links = ["base", "hand"], '
@@ -73,12 +73,12 @@ def test_a_term_that_cannot_be_is_shown_in_the_file(
 
 
 def test_two_motors_have_two_names(robot: Robot, given: Path, command: Command) -> None:
-    gears = GEARS.replace("ratios", 'motors = ["a", "a", "b", "c", "d", "e"]\nratios')
+    gears = GEARS.replace("ratios", 'motors = ["a", "a", "b"]\nratios')
     path = robot(TERMS, ("[model]", gears))
     done = command("identify", path, given / "identification.csv", "-o", path.parent / "out")
     assert done.exit_code == 2 and "two motors are called 'a'" in done.stderr, done.output
     assert "name of its own" in done.stderr and "[robot.transmission] motors" in done.stderr
-    gears = GEARS.replace("ratios", 'motors = ["a", "elbow", "b", "c", "d", "e"]\nratios')
+    gears = GEARS.replace("ratios", 'motors = ["a", "elbow", "b"]\nratios')
     path = robot(TERMS, ("[model]", gears))
     done = command("identify", path, given / "identification.csv", "-o", path.parent / "out")
     assert done.exit_code == 2 and "motor 'elbow' has the name of a joint" in done.stderr
@@ -95,7 +95,7 @@ def test_behind_the_gears_no_motor_couples(robot: Robot, given: Path, command: C
 def test_fields_are_not_found_for_friction_that_is_not_chosen_yet(
     robot: Robot, given: Path, command: Command
 ) -> None:
-    wrist = '{law = "stribeck", speed = "find", along = {w = {elbow = 1.0, wrist_bend = 1.0}}}'
+    wrist = '{law = "stribeck", speed = "find", along = {w = {elbow = 1.0, shoulder_lift = 1.0}}}'
     path = robot(f'terms = ["rigid_body", {wrist}]\nfriction = "auto"')
     done = command("identify", path, given / "identification.csv", "-o", path.parent / "out")
     assert done.exit_code == 2 and "while friction is selected" in done.stderr, done.output

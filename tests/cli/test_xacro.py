@@ -22,8 +22,7 @@ ARM = f"""<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="$(arg name)">
 
 
 @pytest.fixture
-def arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("STEELYARD_CACHE", str(tmp_path / "cache"))
+def arm(tmp_path: Path) -> Path:
     path = tmp_path / "arm.urdf.xacro"
     path.write_text(ARM)
     return path

@@ -1,11 +1,13 @@
 """A simulated arm with a reference, and logs of it with faults."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from short_arm import without_wrist
 from steelyard.arrays import Array
 from steelyard.diagnosis import Case, Diagnosis, examine
 from steelyard.diagnosis.case import Evidence
@@ -31,7 +33,7 @@ from steelyard.motion import Motion
 from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.robot import Robot
-from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.file import LoadedRobot, load_robot
 from steelyard.virtual.demo import write_demo_arm
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.truth import Truth
@@ -97,9 +99,18 @@ class Arm:
 
 @pytest.fixture(scope="session")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Arm:
-    """The demo arm with a log and a reference from another one."""
-    folder = tmp_path_factory.mktemp("demo")
-    loaded = write_demo_arm(folder)
+    """The demo arm, its wrist fixed, with a log and a reference from another one."""
+    return _made(tmp_path_factory.mktemp("short"), without_wrist)
+
+
+@pytest.fixture(scope="session")
+def made_six(tmp_path_factory: pytest.TempPathFactory) -> Arm:
+    """The same with all six joints, for what three do not decide."""
+    return _made(tmp_path_factory.mktemp("demo"), write_demo_arm)
+
+
+def _made(folder: Path, write: Callable[[Path], LoadedRobot]) -> Arm:
+    loaded = write(folder)
     path = folder / "demo_arm.toml"
     truth = random_truth(loaded.robot, 3)
     assert loaded.signals is not None
@@ -124,7 +135,17 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Arm:
 
 @pytest.fixture
 def arm(made: Arm, tmp_path: Path) -> Arm:
-    """The same with a robot file of the test's own."""
+    """The arm of three joints with a robot file of the test's own."""
+    return _own(made, tmp_path)
+
+
+@pytest.fixture
+def six(made_six: Arm, tmp_path: Path) -> Arm:
+    """The arm of six joints with a robot file of the test's own."""
+    return _own(made_six, tmp_path)
+
+
+def _own(made: Arm, tmp_path: Path) -> Arm:
     folder = made.path.parent
     (tmp_path / "demo_arm.urdf").write_text((folder / "demo_arm.urdf").read_text())
     path = tmp_path / "demo_arm.toml"

@@ -44,7 +44,7 @@ def motion(robot: Robot, seed: int) -> Motion:
     return Motion(t, q, dq, ddq)
 
 
-def log(path: Path, truth: Truth, seed: int, offset: Sequence[float] = (0.0,) * 6) -> None:
+def log(path: Path, truth: Truth, seed: int, offset: Sequence[float] = (0.0,)) -> None:
     """A run of the true robot, with 1 % noise on its torques."""
     robot, rng = truth.robot, np.random.default_rng(seed)
     path_of = motion(robot, seed)

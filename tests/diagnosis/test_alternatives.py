@@ -14,7 +14,7 @@ from steelyard.diagnosis.hypotheses.alternatives import ways
 def test_torques_in_thousandths_are_offered_their_gain(
     arm: Arm, factor: float, offered: bool
 ) -> None:
-    reading = SimpleNamespace(effort_scale=np.full(6, factor))
+    reading = SimpleNamespace(effort_scale=np.full(3, factor))
     hypothesis = cast(Any, SimpleNamespace(cause="effort kind", interpretation=reading))
     says = ways(arm.case(arm.table), hypothesis, sure=True).says
     assert says.startswith("if efforts are in mNm, write gain = 0.001") == offered

@@ -15,18 +15,18 @@ from steelyard.robot_file.edits import edited
 
 
 def case_with_targets(arm, text: str) -> Case:
-    """Currents, and targets with friction of their own; joint 6 has none of its bodies' torque."""
+    """Currents, and targets with friction of their own; the last joint has no target."""
     rng = np.random.default_rng(0)
     table = arm.table.copy()
     torque, dq = table[:, arm.at(TAU)], arm.motion.dq
     friction = 0.2 * torque.std(axis=0) * (np.tanh(dq / 0.05) + 0.3 * dq)
     target = torque - friction
-    target[:, 5] = 0.0
+    target[:, 2] = 0.0
     current = target / GAINS + friction / GAINS
     current += 0.02 * current.std(axis=0) * rng.standard_normal(current.shape)
     table[:, arm.at(TAU)] = torque / GAINS
     case = arm.case(table, text, known=False)
-    names = [f"{kind}{j}" for kind in ("tau_target_", "current_target_") for j in range(1, 7)]
+    names = [f"{kind}{j}" for kind in ("tau_target_", "current_target_") for j in range(1, 4)]
     (evidence,) = case.logs
     log = LogInMemory(Path("log"), (*arm.columns, *names), np.hstack([table, target, current]))
     recording = replace(evidence.recording, log=log)
@@ -36,18 +36,18 @@ def case_with_targets(arm, text: str) -> Case:
 def test_gains_are_those_of_the_targets_within_their_intervals(arm):
     gains = controller_gains(case_with_targets(arm, in_amperes(arm)))
     assert gains.columns == ("tau_target_1", "current_target_1")
-    assert gains.known.tolist() == [True] * 5 + [False]
-    error = np.abs(gains.values - GAINS)[:5]
-    assert np.all(error < 0.03 * GAINS[:5])
-    assert gains.entries[5] == "identify"
+    assert gains.known.tolist() == [True] * 2 + [False]
+    error = np.abs(gains.values - GAINS)[:2]
+    assert np.all(error < 0.03 * GAINS[:2])
+    assert gains.entries[2] == "identify"
 
 
 def test_gains_of_one_are_refused_with_the_controllers(arm):
-    text = edited(in_amperes(arm), [Edit(("signals", "effort", "gain"), [1.0] * 6)])
+    text = edited(in_amperes(arm), [Edit(("signals", "effort", "gain"), [1.0] * 3)])
     found = examine(case_with_targets(arm, text), checks=MODEL_BASED)
     gain = edits(found)["signals.effort.gain"]
-    np.testing.assert_allclose(gain[:5], GAINS[:5], rtol=0.03)
-    assert gain[5] == "identify"
+    np.testing.assert_allclose(gain[:2], GAINS[:2], rtol=0.03)
+    assert gain[2] == "identify"
 
 
 @pytest.mark.parametrize("kind", ["no targets", "torques"])

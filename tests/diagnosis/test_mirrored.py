@@ -34,9 +34,9 @@ def turned(arm: Arm, *patterns: str) -> Array:
     ],
 )
 def test_the_mirror_of_a_sign_is_named(
-    arm: Arm, patterns: tuple[str, ...], cause: str, other: str
+    six: Arm, patterns: tuple[str, ...], cause: str, other: str
 ) -> None:
-    found = arm.examined(turned(arm, *patterns), known=False)
+    found = six.examined(turned(six, *patterns), known=False)
     (wrong,) = (f for f in found.findings if f.severity == Severity.WRONG)
     assert wrong.check == cause and other in wrong.says
 

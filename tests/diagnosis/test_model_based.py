@@ -26,7 +26,7 @@ from steelyard.robot.inertia import Inertia
 from steelyard.robot_file.edits import edited
 
 Q, DQ, TAU = "q{}_rad", "dq{}_rad_s", "tau{}_Nm"
-GAINS = np.array([9.0, 12.0, 7.5, 11.0, 6.0, 8.0])
+GAINS = np.array([9.0, 12.0, 7.5])
 
 
 def wrong(found: Diagnosis) -> list[str]:
@@ -52,7 +52,7 @@ def test_a_clean_log_is_clean(arm):
     assert all("misfit" in f.figure and f.hypotheses for f in found.findings)
 
 
-@pytest.mark.parametrize("order", [[1, 0, 2, 3, 4, 5], [0, 1, 4, 2, 3, 5], [5, 4, 3, 2, 1, 0]])
+@pytest.mark.parametrize("order", [[1, 0, 2], [1, 2, 0], [2, 1, 0]])
 def test_joints_in_another_order(arm, order):
     table = arm.table.copy()
     for pattern in (Q, DQ, TAU):
@@ -69,17 +69,17 @@ def test_joints_in_another_order(arm, order):
 
 def test_positions_alone_in_another_order_leave_velocities(arm):
     table = arm.table.copy()
-    table[:, arm.at(Q)] = arm.table[:, np.array(arm.at(Q))[[0, 2, 1, 3, 4, 5]]]
+    table[:, arm.at(Q)] = arm.table[:, np.array(arm.at(Q))[[0, 2, 1]]]
     found = arm.examined(table)
     assert wrong(found) == ["joint order"]
-    assert edits(found) == {"signals.position": names(Q, [0, 2, 1, 3, 4, 5])}
+    assert edits(found) == {"signals.position": names(Q, [0, 2, 1])}
 
 
 @pytest.mark.parametrize("swap", [True, False])
 def test_velocities_are_not_blamed_for_positions(arm, swap):
     table = arm.table.copy()
     if swap:
-        table[:, arm.at(Q)] = arm.table[:, np.array(arm.at(Q))[[0, 2, 1, 3, 4, 5]]]
+        table[:, arm.at(Q)] = arm.table[:, np.array(arm.at(Q))[[0, 2, 1]]]
     else:
         table[:, arm.at(Q)[1]] *= -1.0
     found = examine(arm.case(table), quick=True)
@@ -89,13 +89,13 @@ def test_velocities_are_not_blamed_for_positions(arm, swap):
 
 def test_velocities_alone_are_blamed_for_themselves(arm):
     table = arm.table.copy()
-    table[:, arm.at(DQ)] = arm.table[:, np.array(arm.at(DQ))[[0, 2, 1, 3, 4, 5]]]
+    table[:, arm.at(DQ)] = arm.table[:, np.array(arm.at(DQ))[[0, 2, 1]]]
     found = examine(arm.case(table), quick=True)
     assert wrong(found) == ["velocity"]
 
 
 def test_efforts_in_another_order(arm):
-    order = [2, 0, 1, 3, 5, 4]
+    order = [2, 0, 1]
     table = arm.table.copy()
     table[:, arm.at(TAU)] = arm.table[:, np.array(arm.at(TAU))[order]]
     found = arm.examined(table)
@@ -103,10 +103,10 @@ def test_efforts_in_another_order(arm):
     assert edits(found) == {"signals.effort.columns": names(TAU, np.argsort(order))}
 
 
-@pytest.mark.parametrize("joints", [[1], [0, 3], [1, 2, 4]])
+@pytest.mark.parametrize("joints", [[1], [0, 2], [1, 2]])
 def test_positions_that_count_the_other_way(arm, joints):
     table = arm.table.copy()
-    signs = [-1 if j in joints else 1 for j in range(6)]
+    signs = [-1 if j in joints else 1 for j in range(3)]
     table[:, arm.at(Q)] *= signs
     table[:, arm.at(DQ)] *= signs
     found = arm.examined(table)
@@ -115,15 +115,15 @@ def test_positions_that_count_the_other_way(arm, joints):
 
 
 def test_a_declared_sign_is_turned_back(arm):
-    text = edited(arm.text, [Edit(("signals", "position_sign"), [1, -1, 1, 1, 1, 1])])
+    text = edited(arm.text, [Edit(("signals", "position_sign"), [1, -1, 1])])
     found = arm.examined(arm.table, text)
-    assert edits(found) == {"signals.position_sign": [1] * 6}
+    assert edits(found) == {"signals.position_sign": [1] * 3}
 
 
-@pytest.mark.parametrize("joints", [[2], [0, 1, 2, 3, 4, 5]])
+@pytest.mark.parametrize("joints", [[2], [0, 1, 2]])
 def test_efforts_of_the_other_sign(arm, joints):
     table = arm.table.copy()
-    signs = [-1.0 if j in joints else 1.0 for j in range(6)]
+    signs = [-1.0 if j in joints else 1.0 for j in range(3)]
     table[:, arm.at(TAU)] *= signs
     found = arm.examined(table)
     assert wrong(found) == ["effort sign"]
@@ -195,7 +195,7 @@ def test_a_gain_that_is_off(arm, ratio):
     table[:, arm.at(TAU)[1]] *= ratio
     found = arm.examined(table)
     assert wrong(found) == ["gain"]
-    wanted = [1.0, 1.0 / ratio, 1.0, 1.0, 1.0, 1.0]
+    wanted = [1.0, 1.0 / ratio, 1.0]
     np.testing.assert_allclose(edits(found)["signals.effort.gain"], wanted, rtol=0.03)
 
 
@@ -237,13 +237,14 @@ def test_a_payload_left_on(arm):
     assert finding.picture is not None
 
 
-def test_two_faults_at_once(arm):
-    table = arm.table.copy()
-    table[:, arm.at(TAU)] = -arm.table[:, np.array(arm.at(TAU))[[1, 0, 2, 3, 4, 5]]]
-    found = arm.examined(table)
+def test_two_faults_at_once(six):
+    table = six.table.copy()
+    order = [1, 0, 2, 3, 4, 5]
+    table[:, six.at(TAU)] = -six.table[:, np.array(six.at(TAU))[order]]
+    found = six.examined(table)
     assert sorted(wrong(found)) == ["effort sign", "joint order"]
     assert edits(found) == {
-        "signals.effort.columns": names(TAU, [1, 0, 2, 3, 4, 5]),
+        "signals.effort.columns": names(TAU, order),
         "signals.effort.gain": [-1.0] * 6,
     }
 
@@ -351,7 +352,7 @@ def at_motors(arm, ratios) -> tuple[np.ndarray, str]:
 
 
 def test_a_gear_ratio_that_is_off(arm):
-    ratios = np.array([50.0, 80.0, 50.0, -30.0, 30.0, 30.0])
+    ratios = np.array([50.0, 80.0, -30.0])
     table, text = at_motors(arm, ratios)
     assert arm.examined(table, text).severity == Severity.OK
     off = ratios.copy()
@@ -362,11 +363,11 @@ def test_a_gear_ratio_that_is_off(arm):
 
 
 def test_the_gain_behind_a_motor_is_the_motors(arm):
-    table, text = at_motors(arm, np.array([50.0, 80.0, 50.0, -30.0, 30.0, 30.0]))
-    table[:, arm.at(TAU)[3]] *= -1.0
+    table, text = at_motors(arm, np.array([50.0, 80.0, -30.0]))
+    table[:, arm.at(TAU)[2]] *= -1.0
     found = arm.examined(table, text)
     assert wrong(found) == ["effort sign"]
-    assert edits(found) == {"signals.effort.gain": [1.0, 1.0, 1.0, -1.0, 1.0, 1.0]}
+    assert edits(found) == {"signals.effort.gain": [1.0, 1.0, -1.0]}
 
 
 def test_a_sign_of_one_joint_is_reported_without_a_reference(arm):
@@ -374,7 +375,7 @@ def test_a_sign_of_one_joint_is_reported_without_a_reference(arm):
     table[:, arm.at(TAU)[1]] *= -1.0
     found = arm.examined(table, known=False)
     assert wrong(found) == ["effort sign"]
-    assert edits(found) == {"signals.effort.gain": [1.0, -1.0, 1.0, 1.0, 1.0, 1.0]}
+    assert edits(found) == {"signals.effort.gain": [1.0, -1.0, 1.0]}
 
 
 def test_one_factor_on_all_efforts_is_one_factor(arm):
@@ -398,7 +399,7 @@ def test_one_joint_a_thousand_times_too_large(arm):
 def test_what_nothing_explains_is_doubtful_once(arm):
     table = arm.table.copy()
     t = table[:, arm.columns.index("time_s")]
-    table[:, arm.at(TAU)] = 20.0 * np.sin(np.outer(t, np.arange(1.1, 4.0, 0.5)))
+    table[:, arm.at(TAU)] = 20.0 * np.sin(np.outer(t, np.arange(1.1, 2.6, 0.5)))
     found = arm.examined(table, known=False)
     assert [f.check for f in found.findings if f.severity] == ["effort kind"]
     assert found.severity == Severity.DOUBTFUL
@@ -432,13 +433,13 @@ def test_the_work_that_questions_share_is_named(arm):
 
 
 def test_scales_that_the_reference_found_of_the_sensors_are_no_gains_that_are_wrong(arm):
-    scales = np.array([1.0, 1.0, 1.25, 1.0, 1.0, 1.0])
+    scales = np.array([1.0, 1.0, 1.25])
     table = arm.table.copy()
     table[:, arm.at(TAU)] *= scales
     assert wrong(arm.examined(table)) == ["gain"]
     signals = replace(arm.reference.signals, gains=arm.reference.signals.gains / scales)
     known = replace(
-        arm.reference, effort_scales=KnownScales(scales, 1e-4 * np.eye(6)), signals=signals
+        arm.reference, effort_scales=KnownScales(scales, 1e-4 * np.eye(3)), signals=signals
     )
     assert not wrong(replace(arm, reference=known).examined(table))
     for gain in ('"identify"', str(signals.gains.tolist())):

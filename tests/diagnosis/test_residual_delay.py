@@ -23,7 +23,7 @@ def late(arm: Arm, seconds: Array) -> Array:
 
 @pytest.mark.parametrize("delay", [-0.02, 0.004, 0.012, 0.03])
 def test_a_short_delay_is_found_without_a_reference(arm: Arm, delay: float) -> None:
-    case = arm.case(late(arm, np.full(6, delay)), known=False)
+    case = arm.case(late(arm, np.full(3, delay)), known=False)
     finding, *others = EFFORT_DELAY(case)
     assert all(other.severity == Severity.OK for other in others)
     assert finding.severity == Severity.WRONG and finding.fix is not None
@@ -35,7 +35,7 @@ def test_a_short_delay_is_found_without_a_reference(arm: Arm, delay: float) -> N
 
 def test_efforts_in_time_and_lags_that_differ_are_no_delay(arm: Arm) -> None:
     assert residual_delay(arm.case(arm.table, known=False), "effort delay") is None
-    lags = np.array([0.002, 0.011, 0.01, 0.02, 0.03, 0.018])
+    lags = np.array([0.002, 0.011, 0.03])
     assert residual_delay(arm.case(late(arm, lags), known=False), "effort delay") is None
 
 
@@ -49,7 +49,7 @@ def test_presliding_friction_explains_its_own_lag_and_no_delay(arm: Arm) -> None
             state[k] = kept[k] * state[k - 1] + (1.0 - kept[k]) * np.sign(steps[k])
         presliding[:, tau] += 0.6 * np.std(presliding[:, tau]) * (state - np.sign(steps))
     shares = []
-    for table in (presliding, late(arm, np.full(6, 0.012))):
+    for table in (presliding, late(arm, np.full(3, 0.012))):
         case = arm.case(table, known=False)
         model, (run,) = customary_model(case), clean_runs(case)
         regressor = base_regressor(model)
@@ -60,13 +60,13 @@ def test_presliding_friction_explains_its_own_lag_and_no_delay(arm: Arm) -> None
 
 def test_a_declared_delay_is_counted_in(arm: Arm) -> None:
     text = arm.text.replace('unit = "Nm"', 'unit = "Nm"\ndelay = 0.01')
-    finding = residual_delay(arm.case(late(arm, np.full(6, 0.014)), text, known=False), "x")
+    finding = residual_delay(arm.case(late(arm, np.full(3, 0.014)), text, known=False), "x")
     assert finding is not None and finding.fix is not None
     assert finding.fix.edits[0].value == pytest.approx(0.014, abs=3e-4)
 
 
 def test_a_log_with_a_gap_is_not_used(arm: Arm) -> None:
-    table = late(arm, np.full(6, 0.012))
+    table = late(arm, np.full(3, 0.012))
     t = table[:, 0]
     whole = arm.case(table, known=False)
     assert residual_delay(whole, "effort delay") is not None

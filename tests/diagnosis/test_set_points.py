@@ -57,7 +57,7 @@ def test_columns_that_are_called_set_points_are_doubtful_with_those_to_take(arm:
     (finding,) = SetPoints()(replace(arm, columns=renamed).case(arm.table, text))
     assert finding.severity == Severity.DOUBTFUL
     assert finding.says == (
-        "position column 'q_des1_rad' and 5 more: commanded by their names, not measured"
+        "position column 'q_des1_rad' and 2 more: commanded by their names, not measured"
     )
     assert finding.fix is not None and "this log has" not in finding.fix.says
     both = (*renamed, *(c for c in columns if c.startswith("q")))

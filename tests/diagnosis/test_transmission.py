@@ -6,7 +6,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from diagnosis.fitted import demo_arm, log
+from diagnosis.fitted import log
+from short_arm import without_wrist
 from steelyard.arrays import Array
 from steelyard.cli.commands.check import GEARS, hints
 from steelyard.diagnosis import Case, Diagnosis, Finding, Severity, examine
@@ -19,21 +20,21 @@ from steelyard.report.check_page import CheckContent
 from steelyard.robot.robot import Transmission
 from steelyard.virtual.invent import random_truth
 
-RATIOS = (100.0, -100.0, 80.0, 50.0, 50.0, 40.0)
-COUPLING = '\ncoupling = [{motor = "motor_5", joint = "forearm_roll", ratio = 50.0}]'
+RATIOS = (100.0, -100.0, 80.0)
+COUPLING = '\ncoupling = [{motor = "motor_3", joint = "shoulder_lift", ratio = 50.0}]'
 TRUE = np.diag(RATIOS)
-TRUE[4, 3] = 50.0
+TRUE[2, 1] = 50.0
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The demo arm as its model file has it, logged at its motors."""
     there = tmp_path_factory.mktemp("motors")
-    log(there / "joints.parquet", random_truth(demo_arm(there).robot, 1, spread=0.0), 1)
+    log(there / "joints.parquet", random_truth(without_wrist(there).robot, 1, spread=0.0), 1)
     table = pl.read_parquet(there / "joints.parquet")
     columns = {"time_s": table["time_s"].to_numpy()}
     for name, unit, matrix in (("q", "rad", TRUE), ("tau", "Nm", np.linalg.inv(TRUE.T))):
-        joints = table.select([f"{name}{k}_{unit}" for k in range(1, 7)]).to_numpy()
+        joints = table.select([f"{name}{k}_{unit}" for k in range(1, 4)]).to_numpy()
         columns |= {f"{name}{k}": x for k, x in enumerate((joints @ matrix.T).T, 1)}
     pl.DataFrame(columns).write_parquet(there / "motors.parquet")
     return there
@@ -66,7 +67,7 @@ def test_the_gears_of_the_log_are_not_doubted(folder: Path) -> None:
 
 
 def test_a_wrong_sign_is_found_as_one_of_positions_and_efforts(folder: Path) -> None:
-    ratios = (100.0, -100.0, -80.0, 50.0, 50.0, 40.0)
+    ratios = (100.0, 100.0, 80.0)
     diagnosis = examine(case_with(folder, ratios, COUPLING), quick=True)
     doubted = {finding.check for finding in diagnosis.findings if finding.severity}
     assert doubted == {"position sign", "effort sign"}
@@ -75,7 +76,7 @@ def test_a_wrong_sign_is_found_as_one_of_positions_and_efforts(folder: Path) -> 
 def test_a_missing_coupling_is_found(folder: Path) -> None:
     (finding,) = TransmissionCheck()(case_with(folder, RATIOS, ""))
     assert finding.severity == Severity.DOUBTFUL, finding
-    assert finding.says.startswith("a coupling of motor_5 with the joint before")
+    assert finding.says.startswith("a coupling of motor_3 with the joint before")
 
 
 def test_an_open_question_is_to_be_compared_with_the_data_sheet() -> None:

@@ -56,14 +56,14 @@ def test_a_load_is_named_with_its_mass(arm, mass):
 
 
 def test_another_robot_is_not_called_a_gain(arm):
-    (found,) = found_in(arm, of(arm, random_truth(arm.robot, 80)))
+    (found,) = found_in(arm, of(arm, random_truth(arm.robot, 81)))
     assert "no cause of the error was found; tested: payload" in found.says
     assert "may come from another robot" in found.says and found.severity
     assert "times the residuals of the fit" in found.figure
 
 
 def test_windows_of_one_file_are_of_one_robot(arm):
-    (found,) = found_in(arm, of(arm, random_truth(arm.robot, 80)), fitted=("data/log@0:5",))
+    (found,) = found_in(arm, of(arm, random_truth(arm.robot, 81)), fitted=("data/log@0:5",))
     assert "no cause of the error was found" in found.says and "another robot" not in found.says
 
 
@@ -77,7 +77,7 @@ def test_logs_of_one_name_in_two_folders_are_two_files(one: str, other: str, sam
 
 def test_an_open_finding_about_the_fitted_log_comes_before_another_robot(arm):
     finding = Finding("effort sign", "first", Severity.DOUBTFUL, "all joints turned", "")
-    (found,) = found_in(arm, of(arm, random_truth(arm.robot, 80)), unresolved=(finding,))
+    (found,) = found_in(arm, of(arm, random_truth(arm.robot, 81)), unresolved=(finding,))
     assert "was doubtful about first: all joints turned" in found.says
     assert "another robot" not in found.says and found.severity == Severity.DOUBTFUL
 

@@ -38,7 +38,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("method")
     (place / "arm.urdf").write_text(ARM)
     (place / "arm.toml").write_text('[robot]\nurdf = "arm.urdf"\n')
-    steelyard.simulate(place / "arm.toml", place / "run", seed=1)
+    steelyard.simulate(place / "arm.toml", place / "run", period=5.0, seed=1)
     return place
 
 

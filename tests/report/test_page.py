@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from report.conftest import run_score
 from steelyard.report import ReportContent, render
 from steelyard.report.sections.model.effort import EffortSection
 from steelyard.report.sections.register import SECTIONS
@@ -84,8 +85,9 @@ def test_names_of_strangers_stay_text(nasty):
     assert "{{7*7}}" in page and "49}" not in page
 
 
-def test_many_runs_and_joints_stay_small(nasty, usual):
-    many = replace(usual, scores=(), fitted=nasty.fitted * 8)
+def test_many_runs_and_joints_stay_small(usual):
+    run = run_score("run", tuple(f"joint{k}" for k in range(10)), 2_000)
+    many = replace(usual, scores=(), fitted=(run,) * 64)
     numbers = EffortSection().numbers(many)
     assert len(numbers["runs"]) + len(numbers["left_out"]) == 64 and numbers["left_out"]
     assert 200 <= numbers["points"] < 210

@@ -44,12 +44,12 @@ class Equations:
         """All standard parameters, term by term."""
         return tuple(p for term in self.terms for p in term.parameters(self.robot))
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the standard parameters."""
         return tuple(p.name for p in self.parameters)
 
-    @property
+    @cached_property
     def units(self) -> tuple[str, ...]:
         """Units of the standard parameters."""
         return tuple(p.unit for p in self.parameters)
