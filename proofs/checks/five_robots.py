@@ -1,4 +1,4 @@
-"""The detective on the real logs of five robots: true quirks are named, good robot files pass."""
+"""Checks of real logs of five robots and one more: true quirks are named, good files pass."""
 
 import re
 from collections import Counter
@@ -196,6 +196,22 @@ def _sideways() -> Claim:
     )
 
 
+def _reversed() -> Claim:
+    """A short window of a Med 7, whose torques count the other way than its URDF's joints."""
+    folder = data_folder() / "med7"
+    file = log_files([f"{folder / 'med7_measurements.parquet'}@0:10.5"])
+    case = case_of(subject_of(str(folder / "med7dock.urdf"), file[0]), file, None, silent)[0]
+    found = finding(examine(case, quick=True), "effort sign")
+    gains = [] if found.fix is None else [edit.value for edit in found.fix.edits]
+    both = "all efforts have the opposite sign, or all positions have the opposite sign"
+    return Claim(
+        "10 s of a Med 7, against its URDF",
+        f"{found.severity.word}: {found.says}",
+        "efforts or positions reversed, gain = -1 for all joints",
+        both in found.says and gains == [[-1.0] * 7],
+    )
+
+
 def main() -> list[Claim]:
     """Good robot files, true quirks, false alarms."""
     return [
@@ -206,6 +222,7 @@ def main() -> list[Claim]:
         _lag("tiago", 135.0, 195.0, "0.14 to 0.19 s, two digits"),
         *_motors(),
         _sideways(),
+        _reversed(),
         _head(),
         *_scan(),
     ]

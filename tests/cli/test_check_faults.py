@@ -127,19 +127,3 @@ def test_the_document_lists_every_suspicion() -> None:
     document = Path(__file__).parents[2] / "docs" / "check.md"
     listed = re.findall(r"^\| (\w[\w ]*?)(?: ²)? \|", document.read_text("utf-8"), re.M)
     assert [s.name for s in CHECKS] == [name for name in listed if name not in ("check", "option")]
-
-
-def test_all_efforts_of_a_short_window_are_turned_though_positions_would_do(
-    tmp_path: Path, command: Command
-) -> None:
-    data = os.environ.get("STEELYARD_DATA")
-    if not data:
-        pytest.skip("STEELYARD_DATA names no folder with the robots' data")
-    folder, robot = Path(data) / "med7", tmp_path / "med7.toml"
-    log = f"{folder / 'med7_measurements.parquet'}@0:10.5"
-    made = command("init", folder / "med7dock.urdf", log.split("@")[0], "-o", robot)
-    assert made.exit_code == 0, made.output
-    printed = json.loads(command("check", robot, log, "--quick", "--json").stdout)
-    says = " ".join(finding["says"] for finding in printed["findings"])
-    assert "all efforts have the opposite sign, or all positions have the opposite sign" in says
-    assert {"path": ["signals", "effort", "gain"], "value": [-1.0] * 7} in printed["edits"]

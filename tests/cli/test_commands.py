@@ -326,7 +326,7 @@ def test_simulate_draws_by_its_seed(command: Command, tmp_path: Path) -> None:
 
 def test_demo(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = demonstration._ROBOT_FILE
-    for usual, quick in (("period = 20.0", "period = 10.0"), ("harmonics = 16", "harmonics = 6")):
+    for usual, quick in (("period = 20.0", "period = 6.0"), ("harmonics = 16", "harmonics = 4")):
         assert usual in text
         text = text.replace(usual, quick)
     monkeypatch.setattr(demonstration, "_ROBOT_FILE", text)

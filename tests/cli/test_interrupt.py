@@ -21,7 +21,7 @@ from steelyard.cli.main import main
 DRIVER = Path(__file__).parent / "interrupted_at.py"
 SMALL, FIRST, SECOND = "../given/arm.toml", "../given/first.csv", "../given/second.csv"
 CHECK = ("check", "../given/arm_ms.toml", FIRST, "--quick", "--fix", "fixed.toml")
-IDENTIFY = ("identify", SMALL, FIRST, "--validate", SECOND)
+IDENTIFY = ("identify", SMALL, FIRST, "--validate", SECOND, "--no-check")
 SIMULATE = ("simulate", SMALL, "--period", "1")
 
 
@@ -32,8 +32,8 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "arm.urdf").write_text(ARM)
     (folder / "arm.toml").write_text('[robot]\nurdf = "arm.urdf"\n')
     robot = folder / "arm.toml"
-    steelyard.simulate(robot, folder / "first", period=5.0, seed=0)
-    steelyard.simulate(robot, folder / "drawn", period=5.0, seed=1)
+    steelyard.simulate(robot, folder / "first", period=3.0, seed=0)
+    steelyard.simulate(robot, folder / "drawn", period=3.0, seed=1)
     steelyard.simulate(robot, folder / "second", folder / "drawn/trajectory.json", seed=0)
     for name in ("first", "second"):
         (folder / name / "log.csv").rename(folder / f"{name}.csv")
