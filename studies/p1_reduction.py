@@ -424,7 +424,8 @@ def story(loop: tuple[float, float], removed: int) -> Text:
         loop: `difference` of the loop's reduced model to the full one.
         removed: Parameters that the loop removed.
     """
-    verdict = "is not confirmed" if loop[0] > loop[1] else "is confirmed"
+    gap, error = loop
+    verdict = "is open" if abs(gap) <= error else f"is {'not ' if gap > 0.0 else ''}confirmed"
     return Text(
         "",
         (

@@ -72,7 +72,7 @@ FILES = {
     "TIAGo": "examples/tiago.toml",
     "TX40": "examples/tx40.toml",
     "leg (p1)": "studies/robots/p1_leg.toml",
-    "welder (p2)": "proofs/problems/welder_full.toml",
+    "welder (p2)": "studies/robots/p2_arm.toml",
     "7R arm (p4)": "studies/robots/p4_arm.toml",
 }
 

@@ -14,9 +14,12 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+import tomlkit
 from proofs.reduction.process import SQUARE, planned_motion, true_values
 from proofs.support.claims import Claim, main_of
-from proofs.support.designs import PROBLEMS
+from studies.support.corners import overshoot
+from studies.support.robots import ROBOTS
+from studies.support.robots import robot_file as changed_robot
 
 from steelyard.arrays import Array
 from steelyard.control.cascade import Cascade
@@ -50,10 +53,10 @@ DECADE = (0.003, 0.03)
 STILL = 1e-6
 """Error of a joint that the process does not move [rad]."""
 
-AFTER = 0.3
-"""Time behind a corner within which the tool may overshoot [s]."""
-
 FILE = """
+[model]
+terms = ["rigid_body", "rotor_inertia", "viscous", "coulomb"]
+
 [signals]
 time = "time_s"
 position = "q{}_rad"
@@ -66,21 +69,13 @@ unit = "Nm"
 """
 
 
-ROTORS = (15.0, 15.0, 12.2, 0.5, 0.3, 0.135)
-"""Rotor inertias behind the gears [kg m²]; the paper's of joints 3 and 6, others in between."""
-
-COULOMB = (82.4, 124.6, 47.0, 4.36, 1.15, 0.664)
-VISCOUS = (73.0, 90.8, 45.3, 2.01, 1.07, 1.75)
-"""The paper's table IV [Nm], [Nm s/rad]."""
+LAWS = ("rotor_inertia", "coulomb", "viscous")
+"""Rotors behind the gears, and friction of the paper's table IV."""
 
 
 def robot_file(folder: Path) -> Path:
     """The arm with rotors and signals."""
-    text = (PROBLEMS / "welder_full.toml").read_text(encoding="utf-8")
-    text = text.replace('terms = ["rigid_body",', 'terms = ["rigid_body", "rotor_inertia",')
-    file = folder / "welder.toml"
-    file.write_text(text + FILE, encoding="utf-8")
-    return file
+    return changed_robot("p2_arm", folder / "arm.toml", FILE)
 
 
 def arm() -> Truth:
@@ -88,8 +83,10 @@ def arm() -> Truth:
     with tempfile.TemporaryDirectory() as folder:
         model = model_of(robot_file(Path(folder)))
     values = true_values(model.robot)
-    for law, sizes in (("rotor_inertia", ROTORS), ("coulomb", COULOMB), ("viscous", VISCOUS)):
-        values |= {f"{law}.{n}": x for n, x in zip(model.robot.joint_names, sizes, strict=True)}
+    sizes = tomlkit.parse((ROBOTS / "p2_truth.toml").read_text(encoding="utf-8")).unwrap()
+    joints = model.robot.joint_names
+    for law in LAWS:
+        values |= {f"{law}.{n}": x for n, x in zip(joints, sizes[law], strict=True)}
     known = Parameters(model.names, model.units, [values[name] for name in model.names])
     return Truth(model, known, np.full(model.robot.n_joints, 0.005))
 
@@ -126,28 +123,6 @@ def compared(truth: Truth, table: str) -> Tracking:
     }
     frame = frame_of(robot, last_frame(robot))
     return tracking(robot, truth.drifted(DRIFT), process(table, 2), controllers, frame, drives)
-
-
-def overshoot(found: Tracking, one: TrackedRun) -> float:
-    """Mean distance that the tool goes beyond a corner, along the edge that it came [m]."""
-    corners = visited(found)
-    beyond = []
-    for before, here in zip(corners[:-1], corners[1:], strict=True):
-        edge = found.desired[here] - found.desired[before]
-        edge = edge / np.linalg.norm(edge)
-        rows = (found.t >= found.t[here] - AFTER) & (found.t <= found.t[here] + AFTER)
-        beyond.append(((one.tool[rows] - found.desired[here]) @ edge).max())
-    return float(np.mean(beyond))
-
-
-def visited(found: Tracking) -> list[int]:
-    """Samples at which the tool should be at a corner: where it turns."""
-    steps = np.diff(found.desired, axis=0)
-    lengths = np.linalg.norm(steps, axis=1)
-    moving = np.flatnonzero(lengths > 1e-6)
-    ways = steps[moving] / lengths[moving, None]
-    turns = np.flatnonzero(np.sum(ways[1:] * ways[:-1], axis=1) < 0.7)
-    return [0, *(moving[turns] + 1).tolist()]
 
 
 def degrees(values: Array) -> str:
@@ -196,7 +171,7 @@ def main() -> list[Claim]:
     bare, full, small = square.runs
     for one in square.runs:
         print(words("square", one))
-    sizes = [overshoot(square, one) for one in square.runs]
+    sizes = [overshoot(square.t, square.desired, one.tool) for one in square.runs]
     claims += [
         Claim(
             "overshoot at the corners of the square [mm], without and with (paper: about halved)",

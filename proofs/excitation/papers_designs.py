@@ -24,7 +24,7 @@ from steelyard.robot_file.file import load_robot
 
 SEEDS = range(5)
 ARM = ROBOTS / "p4_arm.toml"
-FULL, RESTRAINED = PROBLEMS / "welder_full.toml", PROBLEMS / "welder_restrained.toml"
+FULL, RESTRAINED = ROBOTS / "p2_arm.toml", PROBLEMS / "welder_restrained.toml"
 
 
 def conditions(problem: Path, motion: dict, samples: int, rigid: int) -> tuple[float, float]:

@@ -1,6 +1,6 @@
 """Algorithm 1 of [Volkmann] on an arm of six joints in two processes.
 
-The paper prints neither the arm nor its masses: the arm is `problems/welder_full.toml`, fixed
+The paper prints neither the arm nor its masses: the arm is `studies/robots/p2_arm.toml`, fixed
 beforehand, with links that are symmetric about a plane, as the paper assumes of its own, and
 10.621 kg at the flange. Pick and place between two areas, and the edges of a horizontal square, 50
 repetitions averaged; the efforts have friction and slow errors of control that the
@@ -15,9 +15,10 @@ from pathlib import Path
 
 import numpy as np
 from proofs.support.claims import Claim, main_of
-from proofs.support.designs import PROBLEMS
 
 sys.path.append(str(Path(__file__).parents[2] / "tests"))
+from studies.support.robots import ROBOTS
+
 from drawn import samples_of
 from steelyard.arrays import Array
 from steelyard.estimation.least_squares.normal_equations import condition_of
@@ -35,6 +36,7 @@ from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Robot
 from steelyard.robot_file.file import load_robot
 
+ARM = ROBOTS / "p2_arm.toml"
 PICK = """kind = "pick_and_place"
 pick = { x = [0.9, 1.3], y = [-0.7, -0.3], z = [0.3, 0.6] }
 place = { x = [0.9, 1.3], y = [0.3, 0.7], z = [0.3, 0.6] }
@@ -86,7 +88,7 @@ def true_values(robot: Robot) -> dict[str, float]:
 @cache
 def columns() -> tuple[Regressor, Array, tuple[str, ...]]:
     """Columns of the arm, true base values, and names of those that symmetry leaves."""
-    regressor = base_regressor(model_of(PROBLEMS / "welder_full.toml"))
+    regressor = base_regressor(model_of(ARM))
     standard = true_values(regressor.model.robot)
     values = regressor.base.base_values([standard[name] for name in regressor.base.names])
     names = regressor.layout.columns
@@ -101,7 +103,7 @@ def planned_motion(motion: str, seed: int) -> ExactTrajectory:
         motion: Table of the motion.
         seed: Same seed, same points.
     """
-    text = (PROBLEMS / "welder_full.toml").read_text(encoding="utf-8")
+    text = ARM.read_text(encoding="utf-8")
     head, _, tail = text.partition("[excitation.motion]\n")
     rest = tail[tail.index("\n[") + 1 :]
     with tempfile.TemporaryDirectory() as folder:

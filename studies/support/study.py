@@ -107,9 +107,9 @@ def _reproduced(
     quick = " (quick form)" if options.quick else ""
     words = f"{seeds} seeds{quick} took {seconds:.0f} s on {options.processes} processes."
     script = f"studies/{Path(sys.argv[0]).name}"
-    lines = (
-        f"pip install .\npython {script} -o {study.name}\nxdg-open {study.name}/{study.name}.html"
-    )
+    chosen = f" --seeds {seeds}" if seeds != (QUICK if options.quick else SEEDS) else ""
+    command = f"python {script} -o {study.name}{' --quick' if options.quick else ''}{chosen}"
+    lines = f"pip install .\n{command}\nxdg-open {study.name}/{study.name}.html"
     return Text("Run time, and how to run it again", (words,)), Code(lines)
 
 
