@@ -55,7 +55,7 @@ def test_columns_are_named(log: Log) -> None:
 
 
 @settings(
-    suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=25
+    suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=10
 )
 @given(
     size=st.integers(1, 70),

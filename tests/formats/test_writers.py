@@ -31,7 +31,7 @@ def written(path: Path, table: np.ndarray, columns: Sequence[str], size: int = 5
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @settings(
-    suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=12
+    suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=6
 )
 @given(
     table=arrays(

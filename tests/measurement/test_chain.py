@@ -55,7 +55,7 @@ def spoilt(sines, seconds: float = 60.0) -> tuple[np.ndarray, dict[str, np.ndarr
 @pytest.mark.parametrize("name", CHAINS)
 @pytest.mark.parametrize("velocities", [False, True])
 def test_any_split_gives_the_same(recording, sines, monkeypatch, name: str, velocities) -> None:
-    t, motion = spoilt(sines)
+    t, motion = spoilt(sines, 25.0)
     dq = motion["dq"] if velocities else None
     made = recording(t, motion["q"], motion["effort"], dq)
     late = replace(made.signals, effort_delay=0.0123, velocity_delay=0.004 if velocities else 0.0)

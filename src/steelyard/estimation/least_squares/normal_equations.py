@@ -5,6 +5,7 @@ Shared by all estimators that come down to weighted sums of products.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -30,7 +31,7 @@ class Solution:
         locals: Per run the values of its own columns, their inverse normal matrix and the map
             from shared columns to them; see `Runs`.
         blind: What is not seen.
-        singular: Eigenvalues of the normal matrix, as it is and with columns of unit length.
+        normal: Normal matrix of `kept`.
     """
 
     values: Array
@@ -38,8 +39,18 @@ class Solution:
     inverse: Array
     locals: tuple[Eliminated, ...]
     blind: tuple[Unidentifiable, ...]
-    singular: Array
-    singular_normalised: Array
+    normal: Array
+
+    @cached_property
+    def singular(self) -> Array:
+        """Eigenvalues of the normal matrix, ascending."""
+        return frozen(np.linalg.eigvalsh(self.normal))
+
+    @cached_property
+    def singular_normalised(self) -> Array:
+        """Eigenvalues of the normal matrix with columns of unit length, ascending."""
+        scale = np.sqrt(np.diag(self.normal))
+        return frozen(np.linalg.eigvalsh(self.normal / scale[:, None] / scale))
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +97,9 @@ def solve(data: Runs, weights: Array, before: Solution | None = None) -> Solutio
             fix="log a motion in which the joints move",
         )
     refuse_few(information, len(kept), 1.0)
-    scale = np.sqrt(np.diag(matrix)[kept])
-    reduced = matrix[np.ix_(kept, kept)] / scale[:, None] / scale
+    normal = matrix[np.ix_(kept, kept)]
+    scale = np.sqrt(np.diag(normal))
+    reduced = normal / scale[:, None] / scale
     inverse = np.linalg.inv(reduced)
     values = np.zeros(len(vector))
     first = inverse @ (vector[kept] / scale)
@@ -99,8 +111,7 @@ def solve(data: Runs, weights: Array, before: Solution | None = None) -> Solutio
         inverse / scale[:, None] / scale,
         tuple(part.solved(values) for part in eliminated),
         blind,
-        frozen(np.linalg.eigvalsh(matrix[np.ix_(kept, kept)])),
-        frozen(np.linalg.eigvalsh(reduced)),
+        frozen(normal),
     )
 
 
