@@ -30,6 +30,17 @@ def robot(work: Path) -> Path:
 
 
 @pytest.fixture
+def brief(robot: Path) -> Path:
+    """The robot file with a short motion to be designed."""
+    text = robot.read_text()
+    for usual, short in (("period = 20.0", "period = 5.0"), ("harmonics = 16", "harmonics = 4")):
+        assert usual in text
+        text = text.replace(usual, short)
+    robot.write_text(text)
+    return robot
+
+
+@pytest.fixture
 def log(work: Path) -> Path:
     return work.parent / "given" / "identification.csv"
 
@@ -208,30 +219,30 @@ def test_the_terminal_counts_what_is_left(identified: Path, log: Path, command: 
 
 
 def test_the_next_motion_is_of_the_smaller_model(
-    identified: Path, robot: Path, log: Path, command: Command, work: Path
+    identified: Path, brief: Path, log: Path, command: Command, work: Path
 ) -> None:
-    options = ("--robot", robot, "--next", "motion", "--budget", 1, "--stop", "one_fewer")
+    options = ("--robot", brief, "--next", "motion", "--budget", 1, "--stop", "one_fewer")
     done = command("reduce", identified, log, *options, "-o", "small")
     assert done.exit_code == 0, done.output
     assert "motion/trajectory.json" in done.stdout
-    again = ("--robot", robot, "--next", "motion2", "--last", "motion/trajectory.json")
+    again = ("--robot", brief, "--next", "motion2", "--last", "motion/trajectory.json")
     done = command(
         "reduce", "small", log, *again, "--budget", 1, "--stop", "one_fewer", "-o", "smaller"
     )
     assert done.exit_code == 0, done.output
-    assert load_robot(robot).robot.n == load_model("smaller").model.robot.n
+    assert load_robot(brief).robot.n == load_model("smaller").model.robot.n
 
 
 def test_the_loop_goes_on_where_it_was_interrupted(
-    robot: Path, work: Path, monkeypatch: pytest.MonkeyPatch
+    brief: Path, work: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from steelyard.identification.reduction.reduction_loop import reduction_loop
 
-    arm = load_robot(robot).robot
+    arm = load_robot(brief).robot
     truth = random_truth(arm, 0)
     rig = VirtualRobot(arm, truth, customary_sensors(arm, truth))
     options = {"limit": 1.0, "budget": 1.0, "searches": 1, "processes": 1}
-    rounds = reduction_loop(robot, rig, work / "rounds", rounds=2, **options)
+    rounds = reduction_loop(brief, rig, work / "rounds", rounds=2, **options)
     assert [len(one.removed) for one in rounds] == [0, 1]
     assert rounds[1].condition <= rounds[0].condition
 
@@ -242,7 +253,7 @@ def test_the_loop_goes_on_where_it_was_interrupted(
         record = rig.record
 
     copytree(work / "rounds", work / "again")
-    again = reduction_loop(robot, Broken(), work / "again", rounds=2, **options)
+    again = reduction_loop(brief, Broken(), work / "again", rounds=2, **options)
     assert [one.condition for one in again] == [one.condition for one in rounds]
     assert again[1].removed == rounds[1].removed
 
