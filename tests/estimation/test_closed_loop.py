@@ -40,7 +40,7 @@ from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.terms.laws.rotor_inertia import RotorInertia
 from steelyard.terms.laws.viscous import Viscous
 
-RATE, LENGTH, CUTOFF = 1000.0, 5.0, 20.0
+RATE, LENGTH, CUTOFF = 1000.0, 3.5, 20.0
 TERMS = (RigidBody(), RotorInertia(), Coulomb(smoothing=0.05), Viscous())
 
 OFFERS = [offer for offer in ESTIMATORS if offer.needs == "experiment"]

@@ -204,15 +204,16 @@ class LawsInUse:
         shared = (self._channels, self._values, self._widths)
         addresses = [x for a in (*self._seen, self.applied) for x in (a.ctypes.data, 0)]
         rest = [x for a in shared for x in (a.ctypes.data, 0)]
-        self._calls = []
+        self.forces = np.zeros(len(self._loads))
+        forces = (self.forces.ctypes.data, len(self.forces), np.float64(np.inf).view(np.int64))
+        self._arguments = []
         for old, new in ((0, 1), (1, 0)):
             memory = self._rows[old][self._head :]
-            tail = (self._rows[new].ctypes.data, code.lanes)
-            self._calls.append(
-                (code.lanes, *addresses, memory.ctypes.data, code.lanes, *rest, *tail)
-            )
-        self._results = [row[: len(self._loads), 0] for row in self._rows[::-1]]
-        self._raw, self._turn = code.raw, 0
+            before, after = ((x.ctypes.data, code.lanes) for x in (memory, self._rows[new]))
+            called = (code.lanes, *addresses, *before, *rest, *after)
+            self._arguments.append(np.array([*called, memory.ctypes.data, 0, *forces]))
+        self._places = [arguments.ctypes.data for arguments in self._arguments]
+        self._sample, self._turn = code.sample, 0
         self._bodies = Model(laws.robot).bodies_only
         self.forget()
 
@@ -233,13 +234,12 @@ class LawsInUse:
             rows[self._head :] = memory[:, None]
 
     def step(self) -> Array:
-        """Forces on the joints `dofs` for one step; the memory goes on."""
+        """Forces on the joints `dofs` for one step, overwritten by the next; the memory goes on."""
         if self._memories:
             self._scan()
-        turn = self._turn
-        self._raw(*self._calls[turn])
-        self._turn = 1 - turn
-        return self._results[turn]
+        self._sample(self._places[self._turn])
+        self._turn = 1 - self._turn
+        return self.forces
 
     def brakes(self) -> Array:
         """Torque of motor-side terms at the last step, shape `(n,)`."""
