@@ -1,6 +1,6 @@
 """Simulated six-joint arms that are pushed while they move, and models that are slightly off.
 
-Geometry, masses and limits are those of `proofs/problems`, bodies and friction are invented near
+Geometry, masses and limits are those of `FILES`, bodies and friction are invented near
 them. The arm is simulated by MuJoCo under its joint controller, with sensors as good as usual.
 """
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from studies.support.robots import ROBOTS
 
 from steelyard.arrays import Array
 from steelyard.estimation.estimate import Estimate, StandardEstimate
@@ -36,7 +37,11 @@ from steelyard.virtual.simulate import customary_sensors
 from steelyard.virtual.truth import Truth
 from steelyard.virtual.wrench import AppliedWrench
 
-PROBLEMS = Path(__file__).parents[1] / "problems"
+FILES = {
+    "ur10": Path(__file__).parents[1] / "problems" / "ur10.toml",
+    "rx160": ROBOTS / "p3_rx160.toml",
+}
+"""Robot files."""
 
 MATCHED = 8.0
 """Cut-off of the fit that the models seem to come from [Hz]."""
@@ -80,7 +85,7 @@ class Arm:
 
 def arm_of(problem: str, seed: int) -> Arm:
     """The arm of a problem, such as `ur10`, with invented bodies and friction."""
-    loaded = load_robot(PROBLEMS / f"{problem}.toml")
+    loaded = load_robot(FILES[problem])
     truth = random_truth(loaded.robot, seed, terms=model_of(loaded).terms)
     n = loaded.robot.n
     q, dq, tau = ([f"{kind}_{j + 1}" for j in range(n)] for kind in ("q", "dq", "tau"))

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from proofs.support.claims import Claim, main_of
+from studies.support.robots import ROBOTS
 
 from steelyard import load_runs
 from steelyard.application.payload_events import PayloadEvents
@@ -30,7 +31,7 @@ from steelyard.virtual.payload import Payload
 from steelyard.virtual.robot import VirtualRobot
 from steelyard.virtual.simulate import customary_sensors
 
-ROBOT = Path(__file__).parents[1] / "problems" / "rx160.toml"
+ROBOT = ROBOTS / "p3_rx160.toml"
 MASS, PICK, RELEASE = 2.0, 13.0, 54.0
 LOAD = Inertia.about_com(MASS, (0.0, 0.01, 0.08), 0.0033 * np.eye(3))
 COMPONENTS = ("Fx [N]", "Fy [N]", "Fz [N]", "Mx [Nm]", "My [Nm]", "Mz [Nm]")
