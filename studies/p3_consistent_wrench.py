@@ -876,7 +876,7 @@ def wrench_picture(first: Found) -> Picture:
     panels = []
     for name, own in first.wrenches.items():
         for k in (0, 2):
-            size = 1.5 * np.abs(own.true[:, k]).max()
+            size = 1.5 * np.abs(own.true[:, :3]).max()
             drawn = ((own.true[:, k], "true", 4), (own.found[ESTIMATES[1]][:, k], "eq. 8", 1),
                      (own.found[ESTIMATES[2]][:, k], "ours", 0))  # fmt: skip
             curves = tuple(
@@ -886,7 +886,7 @@ def wrench_picture(first: Found) -> Picture:
             panels.append(Panel(f"{name}: {COMPONENTS[k]}", "time [s]", "N", curves))
     caption = (
         "Forces at the tool of the first seed, axes of the base (figs. 9 and 10): true, by eq. 8 "
-        "with our model, and ours. Values beyond 1.5 times the largest true one are cut off."
+        "with our model, and ours. Values beyond 1.5 times the largest true force are cut off."
     )
     return Picture("wrenches", caption, tuple(panels))
 
