@@ -90,6 +90,9 @@ effort_scales = "off"
 """
 """The torques are those of the drives; scales of them would be estimated with the load."""
 
+ENLARGED = 50.0
+"""Factor on the deviations of the tool in the picture of a corner."""
+
 METHODS = ("full", "reduced", "A", "ours")
 """Models of a process: weighted least squares of all parameters, algorithm 1, model A, and the
 consistent estimate from the same log as the first two."""
@@ -487,10 +490,14 @@ def errors(
 
 
 def around_corner(t: Array, desired: Array, tools: Sequence[Array]) -> tuple[Array, ...]:
-    """Path of the square; around its second corner the desired path and `tools`, `(N, 2)`."""
+    """Path of the square; around its second corner the desired path and `tools`, `(N, 2)` each.
+
+    Deviations of the tools are `ENLARGED` times as large as they are.
+    """
     here = corners(desired)[1]
     rows = (t >= t[here] - 0.25) & (t <= t[here] + 0.35)
-    return (desired[::20, :2], *(path[rows, :2] for path in (desired, *tools)))
+    seen = (desired, *(desired + ENLARGED * (tool - desired) for tool in tools))
+    return (desired[::20, :2], *(path[rows, :2] for path in seen))
 
 
 SIGMA_A = (
@@ -881,9 +888,11 @@ def corner_picture(first: Found) -> Picture:
         for name, path, colour in zip(names, first.paths[1:], (4, 1, 0), strict=True)
     )
     panel = Panel("A corner of the square", "y [mm]", "x [mm]", curves, square=True)
-    return Picture(
-        "corner", "The tool around a corner of the square, first seed (fig. 4).", (panel,)
+    caption = (
+        "The tool around a corner of the square, first seed (fig. 4); its deviations are "
+        f"{ENLARGED:.0f} times as large as they are."
     )
+    return Picture("corner", caption, (panel,), columns=1)
 
 
 STUDY = Study("p2", one, page)
