@@ -192,7 +192,7 @@ def motors(_: Path) -> User:
         edits=(
             Edit("init: remove the #", r"(?m)^# \[robot.transmission\]", "[robot.transmission]"),
             Edit("data sheet", "(?m)^# ratios = .*", f"ratios = {ratios}"),
-            Edit("data sheet", "(?m)^# coupling = (.*)", r"coupling = \1"),
+            Edit("data sheet", r"(?m)^# coupling = (.*)\?\}\]", r"coupling = \g<1>32.0}]"),
             Edit("init: coupling", r"(?m)^  # (\{law = .*motors = .*)", r"  \1"),
             Edit("data sheet", "(?m)^# position_offset = .*", f"position_offset = {zeros}"),
         ),

@@ -132,7 +132,7 @@ class IdentifiedModel(Dynamics):
 
     def __str__(self) -> str:
         estimate, robot = self.estimate, self.model.robot
-        known = f"{len(estimate.parameters)} of {len(self.base)} base parameters identified"
+        known = f"{len(estimate.parameters)} of {len(self.base)} base parameters estimated"
         noise = zip(estimate.sigma, robot.effort_units, strict=True)
         return "\n".join(
             [
