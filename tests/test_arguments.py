@@ -13,6 +13,7 @@ import steelyard
 from steelyard.errors import SteelyardError
 from steelyard.identification.checks.fix import Fixed
 from steelyard.progress import Stopped, report_progress
+from steelyard.report.terminal.terminal import CSV_COLUMNS
 from test_interface import folder as folder
 
 NAN = float("nan")
@@ -256,7 +257,8 @@ def test_parameters_of_a_saved_model_have_intervals(folder: Path) -> None:
     model = steelyard.load_model(folder / "arm-model")
     table = steelyard.parameter_table(model)
     assert table["name"].to_list() == list(model.base.base_names)
+    assert tuple(table.columns) == CSV_COLUMNS
     seen = table.filter(table["value"].is_not_null())
-    assert (seen["upper"] - seen["lower"]).to_numpy() == pytest.approx(
+    assert (seen["upper95"] - seen["lower95"]).to_numpy() == pytest.approx(
         2.0 * 1.96 * seen["std"].to_numpy(), rel=1e-3
     )

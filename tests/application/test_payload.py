@@ -214,7 +214,7 @@ def test_remarks_tell_a_seen_inertia_from_a_poor_one() -> None:
         == "the inertia is identified: no interval of a moment of inertia contains zero"
     )
     poor = identify_payload(model_of(run(1, noise=2.0)), [run(2, LOAD, noise=2.0)], "tool")
-    assert poor.remarks[0].startswith("the inertia is poorly identifiable: the interval of ")
+    assert poor.remarks[0].startswith("the inertia is poorly identified: the interval of ")
 
 
 def test_a_body_that_cannot_be_is_reported() -> None:

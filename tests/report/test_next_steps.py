@@ -3,10 +3,12 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from steelyard.diagnosis import Diagnosis, Finding, Fix, Severity
 from steelyard.diagnosis.fitted.rotors_at_zero import RotorsAtZero
+from steelyard.parameters import Parameters
 from steelyard.report import ReportContent
 from steelyard.report.text.next_steps import fixing, next_steps, robot_file, step_lines
 
@@ -65,6 +67,19 @@ def test_where_much_is_unknown_another_motion_is_proposed(usual):
     )
     content = replace(usual, identified=replace(usual.identified, estimate=loose))
     assert commands(content)[0] == "steelyard excite arm.toml --earlier out --still-unknown"
+
+
+def test_parameters_near_zero_need_no_other_motion(usual):
+    estimate = usual.identified.estimate
+    names, units = estimate.parameters.names, estimate.parameters.units
+    size = len(names) // 2
+    values, std = np.array(estimate.parameters.values), np.array(estimate.std)
+    values[:size], std[:size] = 0.0, 1e-5
+    zeros = replace(
+        estimate, parameters=Parameters(names, units, values), covariance=np.diag(std**2)
+    )
+    content = replace(usual, identified=replace(usual.identified, estimate=zeros))
+    assert commands(content) == ["steelyard export out --to urdf"]
 
 
 def test_a_poor_error_without_a_reason_is_to_be_checked(usual):

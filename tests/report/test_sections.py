@@ -47,11 +47,11 @@ def test_every_field_of_the_json_output_has_one_section(usual: ReportContent) ->
 def test_the_page_has_the_level_and_what_parameters_are_good_for(usual: ReportContent) -> None:
     words = shown("verdict", replace(usual, scores=usual.scores[:1]))
     assert '<p class="headline">GOOD: Predicts unseen motion' in words
-    assert "13 base parameters: 9 well identified" in words
-    assert "as single values use the well identified ones." in words
-    assert "well identified" not in shown("verdict", replace(usual, only_errors=True)).replace(
-        "base parameters, 9 of them well identified", ""
-    )
+    assert "13 base parameters: 9 identified, 1 near zero" in words
+    assert "<dt>base parameters, 10 of them identified or near zero</dt>" in words
+    assert "as single values use those identified or near zero." in words
+    alone = shown("verdict", replace(usual, only_errors=True))
+    assert "as single values" not in alone and "9 identified" not in alone
 
 
 def test_errors_of_fitted_runs_are_shares_of_the_effort_used(usual: ReportContent) -> None:
@@ -160,15 +160,15 @@ def test_levels():
 
 def test_poor_parameters_are_marked(usual):
     table = rows(usual.identified)
-    assert [row.grade for row in table[:4]] == ["sure", "zero", "weak", "sure"]
-    assert table[-1].grade == "unseen" and table[-1].value is None
+    words = ["identified", "poorly identified", "near zero", "identified"]
+    assert [row.status for row in table[:4]] == words
+    assert table[-1].status == "not identifiable" and table[-1].value is None
     assert len(table) == len(usual.identified.base)
     html = shown("parameters", usual)
-    assert (
-        html.count("not significantly different from zero</span>") == 1
-        and html.count("weak</span>") == 1
-    )
-    assert "2 parameters of 12 are poorly identifiable" in html
+    assert html.count('<span class="hint fair alone">poorly identified</span>') == 1
+    assert html.count('<td class="text status">near zero</td>') == 1
+    assert html.count('class="bar"') == 2 * 12 - 1  # none of the one near zero
+    assert "12 in the table: 9 identified, 1 near zero, 1 poorly identified, 1 from the" in html
     assert "mx.link of shoulder + 0.4 m.link of elbow" in html
     assert table[-1].name not in html
 
@@ -176,8 +176,8 @@ def test_poor_parameters_are_marked(usual):
 def test_intervals_and_nominal_values(usual):
     estimate = usual.identified.estimate
     first = rows(usual.identified)[0]
-    assert first.upper - first.lower == pytest.approx(2 * 1.959964 * estimate.std[0])
-    assert first.relative_percent == pytest.approx(3.0)
+    assert first.upper95 - first.lower95 == pytest.approx(2 * 1.959964 * estimate.std[0])
+    assert first.relative_std_percent == pytest.approx(3.0)
     assert first.nominal == pytest.approx(2.0 * 0.2 + 0.4 * 2.0)
     friction = next(r for r in rows(usual.identified) if r.name == "viscous.elbow")
     assert friction.nominal is None
@@ -240,7 +240,7 @@ def test_estimates_are_compared_in_the_std_of_both(usual):
 def test_groupings_stand_in_rows_of_their_own(usual):
     html = shown("parameters", usual)
     assert '<input type="checkbox" id="parameter-groups"' in html
-    groups = [row for row in rows(usual.identified) if row.grade != "unseen"]
+    groups = [row for row in rows(usual.identified) if row.status != "not identifiable"]
     folded = [row for row in groups if row.group != row.name]
     assert html.count('<tr class="group follows">') == len(folded) > 0
     assert "mx.<wbr>link of shoulder" in html and "+&nbsp;1</small>" in html

@@ -43,7 +43,7 @@ def test_the_summary_says_what_matters(usual):
     assert row(text, "joint") == ["joint", "error", "of used", "of rated", "used", "rated"]
     assert row(text, "elbow") == ["elbow", "1.50 Nm", "5.0\u00a0%", "3.0\u00a0%", "30.0", "50.0"]
     assert row(text, "pooled") == ["pooled", "1.27 Nm", "5.0\u00a0%", "2.5\u00a0%"]
-    assert "13 base parameters: 9 well identified, 2 poorly identifiable, 1 mostly from" in text
+    assert "13 base parameters: 9 identified, 1 near zero, 1 poorly identified, 1 from the" in text
     assert "note: velocity: from positions" in text
     for detail in ("condition number", "offset.elbow", "below 8 Hz", "95 % bands", "Hampel"):
         assert detail not in text
@@ -109,8 +109,9 @@ def test_the_details_are_printed_on_request(usual):
         "A",
     ]
     assert "13 base parameters, normalised condition number 41.5" in text
-    assert "2 poorly identifiable: mz.link of shoulder, Iyy.link of shoulder" in text
-    assert "1 not identifiable from these data: offset.elbow" in text
+    assert "1 near zero: Iyy.link of shoulder" in text
+    assert "1 poorly identified: mz.link of shoulder" in text
+    assert "1 not identifiable: offset.elbow" in text
     assert "note: Hampel threshold 15" in text
 
 
@@ -176,7 +177,7 @@ def test_the_csv_holds_every_base_parameter_exactly(usual):
     assert table[0]["group"] == "mx.link of shoulder + 0.4 m.link of elbow"
     assert table[0]["unit"] == "kg m" and table[0]["status"] == "identified"
     last = table[-1]
-    assert last["status"] == "not identifiable (tied to mx.link of shoulder)"
+    assert (last["status"], last["remark"]) == ("not identifiable", "tied to mx.link of shoulder")
     assert [last[c] for c in ("value", "std", "lower95", "upper95", "relative_std_percent")] == (
         [""] * 5
     )

@@ -90,15 +90,13 @@ def test_an_outline_is_closed_between_jumps_of_time():
 
 
 def test_the_table_shows_the_share_from_data(usual):
-    table = [row for row in rows(usual.identified) if row.grade != "unseen"]
-    assert [row.learned_percent for row in table[:2]] == [93.0, 93.0]
-    assert table[-1].learned_percent == 12.5
-    assert table[-1].grade == "prior" and table[-1].status == "from the prior"
+    table = [row for row in rows(usual.identified) if row.status != "not identifiable"]
+    assert [row.from_data_percent for row in table[:2]] == [93.0, 93.0]
+    assert table[-1].from_data_percent == 12.5 and table[-1].status == "from the prior"
     section = ParametersSection()
     text = section.show(section.numbers(usual))
-    assert "From data" in text and "12.5\u00a0%" in text and '<tr class="prior">' in text
-    assert "1 parameter is mostly from the prior" in text
-    assert "1 mostly from the prior: offset.shoulder" in printed(usual)
+    assert "From data" in text and "12.5\u00a0%" in text and "1 from the prior." in text
+    assert "1 from the prior: offset.shoulder" in printed(usual)
     told = list(csv.DictReader(io.StringIO(parameters_csv(usual.identified))))
     assert told[-2]["from_data_percent"] == "12.5" and told[-2]["status"] == "from the prior"
 
@@ -107,7 +105,7 @@ def test_without_a_prior_there_is_no_share(usual):
     content = with_estimate(usual, learned=None, standard=None)
     section = ParametersSection()
     assert "From data" not in section.show(section.numbers(content))
-    assert all(row.learned_percent is None for row in rows(content.identified))
+    assert all(row.from_data_percent is None for row in rows(content.identified))
     assert "prior" not in printed(content)
     assert BodiesSection().numbers(content) is None
 
@@ -181,19 +179,17 @@ def test_what_a_bound_holds_has_no_interval(usual):
     parameters = replace_values(usual.identified.estimate.parameters, values)
     content = with_estimate(usual, parameters=parameters, at_bound=(held, names[0]))
     row = next(row for row in rows(content.identified) if row.name == held)
-    assert (row.grade, row.status, row.value) == ("bound", "at its bound", 0.0)
-    numbers = (row.std, row.lower, row.upper, row.relative_percent, row.learned_percent)
-    assert numbers == (None,) * 5
+    assert (row.status, row.value) == ("at a bound", 0.0)
+    empty = ("std", "lower95", "upper95", "relative_std_percent", "from_data_percent")
+    assert [getattr(row, name) for name in empty] == [None] * 5
     assert rows(content.identified)[0].value == values[0]
     section = ParametersSection()
     html = section.show(section.numbers(content))
-    assert "2 parameters are at a bound" in html
-    assert html.count("at its bound</span>") == 2 and html.count('<tr class="bound') == 2
+    assert ", 2 at a bound, " in html and html.count("at a bound</span>") == 2
     assert f"2 at a bound: {names[0]}, {held}" in printed(content)
     told = list(csv.DictReader(io.StringIO(parameters_csv(content.identified))))
     line = next(one for one in told if one["name"] == held)
-    assert line["status"] == "at its bound" and line["value"] == "0.0"
-    empty = ("std", "lower95", "upper95", "relative_std_percent", "from_data_percent")
+    assert line["status"] == "at a bound" and line["value"] == "0.0"
     assert all(line[column] == "" for column in empty)
     assert "at a bound" not in printed(usual)
 
@@ -207,7 +203,7 @@ def test_a_bound_of_the_user_keeps_its_value(usual):
     parameters = replace_values(usual.identified.estimate.parameters, far)
     content = with_estimate(usual, parameters=parameters, at_bound=(held,))
     row = next(row for row in rows(content.identified) if row.name == held)
-    assert row.value == 4.0 and row.grade == "bound"
+    assert row.value == 4.0 and row.status == "at a bound"
 
 
 def test_a_band_that_holds_too_few_is_marked(browse, usual):

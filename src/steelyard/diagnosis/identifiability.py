@@ -56,12 +56,13 @@ class Identifiability:
 def _finding(name: str, estimate: Estimate) -> Finding:
     seen, blind = len(estimate.parameters.names), estimate.blind
     whole = seen + len(blind)
-    says = f"the logs identify {seen} of {whole} base parameters"
+    says = f"the motion makes {seen} of {whole} base parameters identifiable"
     if blind:
         listed = ", ".join(b.name for b in blind[:SHOWN])
         says += f"; not {listed}" + (" and more" if len(blind) > SHOWN else "")
     figure = f"{seen} of {whole}, condition number {estimate.condition_normalised:.3g} (normalised)"
     if not blind:
+        says += "; how accurately they are identified depends on the noise"
         return Finding(name, "", Severity.OK, says, figure)
     return Finding(name, "", Severity.DOUBTFUL, says, figure, fix=Fix(_advice(blind)))
 

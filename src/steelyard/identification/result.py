@@ -122,9 +122,10 @@ def _as_logged(joint: "JointError") -> dict[str, Any]:
 def parameter_table(model: str | Path | IdentifiedModel) -> "DataFrame":
     """The base parameters of a model as a data frame, one a row.
 
-    Columns: `name`, `group` (the base parameter in full), `unit`, `value`, `std`, `lower` and
-    `upper` (95 % interval), `relative_percent` (of `std`), `nominal` (of the model file), `grade`,
-    `status` (the grade in words), `learned_percent` (share from the data, with a prior).
+    Its columns are those of `parameters.csv`: `name`, `group` (the base parameter in full),
+    `value`, `unit`, `std`, `lower95` and `upper95` (95 % interval), `relative_std_percent`,
+    `status` (how well it is identified), `remark`, `symbol`, `from_data_percent` (share from the
+    data, with a prior), `nominal` (of the model file).
 
     Args:
         model: The model, its `model.json`, or the folder that holds it.

@@ -193,19 +193,27 @@ def _clear(model: Model, regressor: Array) -> list[int]:
     return columns
 
 
-def full_regressor(model: Model, seed: int = 0) -> Array:
+def full_regressor(
+    model: Model, seed: int = 0, n_samples: int | None = None, slow: float = 0.3
+) -> Array:
     """Regressor of all standard parameters on random states, shape `(n * N, p)`.
 
-    Loops are closed in all of them.
+    Speeds and accelerations are normally distributed with a standard deviation of 1 rad/s and
+    1 rad/s² (m/s, m/s²). Loops are closed in all states.
+
+    Args:
+        model: The model.
+        seed: Same seed, same states.
+        n_samples: Number of states; `None` for as many as determine all columns.
+        slow: Share of the speeds that are much smaller: laws that fade with speed show only there.
     """
     n, p = model.robot.n, len(model.parameters)
     program, places = model.columns_program
-    n_samples = 3 * p // n + 10
+    n_samples = 3 * p // n + 10 if n_samples is None else n_samples
     rng = np.random.default_rng(seed)
     q, passive = random_positions(model.robot, n_samples, rng)
     dq, ddq = rng.normal(size=(2, n, n_samples))
-    # some samples are slow: laws that fade with speed show only there
-    dq *= 10.0 ** (rng.uniform(-4.0, 0.0, dq.shape) * (rng.uniform(size=dq.shape) < 0.3))
+    dq *= 10.0 ** (rng.uniform(-4.0, 0.0, dq.shape) * (rng.uniform(size=dq.shape) < slow))
     channels = rng.uniform(-1.0, 1.0, (model.n_channels, n_samples))
     channels[: len(passive)] = passive
     values = run(program, [q, dq, ddq, channels])

@@ -28,7 +28,7 @@ from steelyard.diagnosis.decision.verdict import (
     last_of,
 )
 from steelyard.diagnosis.hypotheses.alternatives import FACTORS
-from steelyard.diagnosis.hypotheses.by_effort import poorly_identifiable
+from steelyard.diagnosis.hypotheses.by_effort import poorly_identified
 from steelyard.diagnosis.hypotheses.by_position import Draft, judged
 from steelyard.diagnosis.hypotheses.by_surroundings import NEAR, SHARP, payload_fit
 from steelyard.diagnosis.likelihood.interpretation import Interpretation
@@ -150,7 +150,7 @@ def _moving(likelihood: Likelihood, interpretation: Interpretation) -> NDArray[n
 
 
 def _gains(likelihood: Likelihood, interpretation: Interpretation, misfit: str) -> str:
-    weak = poorly_identifiable(likelihood, interpretation)
+    weak = poorly_identified(likelihood, interpretation)
     if not weak:
         return ""
     listed = ", ".join(f"'{name}'" for name in weak)

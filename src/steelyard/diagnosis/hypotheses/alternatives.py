@@ -1,4 +1,4 @@
-"""What to do where a number is poorly identifiable from a log: where to take it from, in order."""
+"""What to do where a number is poorly identified from a log: where to take it from, in order."""
 
 import numpy as np
 
@@ -66,7 +66,7 @@ def _of_controller(case: Case, gains: ControllerGains) -> Fix:
     unknown = [f"'{n}'" for n, known in zip(case.joints, gains.known, strict=True) if not known]
     if unknown:
         says += (
-            f"; those of {', '.join(unknown)} are poorly identifiable from it: take them from the "
+            f"; those of {', '.join(unknown)} are poorly identified from it: take them from the "
             'data sheet, or leave them at "identify", relative to the others'
         )
     return Fix(says, (Edit(("signals", "effort", "gain"), gains.entries),))

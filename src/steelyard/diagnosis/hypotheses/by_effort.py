@@ -78,7 +78,7 @@ def effort_hypotheses(
     blind = ", ".join(
         f"'{name}'" for name, known in zip(names, identifiable[0], strict=True) if not known
     )
-    own = "every joint has its own gain" + (f", those of {blind} poorly identifiable" * bool(blind))
+    own = "every joint has its own gain" + (f", those of {blind} poorly identified" * bool(blind))
     every = {own: np.where(identifiable[1], best, 1.0)}
     kind = "gain" if "A" in likelihood.signals.effort_units else "effort kind"
     changed = interpretation if kind == "gain" else interpretation.changed(kind="motor_current")
@@ -159,7 +159,7 @@ def _identifiable(
     return (np.minimum(less, more) > bound) & inside, (one > bound) & inside
 
 
-def poorly_identifiable(likelihood: Likelihood, interpretation: Interpretation) -> tuple[str, ...]:
+def poorly_identified(likelihood: Likelihood, interpretation: Interpretation) -> tuple[str, ...]:
     """Joints whose effort agrees about as well with quite another gain than the declared one."""
     sums, names = likelihood.sums([interpretation]), likelihood.knowledge.robot.joint_names
     ones = np.ones(len(names))

@@ -133,7 +133,7 @@ class PayloadEstimate:
                 "impossible: model or gains have errors that the intervals do not cover"
             )
         found.append(
-            f"the inertia is poorly identifiable: the interval of {', '.join(weak)} contains zero"
+            f"the inertia is poorly identified: the interval of {', '.join(weak)} contains zero"
             if weak
             else "the inertia is identified: no interval of a moment of inertia contains zero"
         )

@@ -4,32 +4,21 @@ from __future__ import annotations
 
 import csv
 import io
+from dataclasses import fields
 from math import isfinite
 from typing import TYPE_CHECKING
 
-from steelyard.regression.khalil_symbols import symbols
 from steelyard.report.content import ReportContent
 from steelyard.report.sections.register import sections_of
-from steelyard.report.text.table import rows
+from steelyard.report.text.table import Row, rows
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from steelyard.estimation.identified import IdentifiedModel
 
-CSV_COLUMNS = (
-    "name",
-    "group",
-    "value",
-    "unit",
-    "std",
-    "lower95",
-    "upper95",
-    "relative_std_percent",
-    "status",
-    "symbol",
-    "from_data_percent",
-)
+CSV_COLUMNS = tuple(field.name for field in fields(Row))
+"""Columns of `parameters.csv`."""
 
 
 def summary(content: ReportContent, console: Console, verbose: bool = False) -> None:
@@ -55,21 +44,17 @@ def summary(content: ReportContent, console: Console, verbose: bool = False) -> 
 
 
 def parameters_csv(identified: IdentifiedModel) -> str:
-    """All base parameters as CSV: values, intervals, and whether the data see them."""
+    """All base parameters as CSV: values, intervals, and how well they are identified."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(CSV_COLUMNS)
-    base = identified.base
-    symbol = dict(zip(base.base_names, symbols(identified.model.robot, base), strict=True))
-    for row in rows(identified):
-        numbers = (row.value, row.std, row.lower, row.upper, row.relative_percent)
-        value, std, lower, upper, relative = (_exact(number) for number in numbers)
-        writer.writerow(
-            [row.name, row.group, value, row.unit, std, lower, upper, relative, row.status]
-            + [symbol.get(row.name, row.name), _exact(row.learned_percent)]
-        )
+    writer.writerows(
+        [_cell(getattr(row, name)) for name in CSV_COLUMNS] for row in rows(identified)
+    )
     return text.getvalue()
 
 
-def _exact(number: float | None) -> str:
-    return "" if number is None or not isfinite(number) else repr(float(number))
+def _cell(value: str | float | None) -> str:
+    if isinstance(value, str):
+        return value
+    return "" if value is None or not isfinite(value) else repr(float(value))

@@ -21,7 +21,11 @@ GEAR_SIDE = "gear side"
 """The check of rotor inertias at zero."""
 
 MANY = 1.0 / 3.0
-"""Share of the base parameters that are not well identified, from which on a motion is advised."""
+"""Share of base parameters that are poorly identified or not at all, above which a motion is
+advised."""
+
+OPEN = ("poorly identified", "not identifiable")
+"""Statuses of parameters that other motion would identify."""
 
 Step = tuple[str, str]
 """A command, or nothing, and a remark: what it is for, or what to change in the robot file."""
@@ -52,7 +56,7 @@ def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, .
         )
     if content.identified is not None and _weak(content) > MANY:
         command = f"steelyard excite {robot} --earlier {model} --still-unknown"
-        steps.append((command, "a motion for the rest"))
+        steps.append((command, "a motion for parameters that are poorly identified or not at all"))
     if verdict(content).level == "good":
         steps.append((f"steelyard export {model} --to urdf", "use the model elsewhere"))
     return tuple(steps)
@@ -109,6 +113,6 @@ def step_lines(steps: tuple[Step, ...], indent: int = 8) -> list[str]:
 
 
 def _weak(content: ReportContent) -> float:
-    """Share of the base parameters that are not well identified."""
+    """Share of the base parameters that other motion would identify."""
     table = () if content.identified is None else rows(content.identified)
-    return sum(row.grade in ("weak", "zero", "unseen") for row in table) / max(len(table), 1)
+    return sum(row.status in OPEN for row in table) / max(len(table), 1)

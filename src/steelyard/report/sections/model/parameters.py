@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from steelyard.estimation.status import FROM_DATA, SMALL, WELL, Status, statuses
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
 from steelyard.report.sections.section import Numbers, Section
-from steelyard.report.text.table import LEARNED, WEAK, Grade, Row, rows
+from steelyard.report.text.table import Row, rows
 from steelyard.report.text.words import count, significant
 from steelyard.terms.register import description_of
 
@@ -19,17 +20,21 @@ if TYPE_CHECKING:
 
     from steelyard.estimation.identified import IdentifiedModel
 
-GRADES: tuple[tuple[str, tuple[Grade, ...]], ...] = (
-    ("well identified", ("sure",)),
-    ("poorly identifiable", ("weak", "zero")),
-    ("at a bound", ("bound",)),
-    ("known", ("known",)),
-    ("mostly from the prior", ("prior",)),
-    ("not identifiable from these data", ("unseen",)),
+ORDER: tuple[Status, ...] = (
+    "identified",
+    "near zero",
+    "poorly identified",
+    "at a bound",
+    "known",
+    "from the prior",
+    "not identifiable",
 )
 """How the line of the terminal counts the parameters."""
 
-ONE_BY_ONE = "Predictions use all parameters; as single values use the well identified ones."
+GOOD: tuple[Status, ...] = ("identified", "near zero", "known", "removed")
+"""Parameters that may be used as single values."""
+
+ONE_BY_ONE = "Predictions use all parameters; as single values use those identified or near zero."
 """What a small error does not say."""
 
 NAMED = 8
@@ -37,7 +42,7 @@ NAMED = 8
 
 
 class ParametersSection(Section):
-    """A table of base parameters, with a mark on those that are poorly identifiable."""
+    """A table of base parameters, with the status of each."""
 
     name: ClassVar[str] = "parameters"
     title: ClassVar[str] = "Parameters"
@@ -46,7 +51,7 @@ class ParametersSection(Section):
         """Rows of the parameters that the data see."""
         if content.identified is None:
             return None
-        table = [row for row in rows(content.identified) if row.grade != "unseen"]
+        table = [row for row in rows(content.identified) if row.status != "not identifiable"]
         base = content.identified.base
         terms = dict(
             zip(base.base_names, np.count_nonzero(base.lift, axis=1).tolist(), strict=True)
@@ -57,13 +62,12 @@ class ParametersSection(Section):
             "grouped": any(members > 1 for members in sizes),
             "nominal": any(row.nominal is not None for row in table),
             "estimator": content.identified.estimate.estimator,
-            "poor": sum(row.grade in ("weak", "zero") for row in table),
-            "learned": any(row.learned_percent is not None for row in table),
-            "prior": sum(row.grade == "prior" for row in table),
-            "bound": sum(row.grade == "bound" for row in table),
-            "known": sum(row.grade == "known" for row in table),
-            "weak": WEAK,
-            "little": LEARNED,
+            "counts": counts(table),
+            "statuses": {row.status for row in table},
+            "learned": any(row.from_data_percent is not None for row in table),
+            "well": WELL,
+            "small": SMALL,
+            "from_data": FROM_DATA,
         }
 
     def show(self, numbers: Numbers) -> str:
@@ -75,13 +79,16 @@ class ParametersSection(Section):
         if content.identified is None:
             return {}
         estimate = content.identified.estimate
-        known = estimate.parameters
+        known, status = estimate.parameters, statuses(content.identified)
         values = zip(
             known.names, known.units, known.values.tolist(), estimate.std.tolist(), strict=True
         )
         return {
             "n_base_parameters": len(content.identified.base),
-            "parameters": [{"name": n, "unit": u, "value": v, "std": s} for n, u, v, s in values],
+            "parameters": [
+                {"name": n, "unit": u, "value": v, "std": s, "status": status[n]}
+                for n, u, v, s in values
+            ],
             "terms": [description_of(term) for term in content.identified.model.terms],
             "not_seen": [blind.name for blind in estimate.blind],
             "removed": [vars(one) for one in estimate.removed],
@@ -108,19 +115,22 @@ class ParametersSection(Section):
 
 
 def usable(identified: IdentifiedModel) -> tuple[str, ...]:
-    """Counts of the parameters by grade; unless all are good, what to use them for."""
+    """Counts of the parameters by status; unless all are good, what to use them for."""
     table = rows(identified)
-    grades = [(words, sum(row.grade in of for row in table)) for words, of in GRADES]
-    named = ", ".join(f"{number} {words}" for words, number in grades if number)
-    removed = sum(row.grade == "removed" for row in table)
+    removed = sum(row.status == "removed" for row in table)
     taken = f"; {removed} removed, taken as zero" if removed else ""
-    all_good = all(row.grade in ("sure", "removed", "known") for row in table)
-    words = f"{count(len(table) - removed, 'base parameter')}: {named}{taken}"
-    return words, *(() if all_good else (ONE_BY_ONE,))
+    words = f"{count(len(table) - removed, 'base parameter')}: {counts(table)}{taken}"
+    return words, *(() if all(row.status in GOOD for row in table) else (ONE_BY_ONE,))
+
+
+def counts(table: Sequence[Row]) -> str:
+    """Like `40 identified, 3 near zero`, without removed parameters."""
+    numbers = ((status, sum(row.status == status for row in table)) for status in ORDER)
+    return ", ".join(f"{number} {status}" for status, number in numbers if number)
 
 
 def _shown(row: Row, members: int) -> dict[str, Any]:
-    relative = row.relative_percent
+    relative = row.relative_std_percent
     bar = 100.0 if relative is None or not relative < 100.0 else relative
     return {**vars(row), "bar": bar, "others": members - 1}
 
@@ -129,26 +139,14 @@ def _parameters(identified: IdentifiedModel) -> list[str]:
     """What is known of the parameters, in a few lines."""
     table = rows(identified)
     condition = significant(identified.estimate.condition_normalised)
-    removed = [row for row in table if row.grade == "removed"]
+    removed = [row for row in table if row.status == "removed"]
     left = count(len(table) - len(removed), "base parameter")
     lines = [f"{left}, normalised condition number {condition}"]
     if removed:
         lines.append(f"{len(removed)} removed, taken as zero: {_some(removed)}")
-    weak = [row for row in table if row.grade in ("weak", "zero")]
-    if weak:
-        lines.append(f"{len(weak)} poorly identifiable: {_some(weak)}")
-    at_bound = [row for row in table if row.grade == "bound"]
-    if at_bound:
-        lines.append(f"{len(at_bound)} at a bound: {_some(at_bound)}")
-    known = [row for row in table if row.grade == "known"]
-    if known:
-        lines.append(f"{len(known)} known, not estimated: {_some(known)}")
-    prior = [row for row in table if row.grade == "prior"]
-    if prior:
-        lines.append(f"{len(prior)} mostly from the prior: {_some(prior)}")
-    unseen = [row for row in table if row.grade == "unseen"]
-    if unseen:
-        lines.append(f"{len(unseen)} not identifiable from these data: {_some(unseen)}")
+    for status in ORDER[1:]:
+        if chosen := [row for row in table if row.status == status]:
+            lines.append(f"{len(chosen)} {status}: {_some(chosen)}")
     return lines
 
 

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from steelyard.estimation.status import WELL
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill, rounded, script_json
 from steelyard.report.sections.section import Numbers, Section
 from steelyard.report.text.design_words import Expected, capital, expected
-from steelyard.report.text.table import WEAK
 from steelyard.report.text.words import significant
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class DesignShownSection(Section):
             "more": rows[OPEN:],
             "values": any(row["value"] is not None for row in rows),
             "unseen": sum(row["grade"] == "poor" for row in rows),
-            "weak": WEAK,
+            "well": WELL,
             "noise": _noise(designed),
             "noise_from": capital(designed.noise_from),
             "prior": designed.prior is not None,
@@ -66,7 +66,7 @@ def _row(one: Expected) -> dict[str, Any]:
     elif share is None:
         grade, bar = "none", 0.0
     else:
-        grade, bar = ("fair" if share > WEAK else "good"), min(100.0 * share / FULL, 100.0)
+        grade, bar = ("fair" if share > WELL else "good"), min(100.0 * share / FULL, 100.0)
     return {**vars(one), "grade": grade, "bar": bar}
 
 
