@@ -44,6 +44,13 @@ class Edit:
     value: str
 
 
+BEHIND_GEARS = (
+    Edit("init: sensors", '(?m)^kind = "joint_torque"', 'kind = "link_torque"'),
+    Edit("init: sensors", '"rotor_inertia", ', ""),
+)
+"""What the terminal proposes for torque sensors behind the gears."""
+
+
 @dataclass(frozen=True)
 class User:
     """A kind of user.
@@ -147,7 +154,8 @@ def matlab(folder: Path) -> User:
     """A Rokae AR5 on its side, with structs of MATLAB.
 
     Its example states gravity by a search for the least residual of the whole fit; `check --fix`
-    writes the direction that rigid bodies fit best, half a degree aside: 1.62 instead of 1.54 %.
+    writes the direction that rigid bodies fit best, half a degree aside. Halves of the log differ
+    by a degree in it.
     """
     data = data_folder() / "rokae_ar5"
     log = data / "ar5_run1_rows0_2300.parquet"
@@ -170,6 +178,7 @@ def matlab(folder: Path) -> User:
         "rokae_ar5_auto",
         (f"{log}@0:34",),
         f"{log}@34:45",
+        edits=BEHIND_GEARS,
     )
 
 
@@ -245,11 +254,8 @@ def torques(_: Path) -> User:
         "panda",
         (fit,),
         unseen,
-        edits=(
-            Edit("init: sensors", '(?m)^kind = "joint_torque"', 'kind = "link_torque"'),
-            Edit("init: sensors", '"rotor_inertia", ', ""),
-        ),
-    )  # fmt: skip
+        edits=BEHIND_GEARS,
+    )
 
 
 USERS: tuple[Callable[[Path], User], ...] = (

@@ -184,6 +184,16 @@ def test_efforts_that_lack_a_part_are_refused(part: int, name: str) -> None:
         refuse_without(run, SIGMA, ROBOT.joint_names)
 
 
+@pytest.mark.parametrize(("share", "posture"), [(0.75, True), (1.0, False)])
+def test_a_part_of_gravity_may_be_lacking_for_another_posture(share: float, posture: bool) -> None:
+    run = trace("run", 60.0, 4)
+    run.parts[0] = 20.0 * np.sin(np.outer(np.arange(1, N + 1), run.t))
+    run.residual[:] -= share * run.parts[0]
+    with pytest.raises(LogError, match="the efforts lack") as caught:
+        refuse_without(run, SIGMA, ROBOT.joint_names)
+    assert ("zeros of joint positions" in caught.value.fix) == posture
+
+
 def test_efforts_that_the_model_does_not_explain_are_refused() -> None:
     run = trace("run", 60.0, 4)
     own = 40.0 * np.sin(np.outer(np.arange(1, N + 1), run.t))

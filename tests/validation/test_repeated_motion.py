@@ -11,7 +11,7 @@ from steelyard.measurement import Processing, Recording, Run, prepare
 from steelyard.measurement.motion_samples import LEAST, MOST, MotionSamples, motion_samples
 from steelyard.measurement.recording import LogInMemory
 from steelyard.robot_file.file import LoadedRobot
-from steelyard.validation.repeated_motion import repeat_of
+from steelyard.validation.repeated_motion import repeat_of, repeat_within
 from steelyard.virtual.demo import write_demo_arm
 
 STEP = 2.0 * np.pi / 2**17
@@ -123,3 +123,16 @@ def test_samples_are_bounded_and_survive_json(known: tuple[MotionSamples, ...]) 
     assert again.run == "first" and again.step == known[0].step
     np.testing.assert_allclose(again.q, known[0].q, rtol=1e-8)
     np.testing.assert_allclose(again.effort, known[0].effort, rtol=1e-8)
+
+
+def test_a_motion_is_repeated_within_a_run(arm: LoadedRobot) -> None:
+    again = rows(arm, 0, 1)
+    again[:, 0] += 10.0
+    found = repeat_within(run_of(arm, np.concatenate([rows(arm, 0, 0), again])), 14.0, 20.0)
+    assert found is not None and not found.same
+    assert found.shift == pytest.approx(10.0, abs=0.02)
+
+
+@pytest.mark.parametrize("stop", [10.0, 7.0])
+def test_a_motion_that_is_new_repeats_nothing_within_its_run(arm: LoadedRobot, stop: float) -> None:
+    assert repeat_within(run_of(arm, rows(arm, 0, 0)), 7.0, stop) is None

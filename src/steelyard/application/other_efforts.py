@@ -43,6 +43,15 @@ FIXES = (
 )
 """What to do where efforts lack one of these parts."""
 
+PARTLY = 0.9
+"""Share up to which gravity may be lacking because positions, or the mounting, are others."""
+
+OTHER_POSTURE = (
+    "; or zeros of joint positions or the mounting differ from those of the fit: steelyard check "
+    "names them"
+)
+"""What else to look at there."""
+
 SIGN_FIX = (
     "give efforts the sign that they had when the model was identified, or identify a model from "
     "such logs"
@@ -155,7 +164,7 @@ def refuse_without(trace: ResidualTrace, sigma: Array, joints: Sequence[str]) ->
             f"the efforts lack {100.0 * min(share, 1.0):.0f} % of the {name} that the model "
             "predicts",
             where=trace.run,
-            fix=fix,
+            fix=f"{fix}{OTHER_POSTURE}" if name == "gravity" and share < PARTLY else fix,
         )
     large, opposite = _opposite(trace, sigma)
     if opposite.any():

@@ -3,7 +3,6 @@
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,6 @@ from steelyard.formats import Cut, open_log, parse_log_argument
 from steelyard.formats.numbered import Numbered
 from steelyard.measurement import Processing, Recording, Run, prepare
 from steelyard.measurement.processing import requested_processing
-from steelyard.measurement.rows.clock import learn_clock
 from steelyard.model import Model
 from steelyard.progress import Progress, report_progress
 from steelyard.robot.robot import Robot
@@ -34,12 +32,6 @@ from steelyard.validation.torque_parts import TorqueSplit
 
 SAMPLE_ROWS = 20_000
 """Rows read to guess units, and whether velocities are good."""
-FITTED_SHARE = 0.7
-"""Share of a single log that is fitted; the rest validates."""
-SHORTEST_PARTED = 5.0
-"""Duration from which on a log is long enough for that [s]."""
-MOST_STEPS = 3.0
-"""Duration over rows times the median step, beyond which a log's last time is not believed."""
 HASHED = 1 << 20
 """Bytes that are hashed at a time."""
 
@@ -125,37 +117,6 @@ def recording_of(argument: LogArgument, signals: Signals) -> Recording:
     log = open_log(path)
     read = Numbered(log) if signals.time == ROW else log
     return Recording(read, signals, cut).unwrapped()
-
-
-def parted(loaded: LoadedRobot, logs: Sequence[str]) -> list[str]:
-    """Logs to identify from, the last to validate: of a single one two windows in its own seconds.
-
-    A single log is left whole if it is cut by rows, or shorter than `SHORTEST_PARTED`.
-    """
-    if len(logs) != 1:
-        return list(logs)
-    (log,) = log_files(logs)
-    cut = parse_log_argument(log.text)[1]
-    start, stop = max(0.0, cut.seconds[0]), cut.seconds[1]
-    if cut.rows != Cut().rows:
-        return [log.text]
-    stop = min(stop, _duration(recording_of(log, signals_of(loaded, log)[0])))
-    if not SHORTEST_PARTED <= stop - start < inf:
-        return [log.text]
-    middle = start + FITTED_SHARE * (stop - start)
-    a, b, c = (f"{int(10.0 * t) / 10.0:.15g}" for t in (start, middle, stop))
-    return [f"{log.path}@{a}:{b}", f"{log.path}@{b}:{c}"]
-
-
-def _duration(recording: Recording) -> float:
-    """Time from the first good row to the last row with a time [s]; infinite if that is absurd."""
-    signals, clock, rows, last = recording.signals, learn_clock(recording), 0, 0.0
-    for part in recording.log.parts((signals.time,)):
-        times = part[np.isfinite(part[:, 0]), 0]
-        rows += len(part)
-        last = float(times[-1]) if len(times) else last
-    duration = last * signals.time_scale - clock.origin
-    return duration if duration < MOST_STEPS * rows * clock.step else inf
 
 
 def sample_of(path: Path) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:

@@ -37,6 +37,10 @@ class Rows:
     effort: Array
     moving: NDArray[np.bool_]
 
+    def where(self, kept: NDArray[np.bool_]) -> "Rows":
+        """Some of the rows, those where `kept`, shape `(N,)`."""
+        return Rows(self.t[kept], self.q[kept], self.effort[kept], self.moving[kept])
+
 
 @dataclass(frozen=True, eq=False)
 class MotionSamples:
@@ -113,10 +117,14 @@ def motion_samples(runs: Sequence[Run]) -> tuple[MotionSamples, ...]:
 
 
 def _of_run(run: Run, count: int) -> MotionSamples:
-    rows = rows_of(run)
+    return samples_of(run.name, rows_of(run), count)
+
+
+def samples_of(name: str, rows: Rows, count: int = MOST) -> MotionSamples:
+    """Evenly spread rows, about `count`, of those at which joints move."""
     at = np.unique(np.linspace(0, len(rows.t) - 1, count).round().astype(int))
     step = float(rows.t[-1] - rows.t[0]) / max(len(at) - 1, 1)
     at = at[rows.moving[at]]
     return MotionSamples(
-        run.name, step, frozen(rows.t[at]), frozen(rows.q[at]), frozen(rows.effort[at])
+        name, step, frozen(rows.t[at]), frozen(rows.q[at]), frozen(rows.effort[at])
     )

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.measurement.motion_samples import MotionSamples, Rows, rows_of
+from steelyard.measurement.motion_samples import MotionSamples, Rows, rows_of, samples_of
 from steelyard.measurement.run import Run
 
 RATE, MOST_INSTANTS = 200.0, 60_000
@@ -80,6 +80,20 @@ def repeat_of(known: Sequence[MotionSamples], run: Run) -> Repeat | None:
         return None
     found = [r for one in known if (r := _repeat(one, rows)) is not None]
     return max(found, key=lambda r: (r.same, r.share), default=None)
+
+
+def repeat_within(run: Run, middle: float, stop: float) -> Repeat | None:
+    """How far the end of a run repeats what comes before; `None` if its motion is another one.
+
+    Args:
+        run: The run.
+        middle: Where that end begins, from the log's start [s].
+        stop: Where it ends, likewise [s].
+    """
+    rows = rows_of(run)
+    late = (rows.t >= middle) & (rows.t <= stop)
+    known, end = samples_of(run.name, rows.where(rows.t < middle)), rows.where(late)
+    return _repeat(known, end) if end.moving.any() and len(end.t) >= 2 * AROUND else None
 
 
 def _repeat(known: MotionSamples, rows: Rows) -> Repeat | None:

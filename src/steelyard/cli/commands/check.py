@@ -71,7 +71,8 @@ def check(
     from steelyard.cli.show import progress_bar
     from steelyard.files import whole_file, whole_folder
     from steelyard.identification.checks.check import check as checked
-    from steelyard.identification.logs import new_folder, parted
+    from steelyard.identification.logs import new_folder
+    from steelyard.identification.proposed_cut import parted
     from steelyard.robot_file.file import load_robot
 
     folder = None if output is None else new_folder(output, "")

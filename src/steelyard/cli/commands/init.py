@@ -68,7 +68,8 @@ def init(
     from steelyard.cli import interrupt
     from steelyard.errors import ModelError, OutputError
     from steelyard.files import whole_file
-    from steelyard.identification.logs import log_files, parted
+    from steelyard.identification.logs import log_files
+    from steelyard.identification.proposed_cut import parted
     from steelyard.robot_file.file import load_robot
     from steelyard.robot_file.template.proposal import proposed
     from steelyard.robot_file.template.template import drafted, notes_beside

@@ -107,8 +107,13 @@ class _Left:
     def __init__(self, likelihood: Likelihood, now: Interpretation) -> None:
         size = float(np.linalg.norm(now.gravity))
         free, efforts, _ = rows_of(likelihood, now.changed(gravity=np.zeros(3)))
+        lower, upper = (side.reshape(-1) for side in likelihood.bounds)
+        kept = np.ones(free.shape[-1], dtype=np.bool_)
+        kept[-len(upper) :] = upper > lower
+        free = free[..., kept]
         pulls = [
-            rows_of(likelihood, now.changed(gravity=size * axis))[0] - free for axis in np.eye(3)
+            rows_of(likelihood, now.changed(gravity=size * axis))[0][..., kept] - free
+            for axis in np.eye(3)
         ]
         self._whole = np.sqrt(np.maximum(np.mean(np.square(efforts), axis=1), 1e-30))
         self._k = free.shape[-1]

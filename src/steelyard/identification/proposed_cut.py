@@ -1,0 +1,76 @@
+"""Where a single log is cut into a part to identify from and one that validates."""
+
+from collections.abc import Sequence
+from math import ceil, floor, inf
+
+import numpy as np
+
+from steelyard.errors import SteelyardError
+from steelyard.formats import Cut, parse_log_argument
+from steelyard.identification.logs import log_files, recording_of, runs_of, signals_of
+from steelyard.measurement import Recording, Run
+from steelyard.measurement.rows.clock import learn_clock
+from steelyard.progress import silent
+from steelyard.robot_file.loaded import LoadedRobot
+from steelyard.validation.repeated_motion import repeat_within
+
+FITTED_SHARE = 0.7
+"""Share of a single log that is fitted; the rest validates."""
+SHORTEST_PARTED = 5.0
+"""Duration from which on a log is long enough for that [s]."""
+MOST_STEPS = 3.0
+"""Duration over rows times the median step, beyond which a log's last time is not believed."""
+
+
+def parted(loaded: LoadedRobot, logs: Sequence[str]) -> list[str]:
+    """Logs to identify from, the last to validate: of a single one two windows in its own seconds.
+
+    A single log is left whole if it is cut by rows, or its motion is shorter than
+    `SHORTEST_PARTED`. The second window ends with the motion, and where the motion is repeated,
+    with its first round: a motion that was fitted validates nothing.
+    """
+    if len(logs) != 1:
+        return list(logs)
+    (log,) = log_files(logs)
+    cut = parse_log_argument(log.text)[1]
+    if cut.rows != Cut().rows:
+        return [log.text]
+    signals = signals_of(loaded, log)[0]
+    start = max(0.0, cut.seconds[0])
+    stop = min(cut.seconds[1], _duration(recording_of(log, signals)))
+    if not SHORTEST_PARTED <= stop - start < inf:
+        return [log.text]
+    try:
+        ((run,), _) = runs_of(loaded, signals, [log], (), silent)
+    except SteelyardError:
+        pass
+    else:
+        stop = _end_of_first_round(run, start, min(stop, run.span[1]))
+    if stop - start < SHORTEST_PARTED:
+        return [log.text]
+    a, b, c = floor(10.0 * start), floor(10.0 * _middle(start, stop)), ceil(10.0 * stop)
+    return [f"{log.path}@{0.1 * m:.10g}:{0.1 * n:.10g}" for m, n in ((a, b), (b, c))]
+
+
+def _middle(start: float, stop: float) -> float:
+    """Where the second window begins [s]."""
+    return start + FITTED_SHARE * (stop - start)
+
+
+def _end_of_first_round(run: Run, start: float, stop: float) -> float:
+    """Where the motion begins anew, or `stop` if it never does [s]."""
+    repeat = repeat_within(run, _middle(start, stop), stop)
+    if repeat is None or not 0.0 < repeat.shift < stop - run.span[0]:
+        return stop
+    return _end_of_first_round(run, start, run.span[0] + repeat.shift)
+
+
+def _duration(recording: Recording) -> float:
+    """Time from the first good row to the last row with a time [s]; infinite if that is absurd."""
+    signals, clock, rows, last = recording.signals, learn_clock(recording), 0, 0.0
+    for part in recording.log.parts((signals.time,)):
+        times = part[np.isfinite(part[:, 0]), 0]
+        rows += len(part)
+        last = float(times[-1]) if len(times) else last
+    duration = last * signals.time_scale - clock.origin
+    return duration if duration < MOST_STEPS * rows * clock.step else inf

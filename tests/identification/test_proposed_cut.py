@@ -1,0 +1,42 @@
+"""A single log is cut where its motion is new, and only while something moves."""
+
+from pathlib import Path
+
+import pytest
+
+from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.identification.proposed_cut import parted
+from steelyard.motion import run
+from steelyard.robot.robot import Robot
+from steelyard.virtual.demo import write_demo_arm
+from steelyard.virtual.invent import random_truth
+from steelyard.virtual.robot import VirtualRobot
+from steelyard.virtual.simulate import customary_sensors
+
+
+def recorded(robot: Robot, period: float, periods: int, folder: Path) -> Path:
+    """A log of a periodic motion, with rests of one second before and after it."""
+    truth = random_truth(robot, 0)
+    rig = VirtualRobot(robot, truth, customary_sensors(robot, truth), seed=0)
+    run(rig, random_fourier(robot, seed=3, period=period, periods=periods), folder / "log.csv")
+    return folder / "log.csv"
+
+
+@pytest.mark.parametrize(("period", "periods"), [(6.0, 2), (9.0, 1)])
+def test_the_second_part_ends_with_the_first_round(
+    period: float, periods: int, tmp_path: Path
+) -> None:
+    robot = write_demo_arm(tmp_path)
+    log = recorded(robot.robot, period, periods, tmp_path)
+    first, second = parted(robot, [str(log)])
+    assert first.startswith(f"{log}@0:") and second.startswith(f"{log}@{first.rsplit(':')[-1]}:")
+    end = float(second.rsplit(":")[-1])
+    assert end == pytest.approx(1.0 + period, abs=0.35)
+    assert float(first.rsplit(":")[-1]) == pytest.approx(0.7 * end, abs=0.11)
+    assert parted(robot, [f"{log}@{second.rsplit('@')[-1]}"]) == [second]
+
+
+def test_a_log_whose_motion_repeats_early_is_left_whole(tmp_path: Path) -> None:
+    robot = write_demo_arm(tmp_path)
+    log = recorded(robot.robot, 2.0, 5, tmp_path)
+    assert parted(robot, [str(log)]) == [str(log)]
