@@ -224,7 +224,7 @@ def test_a_check_and_a_run_are_one_line(folder: Path) -> None:
     )
     found = steelyard.check(robot, log, quick=True)
     assert repr(found).startswith(f"CheckResult({robot}: ") and "\n" not in repr(found)
-    assert " findings: " in repr(found)
+    assert " checks: " in repr(found)
 
 
 def test_a_whole_run_has_a_row_per_sample(folder: Path) -> None:

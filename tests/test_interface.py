@@ -133,7 +133,7 @@ def test_results_print_save_and_tabulate(folder: Path, tmp_path: Path) -> None:
     assert set(found.parameters["name"]) >= set(found.model.estimate.parameters.names)
     level = found.verdict.level.upper()
     assert repr(found).startswith(f"Identification({found.content.robot}: {level}, ")
-    assert repr(found).endswith(" % of the rated effort)") and "\n" not in repr(found)
+    assert repr(found).endswith(" % of the effort used)") and "\n" not in repr(found)
     untested = replace(found, content=replace(found.content, scores=()))
     assert repr(untested) == f"Identification({found.content.robot}: no verdict)"
     assert "<strong>" in found._repr_html_() and "joint2" in found._repr_html_()

@@ -122,7 +122,7 @@ def sentences(content: ReportContent, place: str) -> list[str]:
     """What a report says beside its tables and its settings."""
     judged = verdict(content)
     lines = [f"{place} {judged.level}: {judged.headline}. {judged.detail}"]
-    lines += [f"{place} {level}: {sentence}" for sentence, level in judged.limitations]
+    lines += [f"{place} {one.level}: {one.text}" for one in judged.limitations]
     notes = [note for note in content.notes if not re.search("^cut-offs:|processing: ", note)]
     return lines + [f"note: {note}" for note in notes]
 

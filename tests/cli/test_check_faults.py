@@ -111,12 +111,17 @@ def test_a_wrong_transmission_leaves_the_robot_file_undecided(
     wrong.write_text("\n".join(x for x in kept if not x.startswith("coupling")), "utf-8")
     done = command("check", wrong, log, "--quick")
     words = " ".join(done.stdout.split())
-    assert done.exit_code == 1 and "questions are open; the robot file may be wrong" in words
+    assert (
+        done.exit_code == 1 and "checks could not be decided; the robot file may be wrong" in words
+    )
     assert "next # compare signs, gear ratios, couplings, position_offset" in words
     assert "steelyard identify" not in words
     done = command("identify", wrong, log, "-o", tmp_path / "model")
     words = " ".join(done.stdout.split())
-    assert "! check of the logs: " in words and "questions are open; the robot file may" in words
+    assert (
+        "! check of the logs: " in words
+        and "checks could not be decided; the robot file may" in words
+    )
     assert (
         f"next # open questions about the robot file steelyard check {wrong} {log}" in words
         and "--to urdf" not in words

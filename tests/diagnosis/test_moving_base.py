@@ -50,8 +50,8 @@ def test_a_base_that_floats_in_the_model_is_reported_as_assumed_at_rest(tmp_path
     model, log = logged(tmp_path, "<freejoint/>")
     (finding,) = found(model, log)
     assert headline(Diagnosis((finding,))).endswith(
-        "1 question could not be decided; base 'trunk' floats in the model, and is assumed to be "
-        "at rest: not tested"
+        "1 of 1 check could not be decided: moving base; base 'trunk' floats in the model, and is "
+        "assumed to be at rest: not tested"
     )
     assert not finding.severity and not finding.answered
     assert finding.says == (

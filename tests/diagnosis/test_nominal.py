@@ -185,8 +185,10 @@ def test_gains_that_no_log_fixes_are_doubtful(arm):
     text = edited(in_amperes(arm), [Edit(("signals", "effort", "gain"), one)])
     table = arm.table.copy()
     table[:, arm.at(TAU)] /= GAINS
-    finding = next(f for f in arm.examined(table, text, known=False).findings if f.check == "gain")
+    found = arm.examined(table, text, known=False)
+    finding = next(f for f in found.findings if f.check == "gain")
     assert finding.severity == Severity.OK or "do not show the gain" in finding.says
+    assert {"gain", "payload"} <= set(open_ones(found))
 
 
 def test_an_order_of_positions_or_of_efforts_is_written_with_a_margin_only(arm, monkeypatch):

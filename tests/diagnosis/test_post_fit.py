@@ -1,11 +1,12 @@
 """Findings of checks after the fit: in the order of their severity, and in the headline."""
 
+from dataclasses import replace
 from typing import ClassVar, cast
 
 from steelyard.diagnosis import Finding, Fix, Severity
 from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
 from steelyard.report.content import ReportContent
-from steelyard.report.text.verdict import verdict
+from steelyard.report.text.verdict import Limitation, verdict
 
 
 class Says:
@@ -35,7 +36,11 @@ def test_a_limitation_lowers_the_level_and_stands_beside_the_headline() -> None:
     found = examine_fit(cast(FittedCase, None), checks=[Says(Severity.WRONG)])
     judged = verdict(ReportContent("title", "robot", limitations=found))
     assert judged.level == "poor"
-    assert judged.limitations == (("run 1: this is wrong (3 Nm). A.", "poor"),)
+    text = "run 1: this is wrong (3 Nm). A."
+    assert judged.limitations == (Limitation(text, text, "poor"),)
+    short = replace(found[0], brief="wrong")
+    (one,) = verdict(ReportContent("title", "robot", limitations=(short,))).limitations
+    assert one == Limitation(text, "run 1: wrong", "poor")
     doubtful = examine_fit(cast(FittedCase, None), checks=[Says(Severity.DOUBTFUL)])
     assert verdict(ReportContent("title", "robot", limitations=doubtful)).level == "fair"
 
@@ -54,4 +59,5 @@ def test_a_remark_stands_beside_the_headline_and_leaves_the_level() -> None:
     assert found == (remark,)
     judged = verdict(ReportContent("title", "robot", limitations=found))
     assert judged.level == verdict(ReportContent("title", "robot")).level
-    assert judged.limitations == (("residuals are 2 x the noise", "none"),)
+    text = "residuals are 2 x the noise"
+    assert judged.limitations == (Limitation(text, text, "none"),)

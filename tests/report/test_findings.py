@@ -36,7 +36,7 @@ def test_the_worst_is_last_and_the_verdict_at_the_end() -> None:
     lines = printed(diagnosis("arm")).splitlines()
     starts = [line.split()[0] for line in lines if line[:1].isalpha()]
     assert starts == ["ok", "ok", "doubtful", "wrong", "fix", "Wrong:"]
-    assert lines[-1] == "Wrong: unit arm  (4 findings: 1 wrong, 1 doubtful, 2 ok)"
+    assert lines[-1] == "Wrong: unit arm  (4 checks: 1 wrong, 1 doubtful, 2 ok)"
     at = next(k for k, line in enumerate(lines) if line.startswith("fix unit arm: say so arm"))
     assert [line.rstrip() for line in lines[at + 1 : at + 3]] == [
         "    [signals.effort]",
@@ -65,7 +65,7 @@ def test_rows_fit_the_terminal(width: int) -> None:
 def test_what_is_ok_may_be_left_out() -> None:
     console = Console(file=io.StringIO(), width=80)
     show(many(Severity.OK, 2), console, fine=False)
-    assert console.file.getvalue() == "Ok: no error was found  (2 findings: 2 ok)\n"
+    assert console.file.getvalue() == "Ok: no error was found\n"
 
 
 def test_many_logs_that_are_ok_are_one_row() -> None:
@@ -109,10 +109,14 @@ BASIC = "joint order, effort unit, mounting"
 @pytest.mark.parametrize(
     ("checks", "hidden", "words"),
     [
-        (BASIC, True, "Undecided: 3 of 4 questions are open; the robot file may be wrong"),
-        (f"{BASIC}, gain", True, "Undecided: 4 of 5 questions are open; "),
-        (BASIC, False, "Ok, but 3 questions could not be decided"),
-        ("joint order, gain, payload", True, "Ok, but 3 questions could not be decided"),
+        (BASIC, True, "Undecided: 3 of 4 checks could not be decided; the robot file may be wrong"),
+        (f"{BASIC}, gain", True, "Undecided: 4 of 5 checks could not be decided; "),
+        (BASIC, False, f"Ok, but 3 of 4 checks could not be decided: {BASIC}"),
+        (
+            "joint order, gain, payload",
+            True,
+            "Ok, but 3 of 4 checks could not be decided: joint order",
+        ),
     ],
 )
 def test_basic_questions_that_a_misfit_leaves_open_are_doubtful(
@@ -122,8 +126,21 @@ def test_basic_questions_that_a_misfit_leaves_open_are_doubtful(
     assert headline(said).startswith(words)
     assert said.undecided == words.startswith("Undecided")
     assert said.severity == (Severity.DOUBTFUL if said.undecided else Severity.OK)
-    assert words.split(";")[0] in printed(said) and not said.edits
+    assert words.split(":")[0] in printed(said) and not said.edits
     assert diagnosis_dict(said)["severity"] == said.severity.word
+
+
+def test_a_check_counts_once_with_the_worst_that_it_found() -> None:
+    clock = [Finding("clock", f"run{k}", Severity.OK, "steady", "") for k in range(3)]
+    gain = Finding("gain", "run1", Severity.OK, "?", "", answered=False)
+    fine = Finding("gain", "run2", Severity.OK, "right", "")
+    said = Diagnosis((*clock, fine, gain))
+    assert tally(said) == "2 checks: 1 open, 1 ok"
+    assert headline(said) == "Ok, but 1 of 2 checks could not be decided: gain"
+    short = printed(said, verbose=False)
+    assert short.startswith("ok    1 check  clock") and "right" not in short
+    assert "right" in printed(said) and "run0 (and 2 more): steady" in printed(said)
+    assert "1 doubtful" in tally(Diagnosis((*said.findings, *many(Severity.DOUBTFUL, 2).findings)))
 
 
 def test_a_finding_comes_before_open_questions() -> None:

@@ -82,15 +82,17 @@ def test_the_verdict_comes_first_and_titles_differ():
 def test_the_headline_is_in_joint_effort_with_its_shares_and_its_band(usual):
     judged = verdict(replace(usual, scores=usual.scores[:1]))
     assert judged.headline == (
-        "Predicts unseen motion with an error of 1.3 Nm: 5.0\u00a0% of the effort used, "
-        "2.5\u00a0% of the rated effort (RMS below 5 Hz, pooled over 2 joints, where they move)"
+        "Predicts unseen motion with an error of 1.3 Nm: 5.0\u00a0% of the effort used"
+    )
+    assert judged.detail == (
+        "RMS below 5 Hz, pooled over 2 joints, where they move; 2.5\u00a0% of the rated effort."
     )
     assert judged.others == (
         "Of the measured effort in the band of the fit, below 8 Hz: 5.0\u00a0% pooled, where they "
         "move; 9.0\u00a0% pooled, whole log; 7.5\u00a0% mean, where they move; 10.0\u00a0% mean, "
         "whole log."
     )
-    assert judged.level == "good" and judged.detail == ""
+    assert judged.level == "good"
     assert judged.percent_of_used == pytest.approx(5.0)
     assert "6.7\u00a0%" in verdict(usual).headline
 
@@ -98,29 +100,37 @@ def test_the_headline_is_in_joint_effort_with_its_shares_and_its_band(usual):
 def test_a_joint_that_carries_nothing_does_not_rule(usual):
     idle = with_errors(usual, 1, error=0.6, used=0.5, least=6.0)
     judged = verdict(idle)
-    assert judged.level == "good" and "Poorly" not in judged.detail
+    assert judged.level == "good" and "elbow" not in judged.headline
     poor = verdict(with_errors(usual, 1, error=3.0, used=0.5, least=6.0))
-    assert poor.detail == "Poorly predicted joints: elbow 3.0 Nm (50.0\u00a0%)."
+    assert poor.headline.endswith(" of the effort used (elbow 50.0\u00a0%)")
+
+
+def test_joints_above_ten_percent_stand_in_a_good_headline(usual):
+    for error, named in ((0.6, False), (0.602, False), (0.61, True), (2.0, True)):
+        judged = verdict(with_errors(usual, 1, error=error, used=6.0))
+        assert judged.level == "good" or error == 2.0
+        assert ("(elbow " in judged.headline) == named
 
 
 def test_efforts_of_different_units_are_not_pooled(usual):
     judged = verdict(with_errors(usual, 1, unit="N", error=6.0, rated=None))
     assert (
-        "error of 1.0 Nm: 5.0\u00a0% of the effort used, 2.0\u00a0% of the rated effort; "
-        "6.0 N: 20.0\u00a0% of the effort used (" in judged.headline
+        "error of 1.0 Nm: 5.0\u00a0% of the effort used; 6.0 N: 20.0\u00a0% of the effort used "
+        "(elbow 20.0\u00a0%)" in judged.headline
     )
+    assert judged.detail.endswith("where they move; 2.0\u00a0% of the rated effort.")
     assert judged.level == "fair" and len(judged.errors) == 2
 
 
 def test_joints_at_rest_are_not_counted_while_others_move(usual):
     resting = verdict(with_errors(usual, 1, counted=False, error=90.0))
-    assert "pooled over the 1 of 2 joints that move, where they move" in resting.headline
-    assert "error of 1.0 Nm" in resting.headline and "Poorly" not in resting.detail
+    assert "pooled over the 1 of 2 joints that move, where they move" in resting.detail
+    assert "error of 1.0 Nm" in resting.headline and "elbow" not in resting.headline
     score = usual.scores[0]
     still = replace(score, errors=replace(score.errors, at_rest=True))
     judged = verdict(replace(usual, scores=(still,)))
     assert judged.headline.startswith("Predicts unseen postures with an error of 1.3 Nm")
-    assert "pooled over 2 joints, at rest" in judged.headline
+    assert "pooled over 2 joints, at rest" in judged.detail
 
 
 def test_a_useless_model_is_called_so(usual):

@@ -113,6 +113,7 @@ class Finding:
         answered: Whether the question could be answered; what is open is not suspicious.
         hidden: Whether it is open because of a large misfit that other link inertias leave too.
         headline: Whether it stands beside the headline though it is ok.
+        brief: What was found, for a line of a terminal; empty where `says` is short.
     """
 
     check: str
@@ -128,3 +129,4 @@ class Finding:
     answered: bool = True
     hidden: bool = False
     headline: bool = False
+    brief: str = ""

@@ -38,6 +38,12 @@ from steelyard.diagnosis.likelihood.possible import Possible, possible
 SHOWN = 3
 """Alternatives that are named."""
 
+UNKNOWN_GAINS = {
+    "gain": 'undecided: gains that are "identify" are not compared with the model file',
+    "payload": 'undecided: gains that are "identify" have a similar effect',
+}
+"""Why a question has no answer where gains are unknown."""
+
 
 def undecided(decision: Verdict, cause: str) -> str:
     """Why a nominal model cannot answer a question; empty if it can.
@@ -54,10 +60,10 @@ def undecided(decision: Verdict, cause: str) -> str:
         return f"undecided until '{open_factor[-1]}' is decided"
     score = likelihood.score(last.interpretation)
     misfit = f"the nominal model has a misfit of {float(score.percent[0]):.1f} %"
+    if cause in UNKNOWN_GAINS and any(likelihood.signals.unknown_gains):
+        return UNKNOWN_GAINS[cause]
     if cause in ("payload", "mounting"):
         return _hidden(likelihood, last.interpretation, score, cause, misfit)
-    if cause == "gain" and any(likelihood.signals.unknown_gains):
-        return ""
     if cause == "gain":
         return _gains(likelihood, last.interpretation, misfit)
     if cause == "effort delay":

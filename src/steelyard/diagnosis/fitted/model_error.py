@@ -157,7 +157,9 @@ def _remark(ranked: Ranked) -> Finding:
             for cause in likely
         )
         says += f"; share explained by each candidate alone (not additive): {', '.join(named)}"
-    return Finding(ModelError.name, "", Severity.OK, says, "", headline=True)
+    cause = f"most likely {likely[0].says}" if likely else "or the noise varies slowly"
+    brief = f"model incomplete, {cause}: residuals {_worst(ranked.beside)}"
+    return Finding(ModelError.name, "", Severity.OK, says, "", headline=True, brief=brief)
 
 
 def _not_looked_at(case: FittedCase, runs: Sequence[Run]) -> tuple[Finding, ...]:
@@ -194,6 +196,7 @@ def _doubtful(model: Model, runs: Sequence[Run], ranked: Ranked) -> Finding:
         f"{100.0 * first.chi2 / ranked.total:.2g} % of chi²",
         joints=tuple(j for j in ranked.beside.joints if j == first.joint),
         fix=fix,
+        brief=f"{words}: residuals {_worst(ranked.beside)}. {fix.says}",
     )
 
 
@@ -202,10 +205,22 @@ def residuals(beside: ResidualNoise) -> str:
     if not np.isfinite(beside.ratios).any():
         return "residuals are not noise"
     worst = int(np.nanargmax(beside.ratios))
-    ratio = float(beside.ratios[worst])
-    times = f"{ratio:.0f}" if ratio >= 10.0 else f"{ratio:.1f}"
     above, known = (int(np.sum(test)) for test in (beside.ratios > ABOVE, beside.ratios > 0.0))
     return (
-        f"residuals are up to {times} x the measurement noise (worst joint: {beside.joints[worst]};"
-        f" {above} of {known} joints above {ABOVE:g} x)"
+        f"residuals are up to {_times(beside)} x the measurement noise (worst joint: "
+        f"{beside.joints[worst]}; {above} of {known} joints above {ABOVE:g} x)"
     )
+
+
+def _times(beside: ResidualNoise) -> str:
+    """The largest residual in measurement noise."""
+    ratio = float(np.nanmax(beside.ratios))
+    return f"{ratio:.0f}" if ratio >= 10.0 else f"{ratio:.1f}"
+
+
+def _worst(beside: ResidualNoise) -> str:
+    """The largest residual and its joint in a few words."""
+    if not np.isfinite(beside.ratios).any():
+        return "are not noise"
+    joint = beside.joints[int(np.nanargmax(beside.ratios))]
+    return f"{_times(beside)} x noise ({joint})"

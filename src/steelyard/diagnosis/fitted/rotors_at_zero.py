@@ -31,7 +31,9 @@ class RotorsAtZero:
         )
         joints = tuple(name.partition(".")[2] for name in zero)
         fix = Fix(f"If so, use {INSTEAD} in [model] terms")
-        return (Finding(self.name, "", Severity.OK, says, "", joints, fix, headline=True),)
+        brief = f"{len(zero)} of {every} {SEPARABLE} are zero: are the sensors behind the gears?"
+        ok = Severity.OK
+        return (Finding(self.name, "", ok, says, "", joints, fix, headline=True, brief=brief),)
 
 
 def rotors_at_zero(estimate: Estimate, effort_kind: str) -> tuple[tuple[str, ...], int]:

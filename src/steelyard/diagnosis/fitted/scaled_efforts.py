@@ -36,14 +36,19 @@ class ScaledEfforts:
         wrong = tuple(j for j, is_wrong in zip(scales.joints, beyond, strict=True) if is_wrong)
         says = (
             f"a scale of the efforts is estimated per joint ({listed}): sensors or gains are off "
-            f"by "
-            "these factors, or a missing term has the same effect; masses are as uncertain as "
+            "by these factors, or a missing term has the same effect; masses are as uncertain as "
             f"the scales{_term_instead(case, scales.found.distance)}"
         )
+        brief = f"sensors or gains are off, or a term is missing: estimated scales {listed}"
         if not wrong:
-            return (Finding(self.name, "", Severity.OK, says, "", headline=True),)
+            return (Finding(self.name, "", Severity.OK, says, "", headline=True, brief=brief),)
         fix = Fix(f"Check gain and unit of the effort of {', '.join(wrong)}")
-        return (Finding(self.name, "", Severity.DOUBTFUL, says, "", wrong, fix, headline=True),)
+        brief = f"{brief}. {fix.says}"
+        return (
+            Finding(
+                self.name, "", Severity.DOUBTFUL, says, "", wrong, fix, headline=True, brief=brief
+            ),
+        )
 
 
 def _term_instead(case: FittedCase, distance: float) -> str:

@@ -15,6 +15,7 @@ from steelyard.report.text.findings import (
     lines,
     place,
     tally,
+    words_of,
 )
 from steelyard.report.text.verdict import COLOURS
 from steelyard.report.text.words import count
@@ -47,7 +48,12 @@ def show(
     from rich.padding import Padding
     from rich.text import Text
 
-    shown = [group for group in groups(diagnosis) if fine or group.severity]
+    worst = words_of(diagnosis)
+    shown = [
+        group
+        for group in groups(diagnosis)
+        if (fine or group.severity) and (verbose or worst[group.check] == group.word)
+    ]
     if shown:
         console.print(_table(shown, verbose))
     for fix, findings in fixes(diagnosis).values():
@@ -59,7 +65,8 @@ def show(
     if shown:
         console.print()
     style = f"bold {COLOURS[LEVELS[diagnosis.severity.word]]}"
-    console.print(Text.assemble((headline(diagnosis), style), f"  ({tally(diagnosis)})"))
+    counts = f"  ({tally(diagnosis)})" if any(f.severity for f in diagnosis.findings) else ""
+    console.print(Text.assemble((headline(diagnosis), style), counts))
 
 
 def notes(diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -104,7 +111,7 @@ def _table(shown: Sequence[Group], verbose: bool) -> Table:
         word = Text(group.word, style=style)
         name, found = Text(group.check), _found(group)
         if len(alike) > 1:
-            name = Text(f"{len(alike)} questions")
+            name = Text(count(len(alike), "check"))
             found = Text(", ".join(g.check for g in alike) + ": ").append_text(found)
         table.add_row(word, name, found)
     return table
@@ -122,9 +129,10 @@ def _found(group: Group) -> Text:
     """What one row says; of many that are ok the first speaks."""
     from rich.text import Text
 
-    first, several = group.findings[0], len(group.findings)
+    first, others = group.findings[0], {finding.log for finding in group.findings[1:]}
     if not group.severity:
-        alike = f"{first.log or 'all logs'} (and {several - 1} more): " if several > 1 else ""
+        others -= {first.log}
+        alike = f"{first.log or 'all logs'} (and {len(others)} more): " if others else ""
         return Text.assemble((alike, "dim"), first.says)
     shown = [_one(finding) for finding in group.findings[:SHOWN]]
     rest = _others(group, SHOWN)

@@ -18,6 +18,9 @@ NAMED = 3
 OPEN = "open"
 """The word for a question that could not be answered."""
 
+WORDS = ("wrong", "doubtful", OPEN, "ok")
+"""What a check finds, the worst first."""
+
 LEVELS: dict[str, Level] = {"ok": "good", "doubtful": "fair", "wrong": "poor"}
 
 
@@ -68,11 +71,13 @@ def headline(diagnosis: Diagnosis) -> str:
     if diagnosis.undecided:
         return f"Undecided: {open_words(diagnosis)}"
     if worst == 0:
-        open_ones = sum(not finding.answered for finding in diagnosis.findings)
+        every, left = len(words_of(diagnosis)), diagnosis.open_checks
         verdict = "Ok: no error was found"
-        if open_ones:
-            asked = count(open_ones, "question")
-            verdict = f"Ok, but {asked} could not be decided"
+        if left:
+            verdict = (
+                f"Ok, but {len(left)} of {count(every, 'check')} could not be decided: "
+                f"{', '.join(left)}"
+            )
         beside = dict.fromkeys(f.says for f in diagnosis.findings if f.headline)
         return "; ".join((verdict, *beside))
     names = [f.check for f in diagnosis.findings if f.severity == worst]
@@ -80,18 +85,27 @@ def headline(diagnosis: Diagnosis) -> str:
 
 
 def open_words(diagnosis: Diagnosis) -> str:
-    """How many questions are open, where that makes the robot file doubtful."""
-    asked = count(len({finding.check for finding in diagnosis.findings}), "question")
-    return f"{len(diagnosis.open_checks)} of {asked} are open; the robot file may be wrong"
+    """How many checks are undecided, where that makes the robot file doubtful."""
+    every = count(len(words_of(diagnosis)), "check")
+    return (
+        f"{len(diagnosis.open_checks)} of {every} could not be decided; the robot file may be wrong"
+    )
+
+
+def words_of(diagnosis: Diagnosis) -> dict[str, str]:
+    """The worst word that each check found in any log."""
+    found: dict[str, str] = {}
+    for finding in diagnosis.findings:
+        words = (word_of(finding), found.get(finding.check, WORDS[-1]))
+        found[finding.check] = min(words, key=WORDS.index)
+    return found
 
 
 def tally(diagnosis: Diagnosis) -> str:
-    """How many findings there are of each severity, the worst first."""
-    words = [word_of(finding) for finding in diagnosis.findings]
-    counts = [
-        f"{words.count(word)} {word}" for word in ("wrong", "doubtful", "ok", OPEN) if word in words
-    ]
-    return f"{count(len(words), 'finding')}: {', '.join(counts)}" if words else "no findings"
+    """How many checks there are of each word, the worst first."""
+    words = list(words_of(diagnosis).values())
+    counts = [f"{words.count(word)} {word}" for word in WORDS if word in words]
+    return f"{count(len(words), 'check')}: {', '.join(counts)}" if words else "no findings"
 
 
 def fixes(diagnosis: Diagnosis) -> dict[str, tuple[Fix, list[Finding]]]:

@@ -81,16 +81,17 @@ def band(scores: Sequence[RunScore]) -> str:
 
 
 def error_words(errors: Sequence[PooledError]) -> str:
-    """Like `2.1 Nm: 3.8 % of the effort used, 1.0 % of the rated effort`."""
+    """Like `2.1 Nm: 3.8 % of the effort used`."""
     return "; ".join(
         f"{significant(one.error, 2)} {one.unit}: {percent(one.percent_of_used)} of the effort used"
-        + (
-            ""
-            if one.percent_of_rated is None
-            else f", {percent(one.percent_of_rated)} of the rated effort"
-        )
         for one in errors
     )
+
+
+def rated_words(errors: Sequence[PooledError]) -> str:
+    """Like `1.0 % of the rated effort`; empty where that is unknown."""
+    shares = [one.percent_of_rated for one in errors if one.percent_of_rated is not None]
+    return f"{' and '.join(percent(x) for x in shares)} of the rated effort" if shares else ""
 
 
 def both_words(errors: Sequence[PooledError], logged: Sequence[PooledError]) -> str:
@@ -100,10 +101,7 @@ def both_words(errors: Sequence[PooledError], logged: Sequence[PooledError]) -> 
     unscaled = ", ".join(
         f"{significant(one.error, 2)} {one.unit}: {percent(one.percent_of_used)}" for one in logged
     )
-    return (
-        f"{error_words(errors)} with the estimated effort scales; against the efforts as logged "
-        f"{unscaled}"
-    )
+    return f"{error_words(errors)}, as logged {unscaled}"
 
 
 def basis_words(scores: Sequence[RunScore]) -> str:
@@ -134,11 +132,14 @@ def joint_errors_of(runs: Sequence[BandErrors]) -> tuple[PooledError | None, ...
     return tuple(next(iter(pooled(errors)), None) for errors in own)
 
 
-def poorly_predicted(scores: Sequence[RunScore], limit: float) -> str:
-    """Joints with an error above `limit` [% of the effort used]; or nothing.
+def worse_joints(scores: Sequence[RunScore], limit: float) -> str:
+    """Joints with an error above `limit` [% of the effort used], the worst first; or nothing.
 
-    With estimated scales of the efforts, the larger of the errors with and without them counts.
+    Joints at rest are none of them. With estimated scales of the efforts, the larger of the errors
+    with and without them counts.
     """
+    if all(run.errors.at_rest for run in scores):
+        return ""
     listed = []
     own = joint_errors(scores)
     logged = joint_errors_of(as_logged(run.errors for run in scores)) or own
@@ -148,10 +149,9 @@ def poorly_predicted(scores: Sequence[RunScore], limit: float) -> str:
             key=lambda one: one.percent_of_used,
             default=None,
         )
-        if error is not None and limit < error.percent_of_used < inf:
-            size = f"{significant(error.error, 2)} {error.unit}"
-            words = f"{joint.joint} {size} ({percent(error.percent_of_used)})"
-            listed.append((error.percent_of_used, words))
+        if error is not None and limit < round(error.percent_of_used, 1) < inf:
+            share = percent(error.percent_of_used)
+            listed.append((error.percent_of_used, f"{joint.joint} {share}"))
     listed.sort(reverse=True)
     more = f" and {len(listed) - NAMED} more" if len(listed) > NAMED else ""
     return ", ".join(words for _, words in listed[:NAMED]) + more

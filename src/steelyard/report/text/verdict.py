@@ -12,8 +12,9 @@ from steelyard.report.text.score_words import (
     basis_words,
     both_words,
     other_errors,
-    poorly_predicted,
+    rated_words,
     without_percentage,
+    worse_joints,
 )
 from steelyard.report.text.words import count, percent
 from steelyard.validation.headline import PooledError, as_logged, pooled
@@ -48,14 +49,29 @@ HOW_TO_VALIDATE = "steelyard validate MODEL OTHER_LOG"
 
 
 @dataclass(frozen=True)
+class Limitation:
+    """What was found against a model.
+
+    Attributes:
+        text: What, where, the evidence, and what to do.
+        brief: The same for a line of a terminal.
+        level: The best level that it leaves.
+    """
+
+    text: str
+    brief: str
+    level: Level
+
+
+@dataclass(frozen=True)
 class Verdict:
     """A headline, the small print under it, how good it is, and what qualifies it.
 
     Attributes:
-        headline: One sentence.
+        headline: One sentence, with the joints that are worse than good.
         detail: What it was computed from.
         level: No better than the worst limitation allows.
-        limitations: Sentence and level of everything that was found against the model.
+        limitations: Everything that was found against the model.
         errors: Errors of the headline, one per unit of effort; none without an unseen run.
         as_logged: The same against the efforts as logged, if scales of the efforts were estimated.
         others: The relative errors in the band of the fit, as a sentence; or nothing.
@@ -64,7 +80,7 @@ class Verdict:
     headline: str
     detail: str
     level: Level
-    limitations: tuple[tuple[str, Level], ...] = ()
+    limitations: tuple[Limitation, ...] = ()
     errors: tuple[PooledError, ...] = ()
     as_logged: tuple[PooledError, ...] = ()
     others: str = ""
@@ -105,7 +121,10 @@ def level_of(relative_percent: float | None) -> Level:
 def verdict(content: ReportContent) -> Verdict:
     """The verdict of a report, no better than its limitations allow."""
     plain = _of_scores(content)
-    found = tuple((_sentence(f), LIMITED[f.severity.word]) for f in content.limitations)
+    found = tuple(
+        Limitation(_sentence(f), _placed(f, f.brief) or _sentence(f), LIMITED[f.severity.word])
+        for f in content.limitations
+    )
     levels = (plain.level, *(LIMITED[f.severity.word] for f in content.limitations if f.severity))
     return replace(plain, level=max(levels, key=SEVERITY.index), limitations=found)
 
@@ -132,10 +151,14 @@ def over(judged: Verdict, most: float | None) -> str:
 
 def _sentence(finding: Finding) -> str:
     """What was found, where, and the evidence."""
-    where = f"{finding.log}: " if finding.log else ""
     figure = f" ({finding.figure})" if finding.figure else ""
     advice = f". {finding.fix.says}" if finding.fix is not None else ""
-    return f"{where}{finding.says}{figure}{advice}"
+    return _placed(finding, f"{finding.says}{figure}{advice}")
+
+
+def _placed(finding: Finding, text: str) -> str:
+    """A text behind the log that it is about; nothing without a text."""
+    return f"{finding.log}: {text}" if finding.log and text else text
 
 
 def _of_scores(content: ReportContent) -> Verdict:
@@ -145,7 +168,8 @@ def _of_scores(content: ReportContent) -> Verdict:
     scores = [run for run in content.scores if not run.repeats] or list(content.scores)
     errors = pooled(run.errors for run in scores)
     logged = pooled(as_logged(run.errors for run in scores))
-    plain = Verdict("", _detail(scores), "none", (), errors, logged, other_errors(scores))
+    detail = _detail(scores, errors)
+    plain = Verdict("", detail, "none", (), errors, logged, other_errors(scores))
     motion = _motion(scores)
     worst = plain.percent_of_used
     scaled = max((one.percent_of_used for one in errors), default=0.0)
@@ -155,9 +179,10 @@ def _of_scores(content: ReportContent) -> Verdict:
             plain,
             headline=f"The error on {motion} cannot be given as a percentage",
             detail=f"No relative error of {strange}: its measured effort is zero or not a number. "
-            f"See the table. {plain.detail}".rstrip(),
+            f"See the table. {detail}",
         )
-    error = f"{both_words(errors, logged)} ({basis_words(scores)})"
+    worse = worse_joints(scores, GOOD)
+    error = both_words(errors, logged) + (f" ({worse})" if worse else "")
     if scaled >= 100.0:
         headline = f"Predicts {motion} no better than predicting zero: the error is {error}"
         return replace(plain, headline=headline, level="poor")
@@ -205,13 +230,11 @@ def _repeated(scores: Sequence[RunScore]) -> str:
     )
 
 
-def _detail(scores: Sequence[RunScore]) -> str:
-    """The joints that are predicted poorly, which motions are repeated, and friction at rest."""
-    still = [run.errors.at_rest for run in scores]
-    poor = "" if all(still) else poorly_predicted(scores, FAIR)
+def _detail(scores: Sequence[RunScore], errors: Sequence[PooledError]) -> str:
+    """Over what the error is computed, which motions are repeated, and friction at rest."""
     sentences = (
-        f"Poorly predicted joints: {poor}" if poor else "",
+        "; ".join(words for words in (basis_words(scores), rated_words(errors)) if words),
         _repeated(scores),
-        AT_REST if any(still) else "",
+        AT_REST if any(run.errors.at_rest for run in scores) else "",
     )
     return " ".join(f"{sentence}." for sentence in sentences if sentence)

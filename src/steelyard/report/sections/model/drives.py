@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
 
+ASSUMED = "assumed: mean of the others"
+"""Origin of a gain that the data do not identify."""
+
+
 class DrivesSection(TableSection):
     """Gains with intervals."""
 
@@ -62,11 +66,11 @@ def _words(gain: DriveGain) -> str:
     """Like `elbow 9.97 ± 0.17 Nm/A`, or where the gain is from instead of its interval."""
     value = f"{gain.joint} {significant(gain.gain)}"
     if not _has_interval(gain):
-        return f"{value} {gain.unit} ({'given' if gain.known else 'assumed'})"
+        return f"{value} {gain.unit} ({'given' if gain.known else ASSUMED})"
     return f"{value} ± {significant(gain.half_width, 2)} {gain.unit}"
 
 
 def _how(known: bool, assumed: bool, half: float) -> str:
     if assumed:
-        return "assumed: not identifiable, mean of the others"
+        return f"{ASSUMED}, not identifiable"
     return "given" if known else f"± {significant(half)}"

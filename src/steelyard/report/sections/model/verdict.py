@@ -17,6 +17,7 @@ from steelyard.report.text.score_words import (
     basis_words,
     both_words,
     coverage_words,
+    rated_words,
     relative,
     relative_errors,
     scale_words,
@@ -89,7 +90,7 @@ class VerdictSection(Section):
         yield Group(
             Text(judged.line, style=f"bold {COLOURS[judged.level]}"),
             *([Text(judged.detail)] if judged.detail else []),
-            *(Text(f"! {text}", style=COLOURS[level]) for text, level in judged.limitations),
+            *(Text(f"! {one.brief}", style=COLOURS[one.level]) for one in judged.limitations),
         )
         scores = content.scores or content.fitted
         if not scores:
@@ -108,6 +109,9 @@ class VerdictSection(Section):
         from rich.text import Text
 
         judged, unseen = verdict(content), bool(content.scores)
+        for one in judged.limitations:
+            if one.brief != one.text:
+                yield Text(f"! {one.text}", style=COLOURS[one.level])
         if judged.others:
             yield Text(judged.others)
         if larger := fitted_larger(content.fitted, content.scores):
@@ -162,7 +166,7 @@ def _run(score: RunScore) -> dict[str, Any]:
         "repeats": score.repeats,
         "cutoff": score.cutoff,
         "band": score.errors.cutoff,
-        "figures": both_words(pooled([score.errors]), pooled(as_logged([score.errors]))),
+        "figures": _figures(score),
         "basis": basis_words([score]),
         "errors": [
             _error(joint) | {"as_logged": logged}
@@ -170,6 +174,13 @@ def _run(score: RunScore) -> dict[str, Any]:
         ],
         "joints": score.joints,
     }
+
+
+def _figures(score: RunScore) -> str:
+    """The errors over all joints of a run."""
+    errors = pooled([score.errors])
+    words = both_words(errors, pooled(as_logged([score.errors]))), rated_words(errors)
+    return "; ".join(part for part in words if part)
 
 
 def _logged_shares(score: RunScore) -> list[float | None]:
