@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 sys.path.append(str(Path(__file__).parents[1]))
 from studies.support.page import Claim, Page, Part, Table, Text, over_seeds
 from studies.support.picture import Curve, Panel, Picture
-from studies.support.robots import robot_file
+from studies.support.robots import TORQUE, robot_file
 from studies.support.study import Study, run
 
 import steelyard
@@ -42,18 +42,6 @@ over which it is correlated [s]."""
 
 REMOVED, REPEATS = 4, 5
 """Parameters that the paper removes, and its repeated estimations; 1 and 2 in the quick form."""
-
-SIGNALS = """
-[signals]
-time = "time_s"
-position = "q{}_rad"
-[signals.effort]
-columns = "tau{}_Nm"
-kind = "joint_torque"
-unit = "Nm"
-[prior]
-source = "none"
-"""
 
 CALIBRATED = """
 [estimation]
@@ -204,8 +192,8 @@ class Found:
 def one(folder: Path, seed: int, quick: bool) -> Found:
     """The loop, repeated estimations of each model, and the circle."""
     removed, repeats, searches = (1, 2, 1) if quick else (REMOVED, REPEATS, 16)
-    leg = robot_file("p1_leg", folder / "leg.toml", SIGNALS + PAPER)
-    ours = robot_file("p1_leg", folder / "ours.toml", SIGNALS + CALIBRATED)
+    leg = robot_file("p1_leg", folder / "leg.toml", TORQUE + PAPER)
+    ours = robot_file("p1_leg", folder / "ours.toml", TORQUE + CALIBRATED)
     designed = steelyard.design_excitation(
         leg, budget=300.0, searches=searches, processes=1, seed=seed + 100
     )

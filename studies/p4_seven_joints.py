@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 sys.path.append(str(Path(__file__).parents[1]))
 from studies.support.page import Claim, Page, Part, Table, Text, over_seeds
 from studies.support.picture import Curve, Panel, Picture
-from studies.support.robots import ROBOTS, robot_file
+from studies.support.robots import ROBOTS, TORQUE, robot_file
 from studies.support.study import Study, run
 
 import steelyard
@@ -58,19 +58,6 @@ ratios = {list(RATIOS)}
 source = "none"
 """
 """Currents of the motors; the masses of the robot file are not used."""
-
-TORQUE = """
-[signals]
-time = "time_s"
-position = "q{}_rad"
-[signals.effort]
-columns = "tau{}_Nm"
-kind = "joint_torque"
-unit = "Nm"
-[prior]
-source = "none"
-"""
-"""The same run as joint torque sensors log it."""
 
 ROTORS = """
 [model]

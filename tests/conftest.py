@@ -1,5 +1,6 @@
 """Machine code of the tests is kept for one session only; memory as the system counts it."""
 
+import gc
 import os
 import re
 import tempfile
@@ -34,6 +35,12 @@ def pytest_configure(config: pytest.Config) -> None:
     folder = tempfile.TemporaryDirectory(prefix="steelyard-tests-")
     os.environ["STEELYARD_CACHE"] = folder.name
     config.add_cleanup(folder.cleanup)
+
+
+def pytest_collection_finish() -> None:
+    """Modules and collected tests stay to the end: garbage is not searched among them."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

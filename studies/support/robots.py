@@ -8,6 +8,19 @@ import tomlkit
 
 ROBOTS = Path(__file__).parents[1] / "robots"
 
+TORQUE = """
+[signals]
+time = "time_s"
+position = "q{}_rad"
+[signals.effort]
+columns = "tau{}_Nm"
+kind = "joint_torque"
+unit = "Nm"
+[prior]
+source = "none"
+"""
+"""Logs with positions and joint torques; the masses of the robot file are not used."""
+
 
 def robot_file(name: str, target: Path, tables: str = "") -> Path:
     """Write a robot file with some of its tables changed.

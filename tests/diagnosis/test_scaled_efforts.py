@@ -12,7 +12,7 @@ from steelyard.diagnosis.fitted import scaled_efforts
 from steelyard.diagnosis.fitted.scaled_efforts import ScaledEfforts
 from steelyard.estimation.effort_scales import Scales
 
-FOUND = Scales(np.array([0.8, 1.05]), 0.05**2 * np.eye(2), np.zeros(0), 1.0)
+FOUND = Scales(np.array([0.8, 1.05]), 0.05**2 * np.eye(2), np.zeros(0), 1.0, np.zeros(0))
 
 
 def remark(monkeypatch: pytest.MonkeyPatch, *causes: Cause) -> str:
@@ -55,7 +55,7 @@ def test_others_and_weaker_ones_are_not(monkeypatch: pytest.MonkeyPatch) -> None
 def test_a_gain_that_is_far_off_is_doubtful(
     monkeypatch: pytest.MonkeyPatch, value: float, doubtful: bool
 ) -> None:
-    scales = Scales(np.array([1.0, value]), 0.05**2 * np.eye(2), np.zeros(0), 1.0)
+    scales = Scales(np.array([1.0, value]), 0.05**2 * np.eye(2), np.zeros(0), 1.0, np.zeros(0))
     finding = found(monkeypatch, scales)
     assert finding.headline and finding.severity == Severity(int(doubtful))
     assert finding.joints == (("b",) if doubtful else ())

@@ -1,4 +1,4 @@
-"""Newton's last digits: the optimum where it can be confirmed, nothing where it cannot."""
+"""Newton's method from a point nearby: the optimum where it can be confirmed, else nothing."""
 
 from dataclasses import replace
 
@@ -65,6 +65,31 @@ def test_a_point_far_away_is_not_called_the_optimum() -> None:
     far[0] = 1e4
     end, fine = polished(here, far, 5.0), at(here, 5.0, 1e-12)
     assert end is None or np.allclose(end, fine, atol=1e-6)
+
+
+@pytest.mark.parametrize("rows", [(), CONSTRAINTS], ids=["plain", "constraints"])
+@pytest.mark.parametrize("form", [Entropic(), Pullback()], ids=lambda form: form.name)
+def test_the_solution_with_another_weight_is_near_enough(form: Form, rows: tuple[Row, ...]) -> None:
+    here = program(form, rows)
+    for before, gamma in ((5.0, 30.0), (30.0, 5.0), (5.0, 0.8)):
+        end, fine = polished(here, at(here, before, 1e-12), gamma), at(here, gamma, 1e-12)
+        assert end is not None
+        assert here.cost(end, gamma) <= here.cost(fine, gamma) * (1.0 + 1e-10)
+
+
+def test_a_point_beyond_a_constraint_is_left_to_the_solver() -> None:
+    here, bound = program(Entropic()), program(Entropic(), CONSTRAINTS)
+    assert polished(bound, at(here, 5.0, 1e-12), 5.0) is None
+
+
+def test_values_of_a_similar_problem_spare_the_solver(monkeypatch: pytest.MonkeyPatch) -> None:
+    consistent = Consistent(REGRESSOR.base, known(rows=CONSTRAINTS))
+    first = consistent.values(information_of(0.05))
+    alone = consistent.values(information_of(0.06), first.gamma)
+    monkeypatch.delattr("steelyard.estimation.consistent.consistent.solved")
+    again = consistent.values(information_of(0.06), first.gamma, first.standard)
+    assert again.gamma == first.gamma
+    np.testing.assert_allclose(again.values, alone.values, rtol=1e-7, atol=1e-9)
 
 
 def test_slopes_are_those_of_the_objective() -> None:

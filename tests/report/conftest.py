@@ -365,7 +365,7 @@ def usual() -> ReportContent:
 def scales(joints: tuple[str, str] = ("shoulder", "elbow")) -> EffortScales:
     """One joint that is off, one that is not."""
     values, covariance = np.array([0.72, 1.01]), np.diag([0.05**2, 0.04**2])
-    found = Scales(values, covariance, np.zeros(1), 1.0)
+    found = Scales(values, covariance, np.zeros(1), 1.0, np.zeros(1))
     knowledge = Knowledge((), (), (), np.zeros(0), np.zeros(0))
     base = BaseMap((), (), (), (), (), np.zeros((0, 0)))
     return EffortScales(joints, found, 2.2, 2.6, Scaled(Consistent(base, knowledge), joints))

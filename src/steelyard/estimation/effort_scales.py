@@ -47,12 +47,14 @@ class Scales:
         covariance: Of their logarithms, shape `(rows, rows)`.
         parameters: Of the information's columns, shape `(p,)`.
         gamma: Weight of the prior of the bodies.
+        standard: All standard parameters, then the logarithms of the scales.
     """
 
     values: Array
     covariance: Array
     parameters: Array
     gamma: float
+    standard: Array
 
     @property
     def std(self) -> Array:
@@ -91,9 +93,11 @@ class Scaled:
         Raises:
             DataError: As of the estimate.
         """
-        values, gamma = self.estimator.values(information, gamma)
-        n = len(self.rows)
-        return Scales(np.ones(n), self.deviation**2 * np.eye(n), values, gamma)
+        found, n = self.estimator.values(information, gamma), len(self.rows)
+        standard = np.concatenate([found.standard, np.zeros(n)])
+        return Scales(
+            np.ones(n), self.deviation**2 * np.eye(n), found.values, found.gamma, standard
+        )
 
     def step(self, information: Information, at: Scales, *, weigh: bool = False) -> Scales:
         """One Gauss-Newton step.
@@ -112,7 +116,7 @@ class Scaled:
             tried = wide.weighed(program).tried
             u, gamma = tried.u, tried.gamma
         else:
-            u = wide.solve(program, gamma)
+            u = wide.solve(program, gamma, program.unknowns.of_standard(at.standard))
         standard = program.unknowns.standard(u)
         logs, before = standard[-len(self.rows) :], np.log(at.values)
         logs = before + np.clip(logs - before, -LONGEST, LONGEST)
@@ -125,6 +129,7 @@ class Scaled:
             spread,
             self._of_columns(information, self.estimator.base.lift @ standard[: -len(self.rows)]),
             gamma,
+            standard,
         )
 
     def converged(self, information: Information, at: Scales, *, weigh: bool = False) -> Scales:

@@ -114,6 +114,10 @@ class DrivesInUse:
         self._drives, self._tick = drives, tick
         self.command = np.zeros_like(q)
         self._torque = np.zeros_like(q)
+        self._limits = -drives.limits, drives.limits
+        step = np.broadcast_to(drives.resolution, q.shape)
+        rounded = step > 0.0
+        self._rounding = (np.where(rounded, step, 1.0), rounded) if rounded.any() else None
         late = round(drives.delay / tick)
         seen = self._rounded(q)
         self._seen, self._speed = seen, np.zeros_like(q)
@@ -135,8 +139,8 @@ class DrivesInUse:
 
     def actuate(self, command: Array) -> Array:
         """Torque over the next tick, shape `(n,)`: the mean of the response to a command."""
-        limits, lag = self._drives.limits, self._drives.lag
-        self.command = np.clip(command, -limits, limits)
+        lag, (least, most) = self._drives.lag, self._limits
+        self.command = np.minimum(np.maximum(command, least), most)
         if lag == 0.0:
             return self.command
         share = _share(self._tick, lag)
@@ -145,9 +149,10 @@ class DrivesInUse:
         return np.asarray(self.command + (lag / self._tick) * share * rest)
 
     def _rounded(self, q: Array) -> Array:
-        step = np.broadcast_to(self._drives.resolution, q.shape)
-        safe = np.where(step > 0.0, step, 1.0)
-        return np.where(step > 0.0, np.round(q / safe) * safe, q)
+        if self._rounding is None:
+            return q
+        step, rounded = self._rounding
+        return np.where(rounded, np.rint(q / step) * step, q)
 
 
 def _share(tick: float, constant: float) -> float:

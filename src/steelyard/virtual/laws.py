@@ -188,7 +188,7 @@ class LawsInUse:
     def __init__(self, laws: Laws, position: Array, velocity: Array, acceleration: Array) -> None:
         """Laws over MuJoCo's own arrays of positions, velocities and accelerations."""
         self.laws, code = laws, laws.code
-        self.applied = np.zeros(laws.robot.n)
+        self.applied, self._count = np.zeros(laws.robot.n), laws.robot.n_joints
         self._seen = position, velocity, acceleration
         carriers, ratios, zeros = (np.array(x) for x in laws.places)
         self._carriers, self._ratios, self._zeros = carriers, ratios, zeros
@@ -243,10 +243,10 @@ class LawsInUse:
 
     def brakes(self) -> Array:
         """Torque of motor-side terms at the last step, shape `(n,)`."""
-        result = np.zeros(self.laws.robot.n_joints)
-        rows = self._rows[self._turn]
-        result[self._brakes] = rows[len(self._loads) : self._head, 0]
-        return result[: self.laws.robot.n]
+        result = np.zeros(self._count)
+        if self._brakes:
+            result[self._brakes] = self._rows[self._turn][len(self._loads) : self._head, 0]
+        return result[: len(self.applied)]
 
     def _joints(self, x: Array, zeros: Array | float = 0.0) -> Array:
         """MuJoCo's values as those of all joints, shape `(n_joints,)`."""

@@ -23,7 +23,7 @@ from steelyard.virtual.stability import stable_timestep
 from steelyard.virtual.truth import Truth
 
 _BEYOND = 1e4
-"""Positions and velocities that no robot reaches."""
+"""Size of positions and of velocities, as vectors, that no robot reaches."""
 
 
 class MujocoPlant:
@@ -58,6 +58,7 @@ class MujocoPlant:
             [b.motor * np.array(b.row[: robot.n]) for b in truth.brakes if b.level > 0.0],
             (-1, robot.n),
         )
+        self._before_gears = bool(self._behind.any())
         self._carriers = np.array(self.model.carriers[: robot.n])
         self._ratios = self.model.map[self._carriers, np.arange(robot.n)]
         self._starts = self.model.offset[self._carriers]
@@ -83,7 +84,8 @@ class MujocoPlant:
         self._data = new_data(self.model)
         self._data.qpos[:] = self.model.map @ q + self.model.offset
         data = self._data
-        self._used = LawsInUse(self._laws, data.qpos, data.qvel, data.qacc)
+        self._x, self._v, self._forces = data.qpos, data.qvel, data.qfrc_applied
+        self._used = LawsInUse(self._laws, self._x, self._v, data.qacc)
 
     def load(self, loaded: bool) -> None:
         """Take the payload, or let it go; motion goes on from the same velocities."""
@@ -111,14 +113,17 @@ class MujocoPlant:
 
     def state(self) -> tuple[Array, Array]:
         """Position and velocity of the independent joints, each `(n,)`."""
-        dq = self._data.qvel[self._carriers] / self._ratios
-        ahead = (self._data.qpos[self._carriers] - self._starts) / self._ratios
+        dq = self._v[self._carriers] / self._ratios
+        ahead = (self._x[self._carriers] - self._starts) / self._ratios
         return ahead - 0.5 * self.timestep * dq, dq
 
     def motor_friction(self) -> Array:
         """Torque of the terms that act on motors, at the last step, shape `(n,)`."""
+        brakes = self._used.brakes()
+        if not self._before_gears:
+            return brakes
         friction = self._data.efc_force[self._data.ne :][: self._data.nf]
-        return np.asarray(self._used.brakes() - friction @ self._behind)
+        return np.asarray(brakes - friction @ self._behind)
 
     def step(self, tau: Array, duration: float) -> tuple[Array, Array]:
         """Hold joint torques `tau`, shape `(n,)`, for a multiple of the time step."""
@@ -127,12 +132,12 @@ class MujocoPlant:
             raise ValueError(f"{duration} s is not a multiple of the step of {self.timestep} s")
         compiled, data, used = self._compiled[self._loaded], self._data, self._used
         used.applied[:] = tau
-        forces, dofs, advance = data.qfrc_applied, used.dofs, ADVANCE
+        forces, dofs, advance = self._forces, used.dofs, ADVANCE
         for _ in range(count):
             forces[dofs] = used.step()
             advance(compiled, data)
         q, dq = self.state()
-        if not (np.abs(q).max() < _BEYOND and np.abs(dq).max() < _BEYOND):
+        if not (q @ q < _BEYOND**2 and dq @ dq < _BEYOND**2):
             raise DataError(
                 "the simulation diverged",
                 where=f"robot '{self._robot.name}'",

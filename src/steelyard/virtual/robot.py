@@ -175,20 +175,19 @@ class VirtualRobot:
         pushed = None if self.wrench is None else self.wrench.at(t)
         settling = round(_SETTLING * CONTROL_RATE)
         loop = self.control.start(self._task(goal, settling))
-        q, dq, effort, friction, command = (np.zeros_like(goal.q) for _ in range(5))
+        q, dq, held, friction, command = (np.zeros_like(goal.q) for _ in range(5))
         q[0], dq[0] = self._plant.state()
         drives = self.drives.start(_TICK, q[0])
-        tau = np.zeros(self.robot.n)
+        before = tau = np.zeros(self.robot.n)
         for k in range(settling):
-            tau = drives.actuate(loop.torque(k, *drives.sense(q[0], dq[0])))
+            before = tau = drives.actuate(loop.torque(k, *drives.sense(q[0], dq[0])))
             q[0], dq[0] = self._plant.step(tau, _TICK)
         for k in range(ticks):
             if k % _TICKS_PER_EVENT == 0:
                 report_progress(self._progress, "simulation", t[k], float(t[-1]))
-            before = tau
             seen, speed = drives.sense(q[k] + felt[k], dq[k])
-            tau = drives.actuate(loop.torque(settling + k, seen, speed))
-            effort[k], command[k] = 0.5 * (before + tau), drives.command
+            held[k] = tau = drives.actuate(loop.torque(settling + k, seen, speed))
+            command[k] = drives.command
             friction[k] = self._plant.motor_friction()
             if pushed is not None and self._frame is not None and self.wrench is not None:
                 pushed[k] = self._plant.push(self._frame, pushed[k], self.wrench.axes == "base")
@@ -200,7 +199,7 @@ class VirtualRobot:
             t,
             q,
             dq,
-            effort,
+            0.5 * (np.concatenate([before[None], held[:-1]]) + held),
             friction + self._rotors(dq),
             self._gravity(t, q),
             np.array([goal.q, goal.dq, command]),

@@ -1,6 +1,5 @@
 """`steelyard contact`: contacts in a log, from the efforts that the model does not explain."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -34,24 +33,14 @@ def contact(
 
     Example: steelyard contact steelyard-ur10e shift.csv --calibrate free1.csv free2.csv
     """
-    from rich.console import Console
-
-    from steelyard.cli import interrupt
-    from steelyard.cli.show import progress_bar
-    from steelyard.files import whole_folder
-    from steelyard.identification.logs import new_folder
+    from steelyard.cli.show import computed
     from steelyard.identification.uses.contact import contact as found_in
 
-    folder = None if output is None else new_folder(output, "")
-    with progress_bar() as progress:
-        found = found_in(model, log, calibrate=calibrate or (), rate=rate, progress=progress)
-        if folder is not None:
-            with whole_folder(folder) as part:
-                found.write(part)
-                interrupt.too_late()
-    if as_json:
-        typer.echo(json.dumps(found.to_dict(), allow_nan=False))
-        return
-    found.show(Console())
-    if folder is not None:
-        typer.echo(f"\nreport  {folder / 'report.html'}")
+    computed(
+        lambda progress: found_in(
+            model, log, calibrate=calibrate or (), rate=rate, progress=progress
+        ),
+        output,
+        as_json,
+        report="report.html",
+    )

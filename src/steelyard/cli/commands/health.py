@@ -1,6 +1,5 @@
 """`steelyard health`: what drifted in a robot, from logs of its operation."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -28,25 +27,13 @@ def health(
 
     Example: steelyard health steelyard-ur10e monday.csv tuesday.csv -o health
     """
-    from rich.console import Console
-
-    from steelyard.cli import interrupt
-    from steelyard.cli.show import progress_bar
-    from steelyard.files import whole_folder
-    from steelyard.identification.logs import new_folder
+    from steelyard.cli.show import computed
     from steelyard.identification.uses.health import health as found_in
 
-    folder = None if output is None else new_folder(output, "")
-    with progress_bar() as progress:
-        found = found_in(model, logs, progress=progress)
-        if folder is not None:
-            with whole_folder(folder) as part:
-                found.write(part)
-                interrupt.too_late()
-    if as_json:
-        typer.echo(json.dumps(found.to_dict(), allow_nan=False))
-    else:
-        found.show(Console())
-        if folder is not None:
-            typer.echo(f"\nreport  {folder / 'report.html'}")
+    found = computed(
+        lambda progress: found_in(model, logs, progress=progress),
+        output,
+        as_json,
+        report="report.html",
+    )
     raise typer.Exit(int(bool(found.drifts or found.unproven)))

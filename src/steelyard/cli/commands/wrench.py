@@ -1,6 +1,5 @@
 """`steelyard wrench`: the external wrench along a log, from efforts that are not explained."""
 
-import json
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -72,17 +71,11 @@ def wrench(
 
     Example: steelyard wrench steelyard-ur10e shift.csv --frame tool0 -o wrench
     """
-    from rich.console import Console
-
-    from steelyard.cli import interrupt
-    from steelyard.cli.show import progress_bar
-    from steelyard.files import whole_folder
-    from steelyard.identification.logs import new_folder
+    from steelyard.cli.show import computed
     from steelyard.identification.uses.wrench import external_wrench
 
-    folder = None if output is None else new_folder(output, "")
-    with progress_bar() as progress:
-        found = external_wrench(
+    computed(
+        lambda progress: external_wrench(
             model,
             log,
             frame,
@@ -94,14 +87,9 @@ def wrench(
             duration=duration,
             axes=axes,
             progress=progress,
-        )
-        if folder is not None:
-            with whole_folder(folder) as part:
-                found.write(part)
-                interrupt.too_late()
-    if as_json:
-        typer.echo(json.dumps(found.to_dict(), allow_nan=False))
-        return
-    found.show(Console())
-    if folder is not None:
-        typer.echo(f"\nreport  {folder / 'report.html'}\ntable   {folder / 'wrench.csv'}")
+        ),
+        output,
+        as_json,
+        report="report.html",
+        table="wrench.csv",
+    )

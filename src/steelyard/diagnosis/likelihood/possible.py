@@ -27,6 +27,7 @@ from steelyard.dynamics.compiled import check_angles
 from steelyard.errors import DataError
 from steelyard.estimation.consistent.conic import solved
 from steelyard.estimation.consistent.consistency_penalties import Entropic
+from steelyard.estimation.consistent.newton_refinement import polished
 from steelyard.estimation.consistent.program import ConicConstraints, Program
 from steelyard.estimation.consistent.unknowns import Unknowns, ten_map
 from steelyard.estimation.payload.load_case import carrier
@@ -207,19 +208,27 @@ class _Problem:
         """
         whole = np.maximum(np.sum(np.square(measured), axis=1), 1e-30)
         misfits = np.full(len(efforts), 0.3)
+        near: Array | None = None
         try:
             for _ in range(PASSES):
                 weights = 1.0 / np.sqrt(whole / np.maximum(counts, 1.0) * (misfits**2 + FLOOR**2))
-                u = self.solved(efforts, weights)
-                left = efforts - self._columns @ (self.scale @ u)
+                u = self.solved(efforts, weights, near)
+                near = self.scale @ u
+                left = efforts - self._columns @ near
                 score = score_of(np.sum(np.square(left), axis=1), whole, counts, np.zeros((0,)))
                 misfits = score.misfits
         except DataError:
             return None
         return u, score
 
-    def solved(self, efforts: Array, weights: Array) -> Array:
-        """The unknowns, rows of joint j times `weights[j]`."""
+    def solved(self, efforts: Array, weights: Array, near: Array | None) -> Array:
+        """The unknowns, rows of joint j times `weights[j]`.
+
+        Args:
+            efforts: As of `agreeing`.
+            weights: Shape `(n,)`.
+            near: Numbers of bodies and nuisances with other weights, if there are any.
+        """
         scaled = weights * np.sqrt(self._worth)
         rows = (self._columns * scaled[:, None, None]).reshape(-1, self._columns.shape[-1])
         right = (efforts * scaled[:, None]).reshape(-1)
@@ -244,6 +253,10 @@ class _Problem:
         eye = np.eye(k)[self._places]
         constraints = ConicConstraints((), eye, self._lower / sizes, self._upper / sizes)
         program = Program(unknowns, constraints, Entropic())
+        if near is not None:
+            end = polished(program, unknowns.of_standard(near), WEIGHT)
+            if end is not None:
+                return end
         return solved(program.conic(WEIGHT), "bodies of the log's own", aim=AIM, enough=ENOUGH)[:k]
 
     def typical(self, u: Array) -> float:

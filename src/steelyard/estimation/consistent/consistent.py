@@ -50,6 +50,21 @@ LISTED = 6
 
 
 @dataclass(frozen=True, eq=False)
+class ConsistentValues:
+    """Values without covariances.
+
+    Attributes:
+        values: Of the information's columns, shape `(p,)`, zero without a base parameter.
+        gamma: Weight of the prior that they were estimated with.
+        standard: All standard parameters.
+    """
+
+    values: Array
+    gamma: float
+    standard: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Consistent:
     """The convex estimate with a prior; the default.
 
@@ -87,36 +102,49 @@ class Consistent:
         found = self.weighed(program)
         return self._described(data, program, found)
 
-    def values(self, information: Information, gamma: float | None = None) -> tuple[Array, float]:
+    def values(
+        self, information: Information, gamma: float | None = None, near: Array | None = None
+    ) -> ConsistentValues:
         """Values of the information's columns, without covariances.
 
         Args:
             information: What the data say; no run has parameters of its own.
             gamma: Weight of the prior; as of a call if `None`.
-
-        Returns:
-            The values, shape `(p,)`, zero of columns without a base parameter, and the weight.
+            near: Standard parameters of a similar problem, to begin at.
 
         Raises:
             DataError: As of a call.
         """
         program = self.program(whitened(information, equal=self.equal))
-        tried = self.weighed(program).tried if gamma is None else self._tried(program, gamma)
-        lifted = self.base.lift @ program.unknowns.standard(tried.u)
+        if gamma is None:
+            tried = self.weighed(program).tried
+        else:
+            begin = None if near is None else program.unknowns.of_standard(near)
+            tried = self._tried(program, gamma, begin)
+        standard = program.unknowns.standard(tried.u)
+        lifted = self.base.lift @ standard
         known = dict(zip(self.base.base_names, lifted.tolist(), strict=True))
-        return np.array([known.get(c, 0.0) for c in information.layout.columns]), tried.gamma
+        values = np.array([known.get(c, 0.0) for c in information.layout.columns])
+        return ConsistentValues(values, tried.gamma, standard)
 
     def program(self, data: Whitened) -> Program:
         """The convex program of whitened data."""
         known = unknowns(data, self.base, self.knowledge)
         return Program(known, conic_constraints(known, self.knowledge), self.form)
 
-    def solve(self, program: Program, gamma: float) -> Array:
+    def solve(self, program: Program, gamma: float, near: Array | None = None) -> Array:
         """The unknowns at the optimum with a weight of the prior.
+
+        Args:
+            program: The program.
+            gamma: The weight.
+            near: Unknowns of a similar problem, to begin at.
 
         Raises:
             DataError: As of a call.
         """
+        if near is not None and (end := self._from_nearby(program, gamma, near)) is not None:
+            return end
         try:
             return self._optimum(program, gamma)
         except (Infeasible, Unsolved) as error:
@@ -129,10 +157,17 @@ class Consistent:
                 ) from None
             raise
 
+    def _from_nearby(self, program: Program, gamma: float, near: Array) -> Array | None:
+        """The optimum from a solution nearby by Newton's method, where that confirms it."""
+        return polished(program, near, gamma) if self._smooth(program) else None
+
+    def _smooth(self, program: Program) -> bool:
+        return self.form.penalises and all(program.unknowns.priors)
+
     def _optimum(self, program: Program, gamma: float) -> Array:
         """Near it by the solver and to the end by Newton's method, or all by the solver."""
         conic, m = program.conic(gamma), len(program.unknowns.weak)
-        if self.form.penalises and all(program.unknowns.priors):
+        if self._smooth(program):
             with suppress(Infeasible, Unsolved):
                 near = solved(conic, self._where, self.iterations, aim=ROUGH, enough=ENOUGH)[:m]
                 end = polished(program, near, gamma)
@@ -167,8 +202,8 @@ class Consistent:
         """The solution with the weight of the prior that is given, stated or found."""
         known = program.unknowns
 
-        def at(gamma: float) -> Tried:
-            return self._tried(program, gamma)
+        def at(gamma: float, near: Array | None = None) -> Tried:
+            return self._tried(program, gamma, near)
 
         stated = self.gamma
         if stated is None and self.knowledge.uncertainty is not None:
@@ -177,9 +212,9 @@ class Consistent:
             return weighed(at, len(known.vector))
         return Weighed(at(0.0 if stated is None else stated))
 
-    def _tried(self, program: Program, gamma: float) -> Tried:
+    def _tried(self, program: Program, gamma: float, near: Array | None = None) -> Tried:
         """The solution with one weight."""
-        u = self.solve(program, gamma)
+        u = self.solve(program, gamma, near)
         return Tried(gamma, u, program.unknowns.chi_squared(u), program.evidence(u, gamma))
 
     def _described(self, data: Whitened, program: Program, found: Weighed) -> Estimate:

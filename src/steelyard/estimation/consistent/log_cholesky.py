@@ -65,13 +65,11 @@ class LogCholesky(Consistent):
         notes = (*estimate.notes, *unheard, *_broken(self.knowledge, estimate.values))
         return replace(estimate, estimator="log-Cholesky Gauss-Newton", notes=notes)
 
-    def solve(self, program: Program, gamma: float) -> Array:
-        """The unknowns at the optimum with a weight of the prior.
+    def _from_nearby(self, program: Program, gamma: float, near: Array) -> Array | None:
+        """Nothing: the search in these coordinates begins at the prior."""
+        return None
 
-        Raises:
-            DataError: The constraints contradict each other, or the solver stopped before the
-                optimum.
-        """
+    def _optimum(self, program: Program, gamma: float) -> Array:
         lower, upper = bounds_of(program)
         if np.any(lower > upper):
             refuse_contradictions(self.knowledge)

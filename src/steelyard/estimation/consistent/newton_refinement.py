@@ -1,8 +1,9 @@
-r"""The last digits of a consistent estimate by Newton's method.
+r"""A consistent estimate from a point near it, by Newton's method.
 
 An interior-point solver comes near the optimum in a dozen steps and needs as many again for the
-digits that the weighted squares show. Near the optimum the objective is smooth: with the bounds
-that hold as equations, a few Newton steps end at rounding. The problem is convex, so a point with
+digits that the weighted squares show; it cannot begin at the solution of a similar problem. Within
+consistent bodies the objective is smooth: with the bounds that hold as equations, a few Newton
+steps, shortened while they gain nothing, end at rounding. The problem is convex, so a point with
 no slope, bounds that hold pulling outward, is the optimum; where that cannot be confirmed, or a
 body lies at the margin of physical consistency, nothing is returned.
 """
@@ -22,6 +23,12 @@ NEAR = 1e-6
 SMALL = 1e-20
 """Decrement, relative to the cost, at which there is nothing left to gain."""
 
+ROUNDING = 1e-12
+"""Rise of the cost, relative to it, that is rounding."""
+
+HALVINGS = 6
+"""Most times that a step is halved."""
+
 
 def polished(program: Program, u: Array, gamma: float) -> Array | None:
     """The optimum from a point near it; `None` where it cannot be confirmed.
@@ -34,25 +41,30 @@ def polished(program: Program, u: Array, gamma: float) -> Array | None:
     if not _inside(program, u):
         return None
     rows, ends, equal = _planes(program)
-    holds = equal | (ends - rows @ u <= NEAR)
+    slack = ends - rows @ u
+    if slack.min(initial=0.0) < -NEAR or np.abs(slack[equal]).max(initial=0.0) > NEAR:
+        return None
+    holds = equal | (slack <= NEAR)
     data = program.unknowns.matrix.T @ program.unknowns.matrix
     for _ in range(ROUNDS):
         curved = program.precision(u, gamma) + data
+        off = (ends - rows @ u)[holds]
         try:
-            step, pulls = _newton(
-                curved, program.slope(u, gamma), rows[holds], (ends - rows @ u)[holds]
-            )
+            step, pulls = _newton(curved, program.slope(u, gamma), rows[holds], off)
         except np.linalg.LinAlgError:
             return None
         wrong = (pulls < 0.0) & ~equal[holds]
         if wrong.any():
             holds[np.flatnonzero(holds)[int(np.argmin(np.where(wrong, pulls, 0.0)))]] = False
             continue
-        share, first = _share(rows, ends, holds, u, step)
-        u = u + share * step
-        if not _inside(program, u):
+        room, first = _share(rows, ends, holds, u, step)
+        share = _gaining(program, gamma, u, room * step, float(np.abs(pulls) @ np.abs(off)))
+        if share is None:
             return None
+        u = u + share * room * step
         if share < 1.0:
+            continue
+        if room < 1.0:
             holds[first] = True
         elif step @ curved @ step <= SMALL * max(1.0, program.cost(u, gamma)):
             return u
@@ -95,6 +107,26 @@ def _share(
     shares = np.where(free, slack / np.where(free, ahead, 1.0), np.inf)
     first = int(np.argmin(shares)) if len(shares) else 0
     return min(1.0, float(shares.min(initial=np.inf))), first
+
+
+def _gaining(program: Program, gamma: float, u: Array, step: Array, allowed: float) -> float | None:
+    """Share of a step with all bodies inside that gains; `None` if none does.
+
+    Args:
+        program: The program.
+        gamma: Weight of the prior.
+        u: Where the step begins, shape `(m,)`.
+        step: The step, shape `(m,)`.
+        allowed: What it may cost to fulfil the rows that hold.
+    """
+    most = program.cost(u, gamma)
+    most += allowed + ROUNDING * max(1.0, most)
+    for halvings in range(HALVINGS + 1):
+        share = 0.5**halvings
+        end = u + share * step
+        if _inside(program, end) and program.cost(end, gamma) <= most:
+            return share
+    return None
 
 
 def _inside(program: Program, u: Array) -> bool:

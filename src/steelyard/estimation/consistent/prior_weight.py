@@ -62,7 +62,11 @@ class Weighed:
     physics: float = 0.0
 
 
-def weighed(attempt: Callable[[float], Tried], rank: int) -> Weighed:
+Attempt = Callable[[float, Array | None], Tried]
+"""The solution with a weight, from unknowns of a solution nearby if there are any."""
+
+
+def weighed(attempt: Attempt, rank: int) -> Weighed:
     """Search the likeliest weight whose rise the data allow.
 
     Args:
@@ -82,14 +86,15 @@ def weighed(attempt: Callable[[float], Tried], rank: int) -> Weighed:
 class _Search:
     """Weights that were tried; each is solved once."""
 
-    def __init__(self, attempt: Callable[[float], Tried]) -> None:
+    def __init__(self, attempt: Attempt) -> None:
         self._attempt = attempt
         self.found: dict[float, Tried] = {}
 
     def at(self, gamma: float) -> Tried:
         """The solution with a weight."""
         if gamma not in self.found:
-            self.found[gamma] = self._attempt(gamma)
+            apart = {abs(np.log(gamma / known)): tried.u for known, tried in self.found.items()}
+            self.found[gamma] = self._attempt(gamma, apart[min(apart)] if apart else None)
         return self.found[gamma]
 
     def likeliest(self) -> float:

@@ -81,6 +81,10 @@ class Unknowns:
         """Standard parameters, shape `(p,)`; unseen ones of terms are zero but for constraints."""
         return np.asarray(self.scale @ u)
 
+    def of_standard(self, standard: Array) -> Array:
+        """The unknowns of standard parameters, shape `(m,)`; the reverse of `standard`."""
+        return np.asarray(np.linalg.solve(self.scale, standard))
+
     def chi_squared(self, u: Array) -> float:
         """Rise of the weighted squares over those of weighted least squares."""
         residual = self.matrix @ u - self.vector

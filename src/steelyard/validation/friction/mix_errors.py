@@ -87,11 +87,14 @@ class FrictionMixErrors:
         estimator = self.consistent(whole, base)
         if not self.gammas:
             everything = self.moving.select(self.wide.columns_of(mix))
-            self.gammas.append(estimator.values(_plain(everything))[1])
+            self.gammas.append(estimator.values(_plain(everything)).gamma)
+        near: list[Array] = []
 
         def fitted(information: Information) -> Array:
             report_progress(self.progress, "choosing friction laws", len(self.known), self.count)
-            return estimator.values(_plain(information), self.gammas[0])[0]
+            found = estimator.values(_plain(information), self.gammas[0], *near)
+            near[:] = [found.standard]
+            return found.values
 
         return fitted
 
