@@ -130,6 +130,8 @@ def test_results_print_save_and_tabulate(folder: Path, tmp_path: Path) -> None:
     )
     assert "joint1" in str(found) and found.verdict.headline[:60] in str(found)
     assert found.scores["joint"].to_list() == ["joint1", "joint2"] * 2
+    first = ["run", "fitted", "joint", "error", "unit", "percent_of_used", "percent_of_rated"]
+    assert found.scores.columns[:7] == first
     assert set(found.parameters["name"]) >= set(found.model.estimate.parameters.names)
     level = found.verdict.level.upper()
     assert repr(found).startswith(f"Identification({found.content.robot}: {level}, ")

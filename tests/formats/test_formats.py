@@ -87,7 +87,11 @@ def test_a_missing_column_is_named_with_its_neighbours(log: Log) -> None:
 def test_several_missing_columns_are_counted(log: Log) -> None:
     with pytest.raises(LogError) as caught:
         list(log.parts(("time_s", "a", "b", "c")))
-    assert caught.value.wrong == "the log has no column 'a' (nor 2 others of 4)"
+    assert caught.value.wrong == (
+        "3 of the 4 columns that are needed are not in the log: 'a', 'b', 'c'"
+    )
+    with pytest.raises(LogError, match=r"5 of the 6 .*: 'a', 'b', 'c', 'd', \.\.\."):
+        list(log.parts(("time_s", *"abcde")))
 
 
 def test_columns_that_are_used_already_are_not_proposed(log: Log) -> None:

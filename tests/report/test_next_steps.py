@@ -10,7 +10,13 @@ from steelyard.diagnosis import Diagnosis, Finding, Fix, Severity
 from steelyard.diagnosis.fitted.rotors_at_zero import RotorsAtZero
 from steelyard.parameters import Parameters
 from steelyard.report import ReportContent
-from steelyard.report.text.next_steps import fixing, next_steps, robot_file, step_lines
+from steelyard.report.text.next_steps import (
+    fixing,
+    next_steps,
+    path_word,
+    robot_file,
+    step_lines,
+)
 
 MODEL = Path("out")
 INCOMPLETE = Finding("model error", "", Severity.OK, "residuals", "", headline=True)
@@ -98,6 +104,21 @@ def test_an_undecided_robot_file_is_to_be_checked_first(usual):
     logs = {"run1": "run1.csv", "points": "points.csv"}
     content = replace(usual, diagnosis=Diagnosis(tuple(findings)), logs=logs)
     assert commands(content)[0] == "steelyard check arm.toml run1.csv points.csv"
+
+
+def test_paths_are_from_the_current_folder_and_quoted(usual, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    inside, outside = tmp_path / "my logs/run 1.csv", tmp_path.parent / "run1.csv"
+    assert [path_word(path) for path in (inside, "run1.csv#3:9", outside)] == [
+        "'my logs/run 1.csv'",
+        "'run1.csv#3:9'",
+        str(outside),
+    ]
+    steps = next_steps(replace(usual, scores=()), str(tmp_path / "arm.toml"), tmp_path / "my out")
+    assert [command for command, _ in steps] == ["steelyard validate 'my out' OTHER_LOG"]
+    content = replace(usual, limitations=(LOADED,), logs={"points": str(inside)})
+    (step, _), *_ = next_steps(content, "arm.toml", tmp_path / "out")
+    assert step == "steelyard payload out 'my logs/run 1.csv'"
 
 
 def test_steps_stand_below_each_other():

@@ -105,6 +105,14 @@ def test_a_joint_that_carries_nothing_does_not_rule(usual):
     assert poor.headline.endswith(" of the effort used (elbow 50.0\u00a0%)")
 
 
+def test_the_plots_of_efforts_name_their_band_beside_that_of_the_verdict(usual):
+    words = "The errors of the verdict are below 5 Hz. Plots and captions of this section are below"
+    assert f"{words} 8 Hz, the band of the fit" in shown("effort", usual)
+    scores = tuple(replace(x, errors=replace(x.errors, cutoff=x.cutoff)) for x in usual.scores)
+    html = shown("effort", replace(usual, scores=scores, fitted=()))
+    assert "Plots, captions and verdict are below 8 Hz; " in html
+
+
 def test_joints_above_ten_percent_stand_in_a_good_headline(usual):
     for error, named in ((0.6, False), (0.602, False), (0.61, True), (2.0, True)):
         judged = verdict(with_errors(usual, 1, error=error, used=6.0))

@@ -6,9 +6,11 @@ import polars as pl
 import pytest
 
 from steelyard.errors import ModelError
+from steelyard.estimation.identified import BAND
 from steelyard.identification.logs import model_of
 from steelyard.robot.robot import Limits
 from steelyard.robot_file.file import LoadedRobot, load_robot
+from steelyard.robot_file.sections import PriorSection, ProcessingSection
 from steelyard.robot_file.template.guess_efforts import link_side
 from steelyard.robot_file.template.proposal import proposed
 from steelyard.robot_file.template.template import assigned, drafted
@@ -203,16 +205,16 @@ def test_every_key_that_is_commented_out_is_right(tmp_path: Path) -> None:
     output = tmp_path / "r.toml"
     _, text = round_trip(model, output, ["t", "q1", "dq1", "tau1"])
     keys = ("source", "velocity", "velocity_unit", "velocity_delay", "gain", "delay", "outliers",
-            "repeats", "saturation", "rate", "resampling", "motion", "motion_cutoff", "effort",
-            "matched_cutoff", "rest_speed", "cutoff")  # fmt: skip
+            "repeats", "saturation", "resampling", "motion", "effort", "cutoff")  # fmt: skip
     for key in keys:
         assert f"\n# {key} = " in text
         text = text.replace(f"\n# {key} = ", f"\n{key} = ")
     output.write_text(text)
     loaded = load_robot(output)
-    assert loaded.processing.rest_speed == 0.01 and loaded.signals is not None
+    assert loaded.signals is not None
     assert loaded.signals.velocity == ("dq1",) and loaded.signals.velocity_delay == 0.005
-    assert loaded.processing.motion == "butterworth" and loaded.processing.rate == 100.0
+    assert loaded.processing == ProcessingSection(motion="auto")  # the defaults
+    assert loaded.prior == PriorSection() and loaded.validation.cutoff == BAND
 
 
 def test_the_side_of_torque_columns_is_left_to_be_checked(tmp_path: Path) -> None:

@@ -41,6 +41,10 @@ class Log(Protocol):
         ...
 
 
+MISSING = 4
+"""Most missing columns that are named."""
+
+
 def require_columns(path: Path, known: Sequence[str], wanted: Sequence[str]) -> None:
     """Check that a log has the columns wanted of it, each once.
 
@@ -54,9 +58,16 @@ def require_columns(path: Path, known: Sequence[str], wanted: Sequence[str]) -> 
     for column in wanted:
         count = list(known).count(column)
         if count == 0:
-            others = f" (nor {len(missing) - 1} others of {len(wanted)})" * (len(missing) > 1)
+            lacking = f"the log has no column '{column}'"
+            if len(missing) > 1:
+                lacking = (
+                    f"{len(missing)} of the {len(wanted)} columns that are needed are not in the "
+                    f"log: {', '.join(repr(name) for name in missing[:MISSING])}"
+                    + ", ..."
+                    * (len(missing) > MISSING)
+                )
             raise LogError(
-                f"the log has no column '{column}'{others}",
+                lacking,
                 where=str(path),
                 fix=f"{advice(column, free, 'other columns')}; {fix}" if free else used,
             )

@@ -96,10 +96,12 @@ def scores_frame(content: ReportContent) -> "DataFrame":
         {
             "run": score.run,
             "fitted": fitted,
-            "predicted_from": score.predicted_from,
-            "band_hz": score.errors.cutoff,
-            **printed.to_dict(),
+            "joint": printed.joint,
+            **{key: printed.to_dict()[key] for key in PRINTED},
             **({} if logged is None else _as_logged(logged)),
+            "moving": printed.counted,
+            "band_hz": score.errors.cutoff,
+            "predicted_from": score.predicted_from,
             **{"logged_unit" if key == "unit" else key: value for key, value in other.items()},
         }
         for fitted, score in scored
@@ -111,6 +113,10 @@ def scores_frame(content: ReportContent) -> "DataFrame":
         )
     ]
     return frame(joints, "scores")
+
+
+PRINTED = ("error", "unit", "percent_of_used", "percent_of_rated", "used", "rated")
+"""Columns of the printed errors, in the order of the terminal."""
 
 
 def _as_logged(joint: "JointError") -> dict[str, Any]:

@@ -116,7 +116,12 @@ def hints(found: "CheckResult", folder: Path | None, named: Sequence[str]) -> li
         folder: Of the page, if there is one.
         named: Robot file and logs as they were given, to be identified from; else empty.
     """
-    from steelyard.report.text.next_steps import gear_side_steps, identifying, step_lines
+    from steelyard.report.text.next_steps import (
+        gear_side_steps,
+        identifying,
+        path_word,
+        step_lines,
+    )
 
     lines, used = [""], list(named)
     if found.fixed is not None and found.fixed.changes:
@@ -128,7 +133,8 @@ def hints(found: "CheckResult", folder: Path | None, named: Sequence[str]) -> li
         lines.append("--fix       writes a new robot file with these lines, and checks again")
     if folder is None and found.content.diagnosis.severity:
         lines.append("-o FOLDER   writes a page with the plots")
-    steps = gear_side_steps(found.last.findings, used[0] if used else found.content.file)
+    file = path_word(used[0] if used else found.content.file)
+    steps = gear_side_steps(found.last.findings, file)
     if found.last.undecided:
         steps.insert(0, ("", COMPARE))
     elif "transmission" in found.last.open_checks:

@@ -1,7 +1,6 @@
 """`steelyard init`: a commented robot file with the best guesses."""
 
 import json
-import shlex
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -252,10 +251,10 @@ def next_steps(draft: "Draft", named: Sequence[str], parts: Sequence[str]) -> li
         named: Model file, robot file and logs, as they were given.
         parts: Logs to identify from, the last to validate.
     """
-    from steelyard.report.text.next_steps import identifying, step_lines
+    from steelyard.report.text.next_steps import identifying, path_word, step_lines
 
-    target = shlex.quote(named[1])
-    given = " ".join(shlex.quote(log) for log in named[2:]) or "LOG..."
+    target = path_word(named[1])
+    given = " ".join(path_word(log) for log in named[2:]) or "LOG..."
     review = "review the lines marked CHECK, then:"
     if len(named) > 3:
         why = "the last log validates the model"

@@ -45,7 +45,7 @@ def validate(
     from steelyard.files import whole_folder
     from steelyard.identification.logs import new_folder
     from steelyard.identification.validate import validate as validated
-    from steelyard.report.text.next_steps import fixing, robot_file, step_lines
+    from steelyard.report.text.next_steps import fixing, path_word, robot_file, step_lines
     from steelyard.report.text.verdict import exit_code, over
 
     folder = None if output is None else new_folder(output, "")
@@ -60,7 +60,10 @@ def validate(
         found.show(Console(), verbose)
         steps = fixing(found.content, model, robot_file(found.content))
         if not found.content.scores:
-            steps = (*steps, (f"steelyard validate {model} OTHER_LOG", "error on another motion"))
+            steps = (
+                *steps,
+                (f"steelyard validate {path_word(model)} OTHER_LOG", "error on another motion"),
+            )
         lines = step_lines(steps)
         if folder is not None:
             lines.append(f"report  {folder / 'report.html'}")

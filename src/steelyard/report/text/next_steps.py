@@ -40,12 +40,13 @@ def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, .
         model: The folder with the model.
     """
     steps = list(fixing(content, str(model), robot))
-    logs = " ".join(content.logs.values())
+    robot, folder = path_word(robot), path_word(model)
+    logs = " ".join(path_word(log) for log in content.logs.values())
     if content.diagnosis is not None and content.diagnosis.undecided:
         steps.insert(0, (f"steelyard check {robot} {logs}", "open questions about the robot file"))
     steps += gear_side_steps(content.limitations, robot)
     if not content.scores:
-        steps.append((f"steelyard validate {model} OTHER_LOG", "error on another motion"))
+        steps.append((f"steelyard validate {folder} OTHER_LOG", "error on another motion"))
     elif verdict(content).level == "poor" and not steps:
         steps.append((f"steelyard check {robot} {logs}", "errors in the logs or the robot file"))
     if content.friction is None and any(
@@ -55,11 +56,17 @@ def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, .
             ("", f'friction laws chosen from the logs: friction = "auto" in {robot}, [model]')
         )
     if content.identified is not None and _weak(content) > MANY:
-        command = f"steelyard excite {robot} --earlier {model} --still-unknown"
+        command = f"steelyard excite {robot} --earlier {folder} --still-unknown"
         steps.append((command, "a motion for parameters that are poorly identified or not at all"))
     if verdict(content).level == "good":
-        steps.append((f"steelyard export {model} --to urdf", "use the model elsewhere"))
+        steps.append((f"steelyard export {folder} --to urdf", "use the model elsewhere"))
     return tuple(steps)
+
+
+def path_word(path: str | Path) -> str:
+    """A path as a word of a command: from the current folder, if it lies in it, and quoted."""
+    here, there = Path.cwd(), Path(path)
+    return shlex.quote(str(there.relative_to(here)) if there.is_relative_to(here) else str(path))
 
 
 def gear_side_steps(findings: Sequence[Finding], robot: str) -> list[Step]:
@@ -71,10 +78,10 @@ def gear_side_steps(findings: Sequence[Finding], robot: str) -> list[Step]:
 
 def identifying(robot: str, logs: Sequence[str]) -> str:
     """The command that identifies from all logs but the last one, which validates; or from one."""
-    words = [shlex.quote(log) for log in logs]
+    words = [path_word(log) for log in logs]
     if len(words) > 1:
         words.insert(-1, "--validate")
-    return " ".join(["steelyard", "identify", shlex.quote(robot), *words])
+    return " ".join(["steelyard", "identify", path_word(robot), *words])
 
 
 def fixing(content: ReportContent, model: str, robot: str = "ROBOT") -> tuple[Step, ...]:
@@ -83,7 +90,8 @@ def fixing(content: ReportContent, model: str, robot: str = "ROBOT") -> tuple[St
     for one in content.limitations:
         if one.severity and one.fix is not None and one.fix.command:
             paths = {"MODEL": model, "ROBOT": robot, "LOG": content.logs.get(one.log, "LOG")}
-            words = (paths.get(word, word) for word in one.fix.command.split(" "))
+            given = {word: path_word(path) for word, path in paths.items()}
+            words = (given.get(word, word) for word in one.fix.command.split(" "))
             found[" ".join(words)] = ""
     return tuple(found.items())
 

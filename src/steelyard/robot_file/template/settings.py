@@ -9,43 +9,40 @@ from steelyard.robot_file.template.text import comment, toml_text
 
 SETTINGS = """\
 [processing]
-# The chain from rows to motion; defaults are chosen from the data and printed.
+# The chain from rows to motion. Lines below a comment show the defaults.
 # Hampel threshold in scaled MAD, above which a value is interpolated; or "keep".
 # outliers = 15.0
 # Rows that repeat the previous positions while the robot moves; or "keep".
 # repeats = "bridge"
 # Saturated efforts, and the rows around them; or "keep".
 # saturation = "leave_out"
-# Resampling rate [Hz], and method: "cubic", "linear", "pchip" or "spline".
-# rate = 100.0
+# Resampling to a uniform clock: "cubic", "linear", "pchip" or "spline".
 # resampling = "cubic"
-# From positions to motion, and the low-pass before: "butterworth", "fir", "savitzky_golay", ...;
-# a table gives settings: {method = "savitzky_golay", degree = 3}.
-# motion = "butterworth"
-# motion_cutoff = 25.0
-# Low-pass of efforts; as logged if left out.
-# effort = {method = "moving_average", span = 9, passes = 2}
-# Low-pass of regressor and effort alike [Hz], and the speed up to which a joint rests [rad/s; m/s].
-# matched_cutoff = 8.0
-# rest_speed = 0.01
+# From positions to motion: "auto", "butterworth", "fir", "savitzky_golay", ...; a table gives
+# settings: {method = "savitzky_golay", degree = 3}.
+# motion = "auto"
+# These keys have no fixed default: left out, they are chosen from the data, and `identify` prints
+# the choice: rate [Hz] of the uniform clock; motion_cutoff [Hz], low-pass of positions and
+# velocities; matched_cutoff [Hz], low-pass of regressor and effort alike; rest_speed [rad/s; m/s],
+# up to which a joint rests. Efforts stay as logged without effort, a table such as
+# {method = "moving_average", span = 9, passes = 2}.
 
 [prior]
-# Prior masses, centres and inertias: those of the "model", or "none".
+# Prior masses, centres and inertias: those of the "model", or "none". Their relative uncertainty
+# is estimated from the data without uncertainty, such as 0.3.
 # source = "model"
-# Their relative uncertainty; estimated from the data if left out.
-# uncertainty = 0.3
-# Priors of single links.
+# Example of a prior of a single link, and of a constraint; kinds are "mass", "total_mass",
+# "centre_in_box", "parameter", ...
 # [prior.links.NAME]
 # mass = 3.9
 # box = {size = [0.1, 0.1, 0.3], centre = [0.0, 0.0, 0.15]}
-# Prior constraints; kinds are "mass", "total_mass", "centre_in_box", "parameter", ...
 # [[knowledge]]
 # kind = "total_mass"
 # upper = 31.0
 
 [validation]
 # Low-pass through which measured and predicted effort are compared [Hz].
-# cutoff = 8.0"""
+# cutoff = 5.0"""
 
 
 def excitation_part(moving: Sequence[Coordinate]) -> str:

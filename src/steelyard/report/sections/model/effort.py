@@ -59,6 +59,8 @@ class EffortSection(Section):
         chosen = everything[:most_runs]
         points = min(POINTS, BUDGET // (DRAWN * n_joints * len(chosen)))
         figures = [_figure(s, joint, points) for s, _ in chosen for joint in range(len(s.joints))]
+        cutoffs = sorted({score.cutoff for score, _ in chosen})
+        judged = sorted({score.errors.cutoff for score, _ in chosen})
         return {
             "joints": [joint.joint for joint in chosen[0][0].joints],
             "runs": [f"{score.run} ({kind})" for score, kind in chosen],
@@ -67,7 +69,9 @@ class EffortSection(Section):
             "rests": RESTS,
             "bands": any(figure["bands"] for figure in figures),
             "calibration": band_text(content.identified),
-            "cutoffs": sorted({score.cutoff for score, _ in chosen}),
+            "cutoffs": cutoffs,
+            "same_band": cutoffs == judged,
+            "bands_of_verdict": " and ".join(f"{cutoff:g}" for cutoff in judged),
             "few": FEW if any(figure["few"] for figure in figures) else None,
             "figures": figures,
         }

@@ -73,8 +73,8 @@ class TorqueSplitSection(FigureSection):
             for j, joint in enumerate(joints)
         ]
         return {
-            "words": f"Run {score.run} ({kind}). Efforts at the joints below {score.cutoff:g} Hz; "
-            "the parts add up to the predicted effort.",
+            "words": f"Run {score.run} ({kind}). Efforts at the joints below {score.cutoff:g} Hz, "
+            "the band of the fit; the parts add up to the predicted effort.",
             "tables": [_table(sizes, joints)],
             "groups": groups,
             "note": "Coriolis: with centrifugal efforts. Inertia: mass matrix times acceleration, "
