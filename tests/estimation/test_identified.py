@@ -11,7 +11,7 @@ import steelyard
 from invented import tree
 from steelyard.errors import ModelError
 from steelyard.estimation.estimate import Estimate, Unidentifiable
-from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance, load_model
 from steelyard.estimation.known_scales import KnownScales
 from steelyard.model import Model
 from steelyard.motion import Motion
@@ -126,3 +126,20 @@ def test_a_damaged_value_is_refused(
     path.write_text(json.dumps(data))
     with pytest.raises(ModelError, match="incomplete or damaged"):
         steelyard.load_model(path)
+
+
+@pytest.mark.parametrize(
+    ("given", "meant"), [("steelyard-ur10x", "steelyard-ur10e"), ("demo", "demo/results")]
+)
+def test_a_missing_model_is_looked_for_beside_and_within(
+    given: str, meant: str, tmp_path: Path
+) -> None:
+    for name in ("steelyard-ur10e", "demo/results"):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / "model.json").write_text("{}")
+    with pytest.raises(ModelError, match="cannot be read") as caught:
+        load_model(tmp_path / given)
+    assert caught.value.fix == f"did you mean {tmp_path / meant}?"
+    with pytest.raises(ModelError) as caught:
+        load_model(tmp_path / "other" / "place")
+    assert "output folder" in caught.value.fix

@@ -94,6 +94,12 @@ def test_several_missing_columns_are_counted(log: Log) -> None:
         list(log.parts(("time_s", *"abcde")))
 
 
+def test_a_misspelt_pattern_is_matched_column_by_column(log: Log) -> None:
+    with pytest.raises(LogError) as caught:
+        list(log.parts(("time_s", "qq1_rad", "qq2_rad")))
+    assert caught.value.fix.startswith("did you mean 'q1_rad', 'q2_rad'?; ")
+
+
 def test_columns_that_are_used_already_are_not_proposed(log: Log) -> None:
     used = tuple(log.columns[:-1])
     with pytest.raises(LogError) as caught:

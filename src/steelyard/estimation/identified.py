@@ -35,6 +35,7 @@ from steelyard.regression.base import BaseMap
 from steelyard.regression.parallel_filter import noise_bandwidth
 from steelyard.robot.robot import Robot
 from steelyard.robot_file.signals import Signals, signals_from_dict, signals_to_dict
+from steelyard.suggest import nearest
 
 SCHEMA = "steelyard.model"
 SCHEMA_VERSION = 4
@@ -344,6 +345,18 @@ class IdentifiedModel(Dynamics):
 
 
 @checked()
+def _beside(path: Path) -> str:
+    """Models that may be meant, in folders of a similar name or within; empty if there are none."""
+    near = nearest(path.name, (one.name for one in _models(path.parent)))
+    found = [path.parent / name for name in near] or _models(path)
+    return f"did you mean {' or '.join(map(str, found[:3]))}?" if found else ""
+
+
+def _models(folder: Path) -> list[Path]:
+    """Folders in a folder that contain a model."""
+    return sorted(file.parent for file in folder.glob("*/model.json"))
+
+
 def load_model(path: str | Path | IdentifiedModel) -> IdentifiedModel:
     """Read `model.json`, or the folder that contains it; a model is returned as it is.
 
@@ -364,7 +377,9 @@ def load_model(path: str | Path | IdentifiedModel) -> IdentifiedModel:
         data = json.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
         raise ModelError(
-            f"the model cannot be read ({error.strerror})", where=str(file), fix=fix
+            f"the model cannot be read ({error.strerror})",
+            where=str(file),
+            fix=_beside(Path(path)) or fix,
         ) from None
     except ValueError:
         raise ModelError("the file is not JSON", where=str(file), fix=fix) from None

@@ -58,18 +58,10 @@ def require_columns(path: Path, known: Sequence[str], wanted: Sequence[str]) -> 
     for column in wanted:
         count = list(known).count(column)
         if count == 0:
-            lacking = f"the log has no column '{column}'"
-            if len(missing) > 1:
-                lacking = (
-                    f"{len(missing)} of the {len(wanted)} columns that are needed are not in the "
-                    f"log: {', '.join(repr(name) for name in missing[:MISSING])}"
-                    + ", ..."
-                    * (len(missing) > MISSING)
-                )
             raise LogError(
-                lacking,
+                _lacking(missing, len(wanted)),
                 where=str(path),
-                fix=f"{advice(column, free, 'other columns')}; {fix}" if free else used,
+                fix=f"{_meant(missing, free)}; {fix}" if free else used,
             )
         if count > 1:
             raise LogError(
@@ -93,6 +85,29 @@ def require_file(path: Path) -> None:
         raise LogError("there is no such log file", where=str(path), fix=_beside(path))
     if path.stat().st_size == 0:
         raise LogError("the log file is empty", where=str(path), fix="record or copy it again")
+
+
+def _lacking(missing: Sequence[str], needed: int) -> str:
+    """Columns that are not in a log, the first ones by name."""
+    if len(missing) == 1:
+        return f"the log has no column '{missing[0]}'"
+    return (
+        f"{len(missing)} of the {needed} columns that are needed are not in the log: "
+        f"{_some(missing)}"
+    )
+
+
+def _some(columns: Sequence[str]) -> str:
+    """The first ones by name."""
+    return ", ".join(repr(name) for name in columns[:MISSING]) + ", ..." * (len(columns) > MISSING)
+
+
+def _meant(missing: Sequence[str], free: Sequence[str]) -> str:
+    """Columns that may be meant: one for each that is missing, where they differ."""
+    found = [name for column in missing for name in nearest(column, free, 1)]
+    if len(missing) > 1 and len(set(found)) == len(missing):
+        return f"did you mean {_some(found)}?"
+    return advice(missing[0], free, "other columns")
 
 
 def _beside(path: Path) -> str:

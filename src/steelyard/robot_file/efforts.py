@@ -113,7 +113,8 @@ def gains_of(
                     f"'{coordinate.name}' has no drive gain",
                     where=where,
                     fix=f"give gain = [...] in {coordinate.effort_unit}/{unit} per joint, or "
-                    'gain = "identify" with a known payload',
+                    'gain = "identify" with a known payload, in a robot file: steelyard init '
+                    "MODEL LOG writes one with the ways to obtain gains",
                 )
         return frozen(np.ones(n)), (False,) * n
     given = effort.gain if isinstance(effort.gain, tuple) else (effort.gain,) * n

@@ -335,8 +335,8 @@ def _scale(
     factor, far = 1.0 / found.scale, _far(found)
     lighter = "lighter" if factor > 1.0 else "heavier"
     says = (
-        f"either efforts are off by a factor of about {factor:.2g}, or the links are "
-        f"{max(factor, found.scale):.2g} times {lighter} than in the model file"
+        f"either efforts are off by a factor of about {_short(factor)}, or the links are "
+        f"{_short(max(factor, found.scale))} times {lighter} than in the model file"
     )
     if found.percent > FAIR:
         says += (
@@ -360,5 +360,10 @@ def _scale(
     link = next(link_hypotheses(likelihood, interpretation), None)
     if link is None or link.log_likelihood < hypothesis.log_likelihood - MARGIN:
         return hypothesis, Severity.DOUBTFUL
-    says = f"either efforts are off by a factor of about {factor:.2g}, or {link.says}"
+    says = f"either efforts are off by a factor of about {_short(factor)}, or {link.says}"
     return replace(hypothesis, says=says), Severity.OK
+
+
+def _short(factor: float) -> str:
+    """A factor with two digits: `620`, not `6.2e+02`."""
+    return f"{float(f'{factor:.2g}'):g}"

@@ -6,10 +6,14 @@ from steelyard.diagnosis.case import Case
 from steelyard.diagnosis.finding import Edit, Fix
 from steelyard.diagnosis.hypotheses.controller_gains import ControllerGains, controller_gains
 from steelyard.diagnosis.hypotheses.hypothesis import Hypothesis
+from steelyard.robot_file.column_names import Column
+from steelyard.robot_file.template.guess_efforts import stated_current
 
 GO_ON = ". If the masses of the model file are wrong, continue: the efforts are then as declared"
 NEAR = 3.0
-"""How far a factor may be from a thousandth, as masses of model files are off, for mNm."""
+"""How far a factor may be from a thousand, as masses of model files are off."""
+AMPERES = {"A": 1.0, "mA": 1e-3}
+"""Units of current [A]."""
 FACTORS = ("gain", "effort kind", "effort unit")
 """Causes that are a factor on efforts."""
 
@@ -40,7 +44,26 @@ def ways(case: Case, hypothesis: Hypothesis, *, sure: bool) -> Fix:
     gains = controller_gains(case) if hypothesis.cause == "gain" else None
     if gains is not None:
         return _of_controller(case, gains)
-    return Fix(_of_thousandths(case, hypothesis) + _listed(case, sure=sure))
+    unit = _of_names(case, hypothesis)
+    return unit or Fix(_of_thousandths(case, hypothesis) + _listed(case, sure=sure))
+
+
+def _of_names(case: Case, hypothesis: Hypothesis) -> Fix | None:
+    """The unit of current that the columns' names state, where it is the factor on all efforts."""
+    signals = case.loaded.signals
+    if signals is None or set(signals.effort_units) != {"A"}:
+        return None
+    units = {stated_current(Column(name)) for name in signals.effort}
+    if len(units) != 1 or not (unit := units.pop()):
+        return None
+    factors = np.abs(hypothesis.interpretation.effort_scale / signals.effort_scale)
+    wanted = AMPERES[unit] / np.abs(signals.effort_scale)
+    if np.any(wanted == 1.0) or np.any(np.abs(np.log(factors / wanted)) > np.log(NEAR)):
+        return None
+    return Fix(
+        f"the names of the effort columns state {unit}, and efforts are off by about that factor",
+        (Edit(("signals", "effort", "unit"), unit),),
+    )
 
 
 def _of_thousandths(case: Case, hypothesis: Hypothesis) -> str:

@@ -34,6 +34,9 @@ OTHERS = 6
 COUNTS = ("count", "counts", "ticks", "adc", "lsb")
 """Words of columns without a physical unit."""
 
+AMPERES = ("a", "amp", "amps")
+"""Words of columns in ampere."""
+
 
 def effort_units(
     columns: Sequence[Column], joints: Sequence[Coordinate], values: Mapping[str, Array]
@@ -41,17 +44,20 @@ def effort_units(
     """Why, and the unit of each effort column."""
     units, unsaid = [], []
     for column, joint in zip(columns, joints, strict=True):
-        if column.has("ma"):
-            units.append("mA")
-        elif _is_current(column):
-            far = reach(column.name, values) > 200.0 and not column.has("a", "amp", "amps")
-            units.append("mA" if far else "A")
+        if _is_current(column) or stated_current(column):
+            far = reach(column.name, values) > 200.0
+            units.append(stated_current(column) or ("mA" if far else "A"))
         else:
             units.append(joint.effort_unit)
             unsaid.append(column)
     if len(unsaid) == len(columns):
         return _torque_words(columns), units
     return "motor current by their names" + _unsaid(unsaid, units), units
+
+
+def stated_current(column: Column) -> str:
+    """`A` or `mA`, where the column's name says so; else empty."""
+    return "mA" if column.has("ma") else "A" if column.has(*AMPERES) else ""
 
 
 def _torque_words(columns: Sequence[Column]) -> str:
@@ -72,7 +78,7 @@ def _unsaid(columns: Sequence[Column], units: Sequence[str]) -> str:
 
 def _is_current(column: Column) -> bool:
     """Whether a name speaks of amperes: `TorqueCur1` is a torque."""
-    if column.has("a", "amp", "amps"):
+    if column.has(*AMPERES):
         return True
     return column.has(*CURRENTS) and not column.has(*TORQUES)
 

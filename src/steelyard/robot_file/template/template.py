@@ -24,6 +24,14 @@ from steelyard.robot_file.template.signals import signals_part, signals_template
 from steelyard.robot_file.template.text import comment, toml_key, toml_text
 
 _NOTHING = Known()
+FILL_IN = (
+    "fill in [signals], which is commented out below the names of the log's columns, and remove "
+    "the #"
+)
+GIVE_RATE = (
+    "remove this file and give the sampling rate, init MODEL LOG --rate HZ: all other columns are "
+    "recognised"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +44,7 @@ class Assignment:
         moving: Joints that are identified.
         guess: What the log's columns seem to be; `None` without a log, or where they are unknown.
         problem: Why the columns are unknown; empty otherwise.
+        remedy: What to do about it.
     """
 
     columns: tuple[str, ...] | None
@@ -43,6 +52,7 @@ class Assignment:
     moving: tuple[Coordinate, ...]
     guess: Guess | None = None
     problem: str = ""
+    remedy: str = ""
 
 
 @dataclass(frozen=True)
@@ -93,9 +103,20 @@ def assigned(
     try:
         guess = _behind_the_gears(guess_columns(free, columns, sample, rate), robot.name)
     except LogError as error:
-        return Assignment(tuple(columns), free, free, None, error.wrong)
+        timeless = rate is None and _assignable(free, columns, sample)
+        remedy = GIVE_RATE if timeless else FILL_IN
+        return Assignment(tuple(columns), free, free, None, error.wrong, remedy)
     moving = tuple(c for c in free if c.name in guess.joints)
     return Assignment(tuple(columns), free, moving, guess)
+
+
+def _assignable(free: Sequence[Coordinate], columns: Sequence[str], sample: Sample | None) -> bool:
+    """Whether columns can be assigned once the rate of the rows is known."""
+    try:
+        guess_columns(free, columns, sample, rate=1.0)
+    except LogError:
+        return False
+    return True
 
 
 def _behind_the_gears(guess: Guess, robot: str) -> Guess:
@@ -169,11 +190,7 @@ def _missing(
 ) -> Iterator[tuple[str, str]]:
     """What the file lacks, and what to do."""
     if assignment.problem:
-        yield (
-            assignment.problem,
-            "fill in [signals], which is commented out below the names of the log's columns, and "
-            "remove the #",
-        )
+        yield assignment.problem, assignment.remedy
     if guess is None:
         return
     if guess.motor_side and gears is None:
