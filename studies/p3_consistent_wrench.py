@@ -1,7 +1,7 @@
 """Study p3: consistent identification of six joints, and the wrench at the tool.
 
 The paper identifies a Stäubli RX-160 from one Fourier motion within limits of the joints and of a
-box: a convex program with possible bodies beside ordinary least squares. Test motions follow, then
+box: a convex program with consistent bodies beside ordinary least squares. Test motions follow, then
 the wrench at the tool without a sensor: pushes by hand, and a load of 2 kg that is picked up.
 
     python studies/p3_consistent_wrench.py -o DIR [--quick] [--seeds N]
@@ -392,7 +392,7 @@ def errors(model: steelyard.IdentifiedModel, data: Signals) -> Errors:
 
 
 def least_eigenvalue(values: dict[str, float]) -> float:
-    """Least eigenvalue of the pseudo-inertias of all links; a possible body has none below 0."""
+    """Least eigenvalue of the pseudo-inertias of all links; a consistent body has none below 0."""
     names = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
     return min(least_of_body(*(values[f"{name}.link_{k}"] for name in names)) for k in range(1, 7))
 
@@ -416,7 +416,7 @@ def least_of_body(m: float, mx: float, my: float, mz: float, *inertia: float) ->
 
 
 def indefinite(model: steelyard.IdentifiedModel, q: Array) -> float:
-    """Share of postures at which the mass matrix is indefinite, as of impossible bodies."""
+    """Share of postures at which the mass matrix is indefinite, as of inconsistent bodies."""
     return float(np.mean(np.linalg.eigvalsh(model.mass_matrix(q[::10]))[:, 0] <= 0.0))
 
 
@@ -602,8 +602,8 @@ def page(found: Sequence[Found]) -> Page:
 STORY = Text(
     "",
     (
-        "A Stäubli RX-160 is identified from one Fourier motion by a convex program with possible "
-        "bodies, beside ordinary least squares. Here a simulated arm of its geometry takes its "
+        "A Stäubli RX-160 is identified from one Fourier motion by a convex program with "
+        "physically consistent bodies, beside ordinary least squares. Here a simulated arm of its geometry takes its "
         "place. For every seed it has other masses, inertias, rotors and friction; no estimator "
         "sees them.",
         "Assumed, as the paper does not print it: lengths (0.15, 0.825, 0.625 and 0.11 m, base "
@@ -619,7 +619,8 @@ STORY = Text(
         "data determine combinations alone; the fair rival here has base parameters. Eq. 16 has N "
         "outside of the root; tables 5 and 6 are means of absolute errors. Static friction is "
         "printed below Coulomb friction. Text and captions exchange figs. 9 and 10. No body of "
-        "table 4's convex column but two is possible in any reading of its symbols.",
+        "table 4's convex column but two is physically consistent in any reading of its "
+        "symbols.",
         "Different from the paper: the simulated arm has rotor inertias, as geared drives have. "
         "The paper's model leaves them out; ours, and the least squares beside it, identify them. "
         "With the constants of table 4 a Stribeck column is at most 1.4 % of "
@@ -632,7 +633,7 @@ ERRORS = (
     "Mean of the absolute error (tables 5 and 6) behind the same smoothing for all, so that only "
     "parameters differ. Least squares: our model and signals, base parameters, no bounds. The "
     "paper's method: its model, signals behind a Kalman filter, bounds of masses, centres and "
-    "friction, possible bodies. Ours: signals smoothed as the data require, joints weighted by "
+    "friction, physically consistent bodies. Ours: signals smoothed as the data require, joints weighted by "
     "their residuals, the same bounds. The poor motion has a tenth of the ranges and speeds of "
     "table 2. The test motion is a random one within the limits, as fig. 7 is; the paper finds "
     "that the mean error of least squares doubles on it, while that of its program does not.",

@@ -3,7 +3,7 @@
 import json
 from collections import Counter
 from pathlib import Path
-from shutil import copytree
+from shutil import copytree, rmtree
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from cli.conftest import Command
 from steelyard.application.export.export import exported
 from steelyard.application.payload import identify_payload
 from steelyard.cli.app import app
-from steelyard.errors import ModelError
+from steelyard.errors import ModelError, SteelyardError
 from steelyard.estimation.identified import load_model
 from steelyard.identification.parts import information, load_runs
 from steelyard.identification.reduction.reduce import matching, reduce
@@ -256,6 +256,15 @@ def test_the_loop_goes_on_where_it_was_interrupted(
     again = reduction_loop(brief, Broken(), work / "again", rounds=2, **options)
     assert [one.condition for one in again] == [one.condition for one in rounds]
     assert again[1].removed == rounds[1].removed
+
+    # the log is that of a robot whose efforts count the other way: refused unless not checked
+    rmtree(work / "again" / "round_00" / "model")
+    signs = 'kind = "joint_torque"\ngain = [-1.0, -1.0, -1.0]'
+    brief.write_text(brief.read_text().replace('kind = "joint_torque"', signs))
+    with pytest.raises(SteelyardError, match="effort sign"):
+        reduction_loop(brief, Broken(), work / "again", rounds=1, **options)
+    (only,) = reduction_loop(brief, Broken(), work / "again", rounds=1, check=False, **options)
+    assert len(only.model.estimate.parameters) == len(rounds[0].model.estimate.parameters)
 
 
 @pytest.mark.parametrize(

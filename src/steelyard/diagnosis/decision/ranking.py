@@ -155,7 +155,7 @@ def _others(likelihood: Likelihood, reference: IdentifiedModel | None) -> tuple[
     limits = np.array([c.limits.effort for c in likelihood.knowledge.robot.coordinates])
     if np.isfinite(limits).all() and np.all(limits > 0.0) and likelihood.signals.effort_map is None:
         says = "efforts are percents of the joints' limits"
-        found.append(Other(says, PERCENT, 0.01 * limits / gains))
+        found.append(Other(says, PERCENT, 0.01 * limits / np.abs(gains)))
     return tuple(found)
 
 

@@ -53,6 +53,7 @@ def reduction_loop(
     searches: int | None = None,
     processes: int | None = None,
     seed: int = 0,
+    check: bool = True,
     progress: Progress = silent,
 ) -> tuple[Round, ...]:
     """Reduce a model with the robot in the loop [Wang].
@@ -74,6 +75,7 @@ def reduction_loop(
         searches: Number of searches after which a design ends; `None` for no limit.
         processes: Parallel searches; as many as the machine has cores if `None`.
         seed: Same seed and number of searches, same motions.
+        check: Whether the first log is checked before it is identified.
         progress: Receives events of progress; an exception from it stops the work.
 
     Returns:
@@ -108,7 +110,7 @@ def reduction_loop(
         log = place / "log.csv"
         if not log.exists():
             run(rig, read_trajectory(_motion_file(place), loaded), log)
-        model = _model(loaded, place, smaller, progress)
+        model = _model(loaded, place, smaller, check, progress)
         removed = tuple(one.name for one in model.estimate.removed)
         done.append(Round(len(done), place, condition, removed, model))
     return tuple(done)
@@ -151,13 +153,17 @@ def _motion(
 
 
 def _model(
-    loaded: LoadedRobot, place: Path, smaller: IdentifiedModel | None, progress: Progress
+    loaded: LoadedRobot,
+    place: Path,
+    smaller: IdentifiedModel | None,
+    check: bool,
+    progress: Progress,
 ) -> IdentifiedModel:
     """The round's model, from its log alone."""
     folder, log = place / "model", place / "log.csv"
     if not folder.exists():
         if smaller is None:
-            identify(loaded, log, method="WLS", progress=progress).save(folder)
+            identify(loaded, log, method="WLS", check=check, progress=progress).save(folder)
         else:
             reduce(smaller, log, stop="refit", progress=progress).save(folder)
     return load_model(folder)
