@@ -1,8 +1,8 @@
 """Study p3: consistent identification of six joints, and the wrench at the tool.
 
 The paper identifies a Stäubli RX-160 from one Fourier motion within limits of the joints and of a
-box: a convex program with consistent bodies beside ordinary least squares. Test motions follow, then
-the wrench at the tool without a sensor: pushes by hand, and a load of 2 kg that is picked up.
+box: a convex program with consistent bodies beside ordinary least squares. Test motions follow,
+then the wrench at the tool without a sensor: pushes by hand, and a load of 2 kg that is picked up.
 
     python studies/p3_consistent_wrench.py -o DIR [--quick] [--seeds N]
 
@@ -603,9 +603,9 @@ STORY = Text(
     "",
     (
         "A Stäubli RX-160 is identified from one Fourier motion by a convex program with "
-        "physically consistent bodies, beside ordinary least squares. Here a simulated arm of its geometry takes its "
-        "place. For every seed it has other masses, inertias, rotors and friction; no estimator "
-        "sees them.",
+        "physically consistent bodies, beside ordinary least squares. Here a simulated arm of its "
+        "geometry takes its place. For every seed it has other masses, inertias, rotors and "
+        "friction; no estimator sees them.",
         "Assumed, as the paper does not print it: lengths (0.15, 0.825, 0.625 and 0.11 m, base "
         "0.55 m), masses, rotor inertias, bounds of masses (0.3 to 3 times those of the robot "
         "file) and centres of mass (boxes of 0.2 or 0.6 m), a box of the flange (table 3 is not "
@@ -633,10 +633,10 @@ ERRORS = (
     "Mean of the absolute error (tables 5 and 6) behind the same smoothing for all, so that only "
     "parameters differ. Least squares: our model and signals, base parameters, no bounds. The "
     "paper's method: its model, signals behind a Kalman filter, bounds of masses, centres and "
-    "friction, physically consistent bodies. Ours: signals smoothed as the data require, joints weighted by "
-    "their residuals, the same bounds. The poor motion has a tenth of the ranges and speeds of "
-    "table 2. The test motion is a random one within the limits, as fig. 7 is; the paper finds "
-    "that the mean error of least squares doubles on it, while that of its program does not.",
+    "friction, physically consistent bodies. Ours: signals smoothed as the data require, joints "
+    "weighted by their residuals, the same bounds. The poor motion has a tenth of the ranges and "
+    "speeds of table 2. The test motion is a random one within the limits, as fig. 7 is; the "
+    "paper finds that the mean error of least squares doubles on it, while that of its program does not.",
 )
 
 PARAMETERS = (
