@@ -636,7 +636,8 @@ ERRORS = (
     "friction, physically consistent bodies. Ours: signals smoothed as the data require, joints "
     "weighted by their residuals, the same bounds. The poor motion has a tenth of the ranges and "
     "speeds of table 2. The test motion is a random one within the limits, as fig. 7 is; the "
-    "paper finds that the mean error of least squares doubles on it, while that of its program does not.",
+    "paper finds that the mean error of least squares doubles on it, while that of its "
+    "program does not.",
 )
 
 PARAMETERS = (
