@@ -76,7 +76,12 @@ LOGS: list[Mistake] = [
         "(wrong|doubtful) (position|effort) sig",
     ),
     Mistake("all efforts reversed", scaled("tau", -1.0), "wrong (effort sign|mounting)"),
-    Mistake("all positions reversed", scaled("q", -1.0), "wrong (position sign|mounting)"),
+    Mistake(
+        "all positions reversed",
+        scaled("q", -1.0),
+        "wrong (position sign|mounting)",
+        beside="wrong effort sign: .* or all positions have the opposite sign: both fit",
+    ),
     Mistake("velocity sign", scaled("dq", -1.0, 0), "(wrong|doubtful) velocity"),
     Mistake("two efforts swapped", reordered([0, 2, 1, 3, 4, 5], "tau"), "wrong joint order"),
     Mistake("two positions swapped", reordered([0, 1, 4, 3, 2, 5], "q", "dq"), "wrong joint order"),
