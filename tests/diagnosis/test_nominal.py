@@ -25,6 +25,7 @@ from steelyard.diagnosis.decision import support as support
 from steelyard.diagnosis.decision.ranking import ranking
 from steelyard.diagnosis.decision.verdict import verdict
 from steelyard.diagnosis.hypotheses.alternatives import _listed
+from steelyard.diagnosis.hypotheses.by_mounting import _Left
 from steelyard.diagnosis.knowledge import knowledge_of
 from steelyard.diagnosis.likelihood.evidence_kept import keeps_evidence
 from steelyard.diagnosis.likelihood.possible import possible
@@ -52,6 +53,17 @@ def test_findings_hold_what_their_explanations_were_compared_with(arm, known):
     assert ranked and all(f.nominal is not known for f in ranked)
     for finding in ranked:
         assert [h.says for h in finding.hypotheses if h.declared] == ["as declared"]
+
+
+def test_slopes_of_the_direction_of_gravity(arm):
+    case = arm.case(arm.table, known=False)
+    ranked = ranking(case, case.logs[0])
+    left = _Left(ranked.likelihood, ranked.declared.interpretation)
+    at = np.array([0.3, -0.8, 0.4])
+    steps = 1e-5 * np.eye(3)
+    squares = [np.sum(np.square([left(at + h), left(at - h)]), axis=1) for h in steps]
+    numeric = np.array([ahead - behind for ahead, behind in squares]) / 2e-5
+    np.testing.assert_allclose(2.0 * left.slopes(at).T @ left(at), numeric, rtol=1e-4)
 
 
 @pytest.mark.parametrize("factor", [0.3, 3.5])

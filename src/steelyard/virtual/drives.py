@@ -66,11 +66,11 @@ class Drives:
         Args:
             motion: Samples at every tick.
         """
-        from scipy.signal import lfilter
-
         tick = float(motion.t[1] - motion.t[0])
         q, dq = motion.q, motion.dq
         if self.speed_filter is not None:
+            from scipy.signal import lfilter
+
             share = _share(tick, self.speed_filter)
             steps = np.diff(q, axis=0, prepend=q[:1]) / tick
             dq = lfilter([share], [1.0, share - 1.0], steps, axis=0)

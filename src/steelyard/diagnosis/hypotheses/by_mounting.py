@@ -66,7 +66,7 @@ def _directions(likelihood: Likelihood, now: Interpretation) -> list[Array]:
     thin = replace(likelihood, excerpt=likelihood.excerpt.thinned(SAMPLES))
     left = _Left(thin, now)
     axes = np.concatenate((np.eye(3), -np.eye(3)))
-    fits = [least_squares(left, start + 0.05, max_nfev=30) for start in axes]
+    fits = [least_squares(left, start + 0.05, left.slopes, max_nfev=30) for start in axes]
     known = now.gravity / np.linalg.norm(now.gravity)
     found: list[Array] = []
     for fit in sorted(fits, key=lambda fit: float(fit.cost)):
@@ -93,7 +93,8 @@ def refined_gravity(likelihood: Likelihood, found: Interpretation) -> Array:
     left = _Left(thin, found)
     direction, known = start, left.sigma(start)
     for _ in range(REWEIGHTED):
-        fit = least_squares(left.weighted(left.sigma(direction)), direction, max_nfev=30)
+        weighted = left.weighted(left.sigma(direction))
+        fit = least_squares(weighted, direction, weighted.slopes, max_nfev=30)
         direction = fit.x / np.linalg.norm(fit.x)
     gain = INDEPENDENT * float(np.sum(np.log(known / left.sigma(direction))))
     tilt = float(np.arccos(np.clip(start @ direction, -1.0, 1.0)))
@@ -134,8 +135,19 @@ class _Left:
     def __call__(self, v: Array) -> Array:
         """Residuals; the length of `v` is of no account, and kept near 1."""
         length = float(np.linalg.norm(v))
-        wide, right, solution = self._solved(v / length)
-        return np.concatenate((right - wide @ solution, [length - 1.0]))
+        spanned, right, _ = self._solved(v / length)
+        return np.concatenate((right - spanned @ (spanned.T @ right), [length - 1.0]))
+
+    def slopes(self, v: Array) -> Array:
+        """Derivatives of the residuals but for what the bodies' change takes [Kaufman1975]."""
+        length = float(np.linalg.norm(v))
+        direction = v / length
+        spanned, _, solution = self._solved(direction)
+        pulls = self._columns.reshape(len(self._columns), 4, self._k)[:, 1:] @ solution
+        wide = np.concatenate((-pulls, np.zeros((self._k, 3))))
+        wide -= spanned @ (spanned.T @ wide)
+        turned = (np.eye(3) - np.outer(direction, direction)) / length
+        return np.concatenate((wide @ turned, direction[None]))
 
     def sigma(self, direction: Array) -> Array:
         """Root mean square residual of each row under a direction, shape `(n,)`."""
@@ -152,13 +164,11 @@ class _Left:
         return columns
 
     def _solved(self, direction: Array) -> tuple[Array, Array, Array]:
-        """Columns and efforts with the ridge, and their least squares solution."""
-        from scipy.linalg import lstsq
-
+        """With the ridge: an orthonormal basis of the columns, the efforts, and the solution."""
         columns = self._under(direction, self._columns)
         lengths = np.linalg.norm(columns, axis=0)
         ridge = np.diag(RIDGE * np.maximum(lengths, 1e-6 * lengths.max()))
         wide: Array = np.concatenate((columns, ridge))
         right: Array = np.concatenate((self._efforts, np.zeros(self._k)))
-        solution: Array = lstsq(wide, right, lapack_driver="gelsy", check_finite=False)[0]
-        return wide, right, solution
+        spanned, triangle = np.linalg.qr(wide)
+        return spanned, right, np.linalg.solve(triangle, spanned.T @ right)

@@ -11,7 +11,7 @@ from steelyard.arrays import Array
 from steelyard.kernel.native import cache, machine, native_loops
 from steelyard.kernel.program.program import Program
 
-ENGINE = 3
+ENGINE = 4
 """Raised whenever emitted code changes its meaning: old cache entries are then not used."""
 
 
@@ -88,7 +88,7 @@ def compiled(description: Any, build: Callable[[], tuple[Program, dict[str, Any]
         cache.store(key, about, code)
     else:
         about, code = entry
-    library = machine.Library(code, ["program", "fused", "sample"])
+    library = machine.Library(code, ["program", "fused", "sample"], loops().library)
     n_inputs = int(about["n_inputs"])
     return Code(
         about=about,
@@ -106,6 +106,7 @@ class Loops:
     """The loops that do not depend on the program; see `native_loops`."""
 
     lanes: int
+    library: machine.Library
     gram: Any
     absolute: Any
     fir: Any
@@ -132,6 +133,7 @@ def loops() -> Loops:
     library = machine.Library(code, ["gram", "absolute", "fir", "recurrence"])
     return Loops(
         lanes=lanes,
+        library=library,
         gram=library.function("gram", 6),
         absolute=library.function("absolute", 5),
         fir=library.function("fir", 9),
@@ -144,8 +146,6 @@ def _module(program: Program, lanes: int) -> str:
 
     return _joined(
         emit(program, "program", lanes),
-        native_loops.gram(lanes),
-        native_loops.absolute_sums(lanes),
         native_loops.fused(len(program.inputs)),
         native_loops.sample(len(program.inputs)),
     )

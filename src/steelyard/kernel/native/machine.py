@@ -47,14 +47,28 @@ def compile_code(text: str, optimisation: int = 1) -> bytes:
 
 
 class Library:
-    """Loaded machine code."""
+    """Loaded machine code.
 
-    def __init__(self, code: bytes, symbols: Sequence[str]) -> None:
+    Attributes:
+        name: Its name among all that are loaded.
+    """
+
+    def __init__(self, code: bytes, symbols: Sequence[str], calls: "Library | None" = None) -> None:
+        """Load an object file.
+
+        Args:
+            code: The object file.
+            symbols: Functions to be called from Python.
+            calls: A library whose functions it calls, loaded before and kept as long.
+        """
+        self.name, self._calls = f"steelyard{next(_NUMBER)}", calls
         with _LOCK:
             builder = _llvm().JITLibraryBuilder().add_object_img(code).add_current_process()
+            if calls is not None:
+                builder = builder.add_jit_library(calls.name)
             for symbol in symbols:
                 builder = builder.export_symbol(symbol)
-            self._tracker = builder.link(_compiler(), f"steelyard{next(_NUMBER)}")
+            self._tracker = builder.link(_compiler(), self.name)
             self._addresses = {symbol: int(self._tracker[symbol]) for symbol in symbols}
 
     def function(self, symbol: str, n_arguments: int, answers: bool = False) -> Any:

@@ -197,13 +197,15 @@ def fused(n_inputs: int, name: str = "fused") -> str:
     `void fused(N, x0, ld0, ..., B, y, ldy, tiles, n_tiles, sums, rows, absolute)`.
 
     Runs `program`, `gram` and `absolute` block by block of `B` samples; one block of rows stays in
-    the cache and is never seen from outside.
+    the cache and is never seen from outside. `gram` and `absolute` are those of another module.
     """
     inputs = range(n_inputs)
     signature = ", ".join(f"ptr %x{i}, i64 %l{i}" for i in inputs)
     starts = "\n".join(f"%p{i} = getelementptr double, ptr %x{i}, i64 %b" for i in inputs)
     passed = ", ".join(f"ptr %p{i}, i64 %l{i}" for i in inputs)
-    return f"""define void @{name}(i64 %N, {signature}, i64 %B, ptr %y, i64 %ly, ptr %tiles,
+    return f"""declare void @gram(ptr, i64, i64, ptr, i64, ptr)
+declare void @absolute(ptr, i64, i64, i64, ptr)
+define void @{name}(i64 %N, {signature}, i64 %B, ptr %y, i64 %ly, ptr %tiles,
     i64 %nt, ptr %sums, i64 %rows, ptr %abs) {{
 entry:
 br label %loop
