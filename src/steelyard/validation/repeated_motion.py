@@ -170,17 +170,16 @@ def _same_efforts(known: MotionSamples, rows: Rows, shift: float) -> bool:
 def _shift(known: MotionSamples, rows: Rows, near: Array) -> float | None:
     """The shift at which most rows meet; `None` if that may be chance [s]."""
     grid = np.arange(rows.t[0], rows.t[-1], 1.0 / RATE)[:MOST_INSTANTS]
-    q = _at(grid, rows.t, rows.q)
+    columns = np.ascontiguousarray(_at(grid, rows.t, rows.q).T)
     offsets = np.round((known.t - known.t[0]) * RATE).astype(int)
     counts = np.zeros(len(grid) + int(offsets[-1]))
     expected = 0.0
     for offset, instant in zip(offsets, known.q, strict=True):
-        meets = np.ones(len(grid), dtype=np.bool_)
-        for j in range(q.shape[1]):
-            meets &= np.abs(q[:, j] - instant[j]) <= near[j]
-        start = int(offsets[-1] - offset)
-        counts[start : start + len(grid)] += meets
-        expected += float(meets.mean())
+        meets = np.flatnonzero(np.abs(columns[0] - instant[0]) <= near[0])
+        for j in range(1, len(columns)):
+            meets = meets[np.abs(columns[j][meets] - instant[j]) <= near[j]]
+        counts[int(offsets[-1] - offset) + meets] += 1.0
+        expected += len(meets) / len(grid)
     best = int(np.argmax(counts))
     if counts[best] < max(FEWEST, expected + CHANCE * np.sqrt(expected + 1.0)):
         return None

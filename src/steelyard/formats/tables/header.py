@@ -2,7 +2,8 @@
 
 import csv
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 SEPARATORS = ",;\t| "
@@ -43,15 +44,14 @@ def read_header(lines: Sequence[str]) -> Header | None:
     above it: the last one as wide as the rows, be it behind a comment sign. If that holds units
     only, the names are in the line above it, and become `q1 [rad]`.
     """
-    found = [view for view in (_seen(lines, s) for s in _possible(lines)) if view is not None]
-    return max(found, key=lambda view: view[0])[1] if found else None
-
-
-def _possible(lines: Sequence[str]) -> list[str]:
-    """Separators that the lines contain, and one that they do not: all of those divide nothing."""
     text = "".join(lines)
-    absent = [s for s in SEPARATORS if not (_BLANK.search(text) if s == " " else s in text)]
-    return [s for s in SEPARATORS if s not in absent[1:]]
+    there = [s for s in SEPARATORS if (_BLANK.search(text) if s == " " else s in text)]
+    found = [view for view in (_seen(lines, s) for s in there) if view is not None]
+    if not any(divided for (divided, *_), _ in found):
+        # all that the lines do not contain divide nothing: one stands for them
+        absent = [s for s in SEPARATORS if s not in there][:1]
+        found += [view for s in absent if (view := _seen(lines, s)) is not None]
+    return max(found, key=lambda view: view[0])[1] if found else None
 
 
 def is_table(lines: Sequence[str], header: Header) -> bool:
@@ -60,12 +60,12 @@ def is_table(lines: Sequence[str], header: Header) -> bool:
     Words divided by blanks, with other words below them, are no names of columns; nor are names
     that repeat.
     """
-    rows, names = _rows_below(lines, header), header.columns
-    if any(
-        _is_row(row, ()) or (len(row) == len(names) and not all(map(_is_word, row))) for row in rows
-    ):
-        return True
-    return len(set(names)) == len(names) and not (rows and header.separator == " ")
+    names, below = header.columns, False
+    for row in _rows_below(lines, header):
+        if _is_row(row, ()) or (len(row) == len(names) and not all(map(_is_word, row))):
+            return True
+        below = True
+    return len(set(names)) == len(names) and not (below and header.separator == " ")
 
 
 def rows_of_numbers(lines: Sequence[str], header: Header) -> int:
@@ -73,22 +73,33 @@ def rows_of_numbers(lines: Sequence[str], header: Header) -> int:
     return sum(_is_row(row, ()) for row in _rows_below(lines, header))
 
 
-def _rows_below(lines: Sequence[str], header: Header) -> list[list[str]]:
-    return [
+def _rows_below(lines: Sequence[str], header: Header) -> Iterator[list[str]]:
+    return (
         cells_of(line, header.separator)
         for line in lines[header.body :]
         if line.strip() and not line.startswith(COMMENT)
-    ]
+    )
+
+
+class _Rows(dict[int, list[str]]):
+    """Cells of the lines, by number, each divided when it is looked at; comments without a sign."""
+
+    def __init__(self, lines: Sequence[str], separator: str) -> None:
+        super().__init__()
+        self._lines, self._separator = lines, separator
+
+    def __missing__(self, number: int) -> list[str]:
+        line = self._lines[number]
+        bare = line.lstrip("#% \t") if line.startswith(COMMENT) else line
+        self[number] = cells_of(bare, self._separator)
+        return self[number]
 
 
 def _seen(
     lines: Sequence[str], separator: str
 ) -> tuple[tuple[bool, bool, int, int, int], Header] | None:
     """The header if columns were divided by a separator, and how well that fits."""
-    rows = [
-        cells_of(line.lstrip("#% \t") if line.startswith(COMMENT) else line, separator)
-        for line in lines
-    ]
+    rows = _Rows(lines, separator)
     plain = [i for i, line in enumerate(lines) if line.strip() and not line.startswith(COMMENT)]
     pairs = zip(plain, [*plain[1:], -1], strict=False)
     first = next((i for i, after in pairs if _is_row(rows[i], rows[after])), None)
@@ -107,13 +118,14 @@ def _seen(
         len(names),
         -SEPARATORS.index(separator),
     )
-    cells = [cell for row in rows[body:] for cell in row]
+    numbers = () if separator == "," else range(body, len(lines))
+    cells = [cell for number in numbers for cell in rows[number]]
     comma = any(map(_COMMA.fullmatch, cells)) and not any(map(_POINT.fullmatch, cells))
-    return fits, Header(names, separator, comma and separator != ",", body)
+    return fits, Header(names, separator, comma, body)
 
 
 def _of_comments(
-    lines: Sequence[str], rows: Sequence[Sequence[str]], first: int | None
+    lines: Sequence[str], rows: Mapping[int, Sequence[str]], first: int | None
 ) -> list[int]:
     """The comment line that names the columns, if one does."""
     comments = [i for i in range(len(lines) if first is None else first) if lines[i].strip(" \t#%")]
@@ -123,7 +135,7 @@ def _of_comments(
 
 
 def _names(
-    rows: Sequence[Sequence[str]], above: Sequence[int], first: int | None
+    rows: Mapping[int, Sequence[str]], above: Sequence[int], first: int | None
 ) -> tuple[tuple[str, ...], int]:
     """Names of the columns, and the line behind them."""
     if first is None:
@@ -145,10 +157,10 @@ def cells_of(line: str, separator: str) -> list[str]:
     """The cells of a line, without quotes and blanks around them."""
     if separator == " ":
         line = _BLANK.sub(" ", line).strip()
-    try:
-        row = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
-    except csv.Error:
-        row = line.split(separator)
+    row = line.split(separator) if line else []
+    if '"' in line:
+        with suppress(csv.Error):
+            row = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
     return [cell.strip() for cell in row]
 
 
