@@ -30,6 +30,9 @@ MARGIN, FALL = 60.0, 2.0
 joint must fall, for the data to contradict what is declared."""
 LATE = 12.0
 """The same for a delay, with a sharper likelihood."""
+SHORTER = 1.2
+"""The same, as a factor: friction that only the robot file's own terms describe looks like a little
+delay, and what bodies of the log's own leave hardly falls with it."""
 HEAVIEST = 6.0
 """Factor by which all efforts may be off a nominal model's before its links are no excuse."""
 POOR, ROUGH = 10.0, 25.0
@@ -53,15 +56,19 @@ def contradicted(likelihood: Likelihood, before: Interpretation, winner: Hypothe
         gain = now.score.log_likelihood_with(SHARP, np.inf) - then.score.log_likelihood_with(
             SHARP, np.inf
         )
-        return bool(gain > LATE)
+        return bool(gain > LATE and _fall(now, then) >= SHORTER)
     return better(now, then, winner.cost)
 
 
 def better(now: Possible, then: Possible, cost: float) -> bool:
     """Whether one interpretation fits bodies of the log's own clearly better than another."""
     gain = float(now.score.log_likelihood - then.score.log_likelihood) - cost
-    falls = then.score.misfits / np.maximum(now.score.misfits, FLOOR)
-    return gain >= MARGIN and float(np.max(falls)) >= FALL
+    return gain >= MARGIN and _fall(now, then) >= FALL
+
+
+def _fall(now: Possible, then: Possible) -> float:
+    """The factor by which the misfit of that joint falls whose misfit falls most."""
+    return float(np.max(then.score.misfits / np.maximum(now.score.misfits, FLOOR)))
 
 
 def supported(
