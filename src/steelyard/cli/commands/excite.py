@@ -14,6 +14,8 @@ from steelyard.cli.options import Details, FixedBase, Json, RobotArgument, Seed,
 from steelyard.identification.defaults import DESIGN_BUDGET_S
 
 if TYPE_CHECKING:
+    from steelyard.excitation.search.parallel_search import SearchBudget
+    from steelyard.identification.motion.design import DesignedMotion, DesignTask
     from steelyard.progress import Event, Progress
 
 UNPROVEN = 1
@@ -123,13 +125,9 @@ def excite(
     begun = time.monotonic()
     from rich.console import Console
 
-    from steelyard.cli import interrupt
-    from steelyard.cli.show import progress_bar
     from steelyard.excitation.search.parallel_search import SearchBudget
-    from steelyard.files import whole_folder
     from steelyard.identification.logs import new_folder
     from steelyard.identification.motion.design import design_task
-    from steelyard.progress import Stopped
     from steelyard.report.text.design_words import level
     from steelyard.robot.xacro.read import stem_of
 
@@ -149,6 +147,26 @@ def excite(
     )
     folder = new_folder(output, f"steelyard-{stem_of(robot)}-motion")
     effort = SearchBudget(budget, searches, processes or os.cpu_count() or 1, seed)
+    found, written = _designed(task, effort, folder, begun)
+    if as_json:
+        typer.echo(json.dumps(found.to_dict() | {"files": written}, allow_nan=False))
+    else:
+        found.show(Console(), verbose)
+        files = [f"{name:<12} {path}" for name, path in written.items()]
+        typer.echo("\n".join(["", *files, *_withheld(task, found)]))
+    if code := EXITS[level(found.designed)]:
+        raise typer.Exit(code)
+
+
+def _designed(
+    task: "DesignTask", effort: "SearchBudget", folder: Path, begun: float
+) -> "tuple[DesignedMotion, dict[str, str]]":
+    """The design and its files, whole in a new folder; Ctrl-C ends a search and keeps its best."""
+    from steelyard.cli import interrupt
+    from steelyard.cli.show import progress_bar
+    from steelyard.files import whole_folder
+    from steelyard.progress import Stopped
+
     try:
         with progress_bar() as progress, whole_folder(folder) as part:
             with interrupt.quietly() if task.searched else nullcontext():
@@ -160,22 +178,14 @@ def excite(
             interrupt.too_late()
     except Stopped:
         interrupt.leave()
-    written = {name: str(folder / path) for name, path in files.items()}
-    if as_json:
-        typer.echo(json.dumps(found.to_dict() | {"files": written}, allow_nan=False))
-    else:
-        found.show(Console(), verbose)
-        typer.echo("")
-        for name, path in written.items():
-            typer.echo(f"{name:<12} {path}")
-        withheld = [form for form in task.formats if form not in found.written_formats]
-        if withheld:
-            typer.echo(
-                f"not written  {', '.join(withheld)}: the motion is not proven to keep all limits; "
-                "do not run it"
-            )
-    if code := EXITS[level(found.designed)]:
-        raise typer.Exit(code)
+    return found, {name: str(folder / path) for name, path in files.items()}
+
+
+def _withheld(task: "DesignTask", found: "DesignedMotion") -> list[str]:
+    """A line on formats that were requested and not written."""
+    missing = [form for form in task.formats if form not in found.written_formats]
+    words = "the motion is not proven to keep all limits; do not run it"
+    return [f"not written  {', '.join(missing)}: {words}"] if missing else []
 
 
 def _ending(progress: "Progress") -> "Progress":

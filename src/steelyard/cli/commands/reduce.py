@@ -96,26 +96,13 @@ def reduce(
 
     from steelyard.cli import interrupt
     from steelyard.cli.show import progress_bar
-    from steelyard.errors import ModelError
     from steelyard.files import whole_folder
     from steelyard.identification.logs import new_folder
     from steelyard.identification.motion.design import design_excitation
     from steelyard.identification.reduction.reduce import reduce as reduced
     from steelyard.report.text.verdict import exit_code
 
-    asking = {"--bodies": bodies, "--next": following is not None}
-    if robot is None and any(asking.values()):
-        raise ModelError(
-            f"{' and '.join(name for name, given in asking.items() if given)} without a robot file",
-            where="--robot",
-            fix="give the robot file that the model was identified with: --robot ROBOT",
-        )
-    if last is not None and following is None:
-        raise ModelError(
-            "--last is given, but no motion is designed",
-            where="--last",
-            fix="add --next DIR, or leave --last out",
-        )
+    _refuse_missing(robot, {"--bodies": bodies, "--next": following is not None}, last)
     folder = new_folder(output, "steelyard-reduced")
     motion_folder = None if following is None else new_folder(following, "")
     with progress_bar() as progress:
@@ -152,3 +139,30 @@ def reduce(
         written = {"output": str(folder), "motion": motion_folder and str(motion_folder)}
         typer.echo(json.dumps({**found.to_dict(), **written}, allow_nan=False))
     raise typer.Exit(exit_code(found.content))
+
+
+def _refuse_missing(robot: str | None, asking: dict[str, bool], last: Path | None) -> None:
+    """Options that others need are given.
+
+    Args:
+        robot: The robot file.
+        asking: Options that need it, and whether they are given.
+        last: The motion to improve, which needs `--next`.
+
+    Raises:
+        ModelError: One is missing.
+    """
+    from steelyard.errors import ModelError
+
+    if robot is None and any(asking.values()):
+        raise ModelError(
+            f"{' and '.join(name for name, given in asking.items() if given)} without a robot file",
+            where="--robot",
+            fix="give the robot file that the model was identified with: --robot ROBOT",
+        )
+    if last is not None and not asking["--next"]:
+        raise ModelError(
+            "--last is given, but no motion is designed",
+            where="--last",
+            fix="add --next DIR, or leave --last out",
+        )

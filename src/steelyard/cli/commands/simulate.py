@@ -148,18 +148,20 @@ def simulate(
     if as_json:
         typer.echo(json.dumps(written))
         return
-    for note in made.notes:
-        typer.echo(f"note        {note}")
-    for line in _running(made.seconds, periods, dry_run):
-        typer.echo(line)
-    typer.echo(
+    notes = (f"note        {note}" for note in made.notes)
+    running = _running(made.seconds, periods, dry_run)
+    files = (f"{name:<11} {path}" for name, path in written.items())
+    typer.echo("\n".join([*notes, *running, _robot(seed, truth), *files]))
+
+
+def _robot(seed: int, truth: Path | None) -> str:
+    """Which robot was simulated, and how to simulate it again."""
+    if truth is not None:
+        return f"robot       {truth}"
+    return (
         f"robot       seed {seed} (another seed is another robot); for another motion of this "
         "robot give --motion"
-        if truth is None
-        else f"robot       {truth}"
     )
-    for name, path in written.items():
-        typer.echo(f"{name:<11} {path}")
 
 
 def _running(once: float, periods: int, factor: float) -> list[str]:
