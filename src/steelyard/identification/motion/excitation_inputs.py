@@ -48,9 +48,9 @@ def refuse_formats(loaded: LoadedRobot, formats: Sequence[str], rate: float | No
         basis = basis_of(section, robot)
         motion = basis.motion(basis.still(zero) + 1e-3)
     for form in formats:
-        exported(still if form == "csv" else motion, robot, form, rate)
-        if form == "csv":
+        if form == "csv" and (rate is None or 0.0 < rate < np.inf):
             grid_times(motion.duration, rate or EXPORTS[form].rate)
+        exported(still if form == "csv" else motion, robot, form, rate)
 
 
 def earlier_of(identified: IdentifiedModel) -> Earlier:
