@@ -242,7 +242,7 @@ def currents(_: Path) -> User:
 
 
 def torques(_: Path) -> User:
-    """A Panda with torque sensors."""
+    """A Panda with torque sensors, which `init` knows to be behind the gears."""
     data = data_folder() / "panda"
     log = data / "panda_gaz2019_trajectory1.parquet"
     fit, unseen = f"{log}@0.6:9.5", f"{log}@9.5:13.8"
@@ -254,7 +254,6 @@ def torques(_: Path) -> User:
         "panda",
         (fit,),
         unseen,
-        edits=BEHIND_GEARS,
     )
 
 
