@@ -5,6 +5,7 @@ import pytest
 
 from steelyard.errors import LogError, ModelError
 from steelyard.measurement.methods.fourier import Fourier, fourier_series, refined_frequency
+from steelyard.measurement.periods import moving_span
 
 RATE = 100.0
 
@@ -109,3 +110,20 @@ def test_what_is_not_periodic_is_refused() -> None:
 def test_settings_that_cannot_be(settings: dict[str, float], words: str) -> None:
     with pytest.raises(ModelError, match=words):
         Fourier(**settings)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("rest", [0, 50])
+def test_a_period_that_begins_slowly_is_taken_whole(rest: int) -> None:
+    w = 2.0 * np.pi * 0.25
+    t = np.arange(0.0, 4.0, 1.0 / RATE)
+    cos, sin = np.cos(w * t), np.sin(w * t)
+    size = np.array([[1.0], [-0.4]])
+    q = size * (1.0 - cos) ** 2
+    dq = size * 2.0 * w * (1.0 - cos) * sin
+    start, stop = moving_span(q)
+    assert stop - start < 0.95 * len(t)
+    rested = np.pad(q, ((0, 0), (rest, rest)))
+    found = Fourier(period=4.0, harmonics=5).designed(8.0, RATE)(rested, None)
+    kept = slice(rest, rest + len(t))
+    np.testing.assert_allclose(found[0, :, kept], q, atol=1e-9)
+    np.testing.assert_allclose(found[1, :, kept], dq, atol=1e-8)

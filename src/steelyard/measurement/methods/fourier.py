@@ -6,6 +6,7 @@ left out altogether: of white noise of variance $\sigma^2$ only $(2K + 1)\,\sigm
 """
 
 from dataclasses import dataclass, replace
+from math import ceil
 from typing import ClassVar
 
 import numpy as np
@@ -22,6 +23,8 @@ REFINING = 12
 """Harmonics by which the frequency is refined."""
 AUDIBLE = 4.0
 """Amplitude of the last harmonic kept over its standard deviation."""
+SLOW = 0.2
+"""Share of a period that may pass for rest at its ends."""
 REGULAR = 0.02
 """Residual over the size of the motion, above which a motion is not periodic."""
 
@@ -230,7 +233,7 @@ class DesignedFourier:
 
     def __call__(self, q: Array, dq: Array | None) -> Array:
         """Positions `(n, N)` to `q, dq, ddq`, `(3, n, N)`; velocities are not used."""
-        start, stop = moving_span(q)
+        start, stop = self._whole_period(*moving_span(q), q.shape[1])
         result = np.empty((3, *q.shape))
         inside = q[:, start:stop]
         series = self.series(inside)
@@ -242,6 +245,20 @@ class DesignedFourier:
             rests = low(continued(q, low.halo or 0, low.halo or 0), None)
             result[:, :, :start], result[:, :, stop:] = rests[:, :, :start], rests[:, :, stop:]
         return result
+
+    def _whole_period(self, start: int, stop: int, count: int) -> tuple[int, int]:
+        """The span of motion, with samples at its ends where it lacks a little of a given period.
+
+        A motion from rest to rest begins so slowly that its first samples pass for rest.
+        """
+        m = self.method
+        period = m.period if m.frequency is None else 1.0 / m.frequency
+        lacking = 0 if period is None else ceil(period * self.rate) - (stop - start)
+        if period is None or not 0 < lacking <= SLOW * period * self.rate:
+            return start, stop
+        after = min(count - stop, lacking // 2)
+        before = min(start, lacking - after)
+        return start - before, min(count, stop + lacking - before)
 
     def series(self, q: Array) -> Series:
         """The series of positions without rests, shape `(n, N)`.
