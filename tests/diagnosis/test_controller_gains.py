@@ -9,7 +9,10 @@ import pytest
 from diagnosis.conftest import MODEL_BASED
 from diagnosis.test_model_based import GAINS, TAU, edits, in_amperes
 from steelyard.diagnosis import Case, Edit, examine
-from steelyard.diagnosis.hypotheses.controller_gains import controller_gains
+from steelyard.diagnosis.decision import gains_left
+from steelyard.diagnosis.decision.gains_left import gains_of_controller
+from steelyard.diagnosis.finding import Severity
+from steelyard.diagnosis.hypotheses.controller_gains import ControllerGains, controller_gains
 from steelyard.measurement.recording import LogInMemory
 from steelyard.robot_file.edits import edited
 
@@ -56,3 +59,32 @@ def test_without_targets_or_currents_there_are_none(arm, kind):
     if kind == "no targets":
         case = arm.case(arm.table, in_amperes(arm), known=False)
     assert controller_gains(case) is None
+
+
+@pytest.mark.parametrize(
+    ("factor", "severity"), [(1.0, Severity.OK), (1.25, Severity.DOUBTFUL), (2.0, Severity.WRONG)]
+)
+def test_declared_gains_are_compared_with_the_controllers(arm, factor, severity):
+    given = [factor * float(GAINS[0]), float(GAINS[1]), float(GAINS[2])]
+    text = edited(in_amperes(arm), [Edit(("signals", "effort", "gain"), given)])
+    found = gains_of_controller(case_with_targets(arm, text), "gain")
+    (one,) = found
+    assert one.severity is severity
+    if severity is Severity.OK:
+        last = arm.robot.joint_names[-1]
+        assert not one.answered and one.says.startswith(f"undecided for {last}; the controller's")
+        return
+    assert one.joints == (arm.robot.joint_names[0],)
+    (edit,) = one.fix.edits
+    assert edit.value[0] == pytest.approx(GAINS[0], rel=0.03)
+    assert edit.value[1:] == given[1:]
+
+
+def test_gains_that_all_targets_confirm_are_ok(arm, monkeypatch):
+    case = case_with_targets(arm, in_amperes(arm))
+    gains = ControllerGains(("a", "b"), np.array(GAINS), 0.001 * np.array(GAINS))
+    monkeypatch.setattr(gains_left, "controller_gains", lambda case: gains)
+    (one,) = gains_left.gains_of_controller(case, "gain")
+    assert (
+        one.severity is Severity.OK and one.answered and "confirm the gains (a over b" in one.says
+    )

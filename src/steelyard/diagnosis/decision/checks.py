@@ -7,7 +7,7 @@ from steelyard.diagnosis.case import Case
 from steelyard.diagnosis.decision.decidable import least_mass
 from steelyard.diagnosis.decision.findings import agrees, findings
 from steelyard.diagnosis.decision.friction_sign import friction_signs
-from steelyard.diagnosis.decision.gains_left import gains_left
+from steelyard.diagnosis.decision.gains_left import gains_left, gains_of_controller
 from steelyard.diagnosis.decision.ranking import known_of
 from steelyard.diagnosis.decision.verdict import Verdict, verdict
 from steelyard.diagnosis.finding import Finding, Severity
@@ -51,8 +51,13 @@ def _signs_of_friction(case: Case, name: str, found: Findings) -> Findings:
 
 
 def _gains_not_found(case: Case, name: str, found: Findings) -> Findings:
-    """Where no gain is wrong, whether the logs give those that are to be identified."""
-    return found if any(f.severity for f in found) else gains_left(case, name) or found
+    """Where no gain is wrong, what the controller and the logs say of gains."""
+    if any(f.severity for f in found):
+        return found
+    controller = gains_of_controller(case, name)
+    if any(f.severity for f in controller):
+        return controller
+    return gains_left(case, name) or controller or found
 
 
 def _short_delays(case: Case, name: str, found: Findings) -> Findings:

@@ -1,17 +1,24 @@
-"""Whether `gain = "identify"` can be answered from the logs, as `identify` would."""
+"""What logs say of drive gains: by the controller's own targets, or as `identify` would."""
+
+import numpy as np
 
 from steelyard.diagnosis.case import Case
-from steelyard.diagnosis.finding import Finding, Fix, Severity
+from steelyard.diagnosis.finding import Edit, Finding, Fix, Severity
+from steelyard.diagnosis.hypotheses.controller_gains import controller_gains
 from steelyard.diagnosis.identifiability import clean_runs, customary_model
 from steelyard.errors import DataError, SteelyardError
 from steelyard.estimation.payload.gains import identified_gains
 from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor
+from steelyard.robot_file.sections import Gain
 
 SOURCES = (
     "enter the gains of {} before identifying (data sheet: torque constant times gear ratio), or "
     "give `steelyard identify` a log that carries a known mass (--loaded LOG --payload-mass KG)"
 )
+
+NEAR, FAR = 1.15, 1.4
+"""Factor from a controller's own gain from which on a declared one is doubtful, and wrong."""
 
 
 def gains_left(case: Case, name: str) -> tuple[Finding, ...]:
@@ -42,3 +49,47 @@ def gains_left(case: Case, name: str) -> tuple[Finding, ...]:
     except SteelyardError:
         return ()
     return ()
+
+
+def gains_of_controller(case: Case, name: str) -> tuple[Finding, ...]:
+    """Declared gains beside target torque over target current, of all logs; none without targets.
+
+    Args:
+        case: Robot and logs.
+        name: Name of the check.
+    """
+    signals, found = case.loaded.signals, controller_gains(case)
+    if signals is None or found is None:
+        return ()
+    declared, values = np.abs(signals.gains), found.values
+    unknown = np.array(signals.unknown_gains or (False,) * signals.n)
+    both = found.known & ~unknown
+    if not both.any():
+        return ()
+    factor = np.exp(np.abs(np.log(declared / np.where(both, values, declared))))
+    joints = np.flatnonzero(factor > NEAR)
+    source = f"{found.columns[0]} over {found.columns[1]}, friction removed"
+    figure = f"off by a factor of {factor.max():.3g} at most, bound {NEAR:g}"
+    if not len(joints):
+        says = f"the controller's targets confirm the gains ({source})"
+        if left := ", ".join(case.joints[j] for j in np.flatnonzero(~found.known)):
+            says = f"undecided for {left}; {says} of the other joints"
+        return (Finding(name, "", Severity.OK, says, figure, answered=not left),)
+    listed = ", ".join(
+        f"{case.joints[j]} {values[j]:.4g} ± {found.half_widths[j]:.2g}, declared {declared[j]:.4g}"
+        for j in joints
+    )
+    says = f"the controller's targets give other gains: {listed}"
+    entries: list[Gain] = [
+        "identify" if left else float(gain)
+        for gain, left in zip(signals.gains, unknown, strict=True)
+    ]
+    for j in joints:
+        entries[j] = float(f"{np.copysign(values[j], signals.gains[j]):.4g}")
+    severity = Severity.WRONG if factor.max() > FAR else Severity.DOUBTFUL
+    fix = Fix(
+        f"take these gains, from {source}, or correct those of the data sheet",
+        (Edit(("signals", "effort", "gain"), entries),),
+    )
+    named = tuple(case.joints[j] for j in joints)
+    return (Finding(name, "", severity, says, figure, named, fix),)

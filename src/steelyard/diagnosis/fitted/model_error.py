@@ -223,4 +223,4 @@ def _worst(beside: ResidualNoise) -> str:
     if not np.isfinite(beside.ratios).any():
         return "are not noise"
     joint = beside.joints[int(np.nanargmax(beside.ratios))]
-    return f"{_times(beside)} x noise ({joint})"
+    return f"up to {_times(beside)} x noise (largest: {joint})"

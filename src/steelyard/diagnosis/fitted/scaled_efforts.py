@@ -39,7 +39,11 @@ class ScaledEfforts:
             "by these factors, or a missing term has the same effect; masses are as uncertain as "
             f"the scales{_term_instead(case, scales.found.distance)}"
         )
-        brief = f"sensors or gains are off, or a term is missing: estimated scales {listed}"
+        brief = (
+            f"sensors or gains are off, or a term is missing: estimated scales {listed}"
+            if off
+            else "scales of the efforts are estimated together; none differs significantly from 1"
+        )
         if not wrong:
             return (Finding(self.name, "", Severity.OK, says, "", headline=True, brief=brief),)
         fix = Fix(f"Check gain and unit of the effort of {', '.join(wrong)}")

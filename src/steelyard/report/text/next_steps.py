@@ -53,7 +53,11 @@ def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, .
         found.check == MODEL_ERROR and not found.severity for found in content.limitations
     ):
         steps.append(
-            ("", f'friction laws chosen from the logs: friction = "auto" in {robot}, [model]')
+            (
+                "",
+                f'friction laws chosen from the logs: friction = "auto" in {robot}, [model], '
+                'without "coulomb", "viscous" in terms',
+            )
         )
     if content.identified is not None and _weak(content) > MANY:
         command = f"steelyard excite {robot} --earlier {folder} --still-unknown"
