@@ -9,6 +9,7 @@ import pytest
 
 import steelyard
 from invented import tree
+from steelyard.control.usable import refuse_unknown_gains
 from steelyard.errors import ModelError
 from steelyard.estimation.estimate import Estimate, Unidentifiable
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance, load_model
@@ -60,6 +61,26 @@ def test_round_trip_is_exact(identified: IdentifiedModel, tmp_path: Path) -> Non
     stepper = again.start()
     for k in range(9):
         assert np.abs(stepper.step(q[k], dq[k], ddq[k]) - torque[k]).max() < 1e-12
+
+
+def test_efforts_are_those_of_the_log(identified: IdentifiedModel) -> None:
+    q, dq, ddq = np.random.default_rng(1).normal(size=(3, 9, 4))
+    torque = identified.torque(q, dq, ddq)
+    amperes = torque / [1.5, -2.0, 3.0, 0.1]
+    np.testing.assert_allclose(identified.effort(q, dq, ddq), amperes, rtol=1e-12)
+    np.testing.assert_allclose(identified.effort(q[0], dq[0], ddq[0]), amperes[0], rtol=1e-12)
+    milli = replace(identified.signals, effort_scale=np.full(4, 1e-3))
+    scales = KnownScales(np.array([0.7, 1.0, 1.1, 1.3]), np.eye(4))
+    scaled = replace(milli, gains=milli.gains / scales.values)
+    found = replace(identified, signals=scaled, effort_scales=scales).effort(q, dq, ddq)
+    np.testing.assert_allclose(found, 1e3 * scales.values * amperes, rtol=1e-12)
+
+
+def test_relative_gains_are_no_torques(identified: IdentifiedModel) -> None:
+    refuse_unknown_gains(identified)
+    relative = replace(identified.signals, gains=np.array([1.0, -2.0, 3.0, 0.1]))
+    with pytest.raises(ModelError, match="the drive gain of joint .* is unknown"):
+        refuse_unknown_gains(replace(identified, signals=relative))
 
 
 def test_scales_of_efforts_are_kept(identified: IdentifiedModel, tmp_path: Path) -> None:

@@ -110,6 +110,8 @@ def test_positions_and_efforts_of_coupled_motors() -> None:
     by_hand = np.array([[50.0 * 2.0, 40.0 * 3.0], [0.0, -40.0 * 3.0]])
     np.testing.assert_allclose(found.effort_map, by_hand, rtol=1e-14)
     assert np.array_equal(found.gains, [1.0, 1.0])
+    logged = np.array([[0.3, -0.2], [1.0, 2.0], [0.0, 0.5]])
+    np.testing.assert_allclose(found.logged_efforts(logged @ by_hand.T), logged, atol=1e-14)
 
 
 def test_currents_of_coupled_motors_become_torques() -> None:

@@ -5,19 +5,20 @@ import numpy as np
 from steelyard.errors import ModelError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.robot.robot import Robot
-from steelyard.robot_file.efforts import WITHOUT_TORQUE
+from steelyard.validation.headline import gains_known
 
 
 def refuse_unknown_gains(identified: IdentifiedModel) -> None:
     """Efforts of the model are torques.
 
     Raises:
-        ModelError: A drive gain is unknown, so that they are torques up to a factor only.
+        ModelError: A drive gain is unknown or relative, so that they are torques up to a factor
+            only.
     """
     signals = identified.signals
     unknown = list(signals.unknown_gains)
-    if not any(unknown) and np.all(signals.gains == 1.0) and signals.effort_map is None:
-        unknown = [unit in WITHOUT_TORQUE for unit in signals.effort_units]
+    if not any(unknown):
+        unknown = [not known for known in gains_known(signals.effort_units, signals.gains)]
     if any(unknown):
         joint = identified.joints[unknown.index(True)]
         raise ModelError(

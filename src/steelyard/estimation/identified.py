@@ -170,11 +170,12 @@ class IdentifiedModel(Dynamics):
         dq: ArrayLike | None = None,
         ddq: ArrayLike | None = None,
     ) -> Array:
-        """Joint efforts as a log of the robot contains them, shape of `q` [Nm; N].
+        """Efforts as the columns `signals.effort` of a log contain them, shape of `q`.
 
-        They are read with the gains of the robot file: `torque` times `effort_scales`, and equal to
-        `torque` without such scales. A drive that controls the logged effort needs these as
-        feedforward.
+        In the unit of the log, such as A, mA or %: `torque` divided by the drive gains, which
+        contain estimated `effort_scales`, and with efforts of motors on their side of the gears. Of
+        a robot whose log has joint torques and no such scales it is equal to `torque`. A drive that
+        controls the logged effort needs these as feedforward.
 
         Args:
             q: Positions; or a `Motion`, which has all three.
@@ -190,8 +191,7 @@ class IdentifiedModel(Dynamics):
             >>> bool((efforts == model.torque([0.3, 0.5], still, still)).all())
             True
         """
-        torque = self.torque(q, dq, ddq)
-        return torque if self.effort_scales is None else torque * self.effort_scales.values
+        return self.signals.logged_efforts(self.torque(q, dq, ddq))
 
     def start(self) -> Stepper:
         """Begin to evaluate sample by sample: `start().step(q, dq, ddq)`."""

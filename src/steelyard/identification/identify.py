@@ -100,7 +100,10 @@ class Identification(Result):
 
     @property
     def scores(self) -> "DataFrame":
-        """Errors of predicted efforts, one row per joint of each log, fitted or not."""
+        """Errors of predicted efforts, one row per joint of each log, fitted or not.
+
+        `error`, `used` and `rated` are in `unit`, `rmse`, `mae` and the others in `logged_unit`.
+        """
         return scores_frame(self.content)
 
     def report(self) -> str:

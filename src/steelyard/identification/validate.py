@@ -57,7 +57,10 @@ class Validation(Result):
 
     @property
     def scores(self) -> "DataFrame":
-        """Errors of predicted efforts, one row per joint of each log."""
+        """Errors of predicted efforts, one row per joint of each log.
+
+        `error`, `used` and `rated` are in `unit`, `rmse`, `mae` and the others in `logged_unit`.
+        """
         return scores_frame(self.content)
 
     def __repr__(self) -> str:

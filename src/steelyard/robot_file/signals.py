@@ -132,6 +132,20 @@ class Signals:
         """Number of joints."""
         return len(self.position)
 
+    def logged_efforts(self, torque: Array) -> Array:
+        r"""Effort columns of joint torques, $y = S^{-1} E^{-1} \operatorname{diag}(k)^{-1} \tau$.
+
+        Args:
+            torque: Joint torques, shape `(..., n)` [Nm; N].
+
+        Returns:
+            Shape of `torque`, in the units, with the signs and on the side of `effort`.
+        """
+        base = torque / self.gains
+        if self.effort_map is not None:
+            base = base @ np.linalg.inv(self.effort_map).T
+        return np.asarray(base / self.effort_scale)
+
 
 def build_signals(
     section: SignalsSection,

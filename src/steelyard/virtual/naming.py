@@ -1,6 +1,7 @@
 """A log as the robot file says that logs look: its columns, their units, sides and drive gains."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,8 +36,8 @@ def as_declared(
     true = signals.gains
     if any(signals.unknown_gains) and gains is not None:
         true = np.where(signals.unknown_gains, gains, true)
-    effort = _before(reading.effort / true, signals.effort_map)
-    return named | _scaled(signals.effort, effort, signals.effort_scale)
+    effort = replace(signals, gains=true).logged_efforts(reading.effort)
+    return named | dict(zip(signals.effort, effort.T, strict=True))
 
 
 def _before(values: Array, mapped: Array | None) -> Array:

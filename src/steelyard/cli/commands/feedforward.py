@@ -37,8 +37,9 @@ def feedforward(
         bool,
         typer.Option(
             "--as-logged",
-            help="Torques in the unit of the log: multiplied by the estimated effort scales of the "
-            "model, if it has any.",
+            help="Torques in Nm (N) as the robot file reads them from the log: multiplied by the "
+            "estimated effort scales of the model, if it has any. Currents: divide by the robot "
+            "file's gain.",
         ),
     ] = False,
     as_json: Json = False,

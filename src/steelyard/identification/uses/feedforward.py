@@ -109,6 +109,7 @@ def feedforward(
         smoothing: Speed over which the sign of friction is smoothed [rad/s; m/s]; 0 for the sign.
         as_logged: Whether torques are multiplied by the estimated scales of the logged efforts, as
             a drive that controls the logged effort needs them; without such scales both are equal.
+            They remain in Nm (N): `IdentifiedModel.effort` gives currents.
 
     Raises:
         SteelyardError: A file cannot be used, a joint is missing, or the model's efforts are no
