@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from pathlib import Path
 
 
 def nearest(name: str, names: Iterable[str], count: int = 3) -> tuple[str, ...]:
@@ -33,3 +34,12 @@ def listing(names: Iterable[str], what: str, most: int = 12) -> str:
     shown = ", ".join(known[:most])
     shown += f", and {len(known) - most} more" if len(known) > most else ""
     return f"the {what} are {shown}"
+
+
+def names_beside(path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names beside a missing file: those that look like its own, and those of the same kind."""
+    if not path.parent.is_dir():
+        return (), ()
+    names = sorted(one.name for one in path.parent.iterdir() if not one.name.startswith("."))
+    alike = tuple(name for name in names if Path(name).suffix.lower() == path.suffix.lower())
+    return nearest(path.name, names), alike

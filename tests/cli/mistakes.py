@@ -46,7 +46,7 @@ def output(name: str, folder: str, *words: str) -> Mistake:
 
 USER = (
     with_log("missing log", "identificatoin.csv", "no such log", "'identification.csv'"),
-    with_robot("missing robot file", "demo_arn.toml", "there is no such file", "demo_arn.toml"),
+    with_robot("missing robot file", "demo_arn.toml", "there is no such file", "'demo_arm.toml'"),
     with_robot("text instead of a URDF", "letter.urdf", "letter.urdf", "XML"),
     with_robot("XML that is no robot", "page.urdf", "page.urdf", "html"),
     with_robot("entity bomb", "bomb.urdf", "bomb.urdf", "entit"),

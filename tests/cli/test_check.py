@@ -318,6 +318,16 @@ def test_logs_that_cannot_be_read_are_findings(
     assert torn.exit_code == 2 and isinstance(torn.exception, SystemExit)
 
 
+@pytest.mark.parametrize("window", ["@9000:9100", "#900000:"])
+def test_a_window_beside_the_log_is_no_log(window: str, command: Command, given: Path) -> None:
+    done = command("check", ROBOT, f"{given / 'identification.csv'}{window}", "--json")
+    (found,) = json.loads(done.stdout)["findings"]
+    assert done.exit_code == 2 and found["check"] == "log" and found["severity"] == "wrong"
+    rows = len(pl.read_csv(given / "identification.csv"))
+    assert f"the window {window} holds no row: the log lasts" in found["says"]
+    assert f"({rows} rows)" in found["says"]
+
+
 @pytest.mark.parametrize(("log", "code"), [("static.csv", 2), ("broken.csv", 2), ("soiled.csv", 0)])
 def test_logs_of_which_little_can_be_used(
     log: str, code: int, command: Command, given: Path

@@ -278,6 +278,9 @@ def test_init_says_what_it_did_not_find(command: Command, tmp_path: Path) -> Non
     first, todo = shown.stdout.splitlines()[:2]
     assert first.startswith(f"wrote {tmp_path / 'a.toml'}, incomplete: the log's columns cannot")
     assert todo.startswith("to do fill in [signals]") and (tmp_path / "a.toml").is_file()
+    rows.write_csv(tmp_path / "bare.csv", include_header=False)
+    shown = command("init", URDF, tmp_path / "bare.csv", "-o", tmp_path / "d.toml")
+    assert "the file seems to have no header line" in shown.stdout.splitlines()[0]
     shown = command("init", URDF, tmp_path / "few.csv", "-o", tmp_path / "b.toml")
     first = shown.stdout.splitlines()[0]
     assert shown.exit_code == 1 and first.endswith(f"the log has no columns of {JOINTS[2]}")

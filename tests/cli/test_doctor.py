@@ -26,6 +26,8 @@ def test_everything_is_there_and_named_with_its_version(command: Command) -> Non
     )
     text = command("doctor").stdout
     assert all(name in text for name in found) and "wrong" not in text
+    assert text.splitlines()[-1] == "All that steelyard needs is there"
+    assert not any(line["optional"] for line in found.values())
 
 
 def test_what_is_missing_comes_with_the_line_that_installs_it(
@@ -43,7 +45,11 @@ def test_what_is_missing_comes_with_the_line_that_installs_it(
     assert found["extra replay"]["ok"] and '"steelyard[replay]"' in str(
         found["extra replay"]["fix"]
     )
-    assert "wrong" in command("doctor").stdout
+    text = command("doctor").stdout
+    marks = [line.split()[0] for line in text.splitlines() if " extra " in line[:20]]
+    assert "wrong" in text and marks == ["optional"] * 3
+    left = "optional extras that are not installed: polars, population, replay"
+    assert f"To be corrected: packages; {left}" in " ".join(text.split())
 
 
 def test_the_cache_is_counted_off_or_untrusted(

@@ -401,7 +401,9 @@ def test_what_nothing_explains_is_doubtful_once(arm):
     t = table[:, arm.columns.index("time_s")]
     table[:, arm.at(TAU)] = 20.0 * np.sin(np.outer(t, np.arange(1.1, 2.6, 0.5)))
     found = arm.examined(table, known=False)
-    assert [f.check for f in found.findings if f.severity] == ["effort kind"]
+    (kind,) = (f for f in found.findings if f.severity)
+    assert kind.check == "effort kind" and kind.fix is not None
+    assert "the model file is of another robot" in kind.fix.says
     assert found.severity == Severity.DOUBTFUL
     assert not any(f.answered for f in found.findings)
 

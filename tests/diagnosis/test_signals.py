@@ -455,6 +455,13 @@ def test_positions_outside_their_limits_are_doubtful(tmp_path: Path) -> None:
     assert found.joints == ("joint_2",)
     assert found.fix is not None
     assert "position_offset" in found.fix.says
+    assert "the model file is of another robot" in found.fix.says
+    assert found.says == "joint_2 is outside its limits; positions in rad"
+    table[:, 3] += 2.5
+    (found,) = Position()(case_of(tmp_path, table))
+    assert found.says == "joint_2, joint_3 are outside their limits; positions in rad"
+    (found,) = Position()(case_of(tmp_path, sound()))
+    assert found.says == "positions in rad, within the joints' limits"
 
 
 def test_a_corrupt_head_is_reported_and_harmless(tmp_path: Path) -> None:

@@ -241,6 +241,8 @@ ERRORS = {
     "boolean": (ROBOT + "[processing]\nrest_speed = true", "True cannot", "line 4", "number"),
     "wrong word": (signals('"joint_torque"', '"torque"'), "'torque' cannot be used for 'kind'",
                    "[signals.effort] kind", "'joint_torque', 'link_torque' or 'gravity"),
+    "fixed friction": (ROBOT + '[model]\nfriction = ["coulomb", "viscous"]', "for 'friction'",
+                       "line 4, [model] friction", "fixed laws go into terms"),
     "no model": ("[robot]", "the robot has no model", "line 1, [robot]", "exactly one of"),
     "two models": (ROBOT + 'mjcf = "one.xml"', "the robot has urdf and mjcf", "line 1, [robot]",
                    "exactly one"),

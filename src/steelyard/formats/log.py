@@ -6,7 +6,7 @@ from typing import Protocol
 
 from steelyard.arrays import Array
 from steelyard.errors import LogError
-from steelyard.suggest import advice, nearest
+from steelyard.suggest import advice, names_beside, nearest
 
 PART = 50_000
 """Rows of a part. Twice as many need 15 MiB more, half as many take twice the time."""
@@ -116,8 +116,7 @@ def _beside(path: Path) -> str:
         return f"check the path: there is no folder '{path.parent}'"
     if "[" in path.name:
         return "cut a log with LOG@START:STOP (seconds from its start) or LOG#START:STOP (rows)"
-    names = sorted(one.name for one in path.parent.iterdir())
-    alike = [name for name in names if Path(name).suffix.lower() == path.suffix.lower()]
-    if nearest(path.name, names) or alike:
-        return advice(path.name, names if nearest(path.name, names) else alike, "logs there")
+    near, alike = names_beside(path)
+    if near or alike:
+        return advice(path.name, near or alike, "logs there")
     return f"check the path: no file in '{path.parent}' has a similar name or ends in {path.suffix}"

@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 from steelyard.errors import ModelError
+from steelyard.suggest import advice, names_beside, nearest
 
 
 @dataclass(frozen=True)
@@ -87,15 +88,19 @@ class _Builder:
 
 def read_bytes(path: Path, what: str) -> bytes:
     """The file's content; a clear error if it cannot be read."""
+    fix = f"give the path of {what}"
     try:
         return path.read_bytes()
     except FileNotFoundError:
         wrong = "there is no such file"
+        near, alike = names_beside(path)
+        if meant := nearest(path.name, alike) or near:
+            fix = advice(path.name, meant, "files there")
     except IsADirectoryError:
         wrong = "this is a folder, not a file"
     except OSError as error:
         wrong = f"the file cannot be read: {error.strerror}"
-    raise ModelError(wrong, where=str(path), fix=f"give the path of {what}")
+    raise ModelError(wrong, where=str(path), fix=fix)
 
 
 _ROOT = re.compile(rb"\A(?:\s|<\?.*?\?>|<!--.*?-->)*<[\w.:-]+", re.DOTALL)

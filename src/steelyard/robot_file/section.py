@@ -11,6 +11,10 @@ Names = Annotated[tuple[Name, ...], Field(strict=False)]
 Numbers = Annotated[tuple[float, ...], Field(strict=False)]
 
 
+ADVICE = "advice"
+"""Type of an error of a check whose message is the whole advice."""
+
+
 class Section(BaseModel):
     """A table of the robot file: no unknown keys, no silent conversions."""
 

@@ -2,9 +2,11 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, field_validator
+from pydantic_core import PydanticCustomError
 
 from steelyard.robot_file.excitation_sections import ExcitationSection as ExcitationSection
+from steelyard.robot_file.section import ADVICE
 from steelyard.robot_file.section import Name as Name
 from steelyard.robot_file.section import Names as Names
 from steelyard.robot_file.section import Numbers as Numbers
@@ -215,6 +217,18 @@ class ModelSection(Section):
         Annotated[tuple[Name | dict[str, Any], ...], Field(strict=False, min_length=1)] | None
     ) = None
     friction: Literal["auto"] | None = None
+
+    @field_validator("friction", mode="before")
+    @classmethod
+    def _only_auto(cls, given: Any) -> Any:
+        """Fixed laws are terms."""
+        if given == "auto":
+            return given
+        raise PydanticCustomError(
+            ADVICE,
+            'it should be "auto"; fixed laws go into terms, such as terms = ["rigid_body", '
+            '"rotor_inertia", "coulomb", "viscous"]',
+        )
 
 
 class EffortSection(Section):

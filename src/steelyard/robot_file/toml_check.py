@@ -8,6 +8,7 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 
 from steelyard.errors import ModelError
+from steelyard.robot_file.section import ADVICE
 from steelyard.robot_file.toml_lines import KeyPath, toml_lines
 from steelyard.robot_file.toml_reader import tomllib
 from steelyard.suggest import advice
@@ -106,7 +107,7 @@ def _explained(
     return ModelError(
         f"{first['input']!r} cannot be used for '{path[-1] if path else 'the file'}'",
         where=places.where(*path),
-        fix="it should be " + ", or ".join(words),
+        fix=first["msg"] if first["type"] == ADVICE else "it should be " + ", or ".join(words),
     )
 
 

@@ -6,7 +6,7 @@ import platform
 import re
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
@@ -33,12 +33,21 @@ class Line:
         says: What was found.
         ok: Whether commands work with it.
         fix: What to do if they do not, or what would add to them; empty if nothing.
+        optional: Whether it is not there, and only some commands use it.
     """
 
     name: str
     says: str
     ok: bool = True
     fix: str = ""
+    optional: bool = False
+
+    @property
+    def mark(self) -> tuple[str, str]:
+        """Label and style in the terminal."""
+        if not self.ok:
+            return "wrong", "bold red"
+        return ("optional", "cyan") if self.optional else ("ok", "bold green")
 
 
 @guarded
@@ -59,14 +68,25 @@ def doctor(as_json: Json = False) -> None:
     else:
         table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
         for line in found:
-            mark = Text("ok", "bold green") if line.ok else Text("wrong", "bold red")
             words = Text(line.says)
             if line.fix:
                 words.append(f"\n{line.fix}", "cyan")
-            table.add_row(mark, line.name, words)
-        Console().print(table)
+            table.add_row(Text(*line.mark), line.name, words)
+        console = Console()
+        console.print(table)
+        console.print(Text(summary(found)))
     if not all(line.ok for line in found):
         raise typer.Exit(1)
+
+
+def summary(found: Sequence[Line]) -> str:
+    """What is missing, in one sentence."""
+    wrong = [line.name for line in found if not line.ok]
+    left = [line.name.removeprefix("extra ") for line in found if line.optional]
+    extras = f"; optional extras that are not installed: {', '.join(left)}" * bool(left)
+    if wrong:
+        return f"To be corrected: {', '.join(wrong)}{extras}"
+    return f"All that steelyard needs is there{extras}"
 
 
 def examined() -> Iterator[Line]:
@@ -126,7 +146,7 @@ def _extra(name: str, use: str) -> Line:
     there, missing = _versions(_names(name))
     if missing:
         how = f'{sys.executable} -m pip install "steelyard[{name}]"'
-        return Line(f"extra {name}", f"not installed: {use}", fix=how)
+        return Line(f"extra {name}", f"not installed: {use}", fix=how, optional=True)
     return Line(f"extra {name}", f"{', '.join(there)}: {use}")
 
 

@@ -40,7 +40,8 @@ UNEXPLAINED = "effort kind"
 """The check that says so where nothing explains the efforts."""
 NO_HYPOTHESIS = (
     "no single hypothesis explains these efforts: check columns, kind, unit, gains, and locked "
-    "joints with their positions; a model from clean runs (--model) allows more conclusions"
+    "joints with their positions, or the model file is of another robot; a model from clean runs "
+    "(--model) allows more conclusions"
 )
 OF_NOMINAL = (
     ", with the masses of the model file, which may be wrong: take the ratio from the data sheet, "

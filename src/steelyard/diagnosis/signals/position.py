@@ -47,16 +47,18 @@ class Position:
             return _other_unit(case, evidence, units, other, off, picture)
         outside = np.flatnonzero(off > OUTSIDE)
         names = tuple(case.joints[j] for j in outside)
-        clause = f"{', '.join(names)} is outside its limits; " if names else ""
+        are = "are outside their limits" if len(names) > 1 else "is outside its limits"
+        clause = f"{', '.join(names)} {are}; " if names else ""
         return Finding(
             self.name,
             evidence.name,
             Severity.DOUBTFUL if names else Severity.OK,
-            clause + _facts(case, evidence),
+            clause + _facts(case, evidence) + ("" if names else ", within the joints' limits"),
             _value_text(case, off),
             joints=names,
             fix=Fix(
-                "check position_offset under [signals], the zero of the joints, and their limits"
+                "check position_offset under [signals], the zero of the joints, and their limits; "
+                "or the model file is of another robot"
             )
             if names
             else None,
@@ -161,10 +163,10 @@ def _facts(case: Case, evidence: Evidence) -> str:
     if wrapped := evidence.recording.wrapped:
         units += f" ({', '.join(wrapped)} wrap after a turn: unwrapped)"
     if signals.position_map is None or gears is None:
-        return f"positions in {units}, within the joints' limits"
+        return f"positions in {units}"
     ratios = " ".join(f"{r:g}" for r in np.diag(gears.matrix))
     coupled = ", coupled" if gears.coupled else ""
-    return f"motor-side signals, ratios {ratios}{coupled}; positions in {units}, within limits"
+    return f"motor-side signals, ratios {ratios}{coupled}; positions in {units}"
 
 
 def _value_text(case: Case, off: Array) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from steelyard.identification.logs import (
     signals_of,
     wanted_by,
 )
+from steelyard.measurement.rows.clock import no_row, time_span
 from steelyard.progress import Progress, report_progress
 from steelyard.robot_file.edits import edited
 from steelyard.robot_file.file import LoadedRobot, load_robot, robot_text
@@ -123,15 +125,29 @@ def case_of(
         report_progress(progress, "reading logs", number, len(files))
         try:
             one = Evidence(recording_of(file, signals), wanted, name)
-            if len(one.rows[0]) == 0:
-                cut = parse_log_argument(file.text)[1].text
-                fix = "widen the window" if cut else "record or copy it again"
-                raise LogError("the log has no rows", where=file.text, fix=fix)
+            _refuse_empty(one)
             evidence.append(one)
         except LogError as error:
             unread.append(_unreadable(name, error))
     case = Case(subject.loaded, tuple(evidence), reference, _guesses(signals, evidence), progress)
     return case, tuple(unread)
+
+
+def _refuse_empty(evidence: Evidence) -> None:
+    """A log, and its window, have rows.
+
+    Raises:
+        LogError: They have none.
+    """
+    recording = evidence.recording
+    start = recording.cut.seconds[0]
+    if isfinite(start) and start > time_span(recording)[0]:
+        raise no_row(recording)
+    if len(evidence.rows[0]) > 0:
+        return
+    if recording.cut.text:
+        raise no_row(recording)
+    raise LogError("the log has no rows", where=recording.where, fix="record or copy it again")
 
 
 def diagnosed(

@@ -253,11 +253,7 @@ def nothing_left(recording: Recording, counts: NDArray[np.int64]) -> LogError:
     dropped = counts.copy()
     dropped[Verdict.KEPT] = 0
     if dropped.sum() == 0:
-        return LogError(
-            "the window of the log holds no row",
-            where=recording.where,
-            fix="choose a window within the log; its seconds count from the first row",
-        )
+        return no_row(recording)
     worst = Verdict(int(np.argmax(dropped)))
     if worst in (Verdict.REPEATED, Verdict.BACKWARD, Verdict.JUMP):
         return not_followed(recording, dropped)
@@ -268,6 +264,26 @@ def nothing_left(recording: Recording, counts: NDArray[np.int64]) -> LogError:
         fix="check that the columns under [signals] of the robot file hold numbers, and their "
         "units",
     )
+
+
+def no_row(recording: Recording) -> LogError:
+    """The error for a window that holds no row of its log."""
+    span, rows = time_span(recording)
+    return LogError(
+        f"the window {recording.cut.text} holds no row: the log lasts {span:.4g} s ({rows} rows)",
+        where=recording.where,
+        fix="choose a window within the log; its seconds count from the first row",
+    )
+
+
+def time_span(recording: Recording) -> tuple[float, int]:
+    """Latest minus earliest time of a log, whatever its cut [s], and its number of rows."""
+    first, last, rows = np.inf, -np.inf, 0
+    for t, _ in recording.raw((0, None)):
+        known, rows = t[np.isfinite(t)], rows + len(t)
+        first = float(known.min(initial=first))
+        last = float(known.max(initial=last))
+    return max(last - first, 0.0), rows
 
 
 def not_followed(recording: Recording, counts: NDArray[np.int64]) -> LogError:

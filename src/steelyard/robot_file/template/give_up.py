@@ -1,5 +1,6 @@
 """What is printed where columns cannot be assigned, and names of columns in words."""
 
+import re
 from collections.abc import Sequence
 from typing import NoReturn
 
@@ -23,6 +24,8 @@ OF_MOTORS = (
     "[signals.effort] columns = [...], kind = ..., side, unit = ..."
 )
 
+UNNAMED = re.compile(r"column_\d+")
+"""Names that columns without a name have."""
 LISTED = 3
 """Columns of a group that are all named."""
 
@@ -33,6 +36,12 @@ def give_up(wrong: str, columns: Sequence[str], fix: str = IN_FILE) -> NoReturn:
     Raises:
         LogError: Always.
     """
+    if all(map(UNNAMED.fullmatch, columns)):
+        raise LogError(
+            "the log's columns have no names: the file seems to have no header line",
+            where=f"columns {columns[0]} to {columns[-1]}",
+            fix=f"put a line of names before the numbers, such as time,q1,q2; or {fix}",
+        )
     raise LogError(
         f"the log's columns cannot be assigned: {wrong}",
         where=f"columns {', '.join(columns)}",
