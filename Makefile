@@ -25,9 +25,9 @@ prove: $(VENV)/.test
 	$(BIN)/python -m proofs.run
 
 studies: $(VENV)/.base
-	@for study in studies/p[0-9]_*.py; do \
+	@failed=0; for study in studies/p[0-9]_*.py; do \
 		name=$$(basename $$study | cut -d_ -f1); \
-		$(BIN)/python $$study -o results/$$name || exit 1; done
+		$(BIN)/python $$study -o results/$$name || failed=1; done; exit $$failed
 
 docs: $(VENV)/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build -q -d site

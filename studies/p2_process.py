@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 sys.path.append(str(Path(__file__).parents[1]))
 from studies.support.corners import corners, overshoot
-from studies.support.page import Claim, Page, Part, Table, Text, over_seeds
+from studies.support.page import Claim, Page, Part, Table, Text, above, over_seeds
 from studies.support.picture import Curve, Panel, Picture
 from studies.support.robots import ROBOTS, robot_file
 from studies.support.study import Study, run
@@ -586,7 +586,7 @@ def page(found: Sequence[Found]) -> Page:
         ),
         Claim(
             "overshoot at corners of the square, likewise",
-            over_seeds(beyond),
+            over_seeds(beyond) + above(beyond, 0.5),
             "<= 0.5 in every seed",
             max(beyond) <= 0.5,
         ),
@@ -607,9 +607,9 @@ def page(found: Sequence[Found]) -> Page:
         ),
         Claim(
             "square: friction of joint 4, which hardly moves: error of ours ÷ least squares",
-            over_seeds(standing),
-            "<= 0.5 in every seed",
-            max(standing) <= 0.5,
+            over_seeds(standing) + above(standing, 0.5),
+            "<= 0.5 in every seed in which it is identifiable",
+            bool(np.nanmax(standing) <= 0.5),
         ),
     )
     parts: tuple[Part, ...] = (

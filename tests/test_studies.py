@@ -15,7 +15,7 @@ import pytest
 import steelyard
 
 sys.path.append(str(Path(__file__).parent.parent))
-from studies.support.page import Table, over_seeds
+from studies.support.page import Table, above, over_seeds
 from studies.support.picture import HEIGHT, WIDTH, Curve, Panel, Picture
 from studies.support.robots import robot_file
 
@@ -125,6 +125,10 @@ def test_tables_merge_into_a_robot_file(tmp_path: Path) -> None:
 def test_tables_and_numbers() -> None:
     assert over_seeds([2.0, 1.0, 4.0], "%") == "2 (1 to 4) %"
     assert over_seeds([0.12345], digits=2) == "0.12"
+    assert over_seeds([2.0, float("nan"), 1.0], "m") == "1.5 (1 to 2) m, in 2 of 3 seeds"
+    assert over_seeds([float("nan")]) == "in no seed"
+    assert above([0.1, 0.6, float("nan")], 0.5) == "; above in seed 1: 0.6"
+    assert above([0.1], 0.5) == ""
     with pytest.raises(ValueError, match="lacks cells"):
         Table("errors", (("a", "b"),))
 

@@ -128,15 +128,25 @@ def over_seeds(values: Sequence[float], unit: str = "", digits: int = 3) -> str:
     """Median and range of what the seeds gave, such as `29.3 (27.1 to 31.0)`.
 
     Args:
-        values: One per seed.
+        values: One per seed; NaN where a seed has none.
         unit: Behind the numbers.
         digits: Significant ones.
     """
+    known = [value for value in values if np.isfinite(value)]
+    if not known:
+        return "in no seed"
     behind = f" {unit}" if unit else ""
-    middle = f"{np.median(values):.{digits}g}"
+    behind += f", in {len(known)} of {len(values)} seeds" * (len(known) < len(values))
+    middle = f"{np.median(known):.{digits}g}"
     if len(values) == 1:
         return middle + behind
-    return f"{middle} ({min(values):.{digits}g} to {max(values):.{digits}g}){behind}"
+    return f"{middle} ({min(known):.{digits}g} to {max(known):.{digits}g}){behind}"
+
+
+def above(values: Sequence[float], bound: float) -> str:
+    """Seeds whose value is above a bound, as words behind `over_seeds`; empty if none is."""
+    seeds = [f"seed {seed}: {value:.3g}" for seed, value in enumerate(values) if value > bound]
+    return f"; above in {', '.join(seeds)}" if seeds else ""
 
 
 def _cells(row: Sequence[str], tag: str, shown: Callable[[str], str] = escape) -> str:
