@@ -669,8 +669,8 @@ def story() -> Text:
             "not move on the square, so its friction cannot be identified, and f_v4 = −4340.9 of "
             "table IV is no value. Here the other joints push it by some hundredths of a degree, "
             "so that no rank check names it, and least squares returns such a value as well; the "
-            "consistent estimate keeps friction >= 0 and is nearer to the truth, but no usable "
-            "value either. The appendix lists fewer entries of θ than the 35 of the tables.",
+            "consistent estimate keeps friction >= 0 and is mostly nearer to the truth, but no "
+            "usable value either. The appendix lists fewer entries of θ than the 35 of the tables.",
             "Ours is the consistent estimate (valid bodies, friction >= 0, the same symmetries) of "
             "all parameters from the same log, without a reduction. Where it is not better, the "
             "tables say so: on another motion of the same process it predicts and tracks about as "
