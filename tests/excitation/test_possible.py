@@ -204,7 +204,7 @@ def test_ends_too_far_apart_for_the_time(tmp_path: Path, kind: str) -> None:
             "workspace] planes",
             "the free side",
         ),
-        ("[excitation.collision]\nworld = 'nowhere.urdf'\n", "nowhere.urdf", "path"),
+        ("[excitation.collision]\nworld = 'nowhere.urdf'\n", "nowhere.urdf", "'arm.urdf'"),
         ("[excitation.collision]\nignore = [['bom', 'stick']]\n", "'bom', 'stick'", "'boom'"),
         ("[excitation.collision]\nwithout = ['bom']\n", "arm.urdf", "'boom'"),
         ("[excitation.criterion]\nkind = 'd_optimol'\n", "criterion] kind", "'d_optimal'"),
