@@ -115,7 +115,7 @@ def test_the_worst_judgement_is_the_exit_code(
     said = "ok 1 check position unit Ok: no error was found"
     assert short == f"{said} {words(step)}"
     one = command("check", ROBOT, LOG).stdout.rstrip()
-    assert one.endswith(f"steelyard identify {ROBOT} {LOG}@0:2.1 --validate {LOG}@2.1:3.1")
+    assert one.endswith(f"steelyard identify {ROBOT} {LOG}@0:2.4 --validate {LOG}@2.4:3.1")
     both = words(command("check", ROBOT, degrees, LOG).stdout)
     assert (severity.word == "wrong") == ("give this one a robot file of its own" in both)
     assert f"(1 check: 1 {severity.word})" in both
@@ -145,7 +145,7 @@ def test_fix_writes_a_new_robot_file_and_checks_again(
     assert f"differs: {change}" in shown and "Checked again with" in shown
     assert shown.index("Wrong: position unit") < shown.index("Ok: no error")
     hints = f"robot file {fixed} -o FOLDER writes a page with the plots"
-    cut = f"{degrees}@0:2.1 --validate {degrees}@2.1:3.1"
+    cut = f"{degrees}@0:2.4 --validate {degrees}@2.4:3.1"
     assert shown.endswith(f"{hints} next steelyard identify {fixed} {cut}")
     assert command("check", fixed, degrees).exit_code == 0
     again = command("check", robot, degrees, "--fix")

@@ -133,6 +133,8 @@ def test_a_motion_is_repeated_within_a_run(arm: LoadedRobot) -> None:
     assert found.shift == pytest.approx(10.0, abs=0.02)
 
 
-@pytest.mark.parametrize("stop", [10.0, 7.0])
-def test_a_motion_that_is_new_repeats_nothing_within_its_run(arm: LoadedRobot, stop: float) -> None:
-    assert repeat_within(run_of(arm, rows(arm, 0, 0)), 7.0, stop) is None
+@pytest.mark.parametrize(("middle", "stop"), [(7.0, 10.0), (7.0, 7.0), (-1.0, 10.0)])
+def test_a_motion_that_is_new_repeats_nothing_within_its_run(
+    arm: LoadedRobot, middle: float, stop: float
+) -> None:
+    assert repeat_within(run_of(arm, rows(arm, 0, 0)), middle, stop) is None

@@ -344,7 +344,6 @@ class IdentifiedModel(Dynamics):
         return json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
 
 
-@checked()
 def _beside(path: Path) -> str:
     """Models that may be meant, in folders of a similar name or within; empty if there are none."""
     near = nearest(path.name, (one.name for one in _models(path.parent)))
@@ -357,6 +356,7 @@ def _models(folder: Path) -> list[Path]:
     return sorted(file.parent for file in folder.glob("*/model.json"))
 
 
+@checked()
 def load_model(path: str | Path | IdentifiedModel) -> IdentifiedModel:
     """Read `model.json`, or the folder that contains it; a model is returned as it is.
 

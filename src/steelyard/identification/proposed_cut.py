@@ -40,29 +40,31 @@ def parted(loaded: LoadedRobot, logs: Sequence[str]) -> list[str]:
     stop = min(cut.seconds[1], _duration(recording_of(log, signals)))
     if not SHORTEST_PARTED <= stop - start < inf:
         return [log.text]
+    begin = start
     try:
         ((run,), _) = runs_of(loaded, signals, [log], (), silent)
     except SteelyardError:
         pass
     else:
-        stop = _end_of_first_round(run, start, min(stop, run.span[1]))
-    if stop - start < SHORTEST_PARTED:
+        begin = max(begin, run.span[0])
+        stop = _end_of_first_round(run, begin, min(stop, run.span[1]))
+    if stop - begin < SHORTEST_PARTED:
         return [log.text]
-    a, b, c = floor(10.0 * start), floor(10.0 * _middle(start, stop)), ceil(10.0 * stop)
+    a, b, c = floor(10.0 * start), floor(10.0 * _middle(begin, stop)), ceil(10.0 * stop)
     return [f"{log.path}@{0.1 * m:.10g}:{0.1 * n:.10g}" for m, n in ((a, b), (b, c))]
 
 
-def _middle(start: float, stop: float) -> float:
-    """Where the second window begins [s]."""
-    return start + FITTED_SHARE * (stop - start)
+def _middle(begin: float, stop: float) -> float:
+    """Where the second window begins, of a motion between two times [s]."""
+    return begin + FITTED_SHARE * (stop - begin)
 
 
-def _end_of_first_round(run: Run, start: float, stop: float) -> float:
+def _end_of_first_round(run: Run, begin: float, stop: float) -> float:
     """Where the motion begins anew, or `stop` if it never does [s]."""
-    repeat = repeat_within(run, _middle(start, stop), stop)
-    if repeat is None or not 0.0 < repeat.shift < stop - run.span[0]:
+    repeat = repeat_within(run, _middle(begin, stop), stop)
+    if repeat is None or not 0.0 < repeat.shift < stop - begin:
         return stop
-    return _end_of_first_round(run, start, run.span[0] + repeat.shift)
+    return _end_of_first_round(run, begin, begin + repeat.shift)
 
 
 def _duration(recording: Recording) -> float:

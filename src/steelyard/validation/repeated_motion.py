@@ -91,9 +91,10 @@ def repeat_within(run: Run, middle: float, stop: float) -> Repeat | None:
         stop: Where it ends, likewise [s].
     """
     rows = rows_of(run)
-    late = (rows.t >= middle) & (rows.t <= stop)
-    known, end = samples_of(run.name, rows.where(rows.t < middle)), rows.where(late)
-    return _repeat(known, end) if end.moving.any() and len(end.t) >= 2 * AROUND else None
+    early, end = rows.where(rows.t < middle), rows.where((rows.t >= middle) & (rows.t <= stop))
+    if not len(early.t) or not end.moving.any() or len(end.t) < 2 * AROUND:
+        return None
+    return _repeat(samples_of(run.name, early), end)
 
 
 def _repeat(known: MotionSamples, rows: Rows) -> Repeat | None:

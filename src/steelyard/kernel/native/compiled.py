@@ -88,7 +88,7 @@ def compiled(description: Any, build: Callable[[], tuple[Program, dict[str, Any]
         cache.store(key, about, code)
     else:
         about, code = entry
-    library = machine.Library(code, ["program", "fused", "sample"], loops().library)
+    library = machine.Library(code, ["program", "fused", "sample"], loops().module)
     n_inputs = int(about["n_inputs"])
     return Code(
         about=about,
@@ -106,7 +106,7 @@ class Loops:
     """The loops that do not depend on the program; see `native_loops`."""
 
     lanes: int
-    library: machine.Library
+    module: machine.Library
     gram: Any
     absolute: Any
     fir: Any
@@ -133,7 +133,7 @@ def loops() -> Loops:
     library = machine.Library(code, ["gram", "absolute", "fir", "recurrence"])
     return Loops(
         lanes=lanes,
-        library=library,
+        module=library,
         gram=library.function("gram", 6),
         absolute=library.function("absolute", 5),
         fir=library.function("fir", 9),
