@@ -262,3 +262,8 @@ def test_parameters_of_a_saved_model_have_intervals(folder: Path) -> None:
     assert (seen["upper95"] - seen["lower95"]).to_numpy() == pytest.approx(
         2.0 * 1.96 * seen["std"].to_numpy(), rel=1e-3
     )
+
+
+def test_a_model_is_a_path_or_a_model() -> None:
+    with pytest.raises(steelyard.SteelyardError, match="load_model"):
+        steelyard.load_model(3)  # type: ignore[arg-type]
