@@ -98,6 +98,9 @@ def test_a_friction_law_that_lacks_is_a_remark(
     assert finding.severity == Severity.OK and finding.headline
     causes = finding.says.partition("not additive): ")[2]
     assert f"(term {term.law})" in causes.split(",")[0]
+    assert "geometry" not in causes  # many columns explain anything; single causes are named
+    assert f"(term {term.law}) would explain most" in finding.brief
+    assert finding.brief.endswith("Try it, and keep it if the error on unseen motion falls")
 
 
 def test_slow_noise_is_named_where_no_cause_explains_the_residuals(

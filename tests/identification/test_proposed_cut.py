@@ -6,7 +6,7 @@ import polars as pl
 import pytest
 
 from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.identification.proposed_cut import parted
+from steelyard.identification.proposed_cut import Parted, parted
 from steelyard.motion import run
 from steelyard.robot.robot import Robot
 from steelyard.virtual.demo import write_demo_arm
@@ -29,18 +29,22 @@ def test_the_second_part_ends_with_the_first_round(
 ) -> None:
     robot = write_demo_arm(tmp_path)
     log = recorded(robot.robot, period, periods, tmp_path)
-    first, second = parted(robot, [str(log)])
+    found = parted(robot, [str(log)])
+    first, second = found.logs
     assert first.startswith(f"{log}@0:") and second.startswith(f"{log}@{first.rsplit(':')[-1]}:")
     end = float(second.rsplit(":")[-1])
     assert end == pytest.approx(1.0 + period, abs=0.35)
+    assert found.ends == (
+        f"rows after {end:g} s are left out: the motion repeats" if periods > 1 else ""
+    )
     assert float(first.rsplit(":")[-1]) == pytest.approx(1.0 + 0.7 * period, abs=0.3)
-    assert parted(robot, [f"{log}@{second.rsplit('@')[-1]}"]) == [second]
+    assert parted(robot, [f"{log}@{second.rsplit('@')[-1]}"]) == Parted((second,))
 
 
 def test_a_log_whose_motion_repeats_early_is_left_whole(tmp_path: Path) -> None:
     robot = write_demo_arm(tmp_path)
     log = recorded(robot.robot, 2.0, 5, tmp_path)
-    assert parted(robot, [str(log)]) == [str(log)]
+    assert parted(robot, [str(log)]) == Parted((str(log),))
 
 
 def test_a_long_rest_before_the_motion_counts_for_neither_part(tmp_path: Path) -> None:
@@ -49,9 +53,14 @@ def test_a_long_rest_before_the_motion_counts_for_neither_part(tmp_path: Path) -
     rows = pl.read_csv(log)
     later = rows.with_columns(pl.col("time_s") + 30.0)
     rest = pl.concat([rows[:1].with_columns(pl.lit(0.01 * k).alias("time_s")) for k in range(2990)])
-    pl.concat([rest, later]).write_csv(log)
-    first, second = parted(robot, [str(log)])
+    still = pl.concat(
+        [rows[-1:].with_columns(pl.lit(41.1 + 0.01 * k).alias("time_s")) for k in range(500)]
+    )
+    pl.concat([rest, later, still]).write_csv(log)
+    found = parted(robot, [str(log)])
+    first, second = found.logs
     begin, end = (float(x) for x in second.rpartition("@")[2].split(":"))
+    assert found.ends == f"rows after {end:g} s are left out: no joint moves"
     assert first == f"{log}@0:{begin:g}"
     assert begin == pytest.approx(31.0 + 0.7 * 9.0, abs=0.4)
     assert end == pytest.approx(40.0, abs=0.4)

@@ -1,6 +1,7 @@
 """Where a single log is cut into a part to identify from and one that validates."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import ceil, floor, inf
 
 import numpy as np
@@ -18,11 +19,26 @@ FITTED_SHARE = 0.7
 """Share of a single log that is fitted; the rest validates."""
 SHORTEST_PARTED = 5.0
 """Duration from which on a log is long enough for that [s]."""
+NEAR_END = 2.0
+"""Time before a log's end up to which the end of its motion is not reported [s]."""
 MOST_STEPS = 3.0
 """Duration over rows times the median step, beyond which a log's last time is not believed."""
 
 
-def parted(loaded: LoadedRobot, logs: Sequence[str]) -> list[str]:
+@dataclass(frozen=True)
+class Parted:
+    """Logs and windows of them as arguments of a command.
+
+    Attributes:
+        logs: Logs to identify from; the last one validates, if there are several.
+        ends: Why the last window ends before the log does; empty if it does not.
+    """
+
+    logs: tuple[str, ...]
+    ends: str = ""
+
+
+def parted(loaded: LoadedRobot, logs: Sequence[str]) -> Parted:
     """Logs to identify from, the last to validate: of a single one two windows in its own seconds.
 
     A single log is left whole if it is cut by rows, or its motion is shorter than
@@ -30,28 +46,33 @@ def parted(loaded: LoadedRobot, logs: Sequence[str]) -> list[str]:
     with its first round: a motion that was fitted validates nothing.
     """
     if len(logs) != 1:
-        return list(logs)
+        return Parted(tuple(logs))
     (log,) = log_files(logs)
     cut = parse_log_argument(log.text)[1]
     if cut.rows != Cut().rows:
-        return [log.text]
+        return Parted((log.text,))
     signals = signals_of(loaded, log)[0]
     start = max(0.0, cut.seconds[0])
     stop = min(cut.seconds[1], _duration(recording_of(log, signals)))
     if not SHORTEST_PARTED <= stop - start < inf:
-        return [log.text]
-    begin = start
+        return Parted((log.text,))
+    begin, ends = start, ""
     try:
         ((run,), _) = runs_of(loaded, signals, [log], (), silent)
     except SteelyardError:
         pass
     else:
         begin = max(begin, run.span[0])
-        stop = _end_of_first_round(run, begin, min(stop, run.span[1]))
+        whole, moves = stop, min(stop, run.span[1])
+        stop = _end_of_first_round(run, begin, moves)
+        if stop < whole - NEAR_END:
+            why = "the motion repeats" if stop < moves else "no joint moves"
+            ends = f"rows after {0.1 * ceil(10.0 * stop):.10g} s are left out: {why}"
     if stop - begin < SHORTEST_PARTED:
-        return [log.text]
+        return Parted((log.text,))
     a, b, c = floor(10.0 * start), floor(10.0 * _middle(begin, stop)), ceil(10.0 * stop)
-    return [f"{log.path}@{0.1 * m:.10g}:{0.1 * n:.10g}" for m, n in ((a, b), (b, c))]
+    windows = ((a, b), (b, c))
+    return Parted(tuple(f"{log.path}@{0.1 * m:.10g}:{0.1 * n:.10g}" for m, n in windows), ends)
 
 
 def _middle(begin: float, stop: float) -> float:

@@ -72,7 +72,7 @@ def check(
     from steelyard.files import whole_file, whole_folder
     from steelyard.identification.checks.check import check as checked
     from steelyard.identification.logs import new_folder
-    from steelyard.identification.proposed_cut import parted
+    from steelyard.identification.proposed_cut import Parted, parted
     from steelyard.robot_file.file import load_robot
 
     folder = None if output is None else new_folder(output, "")
@@ -101,20 +101,23 @@ def check(
         console = Console()
         found.show(console, verbose)
         good = not (model or found.last.severity)
-        given = parted(load_robot(robot, base=fixed_base), logs) if good else logs
-        for line in hints(found, folder, [] if model else [robot, *given]):
+        given = parted(load_robot(robot, base=fixed_base), logs) if good else Parted(tuple(logs))
+        for line in hints(found, folder, [] if model else [robot, *given.logs], given.ends):
             console.print(Text(line), soft_wrap=True)
     if found.last.severity:
         raise typer.Exit(int(found.last.severity))
 
 
-def hints(found: "CheckResult", folder: Path | None, named: Sequence[str]) -> list[str]:
+def hints(
+    found: "CheckResult", folder: Path | None, named: Sequence[str], ends: str = ""
+) -> list[str]:
     """Where things are written, or how to have them written; and what to do next.
 
     Args:
         found: What was found.
         folder: Of the page, if there is one.
         named: Robot file and logs as they were given, to be identified from; else empty.
+        ends: Why the log that validates ends before its last row, if it does.
     """
     from steelyard.report.text.next_steps import (
         gear_side_steps,
@@ -140,6 +143,6 @@ def hints(found: "CheckResult", folder: Path | None, named: Sequence[str]) -> li
     elif "transmission" in found.last.open_checks:
         steps.insert(0, ("", GEARS))
     if named and not found.last.severity:
-        steps.append((identifying(used[0], used[1:]), ""))
+        steps.append((identifying(used[0], used[1:]), ends))
     lines += step_lines(tuple(steps), 12)
     return lines if len(lines) > 1 else []

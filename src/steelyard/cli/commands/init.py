@@ -14,6 +14,7 @@ from steelyard.cli.options import ARGUMENTS, FixedBase, Json
 
 if TYPE_CHECKING:
     from steelyard.identification.logs import LogArgument
+    from steelyard.identification.proposed_cut import Parted
     from steelyard.robot_file.template.known import Known
     from steelyard.robot_file.template.proposal import Proposal
     from steelyard.robot_file.template.template import Assignment, Draft
@@ -68,7 +69,7 @@ def init(
     from steelyard.errors import ModelError, OutputError
     from steelyard.files import whole_file
     from steelyard.identification.logs import log_files
-    from steelyard.identification.proposed_cut import parted
+    from steelyard.identification.proposed_cut import Parted, parted
     from steelyard.robot_file.file import load_robot
     from steelyard.robot_file.template.proposal import proposed
     from steelyard.robot_file.template.template import drafted, notes_beside
@@ -99,7 +100,7 @@ def init(
         typer.echo(json.dumps(results(draft, known, target, notes)))
     else:
         whole = draft.unreadable or written.signals is None
-        parts = list(logs or ()) if whole else parted(written, logs or ())
+        parts = Parted(tuple(logs or ())) if whole else parted(written, logs or ())
         show(draft, known, notes, [model, str(target), *(logs or [])], parts)
     if draft.missing or draft.without_columns:
         raise typer.Exit(INCOMPLETE)
@@ -178,7 +179,7 @@ def show(
     known: "Known",
     notes: Sequence[str],
     named: Sequence[str],
-    parts: Sequence[str],
+    parts: "Parted",
 ) -> None:
     """Print what is written, what was guessed, and what is left to do.
 
@@ -243,7 +244,7 @@ def _beyond_columns(draft: "Draft", known: "Known") -> Iterator[str]:
         yield f'friction  Coulomb and viscous; for "auto" {known.friction}'
 
 
-def next_steps(draft: "Draft", named: Sequence[str], parts: Sequence[str]) -> list[str]:
+def next_steps(draft: "Draft", named: Sequence[str], parts: "Parted") -> list[str]:
     """Commands that follow, with the real names.
 
     Args:
@@ -258,8 +259,8 @@ def next_steps(draft: "Draft", named: Sequence[str], parts: Sequence[str]) -> li
     review = "review the lines marked CHECK, then:"
     if len(named) > 3:
         why = "the last log validates the model"
-    elif len(parts) > 1:
-        why = "the end of the log validates the model"
+    elif len(parts.logs) > 1:
+        why = "; ".join(filter(None, ("the end of the log validates the model", parts.ends)))
     else:
         why = "--validate OTHER_LOG validates the model"
     steps = []
@@ -273,8 +274,9 @@ def next_steps(draft: "Draft", named: Sequence[str], parts: Sequence[str]) -> li
         review = "with its log (columns are guessed unless [signals] names them):"
     elif draft.missing:
         review = f"correct the above, {review}"
+    last = identifying(named[1], parts.logs or ("LOG...",))
     steps += [
         (f"steelyard check {target} {given}", review),
-        (identifying(named[1], parts or ("LOG...",)), f"if no error is found, identify; {why}:"),
+        (last, f"if no error is found, identify; {why}:"),
     ]
     return step_lines(tuple(steps), 6)

@@ -58,6 +58,9 @@ ADVICE = {
 }
 """What to do about a cause, by its kind; of the geometry otherwise."""
 
+TRIED = "Try it, and keep it if the error on unseen motion falls"
+"""What to do about a term that a model may lack."""
+
 GEOMETRY = "Check the lengths and axes in the model file against the robot"
 
 
@@ -145,7 +148,7 @@ def _blamed(found: Sequence[Cause], inflation: float) -> tuple[Cause, ...]:
 
 def _remark(ranked: Ranked) -> Finding:
     """What stands beside the headline where no single error is to blame."""
-    likely = [cause for cause in ranked.found if cause.share >= SHARE][:NAMED]
+    likely = _likely(ranked.found)
     says = f"{residuals(ranked.beside)}: the model is incomplete"
     if not likely:
         says += ", which the intervals do not cover, or the noise varies slowly"
@@ -157,9 +160,22 @@ def _remark(ranked: Ranked) -> Finding:
             for cause in likely
         )
         says += f"; share explained by each candidate alone (not additive): {', '.join(named)}"
-    cause = f"most likely {likely[0].says}" if likely else "or the noise varies slowly"
-    brief = f"model incomplete, {cause}: residuals {_worst(ranked.beside)}"
+    brief = f"model incomplete, or the noise varies slowly: residuals {_worst(ranked.beside)}"
+    if likely:
+        first = likely[0]
+        tried = TRIED if first.of_friction else ADVICE.get(first.kind, GEOMETRY)
+        brief = (
+            f"model incomplete: residuals {_worst(ranked.beside)}. Of single causes {first.says} "
+            f"would explain most, {100.0 * first.share:.0f} %. {tried}"
+        )
     return Finding(ModelError.name, "", Severity.OK, says, "", headline=True, brief=brief)
+
+
+def _likely(found: Sequence[Cause]) -> tuple[Cause, ...]:
+    """Causes that are named, the most likely first; the whole geometry only if no other is."""
+    large = [cause for cause in found if cause.share >= SHARE]
+    single = [cause for cause in large if cause.kind != "geometry"]
+    return tuple(single or large)[:NAMED]
 
 
 def _not_looked_at(case: FittedCase, runs: Sequence[Run]) -> tuple[Finding, ...]:
