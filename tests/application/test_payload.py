@@ -228,6 +228,18 @@ def test_a_body_that_cannot_be_is_reported() -> None:
     assert identify_payload(EXACT, [run(2, LOAD)], "tool").to_dict()["consistent_body"] is True
 
 
+def test_a_payload_is_printed_with_its_intervals() -> None:
+    found = identify_payload(EXACT, [run(2, LOAD, noise=0.01)], "tool")
+    first, mass, centre, *rest = str(found).splitlines()
+    assert first == "payload in frame 'tool', with 95 % intervals"
+    assert mass == f"mass    {found.mass:.4g} ± {found.half_width[0]:.2g} kg"
+    assert centre.startswith(f"centre  {found.com[0]:.4g} ± {found.com_half_width[0]:.2g} m, ")
+    assert rest[: len(found.remarks)] == list(found.remarks)
+    assert repr(found) == f"PayloadEstimate({mass.removeprefix('mass    ')} on 'tool')"
+    blind = PayloadEstimate("f", "b", np.full(10, np.nan), np.eye(10), np.ones(1), np.ones(1))
+    assert "mass    not identifiable" in str(blind)
+
+
 def test_a_noisy_payload_is_a_body_that_can_exist() -> None:
     found = identify_payload(model_of(run(1, noise=2.0)), [run(2, LOAD, noise=2.0)], "tool")
     assert found.flaw is None and found.to_dict()["consistent_body"] is True

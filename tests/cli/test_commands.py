@@ -51,7 +51,7 @@ def test_help_shows_an_example(name: str, command: Command) -> None:
 
 def test_help_names_the_default_folder(command: Command) -> None:
     words = " ".join(command("identify", "--help").stdout.replace("│", " ").split())
-    assert "must not exist. steelyard-ROBOT if unset." in words
+    assert "If unset steelyard-ROBOT, or steelyard-ROBOT-2 and so on if that exists." in words
 
 
 def test_help_does_not_swallow_brackets(command: Command) -> None:

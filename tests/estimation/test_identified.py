@@ -10,7 +10,7 @@ import pytest
 import steelyard
 from invented import tree
 from steelyard.control.usable import refuse_unknown_gains
-from steelyard.errors import ModelError
+from steelyard.errors import ModelError, OutputError
 from steelyard.estimation.estimate import Estimate, Unidentifiable
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance, load_model
 from steelyard.estimation.known_scales import KnownScales
@@ -50,9 +50,11 @@ def identified() -> IdentifiedModel:
 
 
 def test_round_trip_is_exact(identified: IdentifiedModel, tmp_path: Path) -> None:
-    path = tmp_path / "model.json"
-    path.write_text(identified.text(), encoding="utf-8")
-    again = steelyard.load_model(tmp_path)
+    folder = identified.save(tmp_path / "model")
+    assert folder == tmp_path / "model"
+    with pytest.raises(OutputError, match="exists already"):
+        identified.save(folder)
+    again = steelyard.load_model(folder)
     assert again.text() == identified.text()
     q, dq, ddq = np.random.default_rng(1).normal(size=(3, 9, 4))
     motion = Motion(np.arange(9), q, dq, ddq)

@@ -316,7 +316,7 @@ def _noted(designed: Designed, *notes: str) -> Designed:
 
 def test_advice_tells_from_where_to_where(designed: Designed) -> None:
     again = next(one for one in designed.advice if "repeating" in one.what)
-    assert brings(designed, again) == "all standard deviations to 71 %"
+    assert brings(designed, again) == "all parameters to 71 %"
     assert instead(designed, again) == "71 %"
     std = designed.shown.std()
     names = designed.shown.names

@@ -21,7 +21,10 @@ Seed = Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")]
 def output_folder(default: str) -> Any:
     """The option of a folder that is always written, `default` if unset."""
     return typer.Option(
-        "--output", "-o", help=f"Output folder; must not exist. {default} if unset."
+        "--output",
+        "-o",
+        help=f"Output folder; must not exist. If unset {default}, or {default}-2 and so on if "
+        "that exists.",
     )
 
 

@@ -27,6 +27,7 @@ from steelyard.estimation.external.uncertainty import EffortUncertainty, covaria
 from steelyard.estimation.external.wrench import FORCE, LEVER, Expected
 from steelyard.estimation.known_scales import KnownScales
 from steelyard.estimation.residual_peaks import ContactThresholds
+from steelyard.files import whole_folder
 from steelyard.measurement.motion_samples import MotionSamples
 from steelyard.measurement.processing import Processing
 from steelyard.model import Model, ValuedModel
@@ -342,6 +343,27 @@ class IdentifiedModel(Dynamics):
     def text(self) -> str:
         """The content of `model.json`."""
         return json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
+
+    def save(self, folder: str | Path) -> Path:
+        """Make a folder with `model.json`, which `load_model` and the command line read.
+
+        Args:
+            folder: Where; it must not exist yet, or be empty.
+
+        Returns:
+            The folder.
+
+        Raises:
+            OutputError: It is there and not empty, or cannot be written.
+
+        Example:
+            >>> folder = load_model("arm-model").save("arm-copy")
+            >>> load_model(folder).joints == load_model("arm-model").joints
+            True
+        """
+        with whole_folder(Path(folder)) as part:
+            (part / "model.json").write_text(self.text(), encoding="utf-8")
+        return Path(folder)
 
 
 def _beside(path: Path) -> str:

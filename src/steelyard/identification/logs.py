@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -307,16 +308,19 @@ def scored_from_commanded(
 
 
 def new_folder(output: Path | None, default: str) -> Path:
-    """The folder to make.
+    """The folder to make: the one that is given, or `default`, with a number if that exists.
 
     Raises:
-        OutputError: It is there already.
+        OutputError: A folder is given that is there already.
     """
-    folder = output if output is not None else Path(default)
-    if folder.exists():
+    if output is None:
+        names = chain([default], (f"{default}-{number}" for number in count(2)))
+        return next(folder for folder in map(Path, names) if not folder.exists())
+    if output.exists():
         raise OutputError(
             "the output folder exists already",
-            where=str(folder),
-            fix="name another one with --output, or remove it",
+            where=str(output),
+            fix="name another one with --output, or remove it"
+            + ("; without --output folders are numbered" if default else ""),
         )
-    return folder
+    return output

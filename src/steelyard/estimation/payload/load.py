@@ -48,6 +48,24 @@ class PayloadEstimate:
     free_mass: float | None = None
     unexplained: str = ""
 
+    def __repr__(self) -> str:
+        return (
+            f"PayloadEstimate({_interval(self.mass, self.half_width[0], 'kg')} on '{self.frame}')"
+        )
+
+    def __str__(self) -> str:
+        mass = _interval(self.mass, self.half_width[0], "kg")
+        centre = ", ".join(map(_interval, self.com, self.com_half_width, 3 * "m"))
+        return "\n".join(
+            [
+                f"payload in frame '{self.frame}', with 95 % intervals",
+                f"mass    {mass}",
+                f"centre  {centre}",
+                *self.remarks,
+                *(f"note: {note}" for note in self.notes),
+            ]
+        )
+
     @property
     def inertia(self) -> Inertia:
         """The numbers as mass properties in the frame."""
@@ -254,3 +272,8 @@ def _plain(value: Any) -> Any:
     if np.ndim(value):
         return [_plain(x) for x in value]
     return float(value) if np.isfinite(value) else None
+
+
+def _interval(value: float, half: float, unit: str) -> str:
+    """A value and the half-width of its interval."""
+    return f"{value:.4g} ± {half:.2g} {unit}" if np.isfinite(value) else "not identifiable"

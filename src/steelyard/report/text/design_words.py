@@ -327,7 +327,7 @@ def brings(designed: Designed, one: Advice, most: int = NAMED) -> str:
         return f"no std below {100.0 * HELPS:.0f} %"
     shares = [share for _, share in one.helps]
     if len(shares) == len(designed.shown.names) and max(shares) - min(shares) < ALIKE:
-        return f"all standard deviations to {100.0 * shares[0]:.0f} %"
+        return f"all parameters to {100.0 * shares[0]:.0f} %"
     named = "; ".join(_fall(designed, one, name) for name, _ in one.helps[:most])
     more = len(one.helps) - most
     return named + (f", and {more} more" if more > 0 else "")

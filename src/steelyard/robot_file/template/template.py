@@ -28,10 +28,7 @@ FILL_IN = (
     "fill in [signals], which is commented out below the names of the log's columns, and remove "
     "the #"
 )
-GIVE_RATE = (
-    "remove this file and give the sampling rate, init MODEL LOG --rate HZ: all other columns are "
-    "recognised"
-)
+GIVE_RATE = "give the sampling rate, --rate HZ: all other columns are recognised"
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +41,6 @@ class Assignment:
         moving: Joints that are identified.
         guess: What the log's columns seem to be; `None` without a log, or where they are unknown.
         problem: Why the columns are unknown; empty otherwise.
-        remedy: What to do about it.
     """
 
     columns: tuple[str, ...] | None
@@ -52,7 +48,6 @@ class Assignment:
     moving: tuple[Coordinate, ...]
     guess: Guess | None = None
     problem: str = ""
-    remedy: str = ""
 
 
 @dataclass(frozen=True)
@@ -94,6 +89,9 @@ def assigned(
         columns: Names of the log's columns; `None` without a log.
         sample: Some values of the columns, for their units.
         rate: Of the log's rows [Hz], if it has no column of time.
+
+    Raises:
+        LogError: Nothing but the time is missing, and no rate is given.
     """
     robot = proposal.loaded.robot
     hands = _hands(robot)
@@ -103,9 +101,9 @@ def assigned(
     try:
         guess = _behind_the_gears(guess_columns(free, columns, sample, rate), robot.name)
     except LogError as error:
-        timeless = rate is None and _assignable(free, columns, sample)
-        remedy = GIVE_RATE if timeless else FILL_IN
-        return Assignment(tuple(columns), free, free, None, error.wrong, remedy)
+        if rate is None and _assignable(free, columns, sample):
+            raise LogError(error.wrong, where=error.where, fix=GIVE_RATE) from error
+        return Assignment(tuple(columns), free, free, None, error.wrong)
     moving = tuple(c for c in free if c.name in guess.joints)
     return Assignment(tuple(columns), free, moving, guess)
 
@@ -190,7 +188,7 @@ def _missing(
 ) -> Iterator[tuple[str, str]]:
     """What the file lacks, and what to do."""
     if assignment.problem:
-        yield assignment.problem, assignment.remedy
+        yield assignment.problem, FILL_IN
     if guess is None:
         return
     if guess.motor_side and gears is None:
