@@ -33,8 +33,11 @@ def identified(given: Path, tmp_path: Path, command: Command) -> Identified:
     return run
 
 
-def test_friction_is_chosen_and_reported(given: Path, tmp_path: Path, command: Command) -> None:
-    terms = TERMS.replace('"coulomb", "viscous", ', "") + '\nfriction = "auto"'
+@pytest.mark.parametrize("selection", ["auto", "auto_memoryless"])
+def test_friction_is_chosen_and_reported(
+    selection: str, given: Path, tmp_path: Path, command: Command
+) -> None:
+    terms = TERMS.replace('"coulomb", "viscous", ', "") + f'\nfriction = "{selection}"'
     robot, out = edited(given, tmp_path, (TERMS, terms)), tmp_path / "out"
     short_logs(tmp_path, period=6.0)
     logs = tmp_path / "identification.csv", tmp_path / "validation.csv"
@@ -44,6 +47,8 @@ def test_friction_is_chosen_and_reported(given: Path, tmp_path: Path, command: C
     table = chosen["friction"]["table"]
     assert [mix["chosen"] for mix in table].count(True) == 1
     assert chosen["friction"]["left_out"] == "run"
+    memory = any("dahl" in mix["mix"] or "maxwell_slip" in mix["mix"] for mix in table)
+    assert memory == (selection == "auto")
     best = next(mix for mix in table if mix["chosen"])
     assert best["mix"] == chosen["friction"]["chosen"]
     assert best["error_percent"] <= table[0]["error_percent"]

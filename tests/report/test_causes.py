@@ -151,7 +151,8 @@ def test_laws_without_memory_are_named_beside_laws_with_memory(usual: ReportCont
     choice = replace(choice, terms=dahl, table=table)
     content = replace(usual, friction=choice)
     words = (
-        "or controllers without state choose laws without memory: coulomb (smoothing 0.02) + "
+        'or controllers without state: friction = "auto_memoryless", laws without memory such as '
+        "coulomb (smoothing 0.02) + "
         "viscous (error on motion left out 9.87 %)"
     )
     assert words in " ".join(str(part) for part in section.printed(content))

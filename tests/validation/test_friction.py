@@ -229,6 +229,13 @@ def test_a_presliding_spring_gets_a_law_with_memory() -> None:
     assert Dahl(length=1e-2) in found.terms
 
 
+def test_laws_with_a_state_are_left_out_on_request() -> None:
+    runs = [with_kind(logged(SPRUNG, seed), "motor_torque") for seed in range(2)]
+    found = choose_friction(MODEL, runs, WeightedLeastSquares(), memory=False)
+    assert len(found.table) > 4 and not any(remembers(mix.terms) for mix in found.table)
+    assert found.without_memory is None
+
+
 def test_only_motors_have_friction_that_grows_with_the_load() -> None:
     assert not any("load" in mix.name for mix in choose(COULOMB, 2).table)
     runs = [with_kind(logged(COULOMB, seed), "motor_torque") for seed in range(2)]

@@ -62,7 +62,8 @@ class Quantity:
             raise ModelError(
                 f"{self.name}: '{loaded[0]}' depends on the acceleration that is looked for",
                 where=f"model of '{equations.robot.name}'",
-                fix="use a model with other friction laws, such as coulomb and viscous",
+                fix='identify with friction = "auto_memoryless", or with laws such as coulomb and '
+                "viscous",
             )
         return Equations(equations.robot, tuple(filter(self.enters, equations.terms)))
 

@@ -107,7 +107,15 @@ def grounded(
     choice = None
     if loaded_robot.friction:
         judge = _judge(loaded_robot, model, runs, gains)
-        choice = choose_friction(model, runs, estimator, judge, threads=threads, progress=progress)
+        choice = choose_friction(
+            model,
+            runs,
+            estimator,
+            judge,
+            memory=loaded_robot.friction == "auto",
+            threads=threads,
+            progress=progress,
+        )
         model = replace(model, terms=(*model.terms, *choice.terms))
     information_of = information_from(
         runs, rests=remembers(model.terms), threads=threads, progress=progress

@@ -150,7 +150,7 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
         notes,
         signals,
         _terms(file, places),
-        file.model is not None and file.model.friction == "auto",
+        None if file.model is None else file.model.friction,
         file.processing,
         file.estimation,
         file.validation,

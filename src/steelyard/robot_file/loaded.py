@@ -14,6 +14,7 @@ from steelyard.robot_file.efforts import Locate
 from steelyard.robot_file.sections import (
     EstimationSection,
     ExcitationSection,
+    FrictionSelection,
     PriorSection,
     ProcessingSection,
     ValidationSection,
@@ -53,7 +54,7 @@ class LoadedRobot:
         notes: What was assumed, one sentence each, for the user.
         signals: Columns of its logs; `None` if the file does not say.
         terms: Causes of torque; `None` if the file does not say.
-        friction: Whether the friction laws are to be chosen from the data.
+        friction: How the friction laws are to be chosen from the data; `None` if they are not.
         processing: Filter settings; what is `None` is chosen from the data.
         estimation: How parameters are estimated.
         validation: Score settings.
@@ -79,7 +80,7 @@ class LoadedRobot:
     notes: tuple[str, ...]
     signals: Signals | None
     terms: tuple[TermSpec, ...] | None
-    friction: bool
+    friction: FrictionSelection | None
     processing: ProcessingSection
     estimation: EstimationSection
     validation: ValidationSection

@@ -64,7 +64,7 @@ def robot_of_model(
         (*model.notes, *notes, *ignored.values()),
         None,
         None,
-        False,
+        None,
         ProcessingSection(),
         EstimationSection(),
         ValidationSection(),

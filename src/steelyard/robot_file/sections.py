@@ -1,6 +1,6 @@
 """The sections of the robot file, as pydantic checks them."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, field_validator
 from pydantic_core import PydanticCustomError
@@ -204,30 +204,35 @@ class RobotSection(Section):
     open_loops: Literal["stop", "drop"] = "stop"
 
 
+FrictionSelection = Literal["auto", "auto_memoryless"]
+"""How friction laws are chosen from the data."""
+
+
 class ModelSection(Section):
     """The causes of torque: law names, or tables with the name under `law`.
 
     Attributes:
         terms: Torque terms: names of laws, or tables with the name under `law`; the default terms
             if left out.
-        friction: `auto`: friction laws are chosen from the data.
+        friction: `auto`: friction laws are chosen from the data; `auto_memoryless`: from laws of
+            position and velocity alone, without memory and without load.
     """
 
     terms: (
         Annotated[tuple[Name | dict[str, Any], ...], Field(strict=False, min_length=1)] | None
     ) = None
-    friction: Literal["auto"] | None = None
+    friction: FrictionSelection | None = None
 
     @field_validator("friction", mode="before")
     @classmethod
     def _only_auto(cls, given: Any) -> Any:
         """Fixed laws are terms."""
-        if given == "auto":
+        if given in get_args(FrictionSelection):
             return given
         raise PydanticCustomError(
             ADVICE,
-            'it should be "auto"; fixed laws go into terms, such as terms = ["rigid_body", '
-            '"rotor_inertia", "coulomb", "viscous"]',
+            'it should be "auto" or "auto_memoryless"; fixed laws go into terms, such as terms = '
+            '["rigid_body", "rotor_inertia", "coulomb", "viscous"]',
         )
 
 

@@ -32,7 +32,7 @@ def ros2_files(code: CCode) -> dict[str, str]:
         raise ModelError(
             "its friction has memory, but inverse_dynamics_solver has no state between calls",
             where=f"model of '{code.controller.model.robot.name}', friction",
-            fix="identify with friction laws without memory, or export with --to c",
+            fix='identify with friction = "auto_memoryless", or export with --to c',
         )
     package = f"{code.name}_inverse_dynamics_solver"
     return {

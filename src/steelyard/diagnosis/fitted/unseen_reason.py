@@ -226,7 +226,7 @@ def _case_of(identified: IdentifiedModel, run: Run) -> tuple[Case, Evidence]:
         (),
         identified.signals,
         None,
-        False,
+        None,
         ProcessingSection(),
         EstimationSection(),
         ValidationSection(),

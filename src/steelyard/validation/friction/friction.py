@@ -130,6 +130,7 @@ def choose_friction(
     estimator: Estimator[Information],
     consistent: ConsistentOf | None = None,
     *,
+    memory: bool = True,
     threads: int = 1,
     progress: Progress = silent,
 ) -> FrictionChoice:
@@ -141,6 +142,7 @@ def choose_friction(
         estimator: How each mix is fitted.
         consistent: The consistent estimate, if the model is to be given that: each mix is then
             fitted by it.
+        memory: Whether laws with a state are candidates: memory, or the load of the links.
         threads: Native threads.
         progress: Told about the passes.
 
@@ -150,6 +152,10 @@ def choose_friction(
     refuse_listed(model)
     divided = folding(runs)
     considered = stages_of(model, runs[0].recording.signals.effort_kind, divided.left_out)
+    if not memory:
+        considered = tuple(
+            tuple(mix for mix in stage if not remembers(mix)) for stage in considered
+        )
     information_of = information_from(runs, threads=threads, progress=progress)
     plain = replace(model, terms=(*model.terms, *DIRECTION[0], *SPEED[0]))
     loaded = any(t.needs_reference for stage in considered for mix in stage for t in mix)

@@ -83,7 +83,7 @@ def without_memory(choice: FrictionChoice) -> str:
     if other is None:
         return ""
     return (
-        "for controllers without state choose laws without memory: "
+        'for controllers without state: friction = "auto_memoryless", laws without memory such as '
         f"{other.name} (error on motion left out {other.error:.2f} %)"
     )
 
