@@ -56,7 +56,8 @@ def checked(path: Path, text: str, schema: type[Schema]) -> tuple[Schema, Places
         raise ModelError(
             f"the robot file is not valid TOML: {error}",
             where=str(path),
-            fix="correct that line: text in quotes, lists in [ ], each key once",
+            fix="correct that line, or a bracket or quote left open above it: text in quotes, "
+            "lists in [ ], each key once",
         ) from None
     places = Places(path, text)
     try:
