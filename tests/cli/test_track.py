@@ -149,7 +149,13 @@ def test_gravity_compensated_efforts_are_noted_or_refused(
 
 def test_torques_behind_the_gears_are_noted(identified: Path, motion: Path, tmp_path: Path) -> None:
     model = changed(identified, tmp_path / "behind", effort_kind="link_torque")
-    (note,) = feedforward(model, motion).notes
+    found = feedforward(model, motion)
+    (note,) = found.notes
+    first, *joints, last = str(found).splitlines()
+    assert first == f"{len(found.motion)} samples" and last == f"note: {note}"
+    assert [line.split()[0] for line in joints] == [joint.name for joint in found.joints]
+    assert joints[0].endswith(f"RMS {found.rms[0]:.4g}, largest {found.peaks[0]:.4g} Nm")
+    assert repr(found) == f"FeedforwardTorques({first}, {len(joints)} joints)"
     assert "behind the gears" in note and not feedforward(identified, motion).notes
 
 

@@ -260,3 +260,13 @@ def test_a_stream_says_which_change_of_the_payload_would_be_seen(
     loaded = replace(summary, carried=(2.8371, 0.0912))
     assert "payload at the last search: 2.837 ± 0.091 kg" in summary_lines(loaded, ("j1",), ("Nm",))
     assert summary_record(loaded)["carried_half_width_kg"] == 0.0912
+
+
+def test_payload_events_are_printed_as_lines() -> None:
+    found = payload_events()
+    first, *lines = str(found).splitlines()
+    assert first == f"shift: {len(found.events)} changes"
+    assert lines[-1] == f"note: {found.notes[0]}"
+    for line, event in zip(lines[:-1], found.events, strict=True):
+        assert line.startswith(f"{event.kind} at {event.time:.2f} s (")
+        assert line.endswith(f"{event.mass:+.3g} ± {event.mass_half_width:.2g} kg")

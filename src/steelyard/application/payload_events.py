@@ -117,6 +117,15 @@ class PayloadEvents:
     sliding: SlidingMass
     unexplained: str = ""
 
+    def __str__(self) -> str:
+        events = (
+            f"{one.kind} at {one.time:.2f} s ({one.earliest:.2f} to {one.latest:.2f} s): "
+            f"{one.mass:+.3g} ± {one.mass_half_width:.2g} kg"
+            for one in self.events
+        )
+        notes = (f"note: {note}" for note in self.notes)
+        return "\n".join([f"{self.run}: {len(self.events)} changes", *events, *notes])
+
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
         return {

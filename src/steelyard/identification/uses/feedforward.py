@@ -24,7 +24,7 @@ RATE = 250.0
 """Rows a second of the table, if none is given."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FeedforwardTorques:
     """Torques along a motion.
 
@@ -39,6 +39,18 @@ class FeedforwardTorques:
     motion: Motion
     torque: Array
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"FeedforwardTorques({len(self.motion)} samples, {len(self.joints)} joints)"
+
+    def __str__(self) -> str:
+        width = max(len(joint.name) for joint in self.joints)
+        joints = (
+            f"{joint.name:{width}}  RMS {rms:.4g}, largest {peak:.4g} {joint.effort_unit}"
+            for joint, rms, peak in zip(self.joints, self.rms, self.peaks, strict=True)
+        )
+        notes = (f"note: {note}" for note in self.notes)
+        return "\n".join([f"{len(self.motion)} samples", *joints, *notes])
 
     @property
     def peaks(self) -> Array:
