@@ -104,6 +104,9 @@ def test_friction_is_drawn_up_to_the_fastest_sample_with_what_was_measured(
             assert np.isclose(expected[alike], y, rtol=1e-5).any()
         _, band = drawn(figure, "95 % interval")
         assert np.isfinite(band).all()
+        names = [trace["name"] for trace in figure.traces]
+        assert names == ["95 % interval", "95 % interval", "measured", "friction"]
+        assert figure.traces[0]["more"]["opacity"] < 1.0
     written = FrictionCurvesSection().to_dict(usual)["friction_curves"]
     assert [one["joint"] for one in written] == ["shoulder", "elbow"]
     assert written[0]["friction"][-1] == pytest.approx(curves_of(usual)[0].effort[-1], rel=1e-5)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from browser import Tab
-from report.conftest import robot
+from report.conftest import friction, identified, robot
 from report.designed import designed_for
 from report.inspected import contact_content, health_content, payload_events, wrench_content
 from report.test_design import content as motion_content
@@ -186,6 +186,74 @@ def test_a_link_opens_the_folded_section_that_it_leads_to(
     tab.run("document.querySelector('nav a[href=\"#notes\"]').click()")
     tab.run("new Promise(done => setTimeout(done, 0))")
     assert tab.run(fold) is True
+
+
+FIGURES = "[...document.querySelectorAll('.plot, .picture')]"
+UNDRAWN = f"{FIGURES}.filter(one => one.checkVisibility() && !one.querySelector('.main-svg'))"
+
+
+def listening(page: str, event: str, script: str) -> str:
+    """A page that keeps a value of the moment after its own scripts have handled an event."""
+    keep = f"addEventListener('{event}', () => {{ window.kept = {script}; }})"
+    return page.replace("</body>", f"<script>{keep}</script></body>")
+
+
+def test_figures_in_the_window_are_drawn_when_the_page_is_loaded(
+    browser: Tab, pages: dict[str, str], tmp_path: Path
+) -> None:
+    browser.show(1400, height=30_000)
+    file = tmp_path / "page.html"
+    file.write_text(listening(pages["identification"], "load", f"{UNDRAWN}.length"))
+    browser.open(file)
+    assert browser.run(f"{FIGURES}.length") > 5 and browser.run("kept") == 0
+
+
+def test_all_figures_are_drawn_on_paper_as_wide_as_it(
+    browser: Tab, pages: dict[str, str], tmp_path: Path
+) -> None:
+    widths = f"{FIGURES}.map(one => one.querySelector('.main-svg')?.clientWidth)"
+    page = listening(pages["identification"], "beforeprint", f"[{UNDRAWN}.length, {widths}]")
+    tab = opened(browser, page, tmp_path)
+    before = tab.run(widths)
+    tab.send("Page.printToPDF")
+    undrawn, printed = tab.run("kept")
+    assert undrawn == 0 and set(printed) == {680, 221}
+    tab.run("drawn()")
+    after = tab.run(widths)
+    assert [new for new, old in zip(after, before, strict=True) if old] == [*filter(None, before)]
+
+
+@pytest.mark.parametrize("name", [name for name in PAGES if name != "strange names"])
+def test_tables_fit_on_paper_and_their_headings_do_not_overlap(
+    browser: Tab, pages: dict[str, str], name: str, tmp_path: Path
+) -> None:
+    tab = opened(browser, pages[name], tmp_path)
+    tab.show(688)
+    tab.send("Emulation.setEmulatedMedia", media="print")
+    tab.run("dispatchEvent(new Event('beforeprint'))")
+    assert tab.run("overflow()") == []
+    out = "one.getBoundingClientRect().right > one.closest('th').getBoundingClientRect().right"
+    assert tab.run(f"[...document.querySelectorAll('.sort')].filter(one => {out}).length") == 0
+    tab.send("Emulation.setEmulatedMedia", media="")
+
+
+@pytest.mark.parametrize("width", [1400, 1200])
+def test_the_table_of_parameters_fits_on_a_screen(browser: Tab, width: int, tmp_path: Path) -> None:
+    joints = ("shoulder_pan_joint", "shoulder_lift_joint")
+    page = render(ReportContent("arm", "arm", identified=identified(robot(joints))))
+    tab = opened(browser, page, tmp_path, width)
+    box = "document.querySelector('.parameters').parentElement"
+    assert "From data" in tab.run(f"{box}.textContent")
+    assert tab.run(f"{box}.scrollWidth - {box}.clientWidth") == 0
+
+
+def test_friction_laws_fit_on_a_phone(browser: Tab, usual: ReportContent, tmp_path: Path) -> None:
+    laws = "coulomb + maxwell_slip (lengths 0.001, 0.004, 0.02, 0.1, relaxing) + viscous"
+    content = replace(usual, friction=friction(laws))
+    tab = opened(browser, render(content), tmp_path, 420)
+    box = "document.querySelector('#friction .box')"
+    assert tab.run(f"{box}.scrollWidth - {box}.clientWidth") == 0
+    assert tab.run(f"{box}.querySelector('tbody th').clientWidth / {box}.clientWidth") > 0.9
 
 
 @pytest.mark.parametrize("name", PAGES)

@@ -1,8 +1,11 @@
 """The copy of plotly.js in the package is the one that its source file names."""
 
+import base64
 import gzip
+import html
 import json
 import re
+import zlib
 from hashlib import sha256
 from pathlib import Path
 
@@ -43,8 +46,18 @@ def test_kinds_of_trace_of_all_figures_are_in_the_copy():
     assert all(f'name:"{kind}"'.encode() in PLOTLY_JS for kind in kinds | {"scatter"})
 
 
-def test_a_browser_too_old_for_the_archive_says_so(usual, browse):
-    old = "<head><script>delete window.DecompressionStream;</script>"
-    seen = browse(render(usual).replace("<head>", old))
-    assert "This browser is too old to draw the figures of this page" in seen.dom
-    assert seen.errors == []
+def test_a_page_unpacks_every_kind_of_block(usual, browse):
+    text = "".join(f"f({k % 7}); // µ {k * k}\n" for k in range(9000)) + "x" * 40_000
+    fixed = zlib.compressobj(9, zlib.DEFLATED, 31, 9, zlib.Z_FIXED)
+    packed = (
+        gzip.compress(text.encode(), 0, mtime=0),
+        fixed.compress(text.encode()) + fixed.flush(),
+        gzip.compress(text.encode(), 9, mtime=0),
+        gzip.compress(b"", mtime=0),
+    )
+    archives = json.dumps([base64.b64encode(one).decode() for one in packed])
+    script = f"document.body.dataset.found = JSON.stringify({archives}.map(unzipped))"
+    seen = browse(render(usual), script)
+    (found,) = re.findall(r'data-found="([^"]*)"', seen.dom)
+    assert json.loads(html.unescape(found)) == [text, text, text, ""]
+    assert PLOTLY.read_bytes()[3] == 0, "a head without optional parts"

@@ -121,14 +121,17 @@ def row_height(rows: int, each: int) -> int:
     return 70 + each * max(rows, 3)
 
 
-def area(name: str, x: Array, lower: Array, upper: Array, colour: str) -> Traced:
+def area(
+    name: str, x: Array, lower: Array, upper: Array, colour: str, opacity: float = 1.0
+) -> Traced:
     """The area between two lines, without an outline."""
+    style = {"fill": "toself", "fillcolor": colour, "opacity": opacity}
     return {
         "name": name,
         "kind": "line",
         "x": packed(np.concatenate([x, x[::-1]])),
         "y": packed(np.concatenate([lower, upper[::-1]])),
-        "more": {"mode": "none", "fill": "toself", "fillcolor": colour, "hoverinfo": "skip"},
+        "more": {"mode": "none", "hoverinfo": "skip", **style},
     }
 
 

@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     from rich.table import Table
 
+LONG = 30
+"""Letters of a name or of words in a cell that are more than a narrow column takes."""
+
 
 @dataclass(frozen=True)
 class Row:
@@ -44,6 +47,11 @@ class PlainTable:
     rows: Sequence[Row]
     text: Sequence[int] = (0,)
     note: str = ""
+
+    @property
+    def long_names(self) -> bool:
+        """Whether some name of a row takes a line of its own on a phone."""
+        return any(len(row.cells[0]) > LONG for row in self.rows)
 
 
 def light_table(headings: Sequence[str], left: Sequence[int] = (0,)) -> Table:

@@ -166,7 +166,7 @@ function drawPlots() {
     Plotly.react(plot, themed([...areas(figure), ...lines(figure)]), themed(layout(figure)), CONFIG);
   }
 
-  // Those in sight first, the others one by one while the page stays responsive.
+  // Those in sight at once, the others one by one while the page stays responsive.
   function drawAll() {
     const height = window.innerHeight;
     const away = (plot) => {
@@ -175,9 +175,10 @@ function drawPlots() {
     };
     const queue = plots.slice().sort((a, b) => away(a) - away(b));
     const next = () => {
-      const plot = queue.shift();
-      if (!plot) return;
-      draw(plot);
+      do {
+        if (!queue.length) return;
+        draw(queue.shift());
+      } while (queue.length && away(queue[0]) === 0);
       setTimeout(next, 0);
     };
     next();
@@ -191,12 +192,7 @@ function drawPlots() {
   menu.addEventListener("change", drawAll);
   if (bands) bands.addEventListener("change", drawAgain);
   window.addEventListener("theme", drawAgain);
-  window.addEventListener("beforeprint", () => {
-    plots.forEach((plot) => { draw(plot); Plotly.relayout(plot, { width: 660, height: 250 }); });
-  });
-  window.addEventListener("afterprint", () => {
-    plots.forEach((plot) => Plotly.relayout(plot, { width: null, height: null, autosize: true }));
-  });
+  window.addEventListener("beforeprint", () => plots.forEach(draw));
   drawAll();
 }
 
@@ -246,29 +242,122 @@ function drawPictures() {
   drawAll();
 }
 
-// plotly.js stands compressed in the page, and figures are drawn when it is unpacked.
-async function unpackPlotly(archive) {
-  const packed = Uint8Array.from(atob(archive), (one) => one.charCodeAt(0));
-  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
-  const script = document.createElement("script");
-  script.textContent = await new Response(stream).text();
-  document.head.append(script);
+const PAPER = 680;  // Width of a page of A4 or Letter between the margins of the style sheet [px].
+
+// Figures on paper are as wide as it: a browser that prints tells no figure its new width.
+function fitToPaper() {
+  const relayout = (change) => document.querySelectorAll(".js-plotly-plot").forEach((one) => {
+    Plotly.relayout(one, change(one));
+  });
+  const width = (one) => (one.closest(".plots.three") ? PAPER / 3 - 6 : PAPER);
+  window.addEventListener("beforeprint", () => relayout((one) => ({ width: width(one) })));
+  window.addEventListener("afterprint", () => relayout(() => ({ width: null, autosize: true })));
 }
 
-async function drawFigures() {
+// What gzip has compressed [RFC 1951, RFC 1952], without optional parts of its head. At once, not in
+// the background: paper and pictures of the page do not wait for what comes after it is loaded.
+function unzipped(archive) {
+  const data = Uint8Array.from(atob(archive), (one) => one.charCodeAt(0));
+  const out = new Uint8Array(new DataView(data.buffer).getUint32(data.length - 4, true));
+  const ORDER = [16, 17, 18, 0, 8, 7, 9, 6, 10, 5, 11, 4, 12, 3, 13, 2, 14, 1, 15];
+  let at = 80, size = 0;
+
+  function bits(count) {
+    let value = 0;
+    for (let k = 0; k < count; k += 1, at += 1) value |= ((data[at >> 3] >> (at & 7)) & 1) << k;
+    return value;
+  }
+
+  // A prefix code: how many symbols have a code of each length, and the symbols in order.
+  function codeOf(lengths) {
+    const counts = new Uint16Array(16), symbols = [];
+    for (let length = 1; length < 16; length += 1) {
+      lengths.forEach((own, symbol) => { if (own === length) symbols.push(symbol); });
+      counts[length] = symbols.length;
+    }
+    for (let length = 15; length > 0; length -= 1) counts[length] -= counts[length - 1];
+    return { counts, symbols };
+  }
+
+  function symbolOf({ counts, symbols }) {
+    let code = 0, index = 0;
+    for (let length = 1; length < 16; length += 1) {
+      code |= (data[at >> 3] >> (at & 7)) & 1;
+      at += 1;
+      if (code < counts[length]) return symbols[index + code];
+      index += counts[length];
+      code = (code - counts[length]) << 1;
+    }
+    throw new Error("the archive of plotly.js in this page is damaged");
+  }
+
+  // Lengths of a code, themselves compressed: 16 repeats the last one, 17 and 18 are many zeros.
+  function lengthsOf(count, code) {
+    const lengths = [];
+    while (lengths.length < count) {
+      const symbol = symbolOf(code);
+      if (symbol < 16) lengths.push(symbol);
+      else {
+        const [times, value] = symbol === 16 ? [3 + bits(2), lengths[lengths.length - 1]]
+          : [symbol === 17 ? 3 + bits(3) : 11 + bits(7), 0];
+        for (let k = 0; k < times; k += 1) lengths.push(value);
+      }
+    }
+    return lengths;
+  }
+
+  function codes(kind) {
+    if (kind === 1) {
+      const fixed = Array.from({ length: 288 }, (_, k) => (k < 144 ? 8 : k < 256 ? 9 : k < 280 ? 7 : 8));
+      return [codeOf(fixed), codeOf(Array(30).fill(5))];
+    }
+    const literals = 257 + bits(5), distances = 1 + bits(5), own = Array(19).fill(0);
+    const known = 4 + bits(4);
+    for (let k = 0; k < known; k += 1) own[ORDER[k]] = bits(3);
+    const lengths = lengthsOf(literals + distances, codeOf(own));
+    return [codeOf(lengths.slice(0, literals)), codeOf(lengths.slice(literals))];
+  }
+
+  // The k-th range of lengths (`per` 4) or distances (`per` 2), which begins at 0, and a place in it.
+  function inRange(k, per) {
+    const extra = Math.max(Math.floor(k / per) - 1, 0);
+    return (k < per ? k : (per + (k % per)) << extra) + bits(extra);
+  }
+
+  function expand([literals, distances]) {
+    for (let symbol = symbolOf(literals); symbol !== 256; symbol = symbolOf(literals)) {
+      if (symbol < 256) out[size++] = symbol;
+      else {
+        const length = symbol === 285 ? 258 : 3 + inRange(symbol - 257, 4);
+        const from = size - 1 - inRange(symbolOf(distances), 2);
+        for (let k = 0; k < length; k += 1) out[size++] = out[from + k];
+      }
+    }
+  }
+
+  for (let last = 0; !last;) {
+    last = bits(1);
+    const kind = bits(2);
+    if (kind) expand(codes(kind));
+    else {
+      const from = ((at + 7) >> 3) + 4, length = data[from - 4] | (data[from - 3] << 8);
+      out.set(data.subarray(from, from + length), size);
+      size += length;
+      at = 8 * (from + length);
+    }
+  }
+  return new TextDecoder().decode(out);
+}
+
+function drawFigures() {
   const archive = document.getElementById("plotly");
   if (!archive) return;
-  if (window.DecompressionStream) {
-    await unpackPlotly(archive.textContent);
-    drawPlots();
-    drawPictures();
-    return;
-  }
-  const words = document.createElement("p");
-  words.className = "few";
-  words.textContent = "This browser is too old to draw the figures of this page: open it with Chrome or "
-    + "Edge 80, Firefox 113, Safari 16.4, or newer.";
-  document.getElementById("content").prepend(words);
+  const script = document.createElement("script");
+  script.textContent = unzipped(archive.textContent);
+  document.head.append(script);
+  drawPlots();
+  drawPictures();
+  fitToPaper();
 }
 
 chooseTheme();

@@ -80,8 +80,11 @@ def _figure(curve: FrictionCurve, joint: Coordinate, j: int, parts: TorqueParts)
     speed, half = curve.speed, curve.half_width
     middle = len(speed) // 2
     sides = (slice(None, middle), slice(middle, None))
-    traces = [points("measured", parts.dq[chosen, j], parts.friction[chosen, j], "--measured", 4)]
-    traces += [_band(speed[at], curve.effort[at], half[at]) for at in sides]
+    # Later traces are drawn over earlier ones: the band must not hide the points.
+    traces = [_band(speed[at], curve.effort[at], half[at]) for at in sides]
+    traces.append(
+        points("measured", parts.dq[chosen, j], parts.friction[chosen, j], "--measured", 4)
+    )
     hover = f"%{{x:.3g}} {joint.unit}/s: %{{y:.3g}} {joint.effort_unit}<extra></extra>"
     traces.append(
         line("friction", speed, curve.effort, "--predicted", width=2.5, hovertemplate=hover)
@@ -92,7 +95,7 @@ def _figure(curve: FrictionCurve, joint: Coordinate, j: int, parts: TorqueParts)
 
 
 def _band(speed: Array, effort: Array, half: Array) -> dict[str, Any]:
-    return area("95 % interval", speed, effort - half, effort + half, "--surely")
+    return area("95 % interval", speed, effort - half, effort + half, "--surely", 0.7)
 
 
 def _curve_dict(curve: FrictionCurve) -> dict[str, Any]:
