@@ -1,12 +1,17 @@
 """Every study in its quick form; what they share; their pages in the documentation."""
 
 import os
+import pickle
 import re
+import runpy
 import signal
 import subprocess
 import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -37,21 +42,41 @@ def started(study: Path, *options: str) -> "subprocess.Popen[str]":
     )
 
 
+@contextmanager
+def in_this_process(processes: int) -> Iterator[Callable[..., Iterator[Any]]]:
+    """`map` that pickles as processes of their own do, without the time of their start."""
+
+    def mapped(work: Callable[[int], Any], seeds: Iterable[int]) -> Iterator[Any]:
+        for seed in seeds:
+            yield pickle.loads(pickle.dumps(pickle.loads(pickle.dumps(work))(seed)))
+
+    yield mapped
+
+
 @pytest.mark.parametrize("study", STUDIES, ids=lambda path: path.stem)
-def test_quick_form(study: Path, tmp_path: Path) -> None:
-    name = study.stem.split("_")[0]
-    run = started(study, "-o", str(tmp_path / "out"), "--quick")
-    out, err = run.communicate()
-    assert run.returncode == 0, out + err
+def test_quick_form(
+    study: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("studies.support.study._mapped", in_this_process)
+    monkeypatch.setattr("sys.argv", [str(study), "-o", str(tmp_path / "out"), "--quick"])
+    runpy.run_path(str(study), run_name="__main__")
+    found(study.stem.split("_")[0], tmp_path / "out", capsys.readouterr().out)
+
+
+def found(name: str, folder: Path, out: str) -> None:
+    """What a study prints and writes."""
     assert "Bounds" in out and not re.search(r"\bNO$", out, re.MULTILINE)
-    page = (tmp_path / "out" / f"{name}.html").read_text(encoding="utf-8")
-    markdown = (tmp_path / "out" / f"{name}.md").read_text(encoding="utf-8")
+    page = (folder / f"{name}.html").read_text(encoding="utf-8")
+    markdown = (folder / f"{name}.md").read_text(encoding="utf-8")
     pictures = re.findall(r"\]\((.+?\.svg)\)", markdown)
     assert page.count("<svg") == len(pictures) > 0
     tables = re.findall(r"^\| --- \|", markdown, re.MULTILINE)
     assert page.count("<table>") == len(tables) >= 2
-    assert all((tmp_path / "out" / picture).is_file() for picture in pictures)
-    assert any((tmp_path / "out" / "seed_00").iterdir())
+    assert all((folder / picture).is_file() for picture in pictures)
+    assert any((folder / "seed_00").iterdir())
 
 
 @pytest.mark.parametrize("study", STUDIES, ids=lambda path: path.stem)
@@ -77,6 +102,37 @@ def test_an_existing_folder_is_not_overwritten(tmp_path: Path) -> None:
     _, err = run.communicate()
     assert run.returncode == 1 and "exists already; give a new folder" in err
     assert [path.name for path in tmp_path.iterdir()] == ["kept.txt"]
+
+
+SQUARES = """
+from studies.support.page import Claim, Page, Table
+from studies.support.picture import Curve, Panel, Picture
+from studies.support.study import Study, run
+import numpy as np
+
+def one(folder, seed, quick):
+    (folder / "number.txt").write_text(str(seed))
+    return np.array([seed, seed**2 + 1])
+
+def page(found):
+    rows = tuple((str(seed), str(square)) for seed, square in found)
+    x, y = np.array(found, dtype=float).T
+    picture = Picture("squares", "", (Panel("", "", "", (Curve("", x, y),)),))
+    return Page("Squares", (Table("Squares", rows, ("", "")), picture), (Claim("", "", "", True),))
+
+if __name__ == "__main__":
+    run(Study("p9", one, page))
+"""
+
+
+def test_a_study_is_a_program_with_processes_of_its_own(tmp_path: Path) -> None:
+    script = tmp_path / "squares.py"
+    script.write_text(SQUARES)
+    run = started(script, "-o", str(tmp_path / "out"), "--seeds", "3")
+    out, err = run.communicate()
+    assert run.returncode == 0, out + err
+    found("p9", tmp_path / "out", out)
+    assert re.search(r"0 +1\n1 +2\n2 +5\n", out) and "p9: seed 3 of 3" in err
 
 
 ENDLESS = """
