@@ -59,6 +59,14 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
 
 
 @pytest.fixture
+def searches_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Motions are searched in this process: one of its own loads all packages, in 0.8 s."""
+    from excitation.tabled import searching_here
+
+    monkeypatch.setattr("steelyard.excitation.search.parallel_search._workers", searching_here)
+
+
+@pytest.fixture
 def peak() -> Callable[[], float]:
     """How far memory has risen since the test began, at most [MiB]."""
     if not STATUS.exists():

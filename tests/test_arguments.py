@@ -157,6 +157,7 @@ def test_values_can_be_pickled_and_copied(folder: Path) -> None:
     assert str(again) == str(caught.value) and type(again) is type(caught.value)
 
 
+@pytest.mark.usefixtures("searches_here")
 def test_a_designed_motion_can_be_pickled(folder: Path, tmp_path: Path) -> None:
     robot = tmp_path / "arm.toml"
     robot.write_text(

@@ -30,6 +30,9 @@ URDF = """<robot name="arm">
 """
 
 
+pytestmark = pytest.mark.usefixtures("searches_here")
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the arm, two logs of it, and its identified model."""

@@ -53,6 +53,7 @@ def in_this_process(processes: int) -> Iterator[Callable[..., Iterator[Any]]]:
     yield mapped
 
 
+@pytest.mark.usefixtures("searches_here")
 @pytest.mark.parametrize("study", STUDIES, ids=lambda path: path.stem)
 def test_quick_form(
     study: Path,

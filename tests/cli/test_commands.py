@@ -327,6 +327,7 @@ def test_simulate_draws_by_its_seed(command: Command, tmp_path: Path) -> None:
     assert truth[0] == truth[1] != truth[2]
 
 
+@pytest.mark.usefixtures("searches_here")
 def test_demo(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = demonstration._ROBOT_FILE
     for usual, quick in (("period = 20.0", "period = 6.0"), ("harmonics = 16", "harmonics = 4")):

@@ -98,6 +98,7 @@ def test_json(made: Path) -> None:
     assert all(Path(path).is_file() for path in found["files"].values())
 
 
+@pytest.mark.usefixtures("searches_here")
 def test_options_take_the_place_of_tables(made: Path) -> None:
     options = ("--motion", "raw_fourier", "--period", "5", "--harmonics", "2", "--seed", "3")
     more = ("--criterion", "d_optimal", "--method", "gradient", "--rate", "100", "--json")
@@ -198,6 +199,7 @@ unit = "Nm"
 """
 
 
+@pytest.mark.usefixtures("searches_here")
 def test_after_an_earlier_log(tmp_path: Path) -> None:
     arm(tmp_path, ANY + QUICK + SIGNALS)
     robot, folder = tmp_path / "arm.toml", tmp_path

@@ -23,6 +23,8 @@ from steelyard.virtual.invent import random_truth
 from steelyard.virtual.robot import VirtualRobot
 from steelyard.virtual.simulate import customary_sensors
 
+pytestmark = pytest.mark.usefixtures("searches_here")
+
 
 @pytest.fixture
 def robot(work: Path) -> Path:
