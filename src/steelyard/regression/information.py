@@ -185,8 +185,8 @@ class Information:
         matrix, vector, square = np.zeros((p, p)), np.zeros(p), 0.0
         for row, seen in enumerate(self.layout.sees):
             gram = w[row] * self.row_gram(row)
-            index = np.array(seen, dtype=int)
-            matrix[np.ix_(index, index)] += gram[:-1, :-1]
+            index, cells = _cells(tuple(seen))
+            matrix[cells] += gram[:-1, :-1]
             vector[index] += gram[:-1, -1]
             square += float(gram[-1, -1])
         return matrix, vector, square
@@ -304,8 +304,7 @@ class Information:
             width = self.layout.widths[row]
             factors = np.ones(width)
             factors[-1] = gain
-            lower = np.tril_indices(width)
-            ratios[self._packed(row)] = (factors[:, None] * factors)[lower]
+            ratios[self._packed(row)] = packed(factors[:, None] * factors)
             absolute[:, self.layout.starts[row] + width - 1] *= abs(gain)
         return replace(
             self,
@@ -348,8 +347,23 @@ def _places(width: int) -> NDArray[np.intp]:
 
 def packed(matrices: Array) -> Array:
     """Lower triangles `(..., size)` of symmetric matrices `(..., width, width)`."""
-    rows, columns = np.tril_indices(matrices.shape[-1])
-    return np.asarray(matrices[..., rows, columns])
+    width = matrices.shape[-1]
+    flat = matrices.reshape(*matrices.shape[:-2], width * width)
+    return np.take(flat, _lower(width), axis=-1)
+
+
+@lru_cache(maxsize=256)
+def _lower(width: int) -> NDArray[np.intp]:
+    """Where the entries of the lower triangle stand in a matrix, `(size,)`."""
+    rows, columns = np.tril_indices(width)
+    return np.asarray(rows * width + columns)
+
+
+@lru_cache(maxsize=1024)
+def _cells(seen: tuple[int, ...]) -> tuple[NDArray[np.intp], tuple[NDArray[np.intp], ...]]:
+    """Columns that a row sees, and where their products stand in a matrix of all columns."""
+    index = np.array(seen, dtype=np.intp)
+    return index, np.ix_(index, index)
 
 
 def _joined(one: Information, other: Information) -> Array | None:

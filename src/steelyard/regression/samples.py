@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array, frozen
 from steelyard.measurement.noise_propagation import MotionError
-from steelyard.regression.information import Information, Signature, Window
+from steelyard.regression.information import Information, Signature, Window, packed
 from steelyard.regression.regressor import Layout
 
 Index = NDArray[np.intp]
@@ -194,7 +194,7 @@ class Samples:
         for row, weight, at in zip(self.rows, weights, self.at, strict=True):
             here = mine[at]
             part = row[here] * np.sqrt(weight[here])[:, None]
-            grams.append(source.share * (part.T @ part)[np.tril_indices(row.shape[1])])
+            grams.append(source.share * packed(part.T @ part))
             absolute.append(source.share * np.abs(part).sum(axis=0))
             counts.append(source.share * np.count_nonzero(weight[here]))
         return np.concatenate(grams), np.concatenate(absolute), np.array(counts)

@@ -11,7 +11,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import DataError
-from steelyard.regression.information import Information, Window
+from steelyard.regression.information import Information, Window, packed
 from steelyard.regression.regressor import Layout
 
 SEEN = 1e-10
@@ -55,7 +55,7 @@ def joined(parts: Sequence[Part], names: Sequence[str], units: Sequence[str]) ->
         sees.append(tuple(int(k) for k in np.flatnonzero(np.any(touched, axis=0))))
     layout = Layout(tuple(names), tuple(units), first.layout.rows, tuple(sees))
     grams = [
-        np.concatenate([_packed(_mapped(part, row, sees[row])) for row in rows]) for part in parts
+        np.concatenate([packed(_mapped(part, row, sees[row])) for row in rows]) for part in parts
     ]
     windows = tuple(_window(part.information) for part in parts)
     signature = type(first.signature)(
@@ -78,10 +78,6 @@ def _mapped(part: Part, row: int, seen: Sequence[int]) -> Array:
     transform[:-1, :-1] = part.transform[np.ix_(old, list(seen))]
     transform[-1, -1] = 1.0
     return np.asarray(transform.T @ part.information.row_gram(row) @ transform)
-
-
-def _packed(matrix: Array) -> Array:
-    return np.asarray(matrix[np.tril_indices(len(matrix))])
 
 
 def _window(information: Information) -> Window:
