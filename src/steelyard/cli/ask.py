@@ -62,7 +62,7 @@ def mounting_of(ask: Ask) -> tuple[float, float, float] | None:
         text = ask(question, default).strip().lower()
         if text in MOUNTINGS:
             return MOUNTINGS[text]
-        found = _parsed(text, 3)
+        found = parsed(text, 3)
         if found is not None and any(found):
             return found[0], found[1], found[2]
         question = f"'{text}' is none of these. {_MOUNTING}"
@@ -97,14 +97,15 @@ def _numbers(ask: Ask, question: str, default: str, count: int) -> tuple[float, 
     """So many numbers other than zero, or `None` for the default."""
     asked = question
     while (text := ask(asked, default).strip()) != default:
-        found = _parsed(text, count)
+        found = parsed(text, count)
         if found is not None and all(found):
             return found
         asked = f"'{text}' is not {count} numbers other than zero. {question}"
     return None
 
 
-def _parsed(text: str, count: int) -> tuple[float, ...] | None:
+def parsed(text: str, count: int) -> tuple[float, ...] | None:
+    """So many finite numbers, separated by commas or spaces; `None` if they are not."""
     try:
         values = tuple(float(word) for word in text.replace(",", " ").split())
     except ValueError:

@@ -13,6 +13,7 @@ from steelyard.cli.guard import guarded
 from steelyard.cli.options import ARGUMENTS, FixedBase, Json
 
 if TYPE_CHECKING:
+    from steelyard.cli.stated import Stated
     from steelyard.identification.logs import LogArgument
     from steelyard.identification.proposed_cut import Parted
     from steelyard.robot_file.template.known import Known
@@ -48,6 +49,28 @@ def init(
             help="Sampling rate of the log in Hz, if it has no time column.", min=1e-6, max=1e6
         ),
     ] = None,
+    gains: Annotated[
+        str | None,
+        typer.Option(
+            help="Drive gains of currents, Nm (N) at the joint per A, one per joint: 12,12,9.8.",
+            metavar="LIST",
+        ),
+    ] = None,
+    ratios: Annotated[
+        str | None,
+        typer.Option(
+            help="Gear ratios of signals of motors, one per joint, negative if opposite: 32,-48.",
+            metavar="LIST",
+        ),
+    ] = None,
+    coupling: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A motor, by the joint that it drives, that turns with a second joint, and the "
+            "ratio: joint_6,joint_5,32. Repeatable.",
+            metavar="MOTOR,JOINT,RATIO",
+        ),
+    ] = None,
     no_input: Annotated[
         bool, typer.Option("--no-input", help="Ask nothing, even at a terminal.")
     ] = False,
@@ -64,8 +87,11 @@ def init(
     Example: steelyard init panda.urdf run1.csv -o panda.toml
 
     Without a time column: steelyard init panda.urdf run1.csv --rate 1000
+
+    Signals of motors: steelyard init tx40.urdf run1.csv --ratios 32,32,45,-48,45,32
     """
     from steelyard.cli import interrupt
+    from steelyard.cli.stated import Stated
     from steelyard.errors import ModelError, OutputError
     from steelyard.files import whole_file
     from steelyard.identification.logs import log_files
@@ -82,14 +108,16 @@ def init(
             where=str(target),
             fix="name another one with --output, or remove it",
         )
-    if rate is not None and not logs:
+    options = {"rate": rate, "gains": gains, "ratios": ratios, "coupling": coupling}
+    for name in [] if logs else [f"--{name}" for name, value in options.items() if value]:
         raise ModelError(
-            "--rate is given without a log",
-            where="--rate",
-            fix="give the log after the model file, or leave out --rate",
+            f"{name} is given without a log",
+            where=name,
+            fix=f"give the log after the model file, or leave out {name}",
         )
     asking = not (no_input or as_json) and sys.stdin.isatty() and sys.stdout.isatty()
-    assignment, known = examined(proposal, log_files(logs or []), rate, asking)
+    stated = Stated(ratios, coupling or (), gains)
+    assignment, known = examined(proposal, log_files(logs or []), rate, stated, asking)
     draft = drafted(proposal, assignment, target, known)
     with whole_file(target) as part:
         part.write_text(draft.text, encoding="utf-8")
@@ -107,7 +135,11 @@ def init(
 
 
 def examined(
-    proposal: "Proposal", logs: "Sequence[LogArgument]", rate: float | None, asking: bool
+    proposal: "Proposal",
+    logs: "Sequence[LogArgument]",
+    rate: float | None,
+    stated: "Stated",
+    asking: bool,
 ) -> "tuple[Assignment, Known]":
     """Joints with their columns, and what else logs and answers contain."""
     from steelyard.cli import ask as questions
@@ -123,11 +155,11 @@ def examined(
         return assignment, Known(gravity=questions.mounting_of(_ask) if asking else None)
     refuse_other_columns(logs, guess, moving)
     effort = questions.effort_of(guess, _ask) if asking else None
-    gears = gears_of(proposal, moving, guess)
+    gears = stated.gears(guess, moving) or gears_of(proposal, moving, guess)
     if asking and guess.motor_side and gears is None:
         gears = questions.gears_of(guess, moving, _ask)
     known = looked_at(proposal.loaded, moving, logs, with_effort(guess, effort), gears)
-    known = replace(known, effort=effort, gears=gears)
+    known = stated.with_gains(replace(known, effort=effort, gears=gears), guess, moving)
     if asking:
         known = questions.with_gains(known, guess, moving, _ask)
         known = replace(known, gravity=questions.mounting_of(_ask))
@@ -229,6 +261,11 @@ def _beyond_columns(draft: "Draft", known: "Known") -> Iterator[str]:
 
     if draft.guess is None:
         return
+    if known.gears is not None and "# position_offset" in draft.text:
+        yield (
+            "zeros     joints are assumed at zero where their motors are; if not, state "
+            "position_offset in [signals]"
+        )
     if known.gains:
         left = " Others are identified relative to these." * ("identify" in known.gains)
         yield f"gains from {known.gains_source}.{left}"
