@@ -804,19 +804,22 @@ def kept_text(first: Found) -> Text:
 
 
 def inertia_text(found: Sequence[Found]) -> Text:
-    """Seeds in which algorithm 1 keeps the inertia of joint 4 on the square, and its value."""
+    """In which seeds algorithm 1 keeps the inertia of joint 4 on the square, and what it costs."""
     name = "Izz.link_4"
-    kept = ", ".join(
-        f"seed {k} with {f.reduced['square'].kept[name]:.3g} kg m², which makes the error of "
-        f"joint 4 on the other square {f.errors['reduced', 'square'][1, 3]:.0f} %"
+    values = {
+        k: f.reduced["square"].kept[name]
         for k, f in enumerate(found)
         if name in f.reduced["square"].kept
-    )
+    }
+    if not values:
+        return Text("", (f"Square: algorithm 1 removes {name}, which joint 4 hardly excites.",))
+    worst = max(values, key=lambda k: abs(values[k]))
+    error = found[worst].errors["reduced", "square"][1, 3]
     words = (
         f"Square: algorithm 1 keeps {name}, which joint 4 hardly excites and which is near "
-        f"0.04 kg m², in {kept}."
-        if kept
-        else f"Square: algorithm 1 removes {name}, which joint 4 hardly excites, in every seed."
+        f"0.04 kg m², in {len(values)} of {len(found)} seeds, with {min(values.values()):.3g} to "
+        f"{max(values.values()):.3g} kg m². With the value farthest from zero (seed {worst}), the "
+        f"error of joint 4 on the other square is {error:.0f} %."
     )
     return Text("", (words,))
 
