@@ -54,6 +54,7 @@ def test_feedforward_writes_the_torques_of_the_model(
     )
     done = command("feedforward", identified, motion, "-o", tmp_path / "t.parquet")
     assert done.exit_code == 0 and model.joints[0] in done.stdout and "251 rows" in done.stdout
+    assert not set("┏┃━│") & set(done.stdout)
     assert pl.read_parquet(tmp_path / "t.parquet").columns == table.columns
 
 

@@ -105,12 +105,18 @@ def test_a_joint_that_carries_nothing_does_not_rule(usual):
     assert poor.headline.endswith(" of the effort used (elbow 50.0\u00a0%)")
 
 
-def test_the_plots_of_efforts_name_their_band_beside_that_of_the_verdict(usual):
-    words = "The errors of the verdict are below 5 Hz. Plots and captions of this section are below"
-    assert f"{words} 8 Hz, the band of the fit" in shown("effort", usual)
-    scores = tuple(replace(x, errors=replace(x.errors, cutoff=x.cutoff)) for x in usual.scores)
-    html = shown("effort", replace(usual, scores=scores, fitted=()))
-    assert "Plots, captions and verdict are below 8 Hz; " in html
+def test_plots_of_efforts_state_their_band_and_unit_and_have_the_errors_of_the_verdict(usual):
+    html = shown("effort", usual)
+    assert "Lines: efforts in A, the unit of the log, below 8 Hz, the band of the fit. " in html
+    assert "those of the verdict, in Nm at the joints, below 5 Hz." in html
+    found = BY_NAME["effort"].numbers(usual)["figures"][1]["caption"]
+    error = usual.scores[0].errors.joints[1]
+    assert f"error {error.error:.2f} Nm: {error.percent_of_used:.1f}\u00a0% of the effort" in found
+    assert found.endswith("below 5 Hz")
+    own = tuple(replace(joint, unit="A") for joint in usual.scores[0].errors.joints)
+    errors = replace(usual.scores[0].errors, cutoff=8.0, joints=own)
+    alike = replace(usual, scores=(replace(usual.scores[0], errors=errors),), fitted=())
+    assert "those of the verdict: A, below 8 Hz." in shown("effort", alike)
 
 
 def test_joints_above_ten_percent_stand_in_a_good_headline(usual):

@@ -270,3 +270,9 @@ def test_payload_events_are_printed_as_lines() -> None:
     for line, event in zip(lines[:-1], found.events, strict=True):
         assert line.startswith(f"{event.kind} at {event.time:.2f} s (")
         assert line.endswith(f"{event.mass:+.3g} ± {event.mass_half_width:.2g} kg")
+
+
+def test_all_tables_look_alike(usual: ReportContent) -> None:
+    text = printed(usual, verbose=True)
+    assert "Friction laws compared" in text and "─" in text
+    assert not set("┏┃━│┌") & set(text)

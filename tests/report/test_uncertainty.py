@@ -49,7 +49,7 @@ def test_bands_lie_around_the_prediction(usual):
     inside = np.abs(traces.measured - traces.predicted) <= traces.band
     share = 100.0 * inside[:, 0].mean()
     first = EffortSection().numbers(usual)["figures"][0]
-    assert first["covered"] == f"{share:.1f}\u00a0% in the band" and not first["few"]
+    assert first["covered"] == f"{share:.1f}\u00a0% in the 95 % band" and not first["few"]
 
 
 def test_a_score_without_bands_is_drawn_without(usual):

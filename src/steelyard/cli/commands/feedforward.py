@@ -53,11 +53,11 @@ def feedforward(
     Example: steelyard feedforward steelyard-ur10e motion/trajectory.json -o torques.csv
     """
     from rich.console import Console
-    from rich.table import Table
     from rich.text import Text
 
     from steelyard.files import refuse_existing
     from steelyard.identification.uses.feedforward import feedforward as along
+    from steelyard.report.sections.tables import light_table
     from steelyard.report.text.words import significant
 
     refuse_existing(output)
@@ -67,9 +67,8 @@ def feedforward(
         typer.echo(json.dumps({**found.to_dict(), "output": str(output)}, allow_nan=False))
         return
     console = Console()
-    table = Table(title="torque along the motion", title_justify="left")
-    for number, heading in enumerate(("joint", "RMS", "largest", "unit")):
-        table.add_column(heading, justify="right" if number in (1, 2) else "left")
+    table = light_table(("joint", "RMS", "largest", "unit"), (0, 3))
+    table.title, table.title_justify = Text("torque along the motion"), "left"
     for joint, rms, peak in zip(found.joints, found.rms, found.peaks, strict=True):
         cells = (joint.name, significant(rms), significant(peak), joint.effort_unit)
         table.add_row(*(Text(cell) for cell in cells))

@@ -68,15 +68,12 @@ def light_table(headings: Sequence[str], left: Sequence[int] = (0,)) -> Table:
 
 def text_table(table: PlainTable, title: str) -> Table:
     """The table for the terminal, under its caption, or under `title` if it has none."""
-    from rich.table import Table
     from rich.text import Text
 
-    shown = Table(title=Text(table.caption or title), title_justify="left")
+    shown = light_table(table.headings, table.text)
+    shown.title, shown.title_justify = Text(table.caption or title), "left"
     if table.note:
         shown.caption, shown.caption_justify = Text(table.note), "left"
-    for number, heading in enumerate(table.headings):
-        justify = "left" if number in table.text else "right"
-        shown.add_column(heading, justify=justify, overflow="fold")  # type: ignore[arg-type]
     for row in table.rows:
         cells = (Text(cell) for cell in row.cells)
         shown.add_row(*cells, style="bold" if row.marked or row.total else None)

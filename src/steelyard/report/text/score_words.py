@@ -77,7 +77,7 @@ def relative_errors(scores: Sequence[RunScore]) -> list[RelativeError]:
 
 def band(scores: Sequence[RunScore]) -> str:
     """Like `below 8 Hz`: the low-pass of both sides of the comparison in the band of the fit."""
-    return _below(run.cutoff for run in scores)
+    return below(run.cutoff for run in scores)
 
 
 def error_words(errors: Sequence[PooledError]) -> str:
@@ -115,7 +115,7 @@ def basis_words(scores: Sequence[RunScore]) -> str:
     )
     still = [run.errors.at_rest for run in scores]
     where = "at rest" if all(still) else f"{MOVING}, or all rest" if any(still) else MOVING
-    return f"RMS {_below(run.errors.cutoff for run in scores)}, pooled over {joints}, {where}"
+    return f"RMS {below(run.errors.cutoff for run in scores)}, pooled over {joints}, {where}"
 
 
 def joint_errors(scores: Sequence[RunScore]) -> tuple[PooledError | None, ...]:
@@ -195,7 +195,8 @@ def relative(joint: JointScore) -> float:
     return joint.relative_percent if moving is None else moving
 
 
-def _below(cutoffs: Iterable[float]) -> str:
+def below(cutoffs: Iterable[float]) -> str:
+    """Like `below 4 and 5 Hz`: cut-offs of low-passes."""
     return f"below {' and '.join(f'{c:g}' for c in sorted(set(cutoffs)))} Hz"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -11,6 +12,7 @@ from steelyard.estimation.estimate import Z95
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill, packed, rounded, script_json
 from steelyard.report.sections.section import Numbers, Section
+from steelyard.report.text.score_words import below
 from steelyard.report.text.words import percent, significant
 from steelyard.report.thin import drawn, outline
 
@@ -59,8 +61,6 @@ class EffortSection(Section):
         chosen = everything[:most_runs]
         points = min(POINTS, BUDGET // (DRAWN * n_joints * len(chosen)))
         figures = [_figure(s, joint, points) for s, _ in chosen for joint in range(len(s.joints))]
-        cutoffs = sorted({score.cutoff for score, _ in chosen})
-        judged = sorted({score.errors.cutoff for score, _ in chosen})
         return {
             "joints": [joint.joint for joint in chosen[0][0].joints],
             "runs": [f"{score.run} ({kind})" for score, kind in chosen],
@@ -69,9 +69,7 @@ class EffortSection(Section):
             "rests": RESTS,
             "bands": any(figure["bands"] for figure in figures),
             "calibration": band_text(content.identified),
-            "cutoffs": cutoffs,
-            "same_band": cutoffs == judged,
-            "bands_of_verdict": " and ".join(f"{cutoff:g}" for cutoff in judged),
+            "basis": basis_of([score for score, _ in chosen]),
             "few": FEW if any(figure["few"] for figure in figures) else None,
             "figures": figures,
         }
@@ -101,7 +99,7 @@ def _figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
     covered = _covered(traces, joint)
     return {
         "caption": _caption(score, joint),
-        "covered": "" if covered is None else f"{percent(covered)} in the band",
+        "covered": "" if covered is None else f"{percent(covered)} in the 95 % band",
         "few": covered is not None and covered < FEW,
         "unit": numbers.unit,
         "time": f"time from {origin:.3f} s [s]" if origin else "time [s]",
@@ -113,16 +111,35 @@ def _figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
     }
 
 
+def basis_of(scores: Sequence[RunScore]) -> str:
+    """Unit and band of the lines, and those of the errors above them, where they differ."""
+    lines = _units(joint.unit for score in scores for joint in score.joints)
+    errors = _units(joint.unit for score in scores for joint in score.errors.joints)
+    drawn, judged = below(x.cutoff for x in scores), below(x.errors.cutoff for x in scores)
+    if (lines, drawn) == (errors, judged):
+        return (
+            f"Lines, and the errors above them, which are those of the verdict: {lines}, {drawn}."
+        )
+    fit = "" if drawn == judged else ", the band of the fit"
+    joint = "" if lines == errors else " at the joints"
+    return (
+        f"Lines: efforts in {lines}, the unit of the log, {drawn}{fit}. "
+        f"Errors above the plots: those of the verdict, in {errors}{joint}, {judged}."
+    )
+
+
+def _units(units: Iterable[str]) -> str:
+    return " and ".join(dict.fromkeys(units))
+
+
 def _caption(score: RunScore, joint: int) -> str:
-    """The error of a joint in the unit and the band of its plot."""
-    numbers, counted = score.joints[joint], score.errors.joints[joint].counted
-    rmse, share, where = numbers.rmse_moving, numbers.relative_percent_moving, " where it moves"
-    if rmse is None or share is None or not counted or score.errors.at_rest:
-        rmse, share, where = numbers.rmse, numbers.relative_percent, ""
-    size = f"error {significant(rmse, 2)} {numbers.unit}"
-    if not counted:
-        return f"at rest: {size} below {score.cutoff:g} Hz, not counted"
-    return f"{size}: {percent(share)} of the measured effort{where}, below {score.cutoff:g} Hz"
+    """The error of a joint in the verdict."""
+    found, band = score.errors.joints[joint], f"below {score.errors.cutoff:g} Hz"
+    size = f"error {significant(found.error)} {found.unit}"
+    if not found.counted:
+        return f"at rest: {size} {band}, not counted"
+    where = "" if score.errors.at_rest else " where it moves"
+    return f"{size}: {percent(found.percent_of_used)} of the effort used{where}, {band}"
 
 
 def _covered(traces: Traces, joint: int) -> float | None:
