@@ -56,7 +56,7 @@ def test_the_menu_shows_another_run(browse, usual):
     assert seen.drawn == 2 and seen.console == ()
     captions = re.findall(r'caption" data-joint="\d">([^<]*<span class="">[^<]*)<', seen.dom)
     assert [re.sub("<.*?>", "", one).replace("&nbsp;", " ") for one in captions] == [
-        f"error {error} % of the effort used where it moves, below 5 Hz · 100 % in the 95 % band"
+        f"error {error} % of the effort used · 100 % in the 95 % band"
         for error in ("0.600 Nm: 3.0", "0.900 Nm: 3.0")
     ]
 

@@ -249,7 +249,7 @@ function fitToPaper() {
   const relayout = (change) => document.querySelectorAll(".js-plotly-plot").forEach((one) => {
     Plotly.relayout(one, change(one));
   });
-  const width = (one) => (one.closest(".plots.three") ? PAPER / 3 - 6 : PAPER);
+  const width = (one) => (one.closest(".plots.three") ? 0.32 * PAPER : PAPER);
   window.addEventListener("beforeprint", () => relayout((one) => ({ width: width(one) })));
   window.addEventListener("afterprint", () => relayout(() => ({ width: null, autosize: true })));
 }

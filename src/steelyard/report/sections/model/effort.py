@@ -134,12 +134,11 @@ def _units(units: Iterable[str]) -> str:
 
 def _caption(score: RunScore, joint: int) -> str:
     """The error of a joint in the verdict."""
-    found, band = score.errors.joints[joint], f"below {score.errors.cutoff:g} Hz"
+    found = score.errors.joints[joint]
     size = f"error {significant(found.error)} {found.unit}"
     if not found.counted:
-        return f"at rest: {size} {band}, not counted"
-    where = "" if score.errors.at_rest else " where it moves"
-    return f"{size}: {percent(found.percent_of_used)} of the effort used{where}, {band}"
+        return f"at rest: {size}, not counted"
+    return f"{size}: {percent(found.percent_of_used)} of the effort used"
 
 
 def _covered(traces: Traces, joint: int) -> float | None:
