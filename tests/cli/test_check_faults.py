@@ -11,7 +11,8 @@ import pytest
 
 from cli.conftest import Command
 from cli.river_files import edited
-from steelyard.diagnosis.register import CHECKS
+from steelyard.diagnosis.examine import CORRECTED, JUDGED, NOT_RUN
+from steelyard.diagnosis.register import CHECKS, OF_MOTION
 from steelyard.robot_file.file import load_robot
 
 CURRENTS = (
@@ -41,6 +42,21 @@ def test_a_good_log_is_ok(simulated: tuple[Path, Path], command: Command) -> Non
     printed = json.loads(done.stdout)
     assert done.exit_code == 0, [f for f in printed["findings"] if f["severity"] != "ok"]
     assert len({finding["check"] for finding in printed["findings"]}) >= 12
+
+
+def test_efforts_are_not_judged_by_a_wrong_clock(
+    simulated: tuple[Path, Path], given: Path, command: Command, tmp_path: Path
+) -> None:
+    time = ('"time_s"', '"time_s"\ntime_unit = "ms"')
+    robot = edited(given, tmp_path, time, *CURRENTS)
+    done = command("check", robot, simulated[1], "--json")
+    printed = json.loads(done.stdout)
+    assert done.exit_code == 2
+    assert [f["check"] for f in printed["findings"] if f["severity"] != "ok"] == ["clock"]
+    assert [edit["path"] for edit in printed["edits"]] == [["signals", "time_unit"]]
+    left = {f["check"]: f["says"] for f in printed["findings"] if not f["answered"]}
+    assert left == {JUDGED: NOT_RUN + CORRECTED}
+    assert not {f["check"] for f in printed["findings"]} & {check.name for check in OF_MOTION}
 
 
 @pytest.mark.parametrize(

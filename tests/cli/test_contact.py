@@ -1,6 +1,7 @@
 """`steelyard contact`: what it finds, prints, writes and refuses."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 import steelyard
 from cli.conftest import Command
 from cli.mistakes import leftovers
+from steelyard.estimation.identified import IdentifiedModel
 from steelyard.validation.residual_traces import residual_trace
 
 PUSH = (1.5, 1.9)
@@ -108,6 +110,36 @@ def test_efforts_without_gravity_are_refused(given: Path, identified: Path, tmp_
     for use in (*uses, steelyard.payload_events):
         with pytest.raises(steelyard.SteelyardError, match="lack .* % of the gravity"):
             use(model, path)
+
+
+def at_rest(model: IdentifiedModel, speed: float, path: Path) -> Path:
+    """A log of 60 s in which all joints creep, and efforts balance gravity alone."""
+    t, signals = np.arange(0.0, 60.0, 0.004), model.signals
+    dq = np.full((len(t), model.robot.n), speed)
+    q = 0.3 + dq * t[:, None]
+    effort = model.gravity(q) / signals.gains
+    assert signals.time and signals.velocity
+    names = [signals.time, *signals.position, *signals.velocity, *signals.effort]
+    table = np.column_stack([t, q, dq, effort])
+    np.savetxt(path, table, delimiter=",", header=",".join(names), comments="")
+    return path
+
+
+def test_a_log_at_rest_lacks_no_friction(identified: Path, tmp_path: Path) -> None:
+    data = json.loads((identified / "model.json").read_text().replace('"coulomb', '"dahl'))
+    terms = data["model"]["terms"]
+    terms[:] = [{"law": "dahl", "length": 1e-3} if t["law"] == "dahl" else t for t in terms]
+    model = IdentifiedModel.from_dict(data)
+    log = at_rest(model, 1e-4, tmp_path / "rest.csv")
+    assert steelyard.contact(model, f"{log}@30:", calibrate=f"{log}@:30").events == ()
+
+
+def test_rests_calibrate_beside_motion(given: Path, identified: Path, tmp_path: Path) -> None:
+    model = replace(steelyard.load_model(identified), calibration=None)
+    rest, moving = at_rest(model, 0.0, tmp_path / "rest.csv"), given / "validation.csv"
+    for logs in ([f"{rest}@:30"], [f"{rest}@:30", f"{moving}@0:2"]):
+        found = steelyard.contact(model, f"{rest}@30:", calibrate=logs)
+        assert np.isfinite(found.thresholds.edges).all()
 
 
 def test_efforts_of_another_robot_are_refused(

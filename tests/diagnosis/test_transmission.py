@@ -11,7 +11,7 @@ from short_arm import without_wrist
 from steelyard.arrays import Array
 from steelyard.cli.commands.check import GEARS, hints
 from steelyard.diagnosis import Case, Diagnosis, Finding, Severity, examine
-from steelyard.diagnosis.decision.transmission import TransmissionCheck, alternatives, open_gears
+from steelyard.diagnosis.decision.transmission import TransmissionCheck, alternatives
 from steelyard.identification.checks.check import CheckResult
 from steelyard.identification.checks.check_case import case_of, subject_of
 from steelyard.identification.logs import log_files
@@ -85,16 +85,6 @@ def test_an_open_question_is_to_be_compared_with_the_data_sheet() -> None:
     lines = hints(CheckResult(content), None, ["arm.toml", "run.csv"])
     assert lines[1] == f"next        # {GEARS}"
     assert lines[2].endswith("steelyard identify arm.toml run.csv")
-
-
-def test_open_gears_are_a_remark_beside_the_headline_of_a_fit() -> None:
-    sure = Finding("transmission", "a", Severity.OK, "other signs fit worse", "")
-    open_one = Finding("transmission", "b", Severity.OK, "undecided: misfit", "x", answered=False)
-    assert open_gears((sure,)) == ()
-    (remark,) = open_gears((sure, open_one, open_one))
-    assert remark.headline and remark.severity == Severity.OK
-    assert remark.says == "gear signs or couplings are undecided: misfit"
-    assert remark.fix is not None and remark.fix.says.startswith("Compare ratios")
 
 
 def test_alternatives_leave_resting_joints_and_declared_gears_out() -> None:

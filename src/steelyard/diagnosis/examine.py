@@ -1,7 +1,7 @@
 """All checks put to a case."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 from steelyard.diagnosis.case import Case
 from steelyard.diagnosis.check import Check
@@ -14,7 +14,8 @@ from steelyard.diagnosis.decision.checks import (
     POSITION_SIGN,
 )
 from steelyard.diagnosis.finding import Edit, Finding, Severity
-from steelyard.diagnosis.register import CHECKS
+from steelyard.diagnosis.register import CHECKS, OF_MOTION
+from steelyard.diagnosis.signals.clock import Clock
 from steelyard.diagnosis.together import together
 from steelyard.progress import report_progress
 
@@ -68,8 +69,17 @@ class Diagnosis:
         return tuple(chosen.values())
 
 
+JUDGED = "efforts"
+"""The checks of `OF_MOTION` together, where they are not made."""
+NOT_RUN = (
+    "the checks that compare efforts with a model are not run: the clock is wrong; correct it first"
+)
+CORRECTED = ", or --fix corrects it and checks again"
+"""How that is done where a line of the robot file corrects the clock."""
+
+
 def examine(case: Case, *, quick: bool = False, checks: Sequence[Check] | None = None) -> Diagnosis:
-    """Ask every check.
+    """Ask every check; of a log whose clock is wrong, none of `OF_MOTION`.
 
     Args:
         case: Robot, logs and what is known beforehand.
@@ -80,8 +90,34 @@ def examine(case: Case, *, quick: bool = False, checks: Sequence[Check] | None =
         Stopped: The case's `progress` requested a stop.
     """
     selected = [s for s in (CHECKS if checks is None else checks) if s.quick or not quick]
-    findings: list[Finding] = []
-    for number, check in enumerate(selected):
-        report_progress(case.progress, f"checking: {check.name}", number, len(selected))
-        findings += check(case)
+    first = [check for check in selected if check not in OF_MOTION]
+    rest = [check for check in selected if check in OF_MOTION]
+    findings = _asked(case, first, 0, len(selected))
+    skipped = list(_not_run(case, findings)) if rest else []
+    if skipped:
+        names = {finding.log for finding in skipped}
+        case = replace(case, logs=tuple(e for e in case.logs if e.name not in names))
+    findings += skipped
+    if case.logs:
+        findings += _asked(case, rest, len(first), len(selected))
     return Diagnosis(together(findings))
+
+
+def _asked(case: Case, checks: Sequence[Check], done: int, of: int) -> list[Finding]:
+    """What some checks find, of which others were made before."""
+    findings: list[Finding] = []
+    for number, check in enumerate(checks, done):
+        report_progress(case.progress, f"checking: {check.name}", number, of)
+        findings += check(case)
+    return findings
+
+
+def _not_run(case: Case, findings: Sequence[Finding]) -> Iterator[Finding]:
+    """That checks are not made, for every log whose clock was found to be wrong."""
+    wrong = [f for f in findings if f.check == Clock.name and f.severity == Severity.WRONG]
+    for evidence in case.logs:
+        mine = [f for f in wrong if f.log in ("", evidence.name)]
+        if mine:
+            edits = any(f.fix is not None and f.fix.edits for f in mine)
+            says = NOT_RUN + CORRECTED * edits
+            yield Finding(JUDGED, evidence.name, Severity.OK, says, "", answered=False)

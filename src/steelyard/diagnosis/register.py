@@ -30,7 +30,7 @@ from steelyard.diagnosis.signals.saturation import Saturation
 from steelyard.diagnosis.signals.set_points import SetPoints
 from steelyard.diagnosis.signals.velocity import Velocity
 
-CHECKS: tuple[Check, ...] = (
+OF_SIGNALS: tuple[Check, ...] = (
     Clock(),
     Rows(),
     Repeats(),
@@ -42,6 +42,10 @@ CHECKS: tuple[Check, ...] = (
     Excitation(),
     Position(),
     Velocity(),
+)
+"""Checks of the signals by themselves; those that differentiate know the unit of time."""
+
+OF_MOTION: tuple[Check, ...] = (
     JOINT_ORDER,
     POSITION_SIGN,
     EFFORT_SIGN,
@@ -58,3 +62,6 @@ CHECKS: tuple[Check, ...] = (
     Drift(),
     Identifiability(),
 )
+"""Checks that compare efforts with a model: by velocities and accelerations, in true seconds."""
+
+CHECKS = (*OF_SIGNALS, *OF_MOTION)

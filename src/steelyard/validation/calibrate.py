@@ -15,6 +15,7 @@ from steelyard.arrays import Array
 from steelyard.errors import DataError, LogError
 from steelyard.estimation.calibration import BINS, EDGES, Calibration, Kind, bins
 from steelyard.estimation.estimate import Z95, Estimate, Estimator
+from steelyard.estimation.external.rest import rest_speed_of, rest_speed_of_runs
 from steelyard.estimation.fields.fields import information_from
 from steelyard.estimation.fold_errors import FOLDS
 from steelyard.estimation.identified import IdentifiedModel
@@ -87,7 +88,8 @@ def calibrate(
     if len(found) < FEWEST:
         return None
     calibration = _calibration(kind, found)
-    rest_speed = np.max([run.rest_speed for run in runs], axis=0)
+    usual = rest_speed_of(identified.robot.n, calibration, identified.processing.rest_speed)
+    rest_speed = rest_speed_of_runs([run.rest_speed for run in runs], usual)
     return replace(calibration, peaks=_peaks(calibration.edges, rest_speed, cutoff, found))
 
 

@@ -50,7 +50,8 @@ class ResidualTrace:
         slowest: Least speed of each joint in the last `HOLD` seconds, shape `(n, N)` [rad/s; m/s].
         fastest: Greatest speed in the last `SETTLED` seconds, likewise.
         measured: Measured effort, low-passed likewise, shape `(n, N)` [Nm; N].
-        parts: Predicted gravity and friction, likewise, shape `(2, n, N)` [Nm; N].
+        parts: Predicted gravity, and friction of joints that move, likewise, shape `(2, n, N)`
+            [Nm; N]; what friction with memory is at rest depends on motion before the log.
     """
 
     run: str
@@ -128,7 +129,8 @@ def residual_trace(
             predicted[FRICTION] *= block.moving | remembers(identified.model.terms)
             measured = gains * block.effort
             residual = measured - predicted.sum(axis=0)
-            kept = np.stack([residual, measured, predicted[GRAVITY], predicted[FRICTION]])
+            sliding = predicted[FRICTION] * block.moving
+            kept = np.stack([residual, measured, predicted[GRAVITY], sliding])
             parts.append((block.t, kept, block.dq))
         t, signals, dq = (np.concatenate(some, axis=-1) for some in zip(*parts, strict=True))
         first = int(FORGOTTEN / (2.0 * np.pi * cutoff) * run.rate)

@@ -78,32 +78,6 @@ def _finding(case: Case, evidence: Evidence) -> Finding | None:
     return Finding(name, evidence.name, Severity.OK, says, figure)
 
 
-UNDECIDED = (
-    "gear signs or couplings are undecided: compare [robot.transmission] with the data sheet"
-)
-"""The remark for a line of a terminal."""
-
-
-def open_gears(findings: Sequence[Finding]) -> tuple[Finding, ...]:
-    """A remark beside the headline of a fit where a check before left its gears open."""
-    open_ones = [f for f in findings if f.check == TransmissionCheck.name and not f.answered]
-    fix = Fix(ADVICE.says[0].upper() + ADVICE.says[1:])
-    words = (f"gear signs or couplings are {one.says}" for one in open_ones[:1])
-    return tuple(
-        Finding(
-            TransmissionCheck.name,
-            "",
-            Severity.OK,
-            says,
-            "",
-            fix=fix,
-            headline=True,
-            brief=UNDECIDED,
-        )
-        for says in words
-    )
-
-
 def _listed(near: Sequence[OtherGears]) -> str:
     """Motors with other signs, and those with other couplings, in words."""
     signs, couplings = (

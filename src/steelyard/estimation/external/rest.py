@@ -1,5 +1,7 @@
 """Friction of joints that rest, and the speed up to which they do."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -53,3 +55,13 @@ def rest_speed_of(n: int, known: Calibration | None, given: ArrayLike | None) ->
     if known is None:
         return np.full(n, LOWEST)
     return np.maximum(SHARE * known.edges[:, 0] / EDGES[0], LOWEST)
+
+
+def rest_speed_of_runs(speeds: Sequence[Array], usual: Array) -> Array:
+    """Speed up to which joints rest in all of some runs, shape `(n,)` [rad/s; m/s].
+
+    Args:
+        speeds: That of each run, shape `(n,)`; infinite where nothing moves.
+        usual: What it is of a run without motion, shape `(n,)`.
+    """
+    return np.asarray(np.max([np.where(np.isfinite(one), one, usual) for one in speeds], axis=0))

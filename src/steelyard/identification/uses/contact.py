@@ -21,6 +21,7 @@ from steelyard.arguments import checked
 from steelyard.arrays import Array
 from steelyard.errors import DataError, LogError
 from steelyard.estimation.calibration import EDGES
+from steelyard.estimation.external.rest import rest_speed_of, rest_speed_of_runs
 from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.estimation.residual_peaks import ContactThresholds, ResidualPeaks
 from steelyard.files import write_json
@@ -253,7 +254,10 @@ def _calibrated(
     own: ResidualPeaks | None,
 ) -> tuple[ResidualPeaks, tuple[SuspectedContact, ...]]:
     """Largest residuals of calibration runs, and what was left out of them."""
-    rest = np.max([run.rest_speed for run in runs], axis=0)
+    usual = rest_speed_of(
+        identified.robot.n, identified.calibration, identified.processing.rest_speed
+    )
+    rest = rest_speed_of_runs([run.rest_speed for run in runs], usual)
     edges = edges_of(rest, traces) if own is None else own.edges
     robot, sigma = identified.model.robot, np.asarray(identified.estimate.sigma)
     return without_contact(traces, edges, cutoff, robot, sigma, own)
