@@ -13,10 +13,11 @@ from steelyard.robot_file.template.guess_columns import guess_columns
 NAN = np.nan
 
 
-@pytest.fixture(autouse=True, params=["with Polars", "without Polars"])
+@pytest.fixture(autouse=True, params=["with Polars, kept", "without Polars, read at each pass"])
 def polars(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    if request.param == "without Polars":
+    if request.param.startswith("without Polars"):
         monkeypatch.setitem(sys.modules, "polars", None)
+        monkeypatch.setattr(delimited_module, "SMALL", 0)
 
 
 def read(
@@ -110,7 +111,33 @@ def test_a_first_row_that_is_cut_does_not_cut_the_table(tmp_path: Path) -> None:
     )
 
 
+def test_a_small_file_is_parsed_once_and_again_when_it_has_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(delimited_module, "SMALL", 40)
+    parsed = []
+    for name in ("by_polars", "by_numpy"):
+        usual = getattr(delimited_module, name)
+        counted = lambda *a, usual=usual: parsed.append(len(a[0])) or usual(*a)  # noqa: E731
+        monkeypatch.setattr(delimited_module, name, counted)
+    text = "t,a,b\n0,1,2\n1,2,3\n"
+    first = read(tmp_path / "run.csv", text)
+    (again,) = open_log(tmp_path / "run.csv").parts(("t", "a", "b"))
+    np.testing.assert_array_equal(again, first)
+    assert len(parsed) == 1
+    with pytest.raises(ValueError, match="read-only"):
+        again[0, 0] = 5.0
+    list(open_log(tmp_path / "run.csv").parts(("b",)))
+    assert len(parsed) == 2
+    np.testing.assert_array_equal(read(tmp_path / "run.csv", text + "2,3,4\n")[-1], [2, 3, 4])
+    large = text + "2,3,4\n" * 4
+    for _ in range(2):
+        assert len(read(tmp_path / "large.csv", large)) == 6
+    assert len(parsed) == 5
+
+
 def test_chunks_do_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(delimited_module, "SMALL", 0)
     table = np.arange(300.0).reshape(100, 3)
     text = "t,a,b\n" + "".join(f"{a},{b},{c}\n" for a, b, c in table)
     whole = read(tmp_path / "run.csv", text)

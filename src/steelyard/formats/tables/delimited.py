@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,10 @@ LINES = 500
 WIDEST = 10_000
 CELLS = 1 << 19
 """Cells parsed at a time."""
+SMALL = 1 << 20
+"""Bytes of a file up to which its numbers are kept for the next pass."""
+KEPT = 16
+"""Small files that are kept."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +94,11 @@ class DelimitedLog:
         """The requested rows, in parts; see `Log`."""
         require_columns(self.path, self.columns, columns)
         wanted = [self.columns.index(column) for column in columns]
+        if (stamp := self._stamp())[0] <= SMALL:
+            table = _kept(self, tuple(wanted), stamp)[slice(*rows)]
+            for i in range(0, len(table), size):
+                yield table[i : i + size]
+            return
         start, stop = rows
         row = 0
         for chunk in self._pieces(max(wanted, default=0) + 1):
@@ -103,6 +113,14 @@ class DelimitedLog:
             row += length
             if stop is not None and row >= stop:
                 return
+
+    def _stamp(self) -> tuple[int, ...]:
+        """Size of the file, when it was changed, and which it is."""
+        try:
+            facts = self.path.stat()
+        except OSError as error:
+            raise _unreadable(self.path, error) from error
+        return facts.st_size, facts.st_mtime_ns, facts.st_ino, facts.st_dev
 
     def _pieces(self, width: int) -> Iterator[bytes]:
         """The chunks, divided where very short lines would make too many cells."""
@@ -146,6 +164,16 @@ class DelimitedLog:
     def _numbers(self, chunk: bytes, wanted: Sequence[int]) -> Array:
         parsed = by_polars if available("polars") else by_numpy
         return parsed(tidied(chunk, self.separator), wanted, self.separator, self.decimal_comma)
+
+
+@lru_cache(maxsize=KEPT)
+def _kept(log: DelimitedLog, wanted: tuple[int, ...], stamp: tuple[int, ...]) -> Array:
+    """Columns of all rows of a small file, shape `(N, len(wanted))`, read-only."""
+    pieces = log._pieces(max(wanted, default=0) + 1)
+    parts = [np.empty((0, len(wanted))), *(log._numbers(piece, wanted) for piece in pieces)]
+    table = np.concatenate(parts)
+    table.setflags(write=False)
+    return table
 
 
 def by_polars(chunk: bytes, wanted: Sequence[int], separator: str, decimal_comma: bool) -> Array:
