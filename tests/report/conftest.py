@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -24,7 +25,10 @@ from steelyard.estimation.zero_offset import ZeroOffsets
 from steelyard.model import Model
 from steelyard.parameters import Parameters
 from steelyard.regression.base import BaseMap, base_parameters
+from steelyard.report import render
 from steelyard.report.content import ReportContent
+from steelyard.report.sections.register import sections_of
+from steelyard.report.sections.section import Section
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.robot import Body, Coordinate, Robot
 from steelyard.robot_file.signals import Signals
@@ -434,6 +438,16 @@ def nasty(usual: ReportContent) -> ReportContent:
         truth=truth(evil.model),
         comparison=comparison(EVIL, float("inf")),
     )
+
+
+def rendered_only(content: ReportContent, *names: str) -> str:
+    """A page of some of its sections, which a browser draws in half of the time."""
+
+    def chosen(content: ReportContent) -> list[Section]:
+        return [section for section in sections_of(content) if section.name in names]
+
+    with patch("steelyard.report.page.sections_of", chosen):
+        return render(content)
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from report.conftest import run_score
+from report.conftest import rendered_only, run_score
 from steelyard.report import ReportContent, render
 from steelyard.report.sections.model.effort import EffortSection
 from steelyard.report.sections.register import SECTIONS
@@ -40,7 +40,7 @@ def test_the_browser_draws_everything_without_an_error(request, browse, which, j
 
 
 def test_the_test_would_see_an_error_and_a_missing_plot(browse, usual):
-    page = render(usual).replace("Plotly.react(plot,", "Plotly.react(nothing,")
+    page = rendered_only(usual, "effort").replace("Plotly.react(plot,", "Plotly.react(nothing,")
     seen = browse(page)
     assert "nothing" in seen.errors[0]
     assert any("nothing" in line for line in seen.console)
@@ -52,7 +52,7 @@ def test_the_menu_shows_another_run(browse, usual):
         "const menu = document.getElementById('effort-run');"
         "menu.value = '2'; menu.dispatchEvent(new Event('change'));"
     )
-    seen = browse(render(usual), choose)
+    seen = browse(rendered_only(usual, "effort"), choose)
     assert seen.drawn == 2 and seen.console == ()
     captions = re.findall(r'caption" data-joint="\d">([^<]*<span class="">[^<]*)<', seen.dom)
     assert [re.sub("<.*?>", "", one).replace("&nbsp;", " ") for one in captions] == [

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from steelyard.report import render
+from report.conftest import rendered_only
 from steelyard.report.html import PLOTLY
 
 ENTRY = Path(__file__).parents[2] / "tools" / "plotly_entry.js"
@@ -57,7 +57,7 @@ def test_a_page_unpacks_every_kind_of_block(usual, browse):
     )
     archives = json.dumps([base64.b64encode(one).decode() for one in packed])
     script = f"document.body.dataset.found = JSON.stringify({archives}.map(unzipped))"
-    seen = browse(render(usual), script)
+    seen = browse(rendered_only(usual, "effort"), script)
     (found,) = re.findall(r'data-found="([^"]*)"', seen.dom)
     assert json.loads(html.unescape(found)) == [text, text, text, ""]
     assert PLOTLY.read_bytes()[3] == 0, "a head without optional parts"

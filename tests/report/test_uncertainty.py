@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from report.conftest import rendered_only
 from steelyard.report import ReportContent, parameters_csv, render, summary
 from steelyard.report.sections.model.bodies import BodiesSection, margin, solids
 from steelyard.report.sections.model.effort import EffortSection
@@ -61,7 +62,7 @@ def test_a_score_without_bands_is_drawn_without(usual):
 
 
 def test_the_box_takes_the_bands_away(browse, usual):
-    page = render(replace(usual, diagnosis=None, comparison=None))
+    page = rendered_only(usual, "effort")
     choose = (
         "const box = document.getElementById('effort-bands');"
         "box.checked = false; box.dispatchEvent(new Event('change'));"
@@ -216,7 +217,7 @@ def test_a_band_that_holds_too_few_is_marked(browse, usual):
     assert "the model is incomplete there" not in EffortSection().show(
         EffortSection().numbers(usual)
     )
-    seen = browse(render(replace(content, comparison=None)))
+    seen = browse(rendered_only(content, "effort"))
     assert seen.errors == [] and seen.dom.count('<span class="few">') == 1
 
 
@@ -229,5 +230,5 @@ def test_a_joint_without_samples_has_no_band(browse, usual):
     still, moved = EffortSection().numbers(content)["figures"]
     assert still["bands"] == [] and still["covered"] == "" and not still["few"]
     assert len(moved["bands"]) == 3 and moved["covered"]
-    seen = browse(render(replace(content, comparison=None)))
+    seen = browse(rendered_only(content, "effort"))
     assert seen.errors == [] and seen.drawn == 2
