@@ -127,16 +127,16 @@ def test_the_terminal_has_the_same_tables(usual: ReportContent) -> None:
         "Drive gains",
     ):
         assert text.count(title) == 1
-    lines = [[c.strip() for c in line.split("│")[1:-1]] for line in text.splitlines()]
-    assert ["stribeck", "speed", "all", "0.0512", "0.0431 to 0.0612", ""] in lines
+    lines = [re.split(r"\s{2,}", line.strip()) for line in text.splitlines()]
+    assert ["stribeck", "speed", "all", "0.0512", "0.0431 to 0.0612"] in lines
     assert ["shoulder", "12.0", "± 0.196", "Nm/A"] in lines
     assert ["elbow", "9.83", "given", "Nm/A"] in lines
-    chosen = next(line for line in lines if "smoothing 0.02" in " ".join(line))
+    chosen = next(line for line in lines if "smoothing 0.02" in line[0] and len(line) > 1)
     assert chosen[1:] == ["9.87 %", "20.1 %", "± 1.2 %", "chosen"]
     assert usual.gains is not None
     lacking = replace(usual.gains, known=(False, False), assumed=(False, True))
     text = printed(replace(usual, gains=lacking))
-    lines = [[c.strip() for c in line.split("│")[1:-1]] for line in text.splitlines()]
+    lines = [re.split(r"\s{2,}", line.strip()) for line in text.splitlines()]
     assert ["elbow", "9.83", "assumed: mean of the others, not identifiable", "Nm/A"] in lines
     assert "elbow 9.83 Nm/A (assumed: mean of the others)" in " ".join(text.split())
 
