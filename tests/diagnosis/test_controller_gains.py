@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from diagnosis.conftest import MODEL_BASED
-from diagnosis.test_model_based import GAINS, TAU, edits, in_amperes
+from diagnosis.test_model_based import GAINS, TAU, edits, in_amperes, wrong
 from steelyard.diagnosis import Case, Edit, examine
 from steelyard.diagnosis.decision import gains_left
 from steelyard.diagnosis.decision.gains_left import gains_of_controller
@@ -17,17 +17,25 @@ from steelyard.measurement.recording import LogInMemory
 from steelyard.robot_file.edits import edited
 
 
-def case_with_targets(arm, text: str) -> Case:
-    """Currents, and targets with friction of their own; the last joint has no target."""
+def case_with_targets(arm, text: str, unit: float = 1.0, weight: float = 1.0) -> Case:
+    """Currents, and targets with friction of their own; the last joint has no target.
+
+    Args:
+        arm: The arm.
+        text: Its robot file.
+        unit: That of the currents [A].
+        weight: Efforts over those of the model file.
+    """
     rng = np.random.default_rng(0)
     table = arm.table.copy()
-    torque, dq = table[:, arm.at(TAU)], arm.motion.dq
+    torque, dq = weight * table[:, arm.at(TAU)], arm.motion.dq
     friction = 0.2 * torque.std(axis=0) * (np.tanh(dq / 0.05) + 0.3 * dq)
     target = torque - friction
     target[:, 2] = 0.0
     current = target / GAINS + friction / GAINS
     current += 0.02 * current.std(axis=0) * rng.standard_normal(current.shape)
-    table[:, arm.at(TAU)] = torque / GAINS
+    current /= unit
+    table[:, arm.at(TAU)] = torque / GAINS / unit
     case = arm.case(table, text, known=False)
     names = [f"{kind}{j}" for kind in ("tau_target_", "current_target_") for j in range(1, 4)]
     (evidence,) = case.logs
@@ -51,6 +59,19 @@ def test_gains_of_one_are_refused_with_the_controllers(arm):
     gain = edits(found)["signals.effort.gain"]
     np.testing.assert_allclose(gain[:2], GAINS[:2], rtol=0.03)
     assert gain[2] == "identify"
+
+
+@pytest.mark.parametrize("weight", [1.0, 0.6])
+@pytest.mark.parametrize(("declared", "unit", "size"), [("mA", "A", 1.0), ("A", "mA", 1e-3)])
+def test_the_unit_of_currents_is_corrected_before_gains(arm, declared, unit, size, weight):
+    text = edited(in_amperes(arm), [Edit(("signals", "effort", "unit"), declared)])
+    case = case_with_targets(arm, text, size, weight)
+    found = examine(case, checks=MODEL_BASED)
+    assert wrong(found) == ["effort unit"]
+    assert edits(found) == {"signals.effort.unit": unit}
+    (one,) = gains_of_controller(case, "gain")
+    assert one.severity is Severity.WRONG
+    assert [edit.value for edit in one.fix.edits] == [unit]
 
 
 @pytest.mark.parametrize("kind", ["no targets", "torques"])

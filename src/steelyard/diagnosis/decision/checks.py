@@ -51,8 +51,11 @@ def _signs_of_friction(case: Case, name: str, found: Findings) -> Findings:
 
 
 def _gains_not_found(case: Case, name: str, found: Findings) -> Findings:
-    """Where no gain is wrong, what the controller and the logs say of gains."""
-    if any(f.severity for f in found):
+    """Where neither unit nor gain is wrong, what the controller and the logs say of gains."""
+    judged = [verdict(case, evidence) for evidence in case.logs]
+    winners = [winner for decision in judged if decision is not None for winner in decision.winners]
+    unit = any(hypothesis.cause == EFFORT_UNIT.name for hypothesis, _ in winners)
+    if unit or any(f.severity for f in found):
         return found
     controller = gains_of_controller(case, name)
     if any(f.severity for f in controller):

@@ -4,6 +4,7 @@ import numpy as np
 
 from steelyard.diagnosis.case import Case
 from steelyard.diagnosis.finding import Edit, Finding, Fix, Severity
+from steelyard.diagnosis.hypotheses.alternatives import AMPERES
 from steelyard.diagnosis.hypotheses.controller_gains import controller_gains
 from steelyard.diagnosis.identifiability import clean_runs, customary_model
 from steelyard.errors import DataError, SteelyardError
@@ -66,9 +67,15 @@ def gains_of_controller(case: Case, name: str) -> tuple[Finding, ...]:
     both = found.known & ~unknown
     if not both.any():
         return ()
-    factor = np.exp(np.abs(np.log(declared / np.where(both, values, declared))))
+    ratios = np.where(both, values, declared) / declared
+    factor = np.exp(np.abs(np.log(ratios)))
     joints = np.flatnonzero(factor > NEAR)
     source = f"{found.columns[0]} over {found.columns[1]}, friction removed"
+    if unit := _other_unit(float(np.median(ratios[both])), float(signals.effort_scale[0])):
+        says = f"by the controller's targets ({source}) efforts are in {unit}"
+        figure = f"gains are {np.median(ratios[both]):.4g} times the declared ones"
+        fix = Fix("declare the unit of the columns", (Edit(("signals", "effort", "unit"), unit),))
+        return (Finding(name, "", Severity.WRONG, says, figure, fix=fix),)
     figure = f"off by a factor of {factor.max():.3g} at most, bound {NEAR:g}"
     if not len(joints):
         says = f"the controller's targets confirm the gains ({source})"
@@ -93,3 +100,16 @@ def gains_of_controller(case: Case, name: str) -> tuple[Finding, ...]:
     )
     named = tuple(case.joints[j] for j in joints)
     return (Finding(name, "", severity, says, figure, named, fix),)
+
+
+def _other_unit(ratio: float, scale: float) -> str:
+    """The unit of current by which the controller's gains are those declared; empty if none.
+
+    Args:
+        ratio: The controller's gains over those declared.
+        scale: The declared unit [A].
+    """
+    for unit, size in AMPERES.items():
+        if size != scale and abs(np.log(ratio * scale / size)) < np.log(FAR):
+            return unit
+    return ""

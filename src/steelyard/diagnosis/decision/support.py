@@ -41,8 +41,8 @@ which they are proposed."""
 FAIR = 5.0
 """The same from which on other directions of gravity are tried."""
 KILO = 2.5
-"""Factor up to which links may differ from a model file's for efforts to be in a unit that is a
-thousand times the declared one: no gain is as large."""
+"""Factor up to which links may differ from a model file's, and gains from the declared ones, for
+efforts to be in a unit that is a thousand times the declared one, or a thousandth of it."""
 CLOSE = 3.0
 """Log-likelihood within which two explanations agree equally well."""
 
@@ -197,21 +197,32 @@ def _as_thousand(
 ) -> Hypothesis | None:
     """The unit that a fitted factor is near, if it leaves likely masses; `None` otherwise."""
     factors = hypothesis.interpretation.effort_scale / interpretation.effort_scale
-    if not _fitted(interpretation, hypothesis) or not _near_thousand(likelihood, factors):
+    if not _fitted(interpretation, hypothesis):
         return None
-    unit = _thousand(likelihood, interpretation)
-    return unit if _of_unit(likelihood, interpretation, unit) else None
+    unit = _thousand(likelihood, interpretation, factors)
+    return unit if unit and _of_unit(likelihood, interpretation, unit) else None
 
 
-def _near_thousand(likelihood: Likelihood, factors: Array) -> bool:
-    near = np.all((factors > 1e3 / KILO) & (factors < 1e3 * KILO))
-    return bool(near) and "A" not in likelihood.signals.effort_units
+def _thousand(
+    likelihood: Likelihood, interpretation: Interpretation, factors: Array
+) -> Hypothesis | None:
+    """Efforts in the unit that factors on them are near; `None` if there is none.
 
-
-def _thousand(likelihood: Likelihood, interpretation: Interpretation) -> Hypothesis:
-    """Efforts in a unit that is a thousand times the declared one."""
+    Torques are a thousand times the declared ones. Currents are in A or mA: for all joints one,
+    though fitted gains of some joints may be far from it.
+    """
+    wanted, fitted = 1e3, factors
+    if "A" in likelihood.signals.effort_units and np.any(factors != 1.0):
+        wanted = 1e3 if np.max(np.abs(interpretation.effort_scale)) < 1.0 else 1e-3
+        fitted = np.array([np.median(factors[factors != 1.0])])
+    if not np.all((fitted > wanted / KILO) & (fitted < wanted * KILO)):
+        return None
     hypotheses = unit_hypotheses(likelihood, interpretation, likelihood.sums([interpretation]))
-    return max(hypotheses, key=lambda r: float(np.sum(np.abs(r.interpretation.effort_scale))))
+    return next(
+        r
+        for r in hypotheses
+        if np.allclose(r.interpretation.effort_scale, wanted * interpretation.effort_scale)
+    )
 
 
 def _far(found: Possible) -> bool:
@@ -358,8 +369,9 @@ def _scale(
         likelihood.score(interpretation).percent[0]
     ):
         return None
-    if far and _near_thousand(likelihood, np.array([factor])):
-        return _thousand(likelihood, interpretation), Severity.WRONG
+    unit = _thousand(likelihood, interpretation, np.array([factor])) if far else None
+    if unit is not None:
+        return unit, Severity.WRONG
     joints = tuple(range(likelihood.signals.n))
     hypothesis = Hypothesis(cause, says, changed, FREE, joints, score, fixed=False)
     if far:

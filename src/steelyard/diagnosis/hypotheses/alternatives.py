@@ -41,11 +41,12 @@ def ways(case: Case, hypothesis: Hypothesis, *, sure: bool) -> Fix:
             f"{hypothesis.says}, or the link inertias differ from the model file: the log alone "
             "cannot decide; examine both, or give a model from clean runs (--model)"
         )
+    if unit := _of_names(case, hypothesis):
+        return unit
     gains = controller_gains(case) if hypothesis.cause == "gain" else None
     if gains is not None:
         return _of_controller(case, gains)
-    unit = _of_names(case, hypothesis)
-    return unit or Fix(_of_thousandths(case, hypothesis) + _listed(case, sure=sure))
+    return Fix(_of_thousandths(case, hypothesis) + _listed(case, sure=sure))
 
 
 def _of_names(case: Case, hypothesis: Hypothesis) -> Fix | None:

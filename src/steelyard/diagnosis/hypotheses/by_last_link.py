@@ -24,12 +24,15 @@ SAME = 0.01
 def link_hypotheses(likelihood: Likelihood, interpretation: Interpretation) -> Iterator[Hypothesis]:
     """The last link with mass properties of its own, if these alone explain the efforts.
 
+    It is not one that outweighs the arm which carries it: efforts are then in another unit.
+
     Args:
         likelihood: A log of a robot of which only the model file is known.
         interpretation: How it is read so far.
     """
     ten = other_link(likelihood, interpretation)
-    if ten is None:
+    arm = sum(body.inertia.mass for body in likelihood.knowledge.robot.bodies)
+    if ten is None or abs(float(ten[0])) > arm:
         return
     body = likelihood.knowledge.robot.bodies[carrier(likelihood.knowledge.robot).body]
     changed = interpretation.changed(payload=ten)
