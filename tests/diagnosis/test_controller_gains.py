@@ -74,6 +74,19 @@ def test_the_unit_of_currents_is_corrected_before_gains(arm, declared, unit, siz
     assert [edit.value for edit in one.fix.edits] == [unit]
 
 
+@pytest.mark.parametrize("weight", [1.0, 3.0])
+def test_efforts_of_other_links_are_doubtful_where_gains_are_confirmed(arm, weight):
+    case = case_with_targets(arm, in_amperes(arm), weight=weight)
+    found = [f for f in examine(case, checks=MODEL_BASED).findings if f.severity]
+    if weight == 1.0:
+        assert not found
+        return
+    (one,) = found
+    assert one.check == "gain" and one.severity is Severity.DOUBTFUL
+    assert "targets confirm the gains, but efforts are 3" in one.says
+    assert "it is of another robot, or the arm carries a payload" in one.says
+
+
 @pytest.mark.parametrize("kind", ["no targets", "torques"])
 def test_without_targets_or_currents_there_are_none(arm, kind):
     case = case_with_targets(arm, arm.text if kind == "torques" else in_amperes(arm))

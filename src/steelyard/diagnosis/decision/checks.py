@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from steelyard.diagnosis.case import Case
 from steelyard.diagnosis.decision.decidable import least_mass
 from steelyard.diagnosis.decision.findings import agrees, findings
@@ -10,7 +12,8 @@ from steelyard.diagnosis.decision.friction_sign import friction_signs
 from steelyard.diagnosis.decision.gains_left import gains_left, gains_of_controller
 from steelyard.diagnosis.decision.ranking import known_of
 from steelyard.diagnosis.decision.verdict import Verdict, verdict
-from steelyard.diagnosis.finding import Finding, Severity
+from steelyard.diagnosis.finding import Finding, Fix, Severity
+from steelyard.diagnosis.hypotheses.hypothesis import Hypothesis
 from steelyard.diagnosis.residual_delay import residual_delay
 
 Findings = tuple[Finding, ...]
@@ -52,15 +55,50 @@ def _signs_of_friction(case: Case, name: str, found: Findings) -> Findings:
 
 def _gains_not_found(case: Case, name: str, found: Findings) -> Findings:
     """Where neither unit nor gain is wrong, what the controller and the logs say of gains."""
-    judged = [verdict(case, evidence) for evidence in case.logs]
-    winners = [winner for decision in judged if decision is not None for winner in decision.winners]
-    unit = any(hypothesis.cause == EFFORT_UNIT.name for hypothesis, _ in winners)
-    if unit or any(f.severity for f in found):
+    judged = [(evidence.name, verdict(case, evidence)) for evidence in case.logs]
+    winners = [
+        (log, decision, hypothesis)
+        for log, decision in judged
+        if decision is not None
+        for hypothesis, _ in decision.winners
+    ]
+    if any(hypothesis.cause == EFFORT_UNIT.name for _, _, hypothesis in winners):
         return found
     controller = gains_of_controller(case, name)
+    if controller and not any(f.severity for f in controller):
+        mine = [winner for winner in winners if winner[2].cause == name]
+        factors = [(log, _common_factor(decision, won)) for log, decision, won in mine]
+        other = tuple(_other_links(name, log, x) for log, x in factors if x is not None)
+        if other:
+            return other
+    if any(f.severity for f in found):
+        return found
     if any(f.severity for f in controller):
         return controller
     return gains_left(case, name) or controller or found
+
+
+def _common_factor(decision: Verdict, hypothesis: Hypothesis) -> float | None:
+    """Efforts as declared over those of a hypothesis; `None` if it differs from joint to joint."""
+    declared = decision.ranking.declared.interpretation.effort_scale
+    factors = declared / hypothesis.interpretation.effort_scale
+    return float(factors[0]) if np.allclose(factors, factors[0]) else None
+
+
+def _other_links(name: str, log: str, factor: float) -> Finding:
+    """Efforts that are not those of the model file's links, though the gains are confirmed."""
+    return Finding(
+        name,
+        log,
+        Severity.DOUBTFUL,
+        f"the controller's targets confirm the gains, but efforts are {factor:.2g} times those of "
+        "the links in the model file: it is of another robot, or the arm carries a payload",
+        f"efforts over those of the model file: {factor:.3g}",
+        fix=Fix(
+            "compare the masses of the model file with the robot; if they are right, weigh the "
+            "payload (steelyard payload)"
+        ),
+    )
 
 
 def _short_delays(case: Case, name: str, found: Findings) -> Findings:
