@@ -110,6 +110,27 @@ def test_motions_that_lack_joints_are_refused(
         feedforward(identified, motion, joints=["a"])
 
 
+def test_torques_beyond_the_limits_are_reported(
+    command: Command, identified: Path, motion: Path, tmp_path: Path
+) -> None:
+    plain = feedforward(identified, motion)
+    assert not plain.warnings and "!" not in str(plain)
+    noisy = replace(plain.motion, ddq=plain.motion.ddq + 1e4)
+    found = feedforward(identified, noisy)
+    *joints, advice = found.warnings
+    beyond = [c for k, c in enumerate(found.joints) if found.peaks[k] > c.limits.effort]
+    assert beyond and len(joints) == len(beyond)
+    for words, joint in zip(joints, beyond, strict=True):
+        assert words.startswith(f"{joint.name}: ")
+        assert f"is beyond its limit of {joint.limits.effort:.4g} (acceleration 1e+04; " in words
+    assert advice.startswith("do not command these torques") and f"! {advice}" in str(found)
+    t = np.arange(0.0, 2.0, 0.004)
+    steps = {f"q_{c.name}": 0.05 * (np.arange(len(t)) % 2) for c in found.joints}
+    pl.DataFrame({"time_s": t, **steps}).write_csv(tmp_path / "noisy.csv")
+    done = command("feedforward", identified, tmp_path / "noisy.csv", "-o", tmp_path / "n.csv")
+    assert done.exit_code == 0 and f"! {beyond[0].name}: " in done.stdout
+
+
 def changed(identified: Path, folder: Path, **signals: object) -> Path:
     """The model with other signals."""
     data = json.loads((identified / "model.json").read_text())

@@ -73,6 +73,8 @@ def feedforward(
         cells = (joint.name, significant(rms), significant(peak), joint.effort_unit)
         table.add_row(*(Text(cell) for cell in cells))
     console.print(table)
+    for warning in found.warnings:
+        console.print(Text(f"! {warning}", style="bold red"))
     for note in found.notes:
         console.print(Text(f"note: {note}"))
     typer.echo(f"\n{len(found.motion)} rows  {output}")

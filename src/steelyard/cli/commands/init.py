@@ -88,7 +88,8 @@ def init(
 
     Without a time column: steelyard init panda.urdf run1.csv --rate 1000
 
-    Signals of motors: steelyard init tx40.urdf run1.csv --ratios 32,32,45,-48,45,32
+    Signals of motors: steelyard init arm.urdf run1.csv --ratios 32,45,-48 --coupling
+    wrist,elbow,32
     """
     from steelyard.cli import interrupt
     from steelyard.cli.stated import Stated

@@ -1,6 +1,6 @@
 """Torques of an identified model along a motion: what `steelyard feedforward` does."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -33,12 +33,14 @@ class FeedforwardTorques:
         motion: The desired motion, `N` samples.
         torque: Shape `(N, n)` [Nm; N].
         notes: What the torques leave out.
+        warnings: Torques beyond the limits of their joints, and what to do.
     """
 
     joints: tuple[Coordinate, ...]
     motion: Motion
     torque: Array
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"FeedforwardTorques({len(self.motion)} samples, {len(self.joints)} joints)"
@@ -49,7 +51,7 @@ class FeedforwardTorques:
             f"{joint.name:{width}}  RMS {rms:.4g}, largest {peak:.4g} {joint.effort_unit}"
             for joint, rms, peak in zip(self.joints, self.rms, self.peaks, strict=True)
         )
-        notes = (f"note: {note}" for note in self.notes)
+        notes = (*(f"! {one}" for one in self.warnings), *(f"note: {one}" for one in self.notes))
         return "\n".join([f"{len(self.motion)} samples", *joints, *notes])
 
     @property
@@ -95,6 +97,7 @@ class FeedforwardTorques:
                 )
             ],
             "notes": list(self.notes),
+            "warnings": list(self.warnings),
         }
 
 
@@ -140,7 +143,28 @@ def feedforward(
     if as_logged and identified.effort_scales is not None:
         torque = torque * identified.effort_scales.values
         identified = replace(identified, effort_scales=None)
-    return FeedforwardTorques(robot.coordinates, samples, torque, remarks(identified))
+    warnings = tuple(beyond_limits(robot.coordinates, samples, torque))
+    return FeedforwardTorques(robot.coordinates, samples, torque, remarks(identified), warnings)
+
+
+def beyond_limits(joints: Sequence[Coordinate], motion: Motion, torque: Array) -> Iterator[str]:
+    """One sentence for each joint whose torque is beyond its limit, and what to do."""
+    found = False
+    for joint, column, ddq in zip(joints, torque.T, motion.ddq.T, strict=True):
+        above = np.abs(column) > joint.limits.effort
+        if above.any():
+            found = True
+            k = int(np.argmax(np.abs(column)))
+            yield (
+                f"{joint.name}: {abs(column[k]):.3g} {joint.effort_unit} at {motion.t[k]:.3f} s is "
+                f"beyond its limit of {joint.limits.effort:.4g} (acceleration {ddq[k]:.3g}; "
+                f"{above.sum()} of {len(column)} samples)"
+            )
+    if found:
+        yield (
+            "do not command these torques; accelerations of measured positions are noise: smooth "
+            "the positions, or give a planned motion"
+        )
 
 
 def _samples(

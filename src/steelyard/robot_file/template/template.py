@@ -195,9 +195,10 @@ def _missing(
         what = "positions" if guess.section.coordinates == "motor" else "efforts"
         yield (
             f"the gear ratios are unknown, and {what} are of the motors",
-            "fill in ratios below [robot.transmission] (data sheet) and remove the # of both; if a "
-            "motor turns with a second joint, also of coupling and the terms with motors; and "
-            "state position_offset, if joints are not at zero where motors are",
+            "remove this file and give them (data sheet): init MODEL LOG --ratios 100,-50,... and, "
+            "if a motor turns with a second joint, --coupling MOTOR,JOINT,RATIO; or fill in ratios "
+            "below [robot.transmission] and remove the # of both, and of coupling and the terms "
+            "with motors; state position_offset, if joints are not at zero where motors are",
         )
     for why in guess.contradictions:
         yield why, "correct the lines marked contradictory; `steelyard check` tests alternatives"
