@@ -55,6 +55,19 @@ def test_gears_are_written_with_their_coupling(
     assert [term["law"] for term in coupled] == ["rotor_inertia", "coulomb", "viscous"]
 
 
+@pytest.mark.parametrize("motor_side", [True, False])
+def test_zeros_are_written(
+    motor_side: bool, command: Command, given: Path, motors: Path, tmp_path: Path
+) -> None:
+    robot, log = tmp_path / "arm.toml", motors if motor_side else given / "identification.csv"
+    ratios = ("--ratios", "1,1,1") if motor_side else ()
+    done = command("init", URDF, log, *ratios, "--zeros", "0,-90deg,1.5", "-o", robot)
+    assert done.exit_code == 0 and "zeros     joints" not in done.stdout
+    signals = load_robot(robot).signals
+    assert signals is not None and signals.position_offset is not None
+    assert signals.position_offset.tolist() == pytest.approx([0.0, -np.pi / 2.0, 1.5])
+
+
 def test_gains_are_written(command: Command, currents: Path, tmp_path: Path) -> None:
     robot = tmp_path / "arm.toml"
     done = command("init", URDF, currents, "--gains", "12 9.5 -10", "-o", robot)
@@ -70,6 +83,7 @@ def test_gains_are_written(command: Command, currents: Path, tmp_path: Path) -> 
         (("--ratios", "1,1,1", "--coupling", "elbow,32"), "'elbow,32' is not MOTOR,JOINT,RATIO"),
         (("--ratios", "1,1,1", "--coupling", "elbw,elbow,2"), "there is no joint 'elbw'"),
         (("--coupling", "elbow,elbow,2"), "a coupling is given without gear ratios"),
+        (("--zeros", "0,90deg"), "'0,90deg' is not 3 positions"),
         (("--gains", "1,2,3"), "the log's efforts are torques, by their names"),
     ],
 )

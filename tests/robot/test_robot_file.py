@@ -216,6 +216,8 @@ CURRENT = 'kind = "motor_current"\nunit = "A"'
 TORQUE = 'kind = "joint_torque"\nunit = ["Nm", "N"]'
 ERRORS = {
     "syntax": ('[robot]\nurdf = two.urdf"', "not valid TOML", "robot.toml", "quotes"),
+    "degrees": (signals('time = "t"', 'time = "t"\nposition_offset = [-90.0, 0.0]'),
+                "-90 of 'elbow' looks like degrees", "position_offset", "write -1.5708"),
     "open list": (ROBOT + 'joints = ["elbow"\n# comment\ngravity = [0, 0, 1]', "not valid TOML",
                   "robot.toml", "left open above it"),
     "unknown key": (ROBOT + "jonits = []", "unknown key 'jonits'", "line 3, [robot] jonits",

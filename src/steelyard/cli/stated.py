@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from steelyard.cli.ask import parsed
 from steelyard.errors import ModelError
 from steelyard.robot.robot import Coordinate
@@ -20,11 +22,13 @@ class Stated:
         ratios: Turns of each motor per turn of its joint.
         coupling: Motor, joint and ratio of motors that turn with a second joint.
         gains: Nm (N) at the joint per A.
+        zeros: Joint positions where the log says zero [rad; m], or with `deg` behind a number.
     """
 
     ratios: str | None = None
     coupling: Sequence[str] = ()
     gains: str | None = None
+    zeros: str | None = None
 
     def gears(self, guess: Guess, moving: Sequence[Coordinate]) -> Gears | None:
         """The gears, where they are stated.
@@ -49,6 +53,27 @@ class Stated:
         ratios = _counted("--ratios", self.ratios, moving)
         coupling = tuple(_coupled(text, moving) for text in self.coupling)
         return Gears(ratios, coupling, "ratios as stated by --ratios")
+
+    def with_zeros(self, known: Known, moving: Sequence[Coordinate]) -> Known:
+        """What is known, with the stated zeros.
+
+        Raises:
+            ModelError: They are not one per joint.
+        """
+        if self.zeros is None:
+            return known
+        words = self.zeros.replace(",", " ").split()
+        turned = (word.endswith("deg") for word in words)
+        plain = parsed(" ".join(word.removesuffix("deg") for word in words), len(moving))
+        if plain is None:
+            names = ", ".join(c.name for c in moving)
+            raise ModelError(
+                f"'{self.zeros}' is not {len(moving)} positions",
+                where="--zeros",
+                fix=f"give one for each of {names}, with commas, such as 0,-90deg,1.5708",
+            )
+        pairs = zip(plain, turned, strict=True)
+        return replace(known, zeros=tuple(float(np.deg2rad(x)) if d else x for x, d in pairs))
 
     def with_gains(self, known: Known, guess: Guess, moving: Sequence[Coordinate]) -> Known:
         """What is known, with the stated gains.

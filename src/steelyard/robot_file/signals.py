@@ -299,6 +299,10 @@ def _refuse_without_velocity(section: SignalsSection, locate: Locate) -> None:
             )
 
 
+LEAST_DEGREES = 15.0
+"""Offset from which on a multiple of five is taken for degrees."""
+
+
 def _position_offset(
     section: SignalsSection, coordinates: Sequence[Coordinate], locate: Locate
 ) -> tuple[Array | None, tuple[bool, ...]]:
@@ -309,6 +313,14 @@ def _position_offset(
     offsets = given if isinstance(given, tuple) else (given,) * len(coordinates)
     check_count(len(offsets), "offsets", coordinates, locate("signals", "position_offset"))
     unknown = tuple(offset == "identify" for offset in offsets)
+    for offset, coordinate in zip(offsets, coordinates, strict=True):
+        degrees = offset != "identify" and abs(offset) >= LEAST_DEGREES and offset % 5.0 == 0.0
+        if degrees and coordinate.kind == "revolute":
+            raise ModelError(
+                f"position_offset is in rad: {offset:g} of '{coordinate.name}' looks like degrees",
+                where=locate("signals", "position_offset"),
+                fix=f"write {np.deg2rad(offset):.6g}",
+            )
     return frozen([0.0 if x == "identify" else float(x) for x in offsets]), unknown
 
 

@@ -248,7 +248,7 @@ def _print_code(path: Path, form: Kind, written: "Written", as_json: bool) -> No
     if written.absent:
         lines.append(
             f"without {', '.join(written.absent)}: friction with memory needs the state of start "
-            "and step"
+            'and step; a model of friction = "auto_memoryless" in the robot file has all'
         )
     if written.renamed:
         pairs = ", ".join(f"{name} as {plain}" for name, plain in written.renamed.items())

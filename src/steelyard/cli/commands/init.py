@@ -71,6 +71,14 @@ def init(
             metavar="MOTOR,JOINT,RATIO",
         ),
     ] = None,
+    zeros: Annotated[
+        str | None,
+        typer.Option(
+            help="Joint positions where the log, or the motor, says zero, in rad (m), or with "
+            "deg: 0,-90deg,90deg.",
+            metavar="LIST",
+        ),
+    ] = None,
     no_input: Annotated[
         bool, typer.Option("--no-input", help="Ask nothing, even at a terminal.")
     ] = False,
@@ -109,7 +117,7 @@ def init(
             where=str(target),
             fix="name another one with --output, or remove it",
         )
-    options = {"rate": rate, "gains": gains, "ratios": ratios, "coupling": coupling}
+    options = {"rate": rate, "gains": gains, "ratios": ratios, "coupling": coupling, "zeros": zeros}
     for name in [] if logs else [f"--{name}" for name, value in options.items() if value]:
         raise ModelError(
             f"{name} is given without a log",
@@ -117,7 +125,7 @@ def init(
             fix=f"give the log after the model file, or leave out {name}",
         )
     asking = not (no_input or as_json) and sys.stdin.isatty() and sys.stdout.isatty()
-    stated = Stated(ratios, coupling or (), gains)
+    stated = Stated(ratios, coupling or (), gains, zeros)
     assignment, known = examined(proposal, log_files(logs or []), rate, stated, asking)
     draft = drafted(proposal, assignment, target, known)
     with whole_file(target) as part:
@@ -161,6 +169,7 @@ def examined(
         gears = questions.gears_of(guess, moving, _ask)
     known = looked_at(proposal.loaded, moving, logs, with_effort(guess, effort), gears)
     known = stated.with_gains(replace(known, effort=effort, gears=gears), guess, moving)
+    known = stated.with_zeros(known, moving)
     if asking:
         known = questions.with_gains(known, guess, moving, _ask)
         known = replace(known, gravity=questions.mounting_of(_ask))
@@ -264,8 +273,8 @@ def _beyond_columns(draft: "Draft", known: "Known") -> Iterator[str]:
         return
     if known.gears is not None and "# position_offset" in draft.text:
         yield (
-            "zeros     joints are assumed at zero where their motors are; if not, state "
-            "position_offset in [signals]"
+            "zeros     joints are assumed at zero where their motors are; if not, give --zeros, or "
+            "state position_offset in [signals]"
         )
     if known.gains:
         left = " Others are identified relative to these." * ("identify" in known.gains)

@@ -33,6 +33,7 @@ class Known:
         reference: Number of the joint whose gain is set to 1 where none is known.
         gravity: Gravity in the base frame [m/s²]; the model's if `None`.
         gears: Gears between motors and joints.
+        zeros: Joint positions where the log says zero [rad; m]; none if unknown.
         auto: Whether friction laws are chosen from the data.
         friction: Why, or why not, in words; empty without a log.
     """
@@ -43,6 +44,7 @@ class Known:
     reference: int = 0
     gravity: tuple[float, float, float] | None = None
     gears: Gears | None = None
+    zeros: tuple[float, ...] = ()
     auto: bool = False
     friction: str = ""
 

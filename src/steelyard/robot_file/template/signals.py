@@ -34,7 +34,7 @@ def signals_part(guess: Guess, moving: Sequence[Coordinate], known: Known, file:
     reasons = "\n".join(comment(reason, "# * ") for reason in guess.reasons)
     wrong = "".join(comment(f"CHECK, contradictory: {why}.") + "\n" for why in guess.contradictions)
     units = tuple(c.unit for c in moving)
-    beside = _side_lines(section, moving) + _velocity_lines(guess)
+    beside = _side_lines(section, moving, known.zeros) + _velocity_lines(guess)
     position_unit = section.position_unit or (units if len(set(units)) > 1 else units[0])
     return f"""\
 # CHECK: the columns of the log. Guessed as follows:
@@ -66,15 +66,19 @@ def _effort_side(effort: EffortSection) -> str:
     )
 
 
-def _side_lines(section: SignalsSection, moving: Sequence[Coordinate]) -> str:
+def _side_lines(
+    section: SignalsSection, moving: Sequence[Coordinate], zeros: Sequence[float]
+) -> str:
     """That positions are the motors', and where the joints are at their zeros."""
+    stated = f"\nposition_offset = {toml_text(list(zeros))}  # joint positions at logged zeros"
     if section.coordinates == "joint":
-        return ""
-    zeros = toml_text([0.0] * len(moving))
-    return f"""
-coordinates = "motor"  # positions and velocities are the motors': see [robot.transmission]
+        return stated if zeros else ""
+    unknown = f"""
 # CHECK: joint positions [rad; m] where the motors' positions are zero.
-# position_offset = {zeros}"""
+# position_offset = {toml_text([0.0] * len(moving))}"""
+    return f"""
+coordinates = "motor"  # positions and velocities are the motors': see [robot.transmission]\
+{stated if zeros else unknown}"""
 
 
 def _gain_lines(guess: Guess, known: Known, file: str) -> str:

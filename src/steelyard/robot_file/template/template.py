@@ -198,7 +198,7 @@ def _missing(
             "remove this file and give them (data sheet): init MODEL LOG --ratios 100,-50,... and, "
             "if a motor turns with a second joint, --coupling MOTOR,JOINT,RATIO; or fill in ratios "
             "below [robot.transmission] and remove the # of both, and of coupling and the terms "
-            "with motors; state position_offset, if joints are not at zero where motors are",
+            "with motors. If joints are not at zero where motors are, --zeros, or position_offset",
         )
     for why in guess.contradictions:
         yield why, "correct the lines marked contradictory; `steelyard check` tests alternatives"
