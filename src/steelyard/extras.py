@@ -30,5 +30,5 @@ def require(package: str, extra: str, what: str, where: str) -> None:
         raise PackageError(
             f"{what} need the package {package}, which is not installed",
             where=where,
-            fix=f'pip install "steelyard[{extra}]"',
+            fix=f'pip install {package}, or pip install ".[{extra}]" in the source of steelyard',
         )

@@ -84,6 +84,19 @@ def test_a_missing_column_is_named_with_its_neighbours(log: Log) -> None:
     assert caught.value.where == str(log.path)
 
 
+def test_a_log_without_time_is_offered_its_rate(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("q1,tau1\n" + "0.1,0.2\n" * 3)
+    for columns in (["time_s", "q1"], ["t", "q1", "tau1"]):
+        with pytest.raises(LogError) as caught:
+            list(open_log(path).parts(columns))
+        assert caught.value.wrong == f"the log has no column '{columns[0]}'"
+        assert "state rate = HZ instead of time" in caught.value.fix
+    with pytest.raises(LogError) as caught:
+        list(open_log(path).parts(["q1", "tau1", "target"]))
+    assert "rate" not in caught.value.fix
+
+
 def test_several_missing_columns_are_counted(log: Log) -> None:
     with pytest.raises(LogError) as caught:
         list(log.parts(("time_s", "a", "b", "c")))

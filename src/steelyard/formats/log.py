@@ -1,5 +1,6 @@
 """What every log file can do: name its columns and hand out its rows in parts."""
 
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Protocol
@@ -45,6 +46,10 @@ MISSING = 4
 """Most missing columns that are named."""
 
 
+TIME = re.compile("(^|_)(t|time|stamp|timestamp)(_|$)", re.IGNORECASE)
+"""Names of columns of time."""
+
+
 def require_columns(path: Path, known: Sequence[str], wanted: Sequence[str]) -> None:
     """Check that a log has the columns wanted of it, each once.
 
@@ -55,6 +60,11 @@ def require_columns(path: Path, known: Sequence[str], wanted: Sequence[str]) -> 
     missing = [column for column in dict.fromkeys(wanted) if column not in known]
     free = [column for column in known if column not in wanted]
     used = "all columns of the log are used: log this one too, or leave its joint out"
+    if any(TIME.search(column) for column in missing):
+        used = fix = (
+            "name the column of time, or state rate = HZ instead of time, if rows are evenly "
+            "spaced, under [signals] of the robot file"
+        )
     for column in wanted:
         count = list(known).count(column)
         if count == 0:

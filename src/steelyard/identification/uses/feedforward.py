@@ -162,8 +162,9 @@ def beyond_limits(joints: Sequence[Coordinate], motion: Motion, torque: Array) -
             )
     if found:
         yield (
-            "do not command these torques; accelerations of measured positions are noise: smooth "
-            "the positions, or give a planned motion"
+            "do not command these torques: accelerations of measured positions are noise, and a "
+            "table that does not begin and end at rest is stopped within its first or last "
+            "samples; smooth it, or give a planned motion from rest to rest"
         )
 
 
