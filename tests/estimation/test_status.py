@@ -53,19 +53,19 @@ def test_shares_are_those_of_efforts_in_a_moderate_motion(identified: Identified
     assert np.array(list(shares.values())) == pytest.approx(wanted.max(axis=0), rel=0.3)
 
 
-def test_a_small_parameter_is_near_zero_if_its_whole_interval_is(
+def test_a_parameter_has_a_small_effect_if_its_whole_interval_has(
     identified: IdentifiedModel,
 ) -> None:
     name = "viscous." + identified.joints[1]
     small = SMALL / effort_shares(with_one(identified, name, 0.0, 0.0))[name]
     for value, std, word in (
-        (0.0, 0.9 * small / Z95, "near zero"),
+        (0.0, 0.9 * small / Z95, "small effect"),
         (0.0, 1.2 * small / Z95, "poorly identified"),
-        (0.3 * small, 0.1 * small, "near zero"),  # significantly different from zero, but small
+        (0.3 * small, 0.1 * small, "small effect"),  # significantly different from zero, but small
         (3.0 * small, 1.0 * small, "poorly identified"),
         (3.0 * small, 0.5 * small, "identified"),
         (0.01 * small, 0.001 * small, "identified"),
-        (0.0, 0.0, "near zero"),
+        (0.0, 0.0, "small effect"),
         (0.0, 1e6, "poorly identified"),  # of a joint that never moved
         (float("nan"), 1.0, "poorly identified"),
     ):

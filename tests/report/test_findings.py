@@ -62,6 +62,19 @@ def test_rows_fit_the_terminal(width: int) -> None:
     assert text.count("much") == 120
 
 
+@pytest.mark.parametrize(
+    ("says", "before"),
+    [
+        ("efforts of joint_1 and joint_2 are reversed", "run: "),
+        ("efforts of joint_1 and joint_20 are reversed", "run: joint_1, joint_2: "),
+        ("efforts are reversed", "run: joint_1, joint_2: "),
+    ],
+)
+def test_joints_that_the_sentence_names_are_not_named_before_it(says: str, before: str) -> None:
+    finding = Finding("effort sign", "run", Severity.WRONG, says, "3 σ", ("joint_1", "joint_2"))
+    assert notes(Diagnosis((finding,))) == (f"check, effort sign: {before}{says} (3 σ)",)
+
+
 def test_what_is_ok_may_be_left_out() -> None:
     console = Console(file=io.StringIO(), width=80)
     show(many(Severity.OK, 2), console, fine=False)

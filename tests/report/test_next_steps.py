@@ -75,7 +75,7 @@ def test_where_much_is_unknown_another_motion_is_proposed(usual):
     assert commands(content)[0] == "steelyard excite arm.toml --earlier out --still-unknown"
 
 
-def test_parameters_near_zero_need_no_other_motion(usual):
+def test_parameters_of_small_effect_need_no_other_motion(usual):
     estimate = usual.identified.estimate
     names, units = estimate.parameters.names, estimate.parameters.units
     size = len(names) // 2

@@ -47,9 +47,9 @@ def test_every_field_of_the_json_output_has_one_section(usual: ReportContent) ->
 def test_the_page_has_the_level_and_what_parameters_are_good_for(usual: ReportContent) -> None:
     words = shown("verdict", replace(usual, scores=usual.scores[:1]))
     assert '<p class="headline">GOOD: Predicts unseen motion' in words
-    assert "13 base parameters: 9 identified, 1 near zero" in words
-    assert "<dt>base parameters, 10 of them identified or near zero</dt>" in words
-    assert "as single values use those identified or near zero." in words
+    assert "13 base parameters: 9 identified, 1 small effect" in words
+    assert "<dt>base parameters, 10 of them identified or of small effect</dt>" in words
+    assert "as single values use those identified only." in words
     alone = shown("verdict", replace(usual, only_errors=True))
     assert "as single values" not in alone and "9 identified" not in alone
 
@@ -184,15 +184,15 @@ def test_levels():
 
 def test_poor_parameters_are_marked(usual):
     table = rows(usual.identified)
-    words = ["identified", "poorly identified", "near zero", "identified"]
+    words = ["identified", "poorly identified", "small effect", "identified"]
     assert [row.status for row in table[:4]] == words
     assert table[-1].status == "not identifiable" and table[-1].value is None
     assert len(table) == len(usual.identified.base)
     html = shown("parameters", usual)
     assert html.count('<span class="hint fair alone">poorly identified</span>') == 1
-    assert html.count('<td class="text status">near zero</td>') == 1
-    assert html.count('class="bar"') == 2 * 12 - 1  # none of the one near zero
-    assert "12 in the table: 9 identified, 1 near zero, 1 poorly identified, 1 from the" in html
+    assert html.count('<td class="text status">small effect</td>') == 1
+    assert html.count('class="bar"') == 2 * 12 - 1  # none of the one with a small effect
+    assert "12 in the table: 9 identified, 1 small effect, 1 poorly identified, 1 from the" in html
     assert "mx.link of shoulder + 0.4 m.link of elbow" in html
     assert table[-1].name not in html
 

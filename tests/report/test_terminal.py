@@ -43,10 +43,32 @@ def test_the_summary_says_what_matters(usual):
     assert row(text, "joint") == ["joint", "error", "of used", "of rated", "used", "rated"]
     assert row(text, "elbow") == ["elbow", "1.50 Nm", "5.0\u00a0%", "3.0\u00a0%", "30.0", "50.0"]
     assert row(text, "pooled") == ["pooled", "1.27 Nm", "5.0\u00a0%", "2.5\u00a0%"]
-    assert "13 base parameters: 9 identified, 1 near zero, 1 poorly identified, 1 from the" in text
+    assert "13 base parameters: 9 identified, 1 small effect, 1 poorly identified, 1 from" in text
     assert "note: velocity: from positions" in text
     for detail in ("condition number", "offset.elbow", "below 8 Hz", "95 % bands", "Hampel"):
         assert detail not in text
+
+
+def test_good_says_for_how_many_joints_and_needs_half_of_them(usual):
+    score = usual.scores[0]
+    shoulder, elbow = score.errors.joints
+    light = replace(elbow, used=1.0, error=0.3, least=0.0)
+
+    def judged(*joints):
+        named = tuple(replace(one, joint=f"joint_{n}") for n, one in enumerate(joints, 1))
+        table = tuple(replace(score.joints[0], joint=one.joint) for one in named)
+        run = replace(score, joints=table, errors=replace(score.errors, joints=named))
+        return verdict(replace(usual, scores=(run,), limitations=()))
+
+    assert judged(shoulder, elbow, elbow).line.startswith("GOOD: Predicts")
+    most = judged(shoulder, elbow, light)
+    assert most.line.startswith("GOOD for 2 of 3 joints: Predicts unseen motion with an error of")
+    assert most.line.endswith("(joint_3 30.0\u00a0%)")
+    assert most.to_dict()["scope"] == "2 of 3 joints"
+    assert judged(shoulder, light).scope == "1 of 2 joints"
+    assert judged(shoulder, light, light).line.startswith("FAIR: Predicts")
+    resting = replace(light, counted=False)
+    assert judged(shoulder, elbow, light, resting).scope == "2 of 3 joints"
 
 
 def test_scales_of_the_efforts_stand_under_the_table(usual):
@@ -109,7 +131,7 @@ def test_the_details_are_printed_on_request(usual):
         "A",
     ]
     assert "13 base parameters, normalised condition number 41.5" in text
-    assert "1 near zero: Iyy.link of shoulder" in text
+    assert "1 small effect: Iyy.link of shoulder" in text
     assert "1 poorly identified: mz.link of shoulder" in text
     assert "1 not identifiable: offset.elbow" in text
     assert "note: Hampel threshold 15" in text

@@ -1,9 +1,9 @@
 r"""How well each base parameter is identified: the words of terminal, report, files and Python.
 
 A parameter is *identified* if its standard deviation is small next to its value. One that is small
-itself, such as a product of inertia of a symmetric link, can never be; it is *near zero* if no
-value of its 95 % interval causes much effort, in a motion that is the same for all parameters: at
-random states $i$ of the robot, with speeds and accelerations of 1 rad/s and 1 rad/s² (m/s, m/s²;
+itself, such as a product of inertia of a symmetric link, can never be; it has a *small effect* if
+no value of its 95 % interval causes much effort, in a motion that is the same for all parameters:
+at random states $i$ of the robot, with speeds and accelerations of 1 rad/s and 1 rad/s² (m/s, m/s²;
 root mean square), its contribution to joint $r$ is at most
 
 $$(|\hat\phi_k| + 1.96\,s_k)\,\frac{\mathrm{rms}_i\,Y_{rk}}{\mathrm{rms}_i\,\hat\tau_r}$$
@@ -25,7 +25,7 @@ from steelyard.regression.base import full_regressor
 
 Status = Literal[
     "identified",
-    "near zero",
+    "small effect",
     "poorly identified",
     "from the prior",
     "at a bound",
@@ -33,8 +33,8 @@ Status = Literal[
     "removed",
     "not identifiable",
 ]
-"""`identified`: standard deviation of at most `WELL` of the value; `near zero`: at most `SMALL` of
-every joint's effort, with any value of its interval; `poorly identified`: neither; `from the
+"""`identified`: standard deviation of at most `WELL` of the value; `small effect`: at most `SMALL`
+of every joint's effort, with any value of its interval; `poorly identified`: neither; `from the
 prior`: less than `FROM_DATA` of it are from the data; `at a bound`: of its law or of the robot
 file, so that it has no interval; `known`: given, not estimated; `removed`: zero in a reduced model;
 `not identifiable`: without any effect in the logs, or inseparable from others."""
@@ -97,7 +97,7 @@ def _status(value: float, std: float, share: float, from_data: float) -> Status:
         return "from the prior"
     if 100.0 * std <= WELL * abs(value) and value:
         return "identified"
-    return "near zero" if (abs(value) + Z95 * std) * share <= SMALL else "poorly identified"
+    return "small effect" if (abs(value) + Z95 * std) * share <= SMALL else "poorly identified"
 
 
 def _root_mean_square(values: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING, Any
@@ -126,8 +127,10 @@ def lines(edits: tuple[Edit, ...]) -> str:
 
 
 def place(finding: Finding) -> str:
-    """The log and the few joints that a finding is about; empty if it is about all."""
+    """The log and the few joints that a finding is about, unless its sentence names these."""
     few = finding.joints if len(finding.joints) <= NAMED else ()
+    if all(re.search(rf"(?<!\w){re.escape(joint)}(?!\w)", finding.says) for joint in few):
+        few = ()
     return ": ".join(part for part in (finding.log, ", ".join(few)) if part)
 
 

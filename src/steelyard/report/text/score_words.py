@@ -132,14 +132,14 @@ def joint_errors_of(runs: Sequence[BandErrors]) -> tuple[PooledError | None, ...
     return tuple(next(iter(pooled(errors)), None) for errors in own)
 
 
-def worse_joints(scores: Sequence[RunScore], limit: float) -> str:
-    """Joints with an error above `limit` [% of the effort used], the worst first; or nothing.
+def worse_joints(scores: Sequence[RunScore], limit: float) -> tuple[str, ...]:
+    """Joints with an error above `limit` [% of the effort used], the worst first, with the error.
 
     Joints at rest are none of them. With estimated scales of the efforts, the larger of the errors
     with and without them counts.
     """
     if all(run.errors.at_rest for run in scores):
-        return ""
+        return ()
     listed = []
     own = joint_errors(scores)
     logged = joint_errors_of(as_logged(run.errors for run in scores)) or own
@@ -152,9 +152,13 @@ def worse_joints(scores: Sequence[RunScore], limit: float) -> str:
         if error is not None and limit < round(error.percent_of_used, 1) < inf:
             share = percent(error.percent_of_used)
             listed.append((error.percent_of_used, f"{joint.joint} {share}"))
-    listed.sort(reverse=True)
-    more = f" and {len(listed) - NAMED} more" if len(listed) > NAMED else ""
-    return ", ".join(words for _, words in listed[:NAMED]) + more
+    return tuple(words for _, words in sorted(listed, reverse=True))
+
+
+def named(joints: Sequence[str]) -> str:
+    """The first ones by name, and the number of the others."""
+    more = f" and {len(joints) - NAMED} more" if len(joints) > NAMED else ""
+    return ", ".join(joints[:NAMED]) + more
 
 
 def without_percentage(scores: Sequence[RunScore]) -> list[str]:

@@ -11,6 +11,7 @@ from steelyard.report.content import ReportContent
 from steelyard.report.text.score_words import (
     basis_words,
     both_words,
+    named,
     other_errors,
     rated_words,
     without_percentage,
@@ -75,6 +76,7 @@ class Verdict:
         errors: Errors of the headline, one per unit of effort; none without an unseen run.
         as_logged: The same against the efforts as logged, if scales of the efforts were estimated.
         others: The relative errors in the band of the fit, as a sentence; or nothing.
+        scope: Which share of the joints is good, like `4 of 6 joints`; empty if all are.
     """
 
     headline: str
@@ -84,6 +86,7 @@ class Verdict:
     errors: tuple[PooledError, ...] = ()
     as_logged: tuple[PooledError, ...] = ()
     others: str = ""
+    scope: str = ""
 
     @property
     def percent_of_used(self) -> float | None:
@@ -96,13 +99,20 @@ class Verdict:
 
     @property
     def line(self) -> str:
-        """The headline behind its level in capitals; alone where there is nothing to judge by."""
-        return self.headline if self.level == "none" else f"{self.level.upper()}: {self.headline}"
+        """The headline behind its level in capitals; alone where there is nothing to judge by.
+
+        Behind `good` stands for how many joints, if not for all.
+        """
+        if self.level == "none":
+            return self.headline
+        scope = f" for {self.scope}" if self.scope and self.level == "good" else ""
+        return f"{self.level.upper()}{scope}: {self.headline}"
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values, without the limitations."""
         return {
             "level": self.level,
+            "scope": self.scope,
             "headline": self.headline,
             "detail": self.detail,
             "errors": [one.to_dict() for one in self.errors],
@@ -182,15 +192,18 @@ def _of_scores(content: ReportContent) -> Verdict:
             f"See the table. {detail}",
         )
     worse = worse_joints(scores, GOOD)
-    error = both_words(errors, logged) + (f" ({worse})" if worse else "")
+    error = both_words(errors, logged) + (f" ({named(worse)})" if worse else "")
+    moving = len({j.joint for run in scores for j in run.errors.joints if j.counted})
+    scope = f"{moving - len(worse)} of {count(moving, 'joint')}" if worse else ""
     if scaled >= 100.0:
         headline = f"Predicts {motion} no better than predicting zero: the error is {error}"
         return replace(plain, headline=headline, level="poor")
-    limited: Level = "good" if worst <= GOOD else "fair"
+    limited: Level = "good" if worst <= GOOD and 2 * len(worse) <= moving else "fair"
     level = max(level_of(scaled), limited, key=SEVERITY.index)
     if scores[0].repeats:
         level = max(level, "none", key=SEVERITY.index)
-    return replace(plain, headline=f"Predicts {motion} with an error of {error}", level=level)
+    headline = f"Predicts {motion} with an error of {error}"
+    return replace(plain, headline=headline, level=level, scope=scope)
 
 
 def _motion(scores: Sequence[RunScore]) -> str:

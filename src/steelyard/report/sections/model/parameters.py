@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 ORDER: tuple[Status, ...] = (
     "identified",
-    "near zero",
+    "small effect",
     "poorly identified",
     "at a bound",
     "known",
@@ -31,10 +31,10 @@ ORDER: tuple[Status, ...] = (
 )
 """How the line of the terminal counts the parameters."""
 
-GOOD: tuple[Status, ...] = ("identified", "near zero", "known", "removed")
-"""Parameters that may be used as single values."""
+GOOD: tuple[Status, ...] = ("identified", "small effect", "known", "removed")
+"""Parameters of which another motion would change little."""
 
-ONE_BY_ONE = "Predictions use all parameters; as single values use those identified or near zero."
+ONE_BY_ONE = "Predictions use all parameters; as single values use those identified only."
 """What a small error does not say."""
 
 NAMED = 8
@@ -124,7 +124,7 @@ def usable(identified: IdentifiedModel) -> tuple[str, ...]:
 
 
 def counts(table: Sequence[Row]) -> str:
-    """Like `40 identified, 3 near zero`, without removed parameters."""
+    """Like `40 identified, 3 small effect`, without removed parameters."""
     numbers = ((status, sum(row.status == status for row in table)) for status in ORDER)
     return ", ".join(f"{number} {status}" for status, number in numbers if number)
 

@@ -152,10 +152,10 @@ def _facts(content: ReportContent) -> list[tuple[str, str]]:
         ]
     if content.identified is not None:
         table = rows(content.identified)
-        well = sum(row.status in ("identified", "near zero") for row in table)
+        well = sum(row.status in ("identified", "small effect") for row in table)
         condition = significant(content.identified.estimate.condition_normalised, 2)
         left = sum(row.status not in ("removed", "known") for row in table)
-        facts.append((f"{left}", f"base parameters, {well} of them identified or near zero"))
+        facts.append((f"{left}", f"base parameters, {well} of them identified or of small effect"))
         facts.append((condition, "normalised condition number"))
     return facts
 
