@@ -131,6 +131,22 @@ def test_torques_beyond_the_limits_are_reported(
     assert done.exit_code == 0 and f"! {beyond[0].name}: " in done.stdout
 
 
+def test_a_part_of_a_motion_needs_the_same_torques(
+    identified: Path, motion: Path, tmp_path: Path
+) -> None:
+    whole = feedforward(identified, motion)
+    part = slice(60, 190)
+    moving = np.abs(whole.motion.dq[[60, 189]])
+    assert moving.min(axis=0).max() > 0.1
+    positions = whole.motion.q[part].T
+    columns = {f"q_{c.name}": q for c, q in zip(whole.joints, positions, strict=True)}
+    pl.DataFrame({"time_s": whole.motion.t[part], **columns}).write_csv(tmp_path / "part.csv")
+    found = feedforward(identified, tmp_path / "part.csv")
+    np.testing.assert_allclose(found.motion.t, whole.motion.t[part], atol=1e-12)
+    error = np.abs(found.torque - whole.torque[part]).max(axis=0)
+    assert (error < 0.01 * whole.peaks).all()
+
+
 def changed(identified: Path, folder: Path, **signals: object) -> Path:
     """The model with other signals."""
     data = json.loads((identified / "model.json").read_text())

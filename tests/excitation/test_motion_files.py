@@ -8,11 +8,16 @@ from scipy.interpolate import CubicSpline
 
 from steelyard.errors import DataError
 from steelyard.excitation.export.export import write_export
-from steelyard.excitation.trajectories.files import read_motion, trajectory_from_dict, write_motion
+from steelyard.excitation.trajectories.files import (
+    read_motion,
+    read_table,
+    trajectory_from_dict,
+    write_motion,
+)
 from steelyard.excitation.trajectories.fourier import FourierMotion
 from steelyard.excitation.trajectories.piecewise import from_scipy
 from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.excitation.trajectories.sampled import SampledMotion
+from steelyard.excitation.trajectories.sampled import SampledMotion, end_speeds
 from steelyard.robot.robot import Body, Coordinate, Robot
 
 
@@ -129,6 +134,33 @@ def test_speeds_at_the_ends_are_those_of_the_table(
             np.testing.assert_array_equal(
                 motion.derivative(fine, order), clamped.derivative(fine, order)
             )
+
+
+def test_a_table_may_begin_and_end_moving(robot: Robot, tmp_path: Path) -> None:
+    motion, path = raw(), tmp_path / "part.csv"
+    t = 1.0 + np.arange(1001) / 500.0
+    values = dict(zip(("time_s", "q1", "q2"), [t, *motion.derivative(t, 0).T], strict=True))
+    pl.DataFrame(values).write_csv(path)
+    table = read_table(path, robot)
+    assert table.start == 1.0 and not table.states_speeds
+    for order, close in enumerate((1e-10, 1e-7, 1e-3)):
+        wanted = motion.derivative(t, order)
+        error = np.abs(table.unstopped.derivative(t - 1.0, order) - wanted).max()
+        assert error < close * np.abs(wanted).max()
+    assert np.abs(table.motion.derivative([0.0, 2.0], 1)).max() < 1e-9
+    speeds = {"dq1": 0.0 * t, "dq2": 0.0 * t}
+    pl.DataFrame(values | speeds).write_csv(path)
+    stated = read_table(path, robot)
+    assert stated.states_speeds and stated.unstopped is stated.motion
+
+
+def test_speeds_of_ends_at_rest_are_zero() -> None:
+    t, q = table()
+    assert not end_speeds(t, q).any()
+    assert not end_speeds(t[:3], q[100:103]).any()
+    moving = end_speeds(t[:301], q[:301])
+    assert not moving[0].any()
+    np.testing.assert_allclose(moving[1], [-0.05 * np.pi / 2.0, -0.2 * np.pi / 2.0], rtol=1e-5)
 
 
 def test_json_is_read(robot: Robot, tmp_path: Path) -> None:

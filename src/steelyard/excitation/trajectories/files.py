@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from steelyard.excitation.trajectories.chained import ChainedMotion
 from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.excitation.trajectories.fourier import FourierMotion
 from steelyard.excitation.trajectories.piecewise import PiecewiseMotion
-from steelyard.excitation.trajectories.sampled import SampledMotion
+from steelyard.excitation.trajectories.sampled import SampledMotion, end_speeds
 from steelyard.excitation.trajectories.slowed import SlowedMotion
 from steelyard.excitation.trajectories.trended import TrendedMotion
 from steelyard.excitation.trajectories.windowed import WindowedMotion
@@ -25,6 +26,28 @@ from steelyard.suggest import advice
 
 _AT_REST = 1e-9
 """Speeds up to this are rounding [rad/s; m/s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionTable:
+    """A table of times and postures.
+
+    Attributes:
+        start: Time of the first row [s], which is time zero of the motion.
+        motion: The motion; at rest in the first and the last row unless the table states speeds.
+        states_speeds: Whether the table has speeds of all joints in these rows.
+    """
+
+    start: float
+    motion: SampledMotion
+    states_speeds: bool
+
+    @property
+    def unstopped(self) -> SampledMotion:
+        """The motion with `end_speeds` where the table states no speeds."""
+        if self.states_speeds:
+            return self.motion
+        return replace(self.motion, ends=end_speeds(self.motion.t, self.motion.q))
 
 
 def _chained(values: Mapping[str, Any]) -> ChainedMotion:
@@ -71,8 +94,8 @@ def read_motion(path: Path, robot: Robot) -> ExactTrajectory:
         DataError: The file is missing, is not a motion, or not one of this robot.
     """
     if not path.is_file():
-        raise _refused(path, "the file does not exist", "check its name and folder")
-    motion = _read_json(path, robot) if path.suffix == ".json" else _read_table(path, robot)
+        raise _missing(path)
+    motion = _read_json(path, robot) if path.suffix == ".json" else read_table(path, robot).motion
     joints = motion.sample([0.0]).n_joints
     if joints != robot.n:
         raise _refused(
@@ -124,8 +147,10 @@ def _read_json(path: Path, robot: Robot) -> ExactTrajectory:
     return motion
 
 
-def _read_table(path: Path, robot: Robot) -> SampledMotion:
-    """A motion from a table of times and postures."""
+def read_table(path: Path, robot: Robot) -> MotionTable:
+    """The table of a motion; columns and errors as of `read_motion`."""
+    if not path.is_file():
+        raise _missing(path)
     try:
         table = open_log(path)
     except LogError as error:
@@ -141,10 +166,13 @@ def _read_table(path: Path, robot: Robot) -> SampledMotion:
     for what, choices in wanted:
         name = _find(path, what, choices, names)
         columns.append(_numbers(table, name))
+    ends = _ends(table, names, robot)
+    moving = None if ends is None or np.abs(ends).max() <= _AT_REST else ends
     try:
-        return SampledMotion(columns[0], np.column_stack(columns[1:]), _ends(table, names, robot))
+        motion = SampledMotion(columns[0], np.column_stack(columns[1:]), moving)
     except ValueError as error:
         raise _refused(path, str(error), "sort the rows by time and drop repeated ones") from error
+    return MotionTable(float(columns[0][0]), motion, ends is not None)
 
 
 def _names(index: int, joint: Coordinate) -> list[str]:
@@ -154,7 +182,7 @@ def _names(index: int, joint: Coordinate) -> list[str]:
 
 
 def _ends(table: Log, names: Mapping[str, str], robot: Robot) -> Array | None:
-    """Speeds in the first and the last row, shape `(2, n)`; `None` if not given, or at rest."""
+    """Speeds in the first and the last row, shape `(2, n)`; `None` if not given."""
     found = []
     for j, joint in enumerate(robot.coordinates):
         choices = [f"dq{j + 1}_{joint.unit}_s", f"dq{j + 1}", f"dq_{joint.name.lower()}"]
@@ -163,9 +191,7 @@ def _ends(table: Log, names: Mapping[str, str], robot: Robot) -> Array | None:
         return None
     rows = _rows(table, found)
     ends = rows[[0, -1]] if len(rows) else np.zeros((2, robot.n))
-    if not np.isfinite(ends).all() or np.abs(ends).max() <= _AT_REST:
-        return None
-    return ends
+    return ends if np.isfinite(ends).all() else None
 
 
 def _rows(table: Log, columns: Sequence[str]) -> Array:
@@ -200,6 +226,10 @@ def _numbers(table: Log, name: str) -> Array:
             "correct or drop that row",
         )
     return values
+
+
+def _missing(path: Path) -> DataError:
+    return _refused(path, "the file does not exist", "check its name and folder")
 
 
 def _refused(path: Path, wrong: str, fix: str) -> DataError:

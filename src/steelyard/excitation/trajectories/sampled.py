@@ -78,3 +78,26 @@ class SampledMotion:
 
         start, end = np.zeros((2, self.q.shape[1])) if self.ends is None else self.ends
         return from_scipy(CubicSpline(self.t, self.q, bc_type=((1, start), (1, end))))
+
+
+def end_speeds(t: Array, q: Array) -> Array:
+    """Speeds of a table of postures in its first and its last row, which need not be at rest.
+
+    They are those of the not-a-knot cubic spline. A joint is at rest where its speed there is not
+    larger than the error of differentiation, taken as the difference from the parabola through the
+    three rows at that end. With fewer than four rows all joints are at rest.
+
+    Args:
+        t: Times, shape `(N,)` [s], increasing.
+        q: Postures, shape `(N, n)` [rad; m].
+
+    Returns:
+        Shape `(2, n)` [rad/s; m/s].
+    """
+    from scipy.interpolate import CubicSpline
+
+    if len(t) < 4:
+        return np.zeros((2, q.shape[1]))
+    speeds = CubicSpline(t, q)(t[[0, -1]], 1)
+    first, last = CubicSpline(t[:3], q[:3])(t[0], 1), CubicSpline(t[-3:], q[-3:])(t[-1], 1)
+    return np.where(np.abs(speeds) > np.abs(speeds - [first, last]), speeds, 0.0)

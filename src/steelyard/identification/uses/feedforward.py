@@ -15,7 +15,7 @@ from steelyard.control.usable import refuse_unknown_gains, remarks
 from steelyard.errors import DataError
 from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.excitation.export.points import grid_times
-from steelyard.excitation.trajectories.files import read_motion, read_named
+from steelyard.excitation.trajectories.files import read_named, read_table
 from steelyard.files import write_table
 from steelyard.motion import Motion
 from steelyard.robot.robot import Coordinate, Robot
@@ -118,7 +118,8 @@ def feedforward(
 
     Args:
         model: The model, its `model.json`, or the folder that contains it.
-        motion: `trajectory.json`, a table of times and positions, or samples.
+        motion: `trajectory.json`, a table of times and positions, or samples. A table keeps its
+            times, and may begin and end moving.
         joints: Names of the columns of samples; those of the model in its order if `None`.
         rate: Samples per second along a file [Hz].
         smoothing: Speed over which the sign of friction is smoothed [rad/s; m/s]; 0 for the sign.
@@ -162,9 +163,8 @@ def beyond_limits(joints: Sequence[Coordinate], motion: Motion, torque: Array) -
             )
     if found:
         yield (
-            "do not command these torques: accelerations of measured positions are noise, and a "
-            "table that does not begin and end at rest is stopped within its first or last "
-            "samples; smooth it, or give a planned motion from rest to rest"
+            "do not command these torques: accelerations of measured positions are noise; smooth "
+            "the positions, or give a planned motion"
         )
 
 
@@ -182,8 +182,9 @@ def _samples(
         )
     path = Path(motion)
     if path.suffix != ".json":
-        trajectory = read_motion(path, robot)
-        return trajectory.sample(grid_times(trajectory.duration, rate))
+        table = read_table(path, robot)
+        found = table.unstopped.sample(grid_times(table.motion.duration, rate))
+        return Motion(table.start + found.t, found.q, found.dq, found.ddq)
     trajectory, names = read_named(path)
     found = trajectory.sample(grid_times(trajectory.duration, rate))
     return ordered(found, names, robot, str(path))
