@@ -75,6 +75,19 @@ def test_where_much_is_unknown_another_motion_is_proposed(usual):
     assert commands(content)[0] == "steelyard excite arm.toml --earlier out --still-unknown"
 
 
+def test_where_a_joint_is_worse_than_good_another_motion_is_proposed(usual):
+    score = usual.scores[0]
+    shoulder, elbow = score.errors.joints
+    light = replace(elbow, used=1.0, error=0.3, least=0.0)
+    content = replace(
+        usual, scores=(replace(score, errors=replace(score.errors, joints=(shoulder, light))),)
+    )
+    assert commands(content) == [
+        "steelyard excite arm.toml --earlier out --still-unknown",
+        "steelyard export out --to urdf",
+    ]
+
+
 def test_parameters_of_small_effect_need_no_other_motion(usual):
     estimate = usual.identified.estimate
     names, units = estimate.parameters.names, estimate.parameters.units

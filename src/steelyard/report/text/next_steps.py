@@ -22,7 +22,7 @@ GEAR_SIDE = "gear side"
 
 MANY = 1.0 / 3.0
 """Share of base parameters that are poorly identified or not at all, above which a motion is
-advised."""
+advised; any share where a good model is not good for every joint."""
 
 OPEN = ("poorly identified", "not identifiable")
 """Statuses of parameters that other motion would identify."""
@@ -39,6 +39,7 @@ def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, .
         robot: The robot file as it was given.
         model: The folder with the model.
     """
+    judged, weak = verdict(content), _weak(content)
     steps = list(fixing(content, str(model), robot))
     robot, folder = path_word(robot), path_word(model)
     logs = " ".join(path_word(log) for log in content.logs.values())
@@ -47,7 +48,7 @@ def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, .
     steps += gear_side_steps(content.limitations, robot)
     if not content.scores:
         steps.append((f"steelyard validate {folder} OTHER_LOG", "error on another motion"))
-    elif verdict(content).level == "poor" and not steps:
+    elif judged.level == "poor" and not steps:
         steps.append((f"steelyard check {robot} {logs}", "errors in the logs or the robot file"))
     if content.friction is None and any(
         found.check == MODEL_ERROR and not found.severity for found in content.limitations
@@ -59,11 +60,12 @@ def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, .
                 'without "coulomb", "viscous" in terms',
             )
         )
-    if content.identified is not None and _weak(content) > MANY:
+    if weak > MANY or (weak and judged.level == "good" and judged.scope):
         command = f"steelyard excite {robot} --earlier {folder} --still-unknown"
         steps.append((command, "a motion for parameters that are poorly identified or not at all"))
-    if verdict(content).level == "good":
-        steps.append((f"steelyard export {folder} --to urdf", "use the model elsewhere"))
+    if judged.level == "good":
+        uses = "use the model, here as a URDF; also: feedforward, wrench, payload, watch"
+        steps.append((f"steelyard export {folder} --to urdf", uses))
     return tuple(steps)
 
 
