@@ -44,18 +44,30 @@ def test_a_good_log_is_ok(simulated: tuple[Path, Path], command: Command) -> Non
     assert len({finding["check"] for finding in printed["findings"]}) >= 12
 
 
-def test_efforts_are_not_judged_by_a_wrong_clock(
-    simulated: tuple[Path, Path], given: Path, command: Command, tmp_path: Path
+@pytest.mark.parametrize(
+    ("check", "line"),
+    [
+        ("clock", ('"time_s"', '"time_s"\ntime_unit = "ms"')),
+        ("position", ('"q{}_rad"', '"q{}_rad"\nposition_unit = "deg"')),
+    ],
+)
+def test_efforts_are_not_judged_by_a_wrong_clock_or_positions_in_another_unit(
+    check: str,
+    line: tuple[str, str],
+    simulated: tuple[Path, Path],
+    given: Path,
+    command: Command,
+    tmp_path: Path,
 ) -> None:
-    time = ('"time_s"', '"time_s"\ntime_unit = "ms"')
-    robot = edited(given, tmp_path, time, *CURRENTS)
+    robot = edited(given, tmp_path, line, *CURRENTS)
     done = command("check", robot, simulated[1], "--json")
     printed = json.loads(done.stdout)
     assert done.exit_code == 2
-    assert [f["check"] for f in printed["findings"] if f["severity"] != "ok"] == ["clock"]
-    assert [edit["path"] for edit in printed["edits"]] == [["signals", "time_unit"]]
+    assert [f["check"] for f in printed["findings"] if f["severity"] != "ok"] == [check]
+    key = {"clock": "time_unit", "position": "position_unit"}[check]
+    assert [edit["path"] for edit in printed["edits"]] == [["signals", key]]
     left = {f["check"]: f["says"] for f in printed["findings"] if not f["answered"]}
-    assert left == {JUDGED: NOT_RUN + CORRECTED}
+    assert left == {JUDGED: NOT_RUN.format(check) + CORRECTED}
     assert not {f["check"] for f in printed["findings"]} & {check.name for check in OF_MOTION}
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from robot.test_guess import TWO, numbered
+from steelyard.robot_file.signals import POSITION_UNITS, VELOCITY_UNITS
 from steelyard.robot_file.template.guess_columns import guess_columns
 from steelyard.robot_file.template.guess_velocities import compared
 
@@ -39,7 +40,8 @@ def test_good_velocities_are_used_beside_coarse_positions() -> None:
         (sampled(late=0.02), r"they are 20 ms late"),
         (sampled(late=0.2), "and they are 220 ms late"),
         (sampled(scale=1.1), "they are 1.1 times the derivative"),
-        (sampled(noise=0.3), "times that of differences of positions"),
+        (sampled(noise=0.03), "they are hardly less noisy than differentiated positions (noise 0."),
+        (sampled(noise=3.0), "they are noisier than differentiated positions ("),
         (sampled(reach=1e-3), "the first 4000 rows do not show whether they are good"),
     ],
 )
@@ -54,6 +56,22 @@ def test_velocities_in_degrees_are_used_with_their_unit() -> None:
         sample[name] = np.rad2deg(sample[name])
     guess = guess_columns(TWO, ["t", *numbered("q#", "dq#", "tau#")], sample)
     assert (guess.section.position_unit, guess.section.velocity_unit) == ("deg", "deg/s")
+
+
+@pytest.mark.parametrize(
+    ("positions", "velocities", "unit"),
+    [("rad", "deg/s", "deg/s"), ("deg", "rad/s", None), ("rad", "rpm", "rpm")],
+)
+def test_velocities_in_another_unit_than_positions_are_used_with_it(
+    positions: str, velocities: str, unit: str | None
+) -> None:
+    sample = sampled()
+    for k in (1, 2):
+        sample[f"q{k}"] /= POSITION_UNITS["revolute"][positions]
+        sample[f"dq{k}"] /= VELOCITY_UNITS["revolute"][velocities]
+    guess = guess_columns(TWO, ["t", *numbered("q#", "dq#", "tau#")], sample)
+    assert guess.section.velocity == "dq{}" and guess.section.velocity_unit == unit
+    assert f"are used, in {velocities}: they are the derivative" in guess.reasons[-1]
 
 
 @pytest.mark.parametrize("factor", [-1.0, 0.0, 3.0])

@@ -119,11 +119,25 @@ def test_gears_that_were_answered(tmp_path: Path) -> None:
 
 
 def test_positions_far_beyond_the_limits_are_of_motors() -> None:
-    guess = guessed(q_rad=R @ Q, tau=Q)
-    assert guess.section.coordinates == "motor" and guess.section.position_unit == "rad"
-    assert "times the joints' limits" in guess.reasons[1]
-    degrees = guessed(q=np.rad2deg(Q), tau=Q)
-    assert degrees.section.coordinates == "joint" and not degrees.contradictions
+    far = log(q_rad=4.0 * R @ Q, tau=Q)
+    within_in_degrees = log(q_rad=R @ Q, tau=Q)
+    of_motors = log(q_rad=R @ Q, tau_motor=Q)
+    for columns, geared in ((far, False), (within_in_degrees, True), (of_motors, False)):
+        guess = guess_columns(LIMITED, list(columns), columns, geared=geared)
+        assert guess.section.coordinates == "motor" and guess.section.position_unit == "rad"
+        assert "times the joints' limits" in guess.reasons[1]
+
+
+@pytest.mark.parametrize("name", ["q", "q_rad"])
+@pytest.mark.parametrize("rate", ["rad/s", "deg/s"])
+def test_degrees_are_recognised_whatever_their_names_say(name: str, rate: str) -> None:
+    scale = 1.0 if rate == "rad/s" else 180.0 / np.pi
+    derivative = np.gradient(Q, 0.01, axis=1)
+    guess = guessed(**{name: np.rad2deg(Q), "dq_rad_s": scale * derivative, "tau": Q})
+    assert guess.section.coordinates == "joint" and not guess.contradictions
+    assert guess.section.position_unit == "deg" and guess.velocity_unit in (rate, None)
+    assert (guess.velocity_unit is None) == (rate == "rad/s")
+    assert ("though their names say rad" in guess.reasons[1]) == (name == "q_rad")
 
 
 def test_counts_of_encoders_are_refused() -> None:

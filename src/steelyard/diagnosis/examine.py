@@ -16,6 +16,7 @@ from steelyard.diagnosis.decision.checks import (
 from steelyard.diagnosis.finding import Edit, Finding, Severity
 from steelyard.diagnosis.register import CHECKS, OF_MOTION
 from steelyard.diagnosis.signals.clock import Clock
+from steelyard.diagnosis.signals.position import Position
 from steelyard.diagnosis.together import together
 from steelyard.progress import report_progress
 
@@ -71,15 +72,15 @@ class Diagnosis:
 
 JUDGED = "efforts"
 """The checks of `OF_MOTION` together, where they are not made."""
-NOT_RUN = (
-    "the checks that compare efforts with a model are not run: the clock is wrong; correct it first"
-)
+PREMISES = (Clock.name, Position.name)
+"""Checks without which accelerations are unknown: where one is wrong, `OF_MOTION` is not asked."""
+NOT_RUN = "the checks that compare efforts with a model are not run: correct the {} first"
 CORRECTED = ", or --fix corrects it and checks again"
-"""How that is done where a line of the robot file corrects the clock."""
+"""How that is done where a line of the robot file corrects what is wrong."""
 
 
 def examine(case: Case, *, quick: bool = False, checks: Sequence[Check] | None = None) -> Diagnosis:
-    """Ask every check; of a log whose clock is wrong, none of `OF_MOTION`.
+    """Ask every check; of a log whose clock or positions are wrong, none of `OF_MOTION`.
 
     Args:
         case: Robot, logs and what is known beforehand.
@@ -113,11 +114,12 @@ def _asked(case: Case, checks: Sequence[Check], done: int, of: int) -> list[Find
 
 
 def _not_run(case: Case, findings: Sequence[Finding]) -> Iterator[Finding]:
-    """That checks are not made, for every log whose clock was found to be wrong."""
-    wrong = [f for f in findings if f.check == Clock.name and f.severity == Severity.WRONG]
+    """That checks are not made, for every log whose clock or positions were found to be wrong."""
+    wrong = [f for f in findings if f.check in PREMISES and f.severity == Severity.WRONG]
     for evidence in case.logs:
         mine = [f for f in wrong if f.log in ("", evidence.name)]
         if mine:
-            edits = any(f.fix is not None and f.fix.edits for f in mine)
-            says = NOT_RUN + CORRECTED * edits
+            edits = all(f.fix is not None and f.fix.edits for f in mine)
+            names = " and the ".join(dict.fromkeys(f.check for f in mine))
+            says = NOT_RUN.format(names) + CORRECTED * edits
             yield Finding(JUDGED, evidence.name, Severity.OK, says, "", answered=False)

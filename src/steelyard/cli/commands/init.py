@@ -158,7 +158,7 @@ def examined(
     from steelyard.robot_file.template.template import assigned, gears_of
 
     columns, sample = sample_of(logs[0].path) if logs else (None, None)
-    assignment = assigned(proposal, columns, sample, rate)
+    assignment = assigned(proposal, columns, sample, rate, stated.ratios is not None)
     guess, moving = assignment.guess, assignment.moving
     if guess is None:
         return assignment, Known(gravity=questions.mounting_of(_ask) if asking else None)

@@ -25,7 +25,7 @@ from steelyard.robot_file.template.guess_efforts import (
 from steelyard.robot_file.template.guess_motors import Gears, regressed
 from steelyard.robot_file.template.guess_positions import guess_positions
 from steelyard.robot_file.template.guess_time import beside, clock_of
-from steelyard.robot_file.template.guess_velocities import judged, rates
+from steelyard.robot_file.template.guess_velocities import judged
 
 Sample = Mapping[str, ArrayLike]
 _BY_NAME = "by the joints' names"
@@ -42,6 +42,7 @@ class Guess:
         reasons: Why, one sentence each, for the user.
         contradictions: Values that contradict the model file, one sentence each.
         gears: Gears between motors and joints, where the log has positions of both.
+        velocity_unit: Unit of all velocity columns, or one per joint; `None` for rad/s and m/s.
     """
 
     section: SignalsSection
@@ -50,6 +51,7 @@ class Guess:
     reasons: tuple[str, ...]
     contradictions: tuple[str, ...] = ()
     gears: Gears | None = None
+    velocity_unit: Any = None
 
     @property
     def motor_side(self) -> bool:
@@ -93,12 +95,20 @@ def guess_columns(
     columns: Sequence[str],
     sample: Sample | None = None,
     rate: float | None = None,
+    geared: bool = False,
 ) -> Guess:
     """The columns of time, positions and efforts, and their units.
 
     Columns are matched by the joints' names if they carry them, else by their numbers. Columns of
     targets and commands are passed over; velocities are used if the sample shows that they are
     worth it.
+
+    Args:
+        coordinates: The joints.
+        columns: Names of the log's columns.
+        sample: Some values of columns.
+        rate: Of the log's rows [Hz], if it has no column of time.
+        geared: Whether gear ratios are given: positions far beyond the limits are of motors then.
 
     Raises:
         LogError: They cannot be assigned.
@@ -113,9 +123,11 @@ def guess_columns(
     if counted := [c.name for c in effort if c.has(*COUNTS)]:
         give_up(f"efforts are in counts, which have no unit: {', '.join(counted)}", columns)
     effort_words, units = effort_units(effort, joints, values)
-    where = guess_positions(position, joints, values, columns)
+    geared = geared or all(c.of_motor for c in effort)
+    where = guess_positions(position, joints, values, columns, geared)
     velocity = _velocity(joints, kinds.get("velocity", []), how)
-    used, velocity_reason = judged(velocity, position, where.unit, clock, sample or {})
+    rates = judged(velocity, position, joints, where.unit, clock, sample or {})
+    used = rates.columns
     kind, side = _kind(effort, units)
     section = SignalsSection.model_validate(
         {
@@ -124,7 +136,7 @@ def guess_columns(
             "position": _short(position, joints),
             "position_unit": where.unit,
             **({"velocity": _short(used, joints)} if used else {}),
-            **({"velocity_unit": rates(where.unit)} if used and where.unit else {}),
+            **({"velocity_unit": rates.unit} if used and rates.unit else {}),
             "effort": {
                 "columns": _short(effort, joints),
                 "kind": kind,
@@ -140,14 +152,14 @@ def guess_columns(
         + others(effort, kinds.get("effort", [])),
     ]
     if velocity:
-        reasons.append(velocity_reason)
+        reasons.append(rates.reason)
     left = () if used else tuple(c.name for c in velocity)
     contradictions = where.contradictions
     if kind != "motor_current" and side == "joint":
         contradictions += beyond_effort(effort, joints, values)
     gears = None if where.motors else _gears(joints, position, kinds.get("position", ()), sample)
     names = tuple(c.name for c in joints)
-    return Guess(section, names, left, tuple(reasons), contradictions, gears)
+    return Guess(section, names, left, tuple(reasons), contradictions, gears, rates.unit)
 
 
 def _kind(effort: Sequence[Column], units: Sequence[str]) -> tuple[str, str]:

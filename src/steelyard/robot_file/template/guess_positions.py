@@ -35,14 +35,19 @@ def guess_positions(
     joints: Sequence[Coordinate],
     values: Mapping[str, Array],
     every: Sequence[str],
+    geared: bool = False,
 ) -> PositionGuess:
     """Unit and side of position columns, by their names and by the joints' limits.
+
+    Positions far beyond the limits in rad, but within them in deg, are in deg whatever their names
+    say, unless they are known to be behind gears.
 
     Args:
         columns: The position columns.
         joints: Their joints.
         values: Finite values of columns.
         every: All columns of the log, for messages.
+        geared: Whether gear ratios are given, or efforts are of motors by their names.
 
     Raises:
         LogError: They are counts, which have no unit.
@@ -66,6 +71,13 @@ def guess_positions(
                 "convert them to rad or m in the log: counts per turn (data sheet) and, if they "
                 f"are the motors', gear ratios; then {IN_FILE}",
             )
+        degrees = None if geared else _degrees(columns, joints, units, values)
+        if degrees is not None:
+            return PositionGuess(
+                degrees,
+                f"in deg though their names say rad, in which they would be up to "
+                f"{max(beyond):.3g} times the joints' limits (if they are of motors: --ratios)",
+            )
         unit, unit_reason = _motor_unit(columns)
         why = f"up to {max(beyond):.3g} times the joints' limits: of motors, not of joints"
         return PositionGuess(unit, f"{why}; {unit_reason}", motors=True)
@@ -79,6 +91,21 @@ def guess_positions(
         f"{max(far)[1]}{more}: unit, columns or joint order are wrong, or the limits"
     )
     return PositionGuess(unit, reason, contradictions=(contradiction,))
+
+
+def _degrees(
+    columns: Sequence[Column],
+    joints: Sequence[Coordinate],
+    units: Sequence[str | None],
+    values: Mapping[str, Array],
+) -> Any:
+    """Units with deg for rad, if all positions are within the joints' limits then; else `None`."""
+    own = [unit or joint.unit for unit, joint in zip(units, joints, strict=True)]
+    other = ["deg" if unit == "rad" else unit for unit in own]
+    scales = [SMALL_UNITS.get(unit, 1.0) for unit in other]
+    if own == other or max(beyond_limits(columns, joints, scales, values)) > BEYOND:
+        return None
+    return other[0] if len(set(other)) == 1 else other
 
 
 def _motor_unit(columns: Sequence[Column]) -> tuple[str | None, str]:

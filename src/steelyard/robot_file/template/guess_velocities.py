@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array
+from steelyard.robot.robot import Coordinate
 from steelyard.robot_file.column_names import Column
-from steelyard.robot_file.signals import TIME_UNITS
+from steelyard.robot_file.signals import TIME_UNITS, VELOCITY_UNITS
 from steelyard.robot_file.template.give_up import listed
 
 LEAST_ROWS, LEAST_SECONDS, LEAST_RANGE = 200, 0.5, 0.05
@@ -31,6 +32,23 @@ SMOOTHED = 0.1
 
 SMALL_UNITS = {"deg": np.pi / 180.0, "mm": 1e-3}
 """Units of positions that are not rad or m."""
+RATES = {"rad": "rad/s", "deg": "deg/s", "m": "m/s", "mm": "mm/s"}
+"""Units of velocities by those of positions."""
+
+
+@dataclass(frozen=True)
+class VelocityGuess:
+    """Velocity columns that are used, all or none, their unit, and why.
+
+    Attributes:
+        columns: The columns; none if they are left out.
+        unit: One for all, one per joint, or `None` for rad/s and m/s; also of those left out.
+        reason: For the user, in words.
+    """
+
+    columns: tuple[Column, ...]
+    unit: Any
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -57,10 +75,15 @@ class Comparison:
         return f"{_figures(abs(1e3 * self.late))} ms {'late' if self.late >= 0.0 else 'early'}"
 
     @property
+    def scaled(self) -> bool:
+        """Whether they are not the derivative, but a multiple of it."""
+        return abs(self.scale - 1.0) > SCALE
+
+    @property
     def faults(self) -> tuple[str, ...]:
         """Why they are not to be used, in words; empty if they are."""
         found = []
-        if abs(self.scale - 1.0) > SCALE:
+        if self.scaled:
             found.append(f"they are {_figures(1.0 / self.scale, 3)} times the derivative")
         elif abs(self.farthest - 1.0) > OF_JOINT:
             found.append("one joint's are not the derivative of its position")
@@ -68,7 +91,11 @@ class Comparison:
             found.append(f"they are {self.delay}")
         if self.noise > NOISE:
             found.append(
-                f"their noise is {_figures(self.noise)} times that of differences of positions"
+                f"they are hardly less noisy than differentiated positions (noise "
+                f"{_figures(self.noise)} times as large, bound {NOISE:g})"
+                if self.noise < 1.0
+                else f"they are noisier than differentiated positions "
+                f"({_figures(self.noise)} times)"
             )
         return tuple(found)
 
@@ -76,15 +103,17 @@ class Comparison:
 def judged(
     velocity: Sequence[Column],
     position: Sequence[Column],
+    joints: Sequence[Coordinate],
     unit: Any,
     clock: Mapping[str, Any],
     sample: Mapping[str, ArrayLike],
-) -> tuple[tuple[Column, ...], str]:
-    """Velocity columns that are used, all or none, and why.
+) -> VelocityGuess:
+    """Velocity columns that are used, all or none, their unit, and why.
 
     Args:
         velocity: Columns that look like velocities, joint by joint.
         position: The position columns.
+        joints: Their joints.
         unit: Of the positions: one, one per joint, or `None` for rad and m.
         clock: What the robot file says of time.
         sample: Values of columns from the first row on.
@@ -92,34 +121,64 @@ def judged(
     names = [c.name for c in (*position, *velocity)]
     shown = listed(velocity)
     if not velocity or not sample.keys() >= {*names, *([clock["time"]] if "time" in clock else [])}:
-        return (), f"velocities ({shown}) are left out, as they are often late"
+        return VelocityGuess((), None, f"velocities ({shown}) are left out, as they are often late")
     values = [np.asarray(sample[name], dtype=np.float64) for name in names]
     rows = np.arange(len(values[0]), dtype=np.float64)
     t = rows / clock["rate"] if "rate" in clock else np.asarray(sample[clock["time"]], np.float64)
     t = t * TIME_UNITS[str(clock.get("time_unit", "s"))]
     units = [unit] * len(position) if unit is None or isinstance(unit, str) else unit
-    scales = [SMALL_UNITS.get(str(one), 1.0) for one in units]
-    q, v = (
-        [x * s for x, s in zip(part, scales, strict=True)]
-        for part in (values[: len(position)], values[len(position) :])
-    )
-    found = compared(t, q, v)
+    units = [one or joint.unit for one, joint in zip(units, joints, strict=True)]
+    q = [x * SMALL_UNITS.get(one, 1.0) for x, one in zip(values, units, strict=False)]
+    own = [RATES[one] for one in units]
+    found, rates = _in_unit(t, q, values[len(q) :], own, joints)
+    unit_words = f"in {' and '.join(dict.fromkeys(rates))}" if rates != own else ""
     if found is None:
         why = f"left out, as the first {len(rows)} rows do not show whether they are good"
     elif found.faults:
         why = f"left out, as {' and '.join(found.faults)}"
+        why += f"; they are {unit_words}" if unit_words else ""
     else:
         why = (
-            f"used: they are the derivative of the positions, {found.delay}, with "
-            f"{found.noise:.2g} times the noise of differences of positions"
+            f"used{f', {unit_words}' if unit_words else ''}: they are the derivative of the "
+            f"positions, {found.delay}, with {found.noise:.2g} times the noise of differences of "
+            "positions"
         )
     used = tuple(velocity) if found is not None and not found.faults else ()
-    return used, f"velocities ({shown}) are {why}"
+    usual = rates == [RATES[joint.unit] for joint in joints]
+    one = None if usual else rates[0] if len(set(rates)) == 1 else rates
+    return VelocityGuess(used, one, f"velocities ({shown}) are {why}")
 
 
-def rates(unit: Any) -> Any:
-    """Units of velocities from those of positions."""
-    return f"{unit}/s" if isinstance(unit, str) else [f"{one}/s" for one in unit]
+def _in_unit(
+    t: Array,
+    q: Sequence[Array],
+    logged: Sequence[Array],
+    own: Sequence[str],
+    joints: Sequence[Coordinate],
+) -> tuple[Comparison | None, list[str]]:
+    """Velocities in the positions' unit per second, or in the one in which they are the derivative.
+
+    Args:
+        t: Time, shape `(N,)` [s].
+        q: Positions, joint by joint, each `(N,)` [rad; m].
+        logged: Velocities as logged, likewise.
+        own: Units of the positions, per second.
+        joints: Their joints.
+    """
+
+    def read(units: Sequence[str]) -> Comparison | None:
+        scales = [VELOCITY_UNITS[j.kind][unit] for unit, j in zip(units, joints, strict=True)]
+        return compared(t, q, [scale * v for scale, v in zip(scales, logged, strict=True)])
+
+    first = read(own)
+    if first is None or not first.scaled:
+        return first, list(own)
+    for other in VELOCITY_UNITS["revolute"]:
+        units = [other if j.kind == "revolute" else u for u, j in zip(own, joints, strict=True)]
+        found = read(units)
+        if found is not None and not found.scaled:
+            return found, units
+    return first, list(own)
 
 
 def compared(t: Array, q: Sequence[Array], v: Sequence[Array]) -> Comparison | None:

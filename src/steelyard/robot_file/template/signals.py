@@ -133,7 +133,7 @@ def _velocity_lines(guess: Guess) -> str:
         return ""
     mark = "" if section.velocity is not None else "# "
     known = "" if section.velocity_unit is not None else "# "
-    listed, unit = section.velocity or guess.velocity, section.velocity_unit or "rad/s"
+    listed, unit = section.velocity or guess.velocity, guess.velocity_unit or "rad/s"
     return f"""
 # Measured velocities are often filtered and late; without them positions are differentiated.
 {mark}velocity = {toml_text(listed)}

@@ -81,6 +81,7 @@ def assigned(
     columns: Sequence[str] | None,
     sample: Sample | None,
     rate: float | None = None,
+    geared: bool = False,
 ) -> Assignment:
     """Joints to identify, and the columns of a log.
 
@@ -89,6 +90,7 @@ def assigned(
         columns: Names of the log's columns; `None` without a log.
         sample: Some values of the columns, for their units.
         rate: Of the log's rows [Hz], if it has no column of time.
+        geared: Whether gear ratios are given.
 
     Raises:
         LogError: Nothing but the time is missing, and no rate is given.
@@ -99,7 +101,7 @@ def assigned(
     if columns is None:
         return Assignment(None, free, free)
     try:
-        guess = _behind_the_gears(guess_columns(free, columns, sample, rate), robot.name)
+        guess = _behind_the_gears(guess_columns(free, columns, sample, rate, geared), robot.name)
     except LogError as error:
         if rate is None and _assignable(free, columns, sample):
             raise LogError(error.wrong, where=error.where, fix=GIVE_RATE) from error
