@@ -7,6 +7,7 @@ import pytest
 from closed_chains import five_bar
 from steelyard.arrays import Array
 from steelyard.errors import DataError
+from steelyard.identification.descriptions import dropped, first_dropped
 from steelyard.measurement import Processing, Recording, prepare
 from steelyard.measurement.closure_failures import open_stretches
 from steelyard.measurement.recording import LogInMemory
@@ -91,6 +92,14 @@ def test_open_stretches_are_reported_with_time_and_gap() -> None:
         assert 0.0 < stretch.gap < 0.02
         assert f"from {stretch.start:.4f} s" in str(stretch) and "closure error" in str(stretch)
     assert open_stretches(run_of(), Model(robot()).bodies_only.robot) == ()
+
+
+def test_the_first_stretch_is_printed_with_the_number_of_others() -> None:
+    run, model = run_of(), Model(robot())
+    stretches = dropped(model, [run])
+    assert len(stretches) == 2
+    assert first_dropped(stretches) == (f"{stretches[0]}; 1 more with -v",)
+    assert first_dropped(stretches[:1]) == stretches[:1] and first_dropped(()) == ()
 
 
 def test_dropped_samples_leave_no_trace() -> None:

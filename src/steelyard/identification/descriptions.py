@@ -94,3 +94,9 @@ def dropped(model: Model, runs: Sequence[Run]) -> tuple[str, ...]:
     if model.robot.open_loops != "drop":
         return ()
     return tuple(str(one) for run in runs for one in open_stretches(run, model.robot))
+
+
+def first_dropped(stretches: Sequence[str]) -> tuple[str, ...]:
+    """The first of `dropped` and the number of the others; nothing without any."""
+    more = f"; {len(stretches) - 1} more with -v" if len(stretches) > 1 else ""
+    return tuple(f"{first}{more}" for first in stretches[:1])

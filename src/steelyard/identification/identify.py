@@ -21,6 +21,7 @@ from steelyard.identification.descriptions import (
     commanded_note,
     dropped,
     dropped_rows,
+    first_dropped,
     notes_of,
     provenance,
     settings,
@@ -227,8 +228,10 @@ def identify(
         refuse_absurd(found.identified, file.reference)
     found = calibrated(found, cores, progress)
     unseen = tuple(found.alike(run) for run in unseen)
-    details = (*notes_of((*clean, *unseen)), *found.notes, *dropped(model, (*clean, *unseen)))
-    notes = (*file.notes, *reasons, *lost, *found.ignored, *unresolved)
+    open_loops = dropped(model, (*clean, *unseen))
+    details = (*notes_of((*clean, *unseen)), *found.notes, *open_loops[1:])
+    notes = (*file.notes, *reasons, *lost, *first_dropped(open_loops), *found.ignored)
+    notes += unresolved
     content = _content(found, unseen, (*clean, *unseen), unknown if commanded else (), progress)
     notes += commanded_note(found.identified, content.scores)
     files = [*known, *carrying, *unknown]

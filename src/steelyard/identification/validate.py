@@ -15,6 +15,7 @@ from steelyard.identification.descriptions import (
     commanded_note,
     dropped,
     dropped_rows,
+    first_dropped,
     notes_of,
     settings,
 )
@@ -156,6 +157,7 @@ def _content(
     known: Sequence[bool],
 ) -> ReportContent:
     """What the report shows; `known` says which runs the model was fitted to."""
+    open_loops = dropped(identified.model, runs)
     again = tuple(score for score, old in zip(scores, known, strict=True) if old)
     return ReportContent(
         title=f"{identified.model.robot.name}: validation",
@@ -166,10 +168,11 @@ def _content(
         qualities=tuple((run.name, run.quality.rows_of_text) for run in runs),
         notes=(
             *dropped_rows(runs),
+            *first_dropped(open_loops),
             *commanded_note(identified, scores),
             *(f"{score.run} was fitted: its score does not validate the model" for score in again),
         ),
-        details=(*notes_of(runs), *dropped(identified.model, runs)),
+        details=(*notes_of(runs), *open_loops[1:]),
         settings=settings(identified),
         only_errors=True,
     )
