@@ -35,6 +35,16 @@ def test_an_offset_is_doubtful_with_the_line_that_corrects_it(tmp_path: Path) ->
     np.testing.assert_allclose(edit.value, [0.0, 0.2, 0.0, 0.0, 0.0, 0.0], atol=0.01)
 
 
+def test_zeros_that_are_quarter_turns_away_are_doubtful(tmp_path: Path) -> None:
+    (finding,) = JointZeros()(case(tmp_path, (0.0, 0.5 * np.pi, -0.5 * np.pi, 0.0, 0.0, 0.0)))
+    assert finding.severity == Severity.DOUBTFUL and finding.joints == ("shoulder_lift", "elbow")
+    assert "a quarter or half turn from those of the model file" in finding.says
+    assert finding.fix is not None
+    (edit,) = finding.fix.edits
+    assert edit.path == ("signals", "position_offset")
+    np.testing.assert_allclose(edit.value, [0.0, 1.5708, -1.5708, 0.0, 0.0, 0.0], atol=1e-4)
+
+
 def test_with_that_line_no_offset_stands_out(tmp_path: Path) -> None:
     line = "position_offset = [0.0, 0.2, 0.0, 0.0, 0.0, 0.0]"
     (finding,) = JointZeros()(case(tmp_path, (0.0, 0.2, 0.0, 0.0, 0.0, 0.0), line))

@@ -11,9 +11,17 @@ import pytest
 from scipy.signal import lfilter
 
 from diagnosis.fitted import case, demo_arm, log
+from steelyard.arrays import Array
 from steelyard.diagnosis import Finding, Severity
+from steelyard.diagnosis.causes import Cause
+from steelyard.diagnosis.fitted import model_error
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
-from steelyard.diagnosis.fitted.model_error import ModelError, beginnings
+from steelyard.diagnosis.fitted.model_error import ModelError
+from steelyard.diagnosis.left_out_gain import LeftOutGain
+from steelyard.diagnosis.ranked_causes import beginnings
+from steelyard.estimation.fields.fields import information_from
+from steelyard.regression.information import Information
+from steelyard.regression.regressor import base_regressor
 from steelyard.robot.robot import Body, Robot
 from steelyard.robot_file.file import LoadedRobot
 from steelyard.terms.laws.load_dependent import LoadDependent
@@ -99,8 +107,83 @@ def test_a_friction_law_that_lacks_is_a_remark(
     causes = finding.says.partition("not additive): ")[2]
     assert f"(term {term.law})" in causes.split(",")[0]
     assert "geometry" not in causes  # many columns explain anything; single causes are named
-    assert f"(term {term.law}) would explain most" in finding.brief
-    assert finding.brief.endswith("Try it, and keep it if the error on unseen motion falls")
+    assert f"(term {term.law}) the error on left-out motion falls from " in finding.brief
+    assert finding.brief.endswith(" %. Add it to [model] terms")
+    assert finding.says.endswith("; by least squares without prior, one run left out in turn")
+
+
+def test_a_gain_on_left_out_motion_is_that_of_a_fit_to_the_other_run(
+    loaded: LoadedRobot, tmp_path: Path
+) -> None:
+    paths = [tmp_path / f"run{seed}.parquet" for seed in (1, 2)]
+    term = Stribeck(speed=0.1)
+    truth = random_truth(loaded.robot, 1, terms=(*DEFAULT_TERMS, term))
+    for seed, path in enumerate(paths, start=1):
+        log(path, truth, seed)
+    fitted = case(loaded, paths)
+    cause, gain = fitted.tested[0]
+    assert cause.kind == term.law and gain is not None and gain.confirmed
+    model, weights = fitted.identified.model, 1.0 / np.square(fitted.identified.estimate.sigma)
+    for terms, error in ((model.terms, gain.before), ((*model.terms, term), gain.after)):
+        regressor = base_regressor(replace(model, terms=terms))
+        first, second = (information_from([run])(regressor) for run in fitted.fitted)
+        assert error == pytest.approx(left_out_error(first, second, weights), rel=0.02)
+
+
+def left_out_error(first: Information, second: Information, weights: Array) -> float:
+    """The error on each run from the other [%], by the normal equations themselves."""
+    logs = []
+    for fitted, tested in ((first, second), (second, first)):
+        matrix, vector, _ = fitted.normal(weights)
+        scale = np.sqrt(np.diag(matrix))
+        values = np.linalg.solve(matrix / scale[:, None] / scale, vector / scale) / scale
+        squares, sizes = tested.residual_squares(values), tested.effort_squares()
+        typical = np.exp(np.mean(np.log(np.sqrt(squares / sizes))))
+        logs.append(np.log(100.0 * np.sqrt(typical * np.sqrt(squares.sum() / sizes.sum()))))
+    return float(np.exp(np.mean(logs)))
+
+
+def test_a_term_that_predicts_other_motion_worse_is_not_recommended(
+    loaded: LoadedRobot, tmp_path: Path
+) -> None:
+    paths = [tmp_path / f"run{seed}.parquet" for seed in (1, 2)]
+    for stiffness, seed, path in zip((6.0, 0.0), (1, 2), paths, strict=True):
+        log(path, random_truth(loaded.robot, 1), seed)
+        table = pl.read_parquet(path)
+        pulled = [pl.col(f"tau{k}_Nm") + stiffness * pl.col(f"q{k}_rad") for k in range(1, 7)]
+        table.with_columns(pulled).write_parquet(path)
+    fitted = case(loaded, paths)
+    (finding,) = ModelError()(fitted)
+    assert "a spring (term spring) would explain most" in finding.brief
+    assert ": not confirmed on left-out motion (error " in finding.brief
+    assert "Add it" not in finding.brief and finding.fix is None
+    run = fitted.fitted[0]
+    (once,) = ModelError()(replace(fitted, fitted=(run, run)))
+    assert once.brief.endswith("not tested on left-out motion, the logs are too short")
+
+
+@pytest.mark.parametrize("turns", [(0, 1, -1, 0, 0, 0), (0, 0, 2, 0, -1, 0)])
+def test_zeros_that_are_quarter_turns_away_are_found(
+    turns: tuple[int, ...], loaded: LoadedRobot, tmp_path: Path
+) -> None:
+    offset = [0.5 * np.pi * turn for turn in turns]
+    (finding,) = found(loaded, tmp_path, offset=offset)
+    assert finding.severity == Severity.DOUBTFUL and finding.fix is not None
+    assert "a quarter or half turn from those of the model file" in finding.brief
+    (edit,) = finding.fix.edits
+    assert edit.path == ("signals", "position_offset")
+    np.testing.assert_allclose(np.cos(np.subtract(edit.value, offset)), 1.0, atol=1e-6)
+
+
+def test_errors_of_models_with_scales_are_to_be_compared_as_logged() -> None:
+    spring = Cause("spring", "", "a spring", ("spring.a",), 100.0, 0.5)
+    tested = ((spring, LeftOutGain(3.0, 2.0, True, "run")),)
+    advice = model_error.advice(tested, False)
+    assert (
+        advice == "With a spring the error on left-out motion falls from 3 to 2 %. Add it to "
+        "[model] terms"
+    )
+    assert model_error.advice(tested, True).startswith(f"{advice}; compare the errors as logged")
 
 
 def test_slow_noise_is_named_where_no_cause_explains_the_residuals(

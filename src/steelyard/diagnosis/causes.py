@@ -56,7 +56,7 @@ class Cause:
             the law of a term.
         joint: The joint; empty if it is about all.
         says: In a few words.
-        columns: Number of its columns.
+        names: Names of its columns.
         chi2: What it takes from chi square.
         share: Of the chi square that noise does not account for, 0 to 1.
     """
@@ -64,9 +64,14 @@ class Cause:
     kind: str
     joint: str
     says: str
-    columns: int
+    names: tuple[str, ...]
     chi2: float
     share: float
+
+    @property
+    def columns(self) -> int:
+        """Number of its columns."""
+        return len(self.names)
 
     @property
     def rank(self) -> float:
@@ -110,7 +115,7 @@ def causes(
     for kind, joint, says, columns in _groups(model, names):
         chi2 = _explained(score, left, [names.index(column) for column in columns])
         share = min(1.0, chi2 / excess) if excess > 0.0 else 0.0
-        found.append(Cause(kind, joint, says, len(columns), chi2, share))
+        found.append(Cause(kind, joint, says, columns, chi2, share))
     return tuple(sorted(found, key=lambda cause: -cause.rank))
 
 

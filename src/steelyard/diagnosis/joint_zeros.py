@@ -6,13 +6,15 @@ import numpy as np
 
 from steelyard.diagnosis.case import Case
 from steelyard.diagnosis.finding import Finding, Severity
-from steelyard.diagnosis.fitted.model_error import (
+from steelyard.diagnosis.identifiability import clean_runs, customary_model
+from steelyard.diagnosis.ranked_causes import (
+    Ranked,
     beginnings,
     can_be_ranked,
     ranked_causes,
     residuals,
 )
-from steelyard.diagnosis.identifiability import clean_runs, customary_model
+from steelyard.diagnosis.turned_zeros import turned_zeros
 from steelyard.diagnosis.zero_offset import correction, estimated_offsets, far_offsets, numbers
 from steelyard.errors import SteelyardError
 from steelyard.estimation.fields.fields import information_from
@@ -53,7 +55,26 @@ def _found(model: Model, runs: tuple[Run, ...]) -> Finding:
         information_of(base_regressor(model))
     )
     ranked = ranked_causes(model, estimate, runs)
-    offsets = estimated_offsets(model, runs)
+    found = _by_derivatives(ranked, estimated_offsets(model, runs))
+    if found.severity or not ranked.of_geometry:
+        return found
+    turned = turned_zeros(model, estimate.sigma, runs)
+    if turned is None:
+        return found
+    figure = residuals(ranked.beside)
+    return Finding(
+        JointZeros.name,
+        "",
+        Severity.DOUBTFUL,
+        turned.says,
+        figure,
+        joints=turned.joints,
+        fix=turned.fix,
+    )
+
+
+def _by_derivatives(ranked: Ranked, offsets: ZeroOffsets | None) -> Finding:
+    """What offsets within reach of derivatives say."""
     if offsets is None:
         says = "not estimated: too few samples"
         return Finding(JointZeros.name, "", Severity.OK, says, "", answered=False)

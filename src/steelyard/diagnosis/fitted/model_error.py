@@ -1,55 +1,25 @@
 """Residuals far above the measurement noise: the model is incomplete, and what most likely."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
-from steelyard.diagnosis.causes import Cause, causes, wide_model
+from steelyard.diagnosis.causes import Cause
 from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
+from steelyard.diagnosis.left_out_gain import LeftOutGain
+from steelyard.diagnosis.ranked_causes import Ranked, residuals, times
+from steelyard.diagnosis.turned_zeros import turned_zeros
 from steelyard.diagnosis.zero_offset import correction, estimated_offsets, far_offsets, numbers
-from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.fields.fields import information_from
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimation.least_squares.sandwich import inflations
-from steelyard.estimation.per_run import own_columns
 from steelyard.measurement.run import Run
-from steelyard.model import Model
-from steelyard.regression.base import base_parameters
-from steelyard.regression.regressor import base_regressor
-from steelyard.validation.friction.mixes import remembers
-from steelyard.validation.residuals import ResidualNoise, residual_noise
+from steelyard.validation.residuals import ResidualNoise
 
 FAR = 2.0
 """Residual over the noise's upper bound from which on the model is incomplete."""
 
-ABOVE = 1.5
-"""Residual over noise from which on a joint is counted among those that are above it."""
-
 LARGE = 10.0
 """Error of the fitted runs [%] from which on the noise is reported as unknown."""
-
-SHARE = 0.2
-"""Share of what noise does not explain from which on a cause is named."""
-
-NAMED = 3
-"""Most causes that are named."""
-
-CLEAR = 1.5
-"""How many times more than a lack of friction an error of the geometry or of an effort must
-explain to be blamed: on five real robots friction explains more than any such error."""
-
-LEAST, EACH = 25.0, 3.0
-"""Chi square that it must explain, and more per column, over the factor by which the estimate
-scatters more than by white residuals: a single column reaches 25 by noise once in a million."""
-
-ALIKE = 0.8
-"""Rank over the first's from which on another error is named beside it."""
-
-MOST_RUNS, MOST_SAMPLES = 20, 200_000
-"""Runs and samples that are looked at: more make no cause clearer, but take time."""
 
 ADVICE = {
     "gain": "Check the gain and unit of this effort",
@@ -58,27 +28,16 @@ ADVICE = {
 }
 """What to do about a cause, by its kind; of the geometry otherwise."""
 
-TRIED = "Try it, and keep it if the error on unseen motion falls"
-"""What to do about a term that a model may lack."""
+ADD = "Add it to [model] terms"
+"""What to do about a term that predicts left-out motion better."""
 
-GEOMETRY = "Check the lengths and axes in the model file against the robot"
+AS_LOGGED = "; compare the errors as logged, as estimated effort scales may change with it"
+"""What makes errors of two models comparable where scales of the efforts are estimated."""
 
-
-@dataclass(frozen=True, eq=False)
-class Ranked:
-    """Residuals of a fit, and what may explain them.
-
-    Attributes:
-        beside: Residuals and measurement noise.
-        found: All causes, the most likely first.
-        blamed: Errors of geometry or efforts that explain much more than a lack of friction.
-        total: Chi square of the fit.
-    """
-
-    beside: ResidualNoise
-    found: tuple[Cause, ...]
-    blamed: tuple[Cause, ...]
-    total: float
+GEOMETRY = (
+    "Check the joint zeros (position_offset in [signals]), then the lengths and axes in the model "
+    "file, against the robot"
+)
 
 
 class ModelError:
@@ -91,91 +50,67 @@ class ModelError:
 
         None where residuals are noise, in `validate`, and for closed chains.
         """
-        identified = case.identified
-        if not case.fitted or not can_be_ranked(identified.model):
+        ranked = case.ranked
+        if ranked is None:
             return ()
-        runs = beginnings(case.fitted)
-        ranked = ranked_causes(identified.model, identified.estimate, runs)
         if ranked.blamed:
-            return (_doubtful(identified.model, runs, ranked),)
+            return (_doubtful(ranked, _zeros(case, ranked)),)
         ratios = ranked.beside.ratios
         if not np.isfinite(ratios).any():
-            return _not_looked_at(case, runs)
-        return (_remark(ranked),) if float(np.nanmax(ratios)) >= FAR else ()
+            return _not_looked_at(case, case.examined)
+        if float(np.nanmax(ratios)) < FAR:
+            return ()
+        zeros = _zeros(case, ranked)
+        return (_remark(case, ranked) if zeros is None else _doubtful(ranked, zeros),)
 
 
-def can_be_ranked(model: Model) -> bool:
-    """Whether causes have columns: an open chain with bodies."""
-    return not model.robot.passive and model.has_bodies
-
-
-def beginnings(runs: Sequence[Run]) -> tuple[Run, ...]:
-    """At most `MOST_RUNS` runs, spread over all, and of each no more than makes `MOST_SAMPLES`."""
-    step = -(-len(runs) // MOST_RUNS)
-    chosen = runs[::step]
-    most = MOST_SAMPLES / len(chosen)
-    return tuple(
-        replace(run, span=(run.span[0], min(run.span[1], run.span[0] + most / run.rate)))
-        for run in chosen
-    )
-
-
-def ranked_causes(model: Model, estimate: Estimate, runs: Sequence[Run]) -> Ranked:
-    """The causes of what a fit of runs leaves, and which of them stand out."""
-    gains = runs[0].recording.signals.gains
-    beside = residual_noise(model.at(estimate.values), runs, estimate.sigma, gains)
-    wide = base_regressor(wide_model(model, estimate))
-    information = information_from(runs, rests=remembers(model.terms))(wide)
-    found = causes(model, information, estimate.sigma, beside.ratios)
-    own = information.select(base_parameters(model).base_names)
-    fit = WeightedLeastSquares(per_run=own_columns(model)).fit(own)
-    blamed = _blamed(found, float(inflations(fit).max()))
-    return Ranked(beside, found, blamed, float(information.n_samples.sum()))
-
-
-def _blamed(found: Sequence[Cause], inflation: float) -> tuple[Cause, ...]:
-    """Errors of geometry or efforts that explain much more than a lack of friction, best first."""
-    terms = max((cause.rank for cause in found if cause.of_friction), default=0.0)
-    others = [cause for cause in found if not cause.of_friction]
-    if not others:
-        return ()
-    first = others[0]
-    enough = LEAST + EACH * first.columns
-    if first.chi2 / inflation < enough or first.rank < CLEAR * terms:
-        return ()
-    return tuple(cause for cause in others if cause.rank >= ALIKE * first.rank)[:NAMED]
-
-
-def _remark(ranked: Ranked) -> Finding:
+def _remark(case: FittedCase, ranked: Ranked) -> Finding:
     """What stands beside the headline where no single error is to blame."""
-    likely = _likely(ranked.found)
-    says = f"{residuals(ranked.beside)}: the model is incomplete"
-    if not likely:
-        says += ", which the intervals do not cover, or the noise varies slowly"
+    worst, tested = _worst(ranked.beside), case.tested
+    says = f"{residuals(ranked.beside)}: the model is incomplete, which the intervals do not cover"
+    if not tested:
+        says += ", or the noise varies slowly"
+        brief = f"model incomplete, or the noise varies slowly: residuals {worst}"
     else:
-        says += ", which the intervals do not cover"
-        named = (
-            f"{cause.says} {100.0 * cause.share:.0f} % by {cause.columns} parameter"
-            + "s" * (cause.columns != 1)
-            for cause in likely
-        )
-        says += f"; share explained by each candidate alone (not additive): {', '.join(named)}"
-    brief = f"model incomplete, or the noise varies slowly: residuals {_worst(ranked.beside)}"
-    if likely:
-        first = likely[0]
-        tried = TRIED if first.of_friction else ADVICE.get(first.kind, GEOMETRY)
-        brief = (
-            f"model incomplete: residuals {_worst(ranked.beside)}. Of single causes {first.says} "
-            f"would explain most, {100.0 * first.share:.0f} %. {tried}"
-        )
+        named = ", ".join(_share(cause, gain) for cause, gain in tested)
+        says += f"; share explained by each candidate alone (not additive): {named}{_how(tested)}"
+        brief = f"model incomplete: residuals {worst}. {advice(tested, case.scales is not None)}"
     return Finding(ModelError.name, "", Severity.OK, says, "", headline=True, brief=brief)
 
 
-def _likely(found: Sequence[Cause]) -> tuple[Cause, ...]:
-    """Causes that are named, the most likely first; the whole geometry only if no other is."""
-    large = [cause for cause in found if cause.share >= SHARE]
-    single = [cause for cause in large if cause.kind != "geometry"]
-    return tuple(single or large)[:NAMED]
+def _share(cause: Cause, gain: LeftOutGain | None) -> str:
+    """A candidate, what it explains, and whether it predicts left-out motion."""
+    columns = f"{cause.columns} parameter" + "s" * (cause.columns != 1)
+    text = f"{cause.says} {100.0 * cause.share:.0f} % by {columns}"
+    if gain is None:
+        return text
+    confirmed = "" if gain.confirmed else ", not confirmed"
+    return f"{text} (error on left-out motion {gain.words}{confirmed})"
+
+
+def _how(tested: Sequence[tuple[Cause, LeftOutGain | None]]) -> str:
+    """How errors on left-out motion are computed, where they are."""
+    gains = [gain for _, gain in tested if gain is not None]
+    if not gains:
+        return ""
+    return f"; by least squares without prior, one {gains[0].left_out} left out in turn"
+
+
+def advice(tested: Sequence[tuple[Cause, LeftOutGain | None]], scaled: bool) -> str:
+    """The candidate that reduces the error on left-out motion most, or that none is confirmed."""
+    sure = [(gain.after, cause, gain) for cause, gain in tested if gain and gain.confirmed]
+    if sure:
+        _, cause, gain = min(sure, key=lambda one: one[0])
+        fix = ADD if cause.of_friction else ADVICE.get(cause.kind, GEOMETRY)
+        return (
+            f"With {cause.says} the error on left-out motion falls from {gain.before:.2g} to "
+            f"{gain.after:.2g} %. {fix}{AS_LOGGED if scaled and cause.of_friction else ''}"
+        )
+    (cause, found), *_ = tested
+    most = f"Of single causes {cause.says} would explain most, {100.0 * cause.share:.0f} %"
+    if found is None:
+        return f"{most}: not tested on left-out motion, the logs are too short"
+    return f"{most}: not confirmed on left-out motion (error {found.words})"
 
 
 def _not_looked_at(case: FittedCase, runs: Sequence[Run]) -> tuple[Finding, ...]:
@@ -193,16 +128,13 @@ def _not_looked_at(case: FittedCase, runs: Sequence[Run]) -> tuple[Finding, ...]
     return (Finding(ModelError.name, "", Severity.OK, says, "", headline=True),)
 
 
-def _doubtful(model: Model, runs: Sequence[Run], ranked: Ranked) -> Finding:
-    """An error that stands out; zero offsets with their values."""
-    first = ranked.blamed[0]
+def _doubtful(ranked: Ranked, zeros: tuple[str, Fix] | None) -> Finding:
+    """An error that stands out; joint zeros with their values."""
+    first, *_ = ranked.blamed or ranked.found
     words = " or ".join(cause.says for cause in ranked.blamed)
     fix = Fix(ADVICE.get(first.kind, GEOMETRY))
-    if first.kind == "zero_offset":
-        offsets = estimated_offsets(model, runs)
-        found = None if offsets is None else far_offsets(offsets)
-        if offsets is not None and found is not None and found.any():
-            words, fix = numbers(offsets, found), correction(offsets, found)
+    if zeros is not None:
+        words, fix = zeros
     says = "a model error that the intervals do not cover"
     return Finding(
         ModelError.name,
@@ -216,22 +148,18 @@ def _doubtful(model: Model, runs: Sequence[Run], ranked: Ranked) -> Finding:
     )
 
 
-def residuals(beside: ResidualNoise) -> str:
-    """The worst joint's residual in measurement noise."""
-    if not np.isfinite(beside.ratios).any():
-        return "residuals are not noise"
-    worst = int(np.nanargmax(beside.ratios))
-    above, known = (int(np.sum(test)) for test in (beside.ratios > ABOVE, beside.ratios > 0.0))
-    return (
-        f"residuals are up to {_times(beside)} x the measurement noise (worst joint: "
-        f"{beside.joints[worst]}; {above} of {known} joints above {ABOVE:g} x)"
-    )
-
-
-def _times(beside: ResidualNoise) -> str:
-    """The largest residual in measurement noise."""
-    ratio = float(np.nanmax(beside.ratios))
-    return f"{ratio:.0f}" if ratio >= 10.0 else f"{ratio:.1f}"
+def _zeros(case: FittedCase, ranked: Ranked) -> tuple[str, Fix] | None:
+    """Joint zeros that explain an error of the geometry, in words and as a line."""
+    if not ranked.of_geometry:
+        return None
+    model = case.identified.model
+    if ranked.blamed and ranked.blamed[0].kind == "zero_offset":
+        offsets = estimated_offsets(model, case.examined)
+        far = None if offsets is None else far_offsets(offsets)
+        if offsets is not None and far is not None and far.any():
+            return numbers(offsets, far), correction(offsets, far)
+    turned = turned_zeros(model, case.identified.estimate.sigma, case.fitted)
+    return None if turned is None else (turned.says, turned.fix)
 
 
 def _worst(beside: ResidualNoise) -> str:
@@ -239,4 +167,4 @@ def _worst(beside: ResidualNoise) -> str:
     if not np.isfinite(beside.ratios).any():
         return "are not noise"
     joint = beside.joints[int(np.nanargmax(beside.ratios))]
-    return f"up to {_times(beside)} x noise (largest: {joint})"
+    return f"up to {times(beside)} x noise (largest: {joint})"

@@ -6,7 +6,6 @@ import numpy as np
 
 from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
-from steelyard.diagnosis.fitted.model_error import beginnings, can_be_ranked, ranked_causes
 from steelyard.estimation.estimate import Z95
 from steelyard.terms.laws.load_dependent import LoadDependent
 from steelyard.terms.laws.spring import Spring
@@ -62,14 +61,15 @@ def _term_instead(case: FittedCase, distance: float) -> str:
         case: The fitted model and its runs.
         distance: Of the scales from 1, squared, which is about what they take from chi square.
     """
-    identified = case.identified
-    if not case.fitted or not can_be_ranked(identified.model):
+    if not case.tested:
         return ""
-    runs = beginnings(case.fitted)
-    found = ranked_causes(identified.model, identified.estimate, runs).found
-    if not found or found[0].kind not in ALIKE or found[0].chi2 <= distance:
+    first, gain = case.tested[0]
+    if first.kind not in ALIKE or first.chi2 <= distance:
         return ""
-    return (
-        f"; {found[0].says} explains more than the scales (reduces χ² by {found[0].chi2:.0f} in "
-        f"addition to them, the scales by {distance:.0f}): try that first"
+    more = (
+        f"; {first.says} explains more than the scales (reduces χ² by {first.chi2:.0f} in "
+        f"addition to them, the scales by {distance:.0f})"
     )
+    if gain is None or not gain.confirmed:
+        return f"{more}, but is not confirmed on left-out motion"
+    return f"{more} and reduces the error on left-out motion ({gain.words}): add it first"

@@ -239,7 +239,7 @@ def _least(found: Sequence[tuple[tuple[Term, ...], Array]]) -> tuple[Term, ...]:
     The first is preferred if chance explains what it loses to each of the others.
     """
     first, best = found[0], min((error for _, error in found), key=lambda e: float(e.mean()))
-    if not any(_worse(first[1], error, SURE_OF_ANY) for _, error in found):
+    if not any(worse(first[1], error, SURE_OF_ANY) for _, error in found):
         return first[0]
     return next(mix for mix, error in found if (error - best).mean() <= LEAST)
 
@@ -251,14 +251,14 @@ def _simplest(found: Sequence[tuple[tuple[Term, ...], Array]]) -> tuple[Term, ..
     """
     best = min((error for _, error in found), key=lambda error: float(error.mean()))
     most = float(found[0][1].mean())
-    return next(mix for mix, e in found if not _worse(e, best) and e.mean() <= most)
+    return next(mix for mix, e in found if not worse(e, best) and e.mean() <= most)
 
 
 def _ratio(logarithms: Array) -> float:
     return float(np.exp(logarithms.mean()))
 
 
-def _worse(error: Array, best: Array, sure: float = SURE) -> bool:
+def worse(error: Array, best: Array, sure: float = SURE) -> bool:
     """Whether a mix loses more to the best than chance explains, and any worth."""
     from scipy.stats import t
 
