@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from invented import single, tree
+from moving import geared
 from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.consistent.friction_curves import REACH, friction_curves, shaped
 from steelyard.estimation.knowledge import Knowledge, Row
@@ -195,6 +196,22 @@ def test_memory_counts_as_steady_sliding() -> None:
         top = 1.0 / (REACH * FASTEST) ** 2
         assert least(rows, values | {"quadratic.hinge": -0.99 * top}) > 0.0
         assert least(rows, values | {"quadratic.hinge": -1.01 * top}) < 0.0
+
+
+@pytest.mark.parametrize("law", [MaxwellSlip(lengths=LENGTHS), Quadratic()])
+def test_rows_of_coupled_motors_are_those_of_each_alone(law: MaxwellSlip | Quadratic) -> None:
+    robot = geared()
+    assert robot.transmission is not None
+    motors, fastest = robot.transmission.motors, [0.5, 1.0, 1.5, 2.0]
+
+    def rows(*names: str) -> list[Row]:
+        laws = tuple(replace(one, motors=names) for one in (Coulomb(), law))
+        return list(friction_curves(Model(robot, laws), fastest))
+
+    alone = [row for name in motors for row in rows(name)]
+    for one, other in zip(rows(*motors), alone, strict=True):
+        assert (one.label, one.lower) == (other.label, other.lower)
+        assert one.coefficients == pytest.approx(other.coefficients, abs=1e-8)
 
 
 def test_only_laws_of_shape_may_be_negative() -> None:

@@ -63,13 +63,19 @@ def test_many_joints_share_the_points(
     assert "at most 100 evenly spaced points" in numbers["note"]
 
 
-def test_sizes_of_parts_are_their_root_mean_squares(usual: ReportContent) -> None:
-    found = TorqueSplitSection().to_dict(usual)["torque_split"]
-    parts = usual.scores[0].parts
+def test_sizes_of_parts_are_their_root_mean_squares_in_motion(usual: ReportContent) -> None:
+    """Of all samples for the second joint, which rests throughout."""
+    score = usual.scores[0]
+    moving = score.parts.moving.copy()
+    moving[:, 1] = False
+    assert 0 < np.count_nonzero(moving[:, 0]) < len(moving)
+    parts = replace(score.parts, moving=moving)
+    resting = replace(usual, scores=(replace(score, parts=parts),))
+    found = TorqueSplitSection().to_dict(resting)["torque_split"]
     assert found["run"] == "points"
     for j, joint in enumerate(found["joints"]):
         for name, part in zip(PARTS, parts.parts, strict=True):
-            rms = np.sqrt(np.mean(part[:, j] ** 2))
+            rms = np.sqrt(np.mean(part[moving[:, 0] if j == 0 else slice(None), j] ** 2))
             assert joint[name] == pytest.approx(rms, rel=1e-5)
     assert [joint["other"] for joint in found["joints"]] == [0.0, 0.0]
 

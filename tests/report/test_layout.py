@@ -238,6 +238,42 @@ def test_all_figures_are_drawn_on_paper_as_wide_as_it(
     assert [new for new, old in zip(after, before, strict=True) if old] == [*filter(None, before)]
 
 
+def test_figures_out_of_the_window_have_light_colours_on_paper(
+    browser: Tab, usual: ReportContent, tmp_path: Path
+) -> None:
+    browser.show(1400, dark=True, height=300)
+    grids = f"{FIGURES}.map(one => one.layout.xaxis.gridcolor)"
+    expected = "getComputedStyle(document.documentElement).getPropertyValue('--grid').trim()"
+    page = rendered_only(usual, "effort")
+    file = tmp_path / "page.html"
+    file.write_text(listening(page, "beforeprint", f"[{expected}, {grids}]"))
+    browser.open(file)
+    dark = browser.run(expected)
+    assert browser.run(grids) == [dark] * 2
+    browser.run("dispatchEvent(new Event('beforeprint'))")
+    light, printed = browser.run("kept")
+    assert light != dark and printed == [light] * 2
+
+
+def test_figures_of_another_run_are_drawn_one_by_one_from_the_window_on(
+    browser: Tab, usual: ReportContent, tmp_path: Path
+) -> None:
+    """Below the figures, the last one is the nearest; all others are drawn afterwards."""
+    browser.show(420, height=200)
+    file = tmp_path / "page.html"
+    spacer = "<div style='height:2000px'></div></main>"
+    file.write_text(rendered_only(usual, "effort").replace("</main>", spacer))
+    browser.open(file)
+    runs = f"{FIGURES}.map(one => one.dataset.run)"
+    assert browser.run(runs) == ["0", "0"]
+    change = "menu.value = '1'; menu.dispatchEvent(new Event('change'))"
+    menu = "const menu = document.getElementById('effort-run')"
+    browser.run("scrollTo(0, document.body.scrollHeight)")
+    assert browser.run(f"{{ {menu}; {change}; {runs} }}") == ["0", "1"]
+    browser.run("new Promise(done => setTimeout(done, 0))")
+    assert browser.run(runs) == ["1", "1"]
+
+
 @pytest.mark.parametrize("name", PRINTED, scope="module")
 def test_tables_fit_on_paper_and_their_headings_do_not_overlap(shown: Tab) -> None:
     shown.show(688)
@@ -265,6 +301,32 @@ def test_the_table_of_parameters_fits_on_a_screen(browser: Tab, width: int, tmp_
     box = "document.querySelector('.parameters').parentElement"
     assert "From data" in tab.run(f"{box}.textContent")
     assert tab.run(f"{box}.scrollWidth - {box}.clientWidth") == 0
+
+
+def test_the_tables_of_bodies_and_data_quality_fit_on_a_screen(
+    browser: Tab, tmp_path: Path
+) -> None:
+    joints = tuple(f"panda_joint{k}" for k in range(1, 8))
+    each = "1e-06 2e-07 1e-06 1e-05 1e-07 1e-06 1e-06"
+    quality = (
+        ("rows", "20544 of 20544 used"),
+        ("dropped", "none"),
+        ("corrected", "10 outliers interpolated, 1226 repeated rows interpolated"),
+        ("duration", "21.00 s"),
+        ("clock", "1.022 ms mean step, 0.7 to 8.81 ms, jitter 0.19 ms"),
+        ("gaps", "none"),
+        ("uniform clock", "1000 Hz"),
+        ("position resolution", each),
+        ("effort resolution", each),
+        ("maximum speed", "1.8 1.5 1.8 1.2 1.5 1.8 1.7"),
+    )
+    model = identified(robot(joints))
+    runs = (("panda_gaz2019_trajectory1", quality),)
+    content = ReportContent("arm", "arm", identified=model, qualities=runs)
+    tab = opened(browser, rendered_only(content, "bodies", "quality"), tmp_path)
+    tab.run("document.querySelectorAll('details').forEach(one => { one.open = true; })")
+    boxes = "[...document.querySelectorAll('.box')]"
+    assert tab.run(f"{boxes}.map(one => one.scrollWidth - one.clientWidth)") == [0, 0]
 
 
 def test_friction_laws_fit_on_a_phone(browser: Tab, usual: ReportContent, tmp_path: Path) -> None:

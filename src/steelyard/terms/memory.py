@@ -142,11 +142,11 @@ class Presliding(ActsOnAxes, StatefulTerm):
             memory = Memory(q[:, 0], np.array(_begun(list(speeds[:, 0]), self.lengths_of(axes))))
         moved = np.diff(q, axis=1, prepend=memory.q[:, None])
         steps = self.steps(axes, list(moved), list(speeds))
-        shape = len(steps), q.shape[1]
-        decay, drive, bound = (
-            np.array([np.broadcast_to(step[k], shape[1:]) for step in steps]) for k in range(3)
-        )
-        states, last = recurrence(decay, drive, bound, memory.states)
+        parts = np.empty((3, len(steps), q.shape[1]))
+        for k, step in enumerate(steps):
+            for part, values in zip(parts, step, strict=True):
+                part[k] = values
+        states, last = recurrence(*parts, memory.states)
         state = JointState(list(samples.q), list(samples.dq), list(samples.ddq), [])
         channels = self.channels(robot, state, list(states), samples.rigid_torque)
         return np.array(channels), Memory(q[:, -1].copy(), last)

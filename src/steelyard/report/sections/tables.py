@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     from rich.table import Table
 
+MANY = 7
+"""Columns from which on a table is set smaller, so that it fits on a screen."""
+
 LONG = 30
 """Letters of a name or of words in a cell that are more than a narrow column takes."""
 
@@ -47,6 +50,11 @@ class PlainTable:
     rows: Sequence[Row]
     text: Sequence[int] = (0,)
     note: str = ""
+
+    @property
+    def dense(self) -> bool:
+        """Whether it has many columns."""
+        return len(self.headings) >= MANY
 
     @property
     def long_names(self) -> bool:

@@ -238,7 +238,6 @@ function drawPictures() {
     document.querySelectorAll(".picture").forEach((one) => { delete one.dataset.drawn; });
     drawAll();
   });
-  window.addEventListener("beforeprint", drawAll);
   drawAll();
 }
 

@@ -17,6 +17,9 @@ UNIT = re.compile(
 )
 """The space between a number and its unit."""
 
+INTERVAL = re.compile(r" (?=±)|(?<=±) ")
+"""The spaces between a number and its interval."""
+
 EXPONENT = re.compile(r"(?<=\de-)(?=\d)")
 """The place in a number like 1e-06 where a browser would end a line."""
 
@@ -65,8 +68,8 @@ def fixed(value: float, decimals: int = 3) -> str:
 
 
 def kept(text: str) -> str:
-    """Words in which no line ends inside a number, or between it and its unit."""
-    return EXPONENT.sub("\u2060", UNIT.sub("\u00a0", text))
+    """Words in which no line ends inside a number, or between it and its unit or interval."""
+    return EXPONENT.sub("\u2060", INTERVAL.sub("\u00a0", UNIT.sub("\u00a0", text)))
 
 
 def pieces(name: str) -> list[str]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.regression.gather import Mask
 from steelyard.report.content import ReportContent
 from steelyard.report.figures import Figure, Group, line
 from steelyard.report.html import rounded
@@ -61,11 +62,12 @@ class TorqueSplitSection(FigureSection):
         parts, joints = score.parts, content.identified.model.robot.coordinates
         if parts is None:
             return None
-        sizes = _sizes(parts)
+        sizes = _sizes(parts, parts.moving)
+        present = _sizes(parts, np.ones_like(parts.moving))
         points = min(POINTS, BUDGET // ((2 + len(PARTS)) * len(joints)))
         groups = [
             Group(
-                [_figure(parts, j, joint, sizes, points)],
+                [_figure(parts, j, joint, present, points)],
                 joint.name,
                 _caption(sizes, j, joint),
                 "one",
@@ -74,7 +76,8 @@ class TorqueSplitSection(FigureSection):
         ]
         return {
             "words": f"Run {score.run} ({kind}). Efforts at the joints below {score.cutoff:g} Hz, "
-            "the band of the fit; the parts add up to the predicted effort.",
+            "the band of the fit; the parts add up to the predicted effort. Root mean squares are "
+            "of the samples in which the joint moves; of all samples if it rests throughout.",
             "tables": [_table(sizes, joints)],
             "groups": groups,
             "note": "Coriolis: with centrifugal efforts. Inertia: mass matrix times acceleration, "
@@ -84,11 +87,11 @@ class TorqueSplitSection(FigureSection):
         }
 
     def to_dict(self, content: ReportContent) -> dict[str, Any]:
-        """RMS of the parts per joint."""
+        """RMS of the parts per joint, where it moves."""
         found = _run(content)
         if content.identified is None or found is None or found[0].parts is None:
             return {"torque_split": None}
-        sizes = _sizes(found[0].parts)
+        sizes = _sizes(found[0].parts, found[0].parts.moving)
         joints = content.identified.joints
         return {
             "torque_split": {
@@ -108,11 +111,20 @@ def _run(content: ReportContent) -> tuple[RunScore, str] | None:
     return next(((score, kind) for score, kind in scores if score.parts is not None), None)
 
 
-def _sizes(parts: TorqueParts) -> dict[str, Array]:
-    """RMS per joint of each part, of the measured effort and of the residual, `(n,)` [Nm; N]."""
+def _sizes(parts: TorqueParts, chosen: Mask) -> dict[str, Array]:
+    """RMS per joint of each part, of the measured effort and of the residual, `(n,)` [Nm; N].
+
+    Args:
+        parts: The samples.
+        chosen: Which of them count for each joint, shape `(N, n)`; all where there is none.
+    """
+    weights = np.where(chosen.any(axis=0), chosen, True)
     signals = dict(zip(PARTS, parts.parts, strict=True))
     signals |= {"measured": parts.measured, "residual": parts.residual}
-    sizes = {name: np.sqrt(np.mean(np.square(x), axis=0)) for name, x in signals.items()}
+    sizes = {
+        name: np.sqrt(np.average(np.square(x), axis=0, weights=weights))
+        for name, x in signals.items()
+    }
     least = NOTHING * sizes["measured"]
     return {name: np.where(size <= least, 0.0, size) for name, size in sizes.items()}
 
@@ -146,7 +158,7 @@ def _capital(words: str) -> str:
 
 
 def _figure(
-    parts: TorqueParts, j: int, joint: Coordinate, sizes: dict[str, Array], points: int
+    parts: TorqueParts, j: int, joint: Coordinate, present: dict[str, Array], points: int
 ) -> Figure:
     """Measured and predicted effort above, the parts below; those that are zero are left out."""
     at, t = _drawn(parts.t, points)
@@ -170,7 +182,7 @@ def _figure(
             yaxis="y2",
         )
         for name, part in zip(PARTS, parts.parts, strict=True)
-        if sizes[name][j]
+        if present[name][j]
     ]
     title = {"text": joint.effort_unit, "standoff": 4}
     layout = {
