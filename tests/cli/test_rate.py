@@ -53,6 +53,30 @@ def test_init_takes_a_rate_and_the_estimate_is_that_of_the_timed_log(
     assert done.exit_code == 0, done.output
 
 
+@pytest.mark.parametrize("factor", [0.5, 10.0])
+def test_a_rate_that_velocities_contradict_is_named_with_the_true_one(
+    command: Command, given: Path, timeless: Path, tmp_path: Path, factor: float
+) -> None:
+    robot, rate = tmp_path / "arm.toml", factor * RATE
+    table = pl.read_csv(timeless)
+    steps = {c: np.gradient(table[c].to_numpy(), 1.0 / RATE) for c in table.columns if c[0] == "q"}
+    table.with_columns(**{f"d{c}_s": v for c, v in steps.items()}).write_csv(tmp_path / "run2.csv")
+    shown = command(
+        "init", given / "demo_arm.urdf", tmp_path / "run2.csv", "--rate", rate, "-o", robot
+    )
+    assert shown.exit_code == 1, shown.output
+    words = (
+        f"at the {rate:g} Hz that were given, velocities are {1.0 / factor:g} times the derivative"
+    )
+    assert words in shown.stdout and f"the rate is {RATE:g} Hz" in shown.stdout
+    assert "CHECK, contradictory" in robot.read_text()
+    fixed = tmp_path / "fixed.toml"
+    done = command("check", robot, tmp_path / "run2.csv", "--quick", "--fix", fixed, "--json")
+    printed = json.loads(done.stdout)
+    assert [f["check"] for f in printed["findings"] if f["severity"] == "wrong"] == ["clock"]
+    assert tomllib.loads(fixed.read_text())["signals"]["rate"] == RATE
+
+
 def test_init_without_a_rate_asks_for_it(
     command: Command, given: Path, timeless: Path, tmp_path: Path
 ) -> None:

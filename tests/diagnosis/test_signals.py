@@ -25,11 +25,14 @@ from steelyard.diagnosis.signals.saturation import Saturation
 from steelyard.diagnosis.signals.unit_costs import JointFacts
 from steelyard.diagnosis.signals.units import _named, reading
 from steelyard.diagnosis.signals.velocity import Velocity
+from steelyard.formats.log import Log
+from steelyard.formats.numbered import Numbered
 from steelyard.measurement import Processing, Recording
 from steelyard.measurement.recording import LogInMemory
 from steelyard.robot.robot import Coordinate, Limits
 from steelyard.robot_file.edits import edited
 from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.signals import ROW, VELOCITY_UNITS
 
 OWN = (
     Clock(),
@@ -99,7 +102,9 @@ def case_of(
     path.write_text(text)
     loaded = load_robot(path)
     assert loaded.signals is not None
-    log = LogInMemory(folder / "run.csv", columns, table)
+    log: Log = LogInMemory(folder / "run.csv", columns, table)
+    if loaded.signals.time == ROW:
+        log = Numbered(log)
     known = {"velocity": COLUMNS[DQ]} if guesses else {}
     evidence = Evidence(Recording(log, loaded.signals), Processing(), "run")
     return Case(loaded, (evidence,), None, known)
@@ -322,6 +327,87 @@ def test_units_that_are_declared_wrongly(
     found = diagnosis(tmp_path, change(sound()), text)
     assert found.severity == Severity.WRONG
     assert {e.path: e.value for e in found.edits} == {(SIGNALS, edit[0]): edit[1]}
+
+
+@pytest.mark.parametrize("declared", [50.0, 200.0, 1000.0, 10.0])
+@pytest.mark.parametrize("used", [True, False])
+def test_a_wrong_rate_is_found_by_the_velocities(
+    tmp_path: Path, declared: float, used: bool
+) -> None:
+    text = ROBOT.replace('time = "time"', f"rate = {declared}")
+    columns = tuple(f"{c}_rad_s" if c.startswith("dq") else c for c in COLUMNS)
+    text = text.replace('velocity = "dq{}"\n', 'velocity = "dq{}_rad_s"\n' if used else "")
+    case = case_of(tmp_path, sound(), text, columns=columns)
+    case = replace(case, guesses={} if used else {"velocity": columns[DQ]})
+    found = examine(case, checks=OWN)
+    clock = of(found, "clock")
+    assert clock.severity == Severity.WRONG and "the rate is 100 Hz" in clock.says
+    assert f"at the declared {declared:g} Hz velocities" in clock.says
+    assert {e.path: e.value for e in found.edits} == {(SIGNALS, "rate"): 100.0}
+    assert [f.check for f in found.findings if f.severity > Severity.OK] == ["clock"]
+
+
+@pytest.mark.parametrize("unit", ["deg/s", "rpm"])
+def test_a_unit_of_velocities_is_no_rate(tmp_path: Path, unit: str) -> None:
+    table = scaled(DQ, 1.0 / VELOCITY_UNITS["revolute"][unit])(sound())
+    found = diagnosis(tmp_path, table, ROBOT.replace('time = "time"', "rate = 100.0"))
+    assert of(found, "clock").severity == Severity.OK
+    assert {e.path: e.value for e in found.edits} == {(SIGNALS, "velocity_unit"): unit}
+
+
+@pytest.mark.parametrize(
+    ("position", "velocity", "edits"),
+    [
+        (["q1", "dq2", "q3"], None, {"position": ["q1", "q2", "q3"]}),
+        (["dq1", "dq2", "dq3"], None, {"position": ["q1", "q2", "q3"]}),
+        (
+            ["q1", "dq2", "q3"],
+            ["dq1", "q2", "dq3"],
+            {"position": ["q1", "q2", "q3"], "velocity": ["dq1", "dq2", "dq3"]},
+        ),
+    ],
+)
+def test_a_velocity_that_is_declared_as_position_is_named_and_corrected(
+    tmp_path: Path, position: list[str], velocity: list[str] | None, edits: dict[str, list[str]]
+) -> None:
+    text = ROBOT.replace('"q{}"', str(position).replace("'", '"'))
+    line = "" if velocity is None else f"velocity = {velocity}\n".replace("'", '"')
+    found = diagnosis(tmp_path, sound(), text.replace('velocity = "dq{}"\n', line))
+    about = of(found, "position")
+    assert about.severity == Severity.WRONG
+    assert "its values are the derivative of 'q" in about.says
+    assert {e.path[-1]: e.value for e in found.edits} == edits
+    assert not any(f.check == "velocity" for f in found.findings)
+
+
+@pytest.mark.parametrize(
+    ("name", "severity"),
+    [("dq2_rad_s", Severity.WRONG), ("qd2", Severity.DOUBTFUL), ("angle2", Severity.OK)],
+)
+def test_a_position_column_is_called_a_velocity(
+    tmp_path: Path, name: str, severity: Severity
+) -> None:
+    names = tuple(name if column == "q2" else column for column in COLUMNS)
+    kept = [k for k, column in enumerate(names) if column != "dq2"]
+    columns = tuple(names[k] for k in kept)
+    text = ROBOT.replace('"q{}"', f'["q1", "{name}", "q3"]').replace('velocity = "dq{}"\n', "")
+    found = examine(case_of(tmp_path, sound()[:, kept], text, columns=columns), checks=OWN)
+    about = of(found, "position")
+    assert about.severity == severity and not found.edits
+    assert ("holds velocities: by its name" in about.says) == (severity > Severity.OK)
+
+
+def test_exchanged_headers_of_position_and_velocity_are_seen_in_the_values(tmp_path: Path) -> None:
+    names = dict(zip(("q2", "dq2"), ("dq2", "q2"), strict=True))
+    columns = tuple(names.get(column, column) for column in COLUMNS)
+    found = examine(case_of(tmp_path, sound(), columns=columns), checks=OWN)
+    assert (
+        "'q2' holds velocities: its values are the derivative of 'dq2'"
+        in of(found, "position").says
+    )
+    text = ROBOT.replace('"q{}"', '["q1", "dq2", "q3"]')
+    text = text.replace('"dq{}"', '["dq1", "q2", "dq3"]')
+    assert examine(case_of(tmp_path, sound(), text, columns=columns), checks=OWN).severity == 0
 
 
 def test_the_lag_of_velocities_that_are_left_out_is_a_fact(tmp_path: Path) -> None:

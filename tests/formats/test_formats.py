@@ -113,6 +113,15 @@ def test_a_misspelt_pattern_is_matched_column_by_column(log: Log) -> None:
     assert caught.value.fix.startswith("did you mean 'q1_rad', 'q2_rad'?; ")
 
 
+@pytest.mark.parametrize("other", ["dq2_rad_s", "ddq2_rad_s2", "q2_deg", "q2_ref_rad"])
+def test_columns_of_another_quantity_or_unit_are_not_proposed(tmp_path: Path, other: str) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(f"time_s,q1_rad,{other}\n0.0,1.0,2.0\n")
+    with pytest.raises(LogError) as caught:
+        list(open_log(path).parts(["time_s", "q1_rad", "q2_rad"]))
+    assert caught.value.fix.startswith(f"the other columns are {other};")
+
+
 def test_columns_that_are_used_already_are_not_proposed(log: Log) -> None:
     used = tuple(log.columns[:-1])
     with pytest.raises(LogError) as caught:

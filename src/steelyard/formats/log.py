@@ -7,7 +7,8 @@ from typing import Protocol
 
 from steelyard.arrays import Array
 from steelyard.errors import LogError
-from steelyard.suggest import advice, names_beside, nearest
+from steelyard.robot_file.column_names import Column
+from steelyard.suggest import advice, listing, names_beside, nearest
 
 PART = 50_000
 """Rows of a part. Twice as many need 15 MiB more, half as many take twice the time."""
@@ -113,11 +114,16 @@ def _some(columns: Sequence[str]) -> str:
 
 
 def _meant(missing: Sequence[str], free: Sequence[str]) -> str:
-    """Columns that may be meant: one for each that is missing, where they differ."""
-    found = [name for column in missing for name in nearest(column, free, 1)]
+    """Columns that may be meant, none of another quantity or unit: one for each that is missing."""
+    alike = {
+        column: [name for name in free if Column(name).may_stand_for(Column(column))]
+        for column in missing
+    }
+    found = [name for column in missing for name in nearest(column, alike[column], 1)]
     if len(missing) > 1 and len(set(found)) == len(missing):
         return f"did you mean {_some(found)}?"
-    return advice(missing[0], free, "other columns")
+    near = nearest(missing[0], alike[missing[0]])
+    return advice(missing[0], near, "columns") if near else listing(free, "other columns")
 
 
 def _beside(path: Path) -> str:

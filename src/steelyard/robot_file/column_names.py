@@ -29,6 +29,7 @@ _AVOIDED = _TARGETS | frozenset(
     "error err ext external tcp temp temperature temperatures voltage".split()
 )
 _MOTION_UNITS = frozenset("rad rads deg degs m mm s rpm".split())
+_UNIT_WORDS = _MOTION_UNITS | frozenset("nm n a ma v".split())
 _UNITS_OF: dict[JointKind, frozenset[str]] = {
     "revolute": frozenset("rad rads deg degs degree degrees nm".split()),
     "prismatic": frozenset("m mm meter meters metre metres n".split()),
@@ -103,6 +104,18 @@ class Column:
         """The name's words without those of a position or velocity and their units."""
         passed = _QUANTITIES["position"] | _QUANTITIES["velocity"] | _MOTION_UNITS
         return tuple(word for word in self.words if word not in passed)
+
+    @property
+    def unit_words(self) -> tuple[str, ...]:
+        """The words of a unit that the name ends in, such as `rad s` of `dq1_rad_s`."""
+        count = next((k for k, w in enumerate(reversed(self.words)) if w not in _UNIT_WORDS), 0)
+        return self.words[len(self.words) - count :]
+
+    def may_stand_for(self, other: "Column") -> bool:
+        """Whether names state neither another quantity nor unit, nor that one is a set-point."""
+        pairs = ((self.quantity, other.quantity), (self.unit_words, other.unit_words))
+        same = all(not a or not b or a == b for a, b in pairs)
+        return same and self.of_target == other.of_target
 
     def has(self, *words: str) -> bool:
         """Whether any of the words is in the name."""

@@ -11,9 +11,10 @@ from steelyard.diagnosis.finding import Edit, Finding, Fix, Picture, Severity
 from steelyard.diagnosis.pictures import histogram, trace
 from steelyard.diagnosis.signal_overview import JITTER, LATE, look, once
 from steelyard.diagnosis.signals.missing_rows import Leaps, leaps
+from steelyard.diagnosis.signals.rate import MOST_OFF, OFF
 from steelyard.diagnosis.signals.time_scale import by_velocities, time_scale
 from steelyard.diagnosis.signals.unit_costs import LONGEST_STEP, SHORTEST_STEP
-from steelyard.diagnosis.signals.units import reading
+from steelyard.diagnosis.signals.units import Reading, reading
 from steelyard.measurement.rows.clock import GAP_SECONDS, GAP_STEPS
 from steelyard.robot_file.signals import ROW
 
@@ -84,6 +85,8 @@ class Clock:
         steps = _Steps(
             overview.step * units.second, np.diff(overview.stamps) * units.second, overview.jitter
         )
+        if units.time_unit == ROW:
+            return _other_rate(evidence, units)
         if units.second != 1.0:
             return _other_unit(evidence, units.time_unit, steps, overview.step)
         severity, says, figure, fix = _judged(steps)
@@ -152,6 +155,22 @@ def _other_unit(evidence: Evidence, unit: str, steps: _Steps, declared: float) -
         f"step of {declared:.4g} s as declared, logs have {SHORTEST_STEP:g} to {LONGEST_STEP:g} s",
         fix=Fix(f"declare time in {unit}", (Edit(("signals", "time_unit"), unit),)),
         picture=Picture("step [s]", "rows", (histogram("steps", steps.steps),)),
+    )
+
+
+def _other_rate(evidence: Evidence, units: Reading) -> Finding:
+    """The finding on a declared rate that velocities contradict."""
+    scale, declared = 1.0 / units.second, 1.0 / evidence.recording.signals.time_scale
+    rate = float(f"{scale * declared:.6g}")
+    sure = abs(scale - 1.0) > MOST_OFF
+    return Finding(
+        Clock.name,
+        evidence.name,
+        Severity.WRONG if sure else Severity.DOUBTFUL,
+        f"at the declared {declared:.4g} Hz velocities are {scale:.3g} times d(q)/dt: the rate is "
+        f"{rate:.4g} Hz" + ("" if sure else ", or the unit of velocities is off"),
+        f"declared rate {100.0 * abs(units.second - 1.0):.3g} % off, bound {100.0 * OFF:g} %",
+        fix=Fix(f"declare the rate of {rate:.4g} Hz", (Edit(("signals", "rate"), rate),)),
     )
 
 

@@ -1,5 +1,6 @@
 """Are positions the joints' own, and in the declared unit?"""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -10,10 +11,12 @@ from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.finding import Edit, Finding, Fix, Picture, Severity
 from steelyard.diagnosis.pictures import of_joints
 from steelyard.diagnosis.signal_overview import look, with_rows
+from steelyard.diagnosis.signals.agreement import ALIKE
+from steelyard.diagnosis.signals.misplaced import Misplaced, misplaced
 from steelyard.diagnosis.signals.unit_costs import SAME, beyond
 from steelyard.diagnosis.signals.units import Reading, declared_units, motion, reading, unit_value
 from steelyard.robot_file.column_names import Column
-from steelyard.robot_file.signals import POSITION_UNITS
+from steelyard.robot_file.signals import POSITION_UNITS, Signals
 
 OUTSIDE = 1.1
 """Distance from the middle of a joint's range over half of it, above which positions are
@@ -24,7 +27,7 @@ MOTOR = 3.0
 
 @dataclass(frozen=True)
 class Position:
-    """Unit of the positions, whether they are motors', and whether they keep within limits."""
+    """Whether positions are positions, their unit and side of the gears, and their limits."""
 
     name: ClassVar[str] = "position"
     question: ClassVar[str] = "Are positions in the declared unit?"
@@ -35,6 +38,8 @@ class Position:
         return tuple(self._look(case, evidence) for evidence in with_rows(case))
 
     def _look(self, case: Case, evidence: Evidence) -> Finding:
+        if wrong := misplaced(case, evidence):
+            return _misplaced(case, evidence, wrong)
         low, high = np.quantile(look(case, evidence).q, [0.005, 0.995], axis=0)
         off = _off(case, low, high)
         units = reading(case, evidence)
@@ -64,6 +69,41 @@ class Position:
             else None,
             picture=picture,
         )
+
+
+def _misplaced(case: Case, evidence: Evidence, wrong: Sequence[Misplaced]) -> Finding:
+    """The finding on position columns that hold velocities."""
+    signals, first = evidence.recording.signals, wrong[0]
+    more = f" (and {len(wrong) - 1} more)" * (len(wrong) > 1)
+    why = f"its values are the derivative of '{first.position}'"
+    sure = all(one.sure for one in wrong)
+    return Finding(
+        Position.name,
+        evidence.name,
+        Severity.WRONG if sure else Severity.DOUBTFUL,
+        f"position column '{first.column}'{more} holds velocities: "
+        + (why if first.correlation else "by its name"),
+        f"correlation of {first.correlation:.3g} with the derivative, bound {ALIKE:g}"
+        if first.correlation
+        else "",
+        joints=tuple(case.joints[one.joint] for one in wrong),
+        fix=Fix(
+            "declare the columns that hold positions, or log them", _with_positions(signals, wrong)
+        ),
+    )
+
+
+def _with_positions(signals: Signals, wrong: Sequence[Misplaced]) -> tuple[Edit, ...]:
+    """The position columns with those that hold positions; velocities where they are exchanged."""
+    if not all(one.position for one in wrong):
+        return ()
+    instead = {one.column: one.position for one in wrong}
+    edits = [Edit(("signals", "position"), [instead.get(name, name) for name in signals.position])]
+    back = {position: column for column, position in instead.items()}
+    if signals.velocity is not None and set(back) & set(signals.velocity):
+        velocity = [back.get(name, name) for name in signals.velocity]
+        edits.append(Edit(("signals", "velocity"), velocity))
+    return tuple(edits)
 
 
 def _off(case: Case, low: Array, high: Array) -> Array:

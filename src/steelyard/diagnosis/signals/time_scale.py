@@ -14,6 +14,7 @@ import numpy as np
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.identifiability import clean_runs, customary_model
+from steelyard.diagnosis.signals.rate import FEWEST, MOST_OFF, OFF, UNEVEN
 from steelyard.diagnosis.signals.units import driven, reading
 from steelyard.errors import SteelyardError
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
@@ -32,13 +33,8 @@ GONE, SURE, LEAST = 0.5, 0.9, 0.005
 """Share of the typical squared residual that a scale must explain to be doubtful, and wrong, and
 its least distance from 1. Nine real robots have at most 0.04; a link that is 50 % longer than its
 model 0.8, for its length stands in the torque of accelerations alone."""
-OFF, UNEVEN, MOST_OFF = 0.02, 0.005, 0.13
-"""Distance of velocities over d(q)/dt from 1 that is a clock's, if joints differ by no more; from
-the last on it is a wrong unit. Real robots' are off by 1 %, or differ by 1.5 % and more."""
 SHARP = 0.01
 """Largest standard deviation of a scale [relative]: where no scale fits, the residual falls on."""
-FEWEST = 2
-"""Joints that must move."""
 ROUNDS = 10
 """Iterations of the rows' weights."""
 

@@ -18,6 +18,7 @@ from steelyard.arrays import Array
 from steelyard.diagnosis.case import EXCERPT, Case, Evidence
 from steelyard.diagnosis.signal_overview import SignalOverview, look, once
 from steelyard.diagnosis.signals.agreement import Agreement, agreement
+from steelyard.diagnosis.signals.rate import rate_by_velocities
 from steelyard.diagnosis.signals.slopes import Slopes, slopes
 from steelyard.diagnosis.signals.unit_costs import (
     CHANGED,
@@ -27,7 +28,7 @@ from steelyard.diagnosis.signals.unit_costs import (
     step_cost,
 )
 from steelyard.robot_file.column_names import Column
-from steelyard.robot_file.signals import POSITION_UNITS, VELOCITY_UNITS
+from steelyard.robot_file.signals import POSITION_UNITS, ROW, VELOCITY_UNITS
 
 FASTEST_SHARE = 0.995
 """Quantile of a joint's speed that is compared with its limit."""
@@ -44,7 +45,7 @@ class Reading:
     """The units that fit best.
 
     Attributes:
-        time_unit: Of the stamps.
+        time_unit: Of the stamps; `ROW` where velocities contradict the declared rate.
         second: Seconds that a declared second really has.
         joints: Units of each joint.
         as_declared: The same with the units as declared, for their costs.
@@ -135,12 +136,14 @@ def unit_value(
 def reading(case: Case, evidence: Evidence) -> Reading:
     """The cheapest reading of a log."""
     overview, signals = look(case, evidence), evidence.recording.signals
-    time_scale, units = signals.time_scale, signals.time_units
+    logged = velocities(case, evidence)
+    rate = rate_by_velocities(signals, overview, logged)
+    units = signals.time_units if rate is None else {ROW: 1.0 / rate}
+    time_scale = signals.time_scale
     looked = min(
         (s / time_scale for s in units.values()),
         key=lambda second: (step_cost(overview.step * second), second != 1.0),
     )
-    logged = velocities(case, evidence)
     agreed = None if logged is None else agreement(overview, logged[1], looked)
     facts = _facts(case, evidence, overview, looked, agreed)
     found = []

@@ -15,6 +15,7 @@ from steelyard.diagnosis.signal_overview import look
 from steelyard.diagnosis.signals.agreement import Agreement
 from steelyard.diagnosis.signals.clock import missing_rows
 from steelyard.diagnosis.signals.differences import one_sided
+from steelyard.diagnosis.signals.misplaced import misplaced
 from steelyard.diagnosis.signals.unit_costs import SAME
 from steelyard.diagnosis.signals.units import Reading, driven, reading, unit_value, velocities
 from steelyard.robot_file.signals import VELOCITY_UNITS
@@ -73,12 +74,14 @@ class Velocity:
     quick: ClassVar[bool] = True
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding per log that moves and has velocities, declared or not."""
+        """One finding per log that moves, has positions, and velocities, declared or not."""
         found = []
         for evidence in case.logs:
             logged, units = velocities(case, evidence), reading(case, evidence)
             agreed = units.agreement
             if logged is None or agreed is None or not agreed.moving.any():
+                continue
+            if misplaced(case, evidence):
                 continue
             if look(case, evidence).moves:
                 found.append(_found(case, evidence, logged[0], units, agreed))

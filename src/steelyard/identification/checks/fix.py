@@ -200,12 +200,12 @@ def _loaded(subject: Subject, text: str, target: Path) -> Subject:
 
 
 def _proposed(diagnosis: Diagnosis, changes: Sequence[Change]) -> list[Change]:
-    """The edits that are proposed and of keys not changed before, or refined."""
+    """The edits that are proposed and of keys not changed before, refined, or taken out again."""
     before = {change.edit.path for change in changes} - {REFINED}
     return [
         Change(edit, _proposing(diagnosis, edit))
         for edit in diagnosis.edits
-        if edit.path not in before
+        if edit.path not in before or edit.value is None
     ]
 
 

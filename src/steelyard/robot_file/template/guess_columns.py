@@ -154,7 +154,7 @@ def guess_columns(
     if velocity:
         reasons.append(rates.reason)
     left = () if used else tuple(c.name for c in velocity)
-    contradictions = where.contradictions
+    contradictions = where.contradictions + rates.contradictions
     if kind != "motor_current" and side == "joint":
         contradictions += beyond_effort(effort, joints, values)
     gears = None if where.motors else _gears(joints, position, kinds.get("position", ()), sample)

@@ -44,11 +44,13 @@ class VelocityGuess:
         columns: The columns; none if they are left out.
         unit: One for all, one per joint, or `None` for rad/s and m/s; also of those left out.
         reason: For the user, in words.
+        contradictions: What they say against a rate that is given, in one sentence.
     """
 
     columns: tuple[Column, ...]
     unit: Any
     reason: str
+    contradictions: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -146,7 +148,19 @@ def judged(
     used = tuple(velocity) if found is not None and not found.faults else ()
     usual = rates == [RATES[joint.unit] for joint in joints]
     one = None if usual else rates[0] if len(set(rates)) == 1 else rates
-    return VelocityGuess(used, one, f"velocities ({shown}) are {why}")
+    against = () if found is None or "rate" not in clock else _other_rate(found, clock["rate"])
+    return VelocityGuess(used, one, f"velocities ({shown}) are {why}", against)
+
+
+def _other_rate(found: Comparison, rate: float) -> tuple[str, ...]:
+    """That velocities show another rate than the given one, if they do, in one sentence."""
+    uneven = abs(found.farthest / found.scale - 1.0) > OF_JOINT
+    if uneven or found.scale < 0.0 or abs(found.scale - 1.0) < OF_JOINT:
+        return ()
+    return (
+        f"at the {rate:g} Hz that were given, velocities are {_figures(1.0 / found.scale, 3)} "
+        f"times the derivative of the positions: the rate is {_figures(rate / found.scale, 3)} Hz",
+    )
 
 
 def _in_unit(
