@@ -153,7 +153,7 @@ def test_laws_without_memory_are_named_beside_laws_with_memory(usual: ReportCont
     words = (
         'or controllers without state: friction = "auto_memoryless", laws without memory such as '
         "coulomb (smoothing 0.02) + "
-        "viscous (error on motion left out 9.87 %)"
+        "viscous (error on motion left out 22 % larger in this comparison)"
     )
     assert words in " ".join(str(part) for part in section.printed(content))
     assert words in section.tables(content)[0].words

@@ -38,6 +38,9 @@ SHORT = 0.02
 """Time that a joint moves over that of the joint that moves longest, up to which it does not count.
 """
 
+PROMISED = 90.0
+"""Share of a log that was not fitted [%] below which its 95 % bands hold less than they state."""
+
 PLACEHOLDER = 1.0
 """Gain of a current that only fixes a scale: what `init` writes where it knows none."""
 

@@ -8,12 +8,14 @@ from collections.abc import Sequence
 
 from steelyard.diagnosis.finding import Finding
 from steelyard.diagnosis.fitted.absurd import AbsurdBodies
+from steelyard.diagnosis.fitted.band_coverage import BandCoverage
 from steelyard.diagnosis.fitted.below_nominal import BelowNominal
 from steelyard.diagnosis.fitted.change_in_run import ChangeInRun
 from steelyard.diagnosis.fitted.clipped import Clipped
 from steelyard.diagnosis.fitted.fitted_case import FittedCase as FittedCase
 from steelyard.diagnosis.fitted.fitted_case import PostFitCheck as PostFitCheck
 from steelyard.diagnosis.fitted.last_link import LastLink
+from steelyard.diagnosis.fitted.load_friction import LoadFriction
 from steelyard.diagnosis.fitted.model_error import ModelError
 from steelyard.diagnosis.fitted.rotors_at_zero import RotorsAtZero
 from steelyard.diagnosis.fitted.runs_disagree import RunsDisagree
@@ -28,9 +30,11 @@ POST_FIT: tuple[PostFitCheck, ...] = (
     RotorsAtZero(),
     ModelError(),
     ScaledEfforts(),
+    LoadFriction(),
     LastLink(),
     BelowNominal(),
     UnseenReason(),
+    BandCoverage(),
     Clipped(),
 )
 

@@ -9,16 +9,13 @@ from statistics import fmean
 from typing import TYPE_CHECKING
 
 from steelyard.report.text.words import count, percent, significant
-from steelyard.validation.headline import BandErrors, PooledError, as_logged, pooled
+from steelyard.validation.headline import PROMISED, BandErrors, PooledError, as_logged, pooled
 
 if TYPE_CHECKING:
     from steelyard.estimation.identified import IdentifiedModel
     from steelyard.validation.score import JointScore, RunScore
 
 MOVING, WHOLE = "where they move", "whole log"
-
-PROMISED = 90.0
-"""Share of a log that was not fitted [%] below which 95 % bands hold less than they promise."""
 
 NAMED = 3
 """Most joints that are named one by one."""

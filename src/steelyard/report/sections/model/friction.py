@@ -82,9 +82,12 @@ def without_memory(choice: FrictionChoice) -> str:
     other = choice.without_memory
     if other is None:
         return ""
+    best = next(mix for mix in choice.table if mix.chosen)
+    more = 100.0 * (other.error / best.error - 1.0)
     return (
         'for controllers without state: friction = "auto_memoryless", laws without memory such as '
-        f"{other.name} (error on motion left out {other.error:.2f} %)"
+        f"{other.name} (error on motion left out {abs(more):.0f} % "
+        f"{'larger' if more >= 0.0 else 'smaller'} in this comparison)"
     )
 
 
