@@ -38,7 +38,7 @@ def test_an_offset_is_doubtful_with_the_line_that_corrects_it(tmp_path: Path) ->
 def test_zeros_that_are_quarter_turns_away_are_doubtful(tmp_path: Path) -> None:
     (finding,) = JointZeros()(case(tmp_path, (0.0, 0.5 * np.pi, -0.5 * np.pi, 0.0, 0.0, 0.0)))
     assert finding.severity == Severity.DOUBTFUL and finding.joints == ("shoulder_lift", "elbow")
-    assert "a quarter or half turn from those of the model file" in finding.says
+    assert "of the model file: shoulder_lift +90°, elbow -90° (error on" in finding.says
     assert finding.fix is not None
     (edit,) = finding.fix.edits
     assert edit.path == ("signals", "position_offset")

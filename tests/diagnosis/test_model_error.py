@@ -169,7 +169,7 @@ def test_zeros_that_are_quarter_turns_away_are_found(
     offset = [0.5 * np.pi * turn for turn in turns]
     (finding,) = found(loaded, tmp_path, offset=offset)
     assert finding.severity == Severity.DOUBTFUL and finding.fix is not None
-    assert "a quarter or half turn from those of the model file" in finding.brief
+    assert "joint zeros other than those of the model file: " in finding.brief
     (edit,) = finding.fix.edits
     assert edit.path == ("signals", "position_offset")
     np.testing.assert_allclose(np.cos(np.subtract(edit.value, offset)), 1.0, atol=1e-6)

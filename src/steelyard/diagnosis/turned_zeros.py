@@ -52,21 +52,24 @@ class TurnedZeros:
 
     Attributes:
         joints: Names of the turned joints.
+        degrees: By how much each is turned.
         offsets: Positions where the log has zero, shape `(n,)` [rad; m].
         gain: Errors on left-out motion without and with them.
     """
 
     joints: tuple[str, ...]
+    degrees: tuple[float, ...]
     offsets: tuple[float, ...]
     gain: LeftOutGain
 
     @property
     def says(self) -> str:
         """What was found, in a few words."""
+        turns = zip(self.joints, self.degrees, strict=True)
+        listed = ", ".join(f"{joint} {degrees:+.0f}°" for joint, degrees in turns)
         return (
-            f"zeros of {', '.join(self.joints)} a quarter or half turn from those of the model "
-            f"file (error on left-out motion {self.gain.before:.2g} %, with these zeros "
-            f"{self.gain.after:.2g} %)"
+            f"joint zeros other than those of the model file: {listed} (error on left-out motion "
+            f"{self.gain.before:.2g} %, with these zeros {self.gain.after:.2g} %)"
         )
 
     @property
@@ -104,7 +107,10 @@ def turned_zeros(model: Model, sigma: Array, runs: Sequence[Run]) -> TurnedZeros
     except DataError:
         return None
     joints = tuple(model.robot.joint_names[k] for k in turned)
-    return TurnedZeros(joints, tuple(found.tolist()), gain) if gain.confirmed else None
+    degrees = np.rad2deg(found - start)[turned].tolist()
+    return (
+        TurnedZeros(joints, tuple(degrees), tuple(found.tolist()), gain) if gain.confirmed else None
+    )
 
 
 def _search(regressor: Regressor, runs: Sequence[Run], start: Array) -> Array:
