@@ -10,6 +10,7 @@ from pathlib import Path
 
 # matrices are small here: threads of their own only wait for each other
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("STEELYARD_TRACEBACK", "1")
 
 import pytest
 import typer.testing

@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import traceback
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -117,6 +118,29 @@ def test_wrong_arguments_are_explained(case: str, folder: Path) -> None:
         call(folder)
     assert caught.value.where and caught.value.fix
     assert not (folder / "new").exists()
+
+
+def test_tracebacks_end_at_the_interface_unless_all_frames_are_wanted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = tmp_path / "broken.parquet"
+    log.write_text("no parquet")
+
+    def raised() -> tuple[list[str], str]:
+        with pytest.raises(SteelyardError) as caught:
+            steelyard.open_log(log)
+        files = [Path(frame.filename).name for frame in traceback.extract_tb(caught.tb)]
+        return files, "".join(traceback.format_exception(caught.value))
+
+    monkeypatch.setenv("STEELYARD_TRACEBACK", "1")
+    whole, text = raised()
+    assert whole[:3] == ["test_arguments.py", "arguments.py", "register.py"] and len(whole) > 3
+    assert text.count("Traceback") == 2 and "\nValueError: " in text
+    monkeypatch.delenv("STEELYARD_TRACEBACK")
+    short, text = raised()
+    assert short == ["test_arguments.py", "arguments.py"]
+    assert text.count("Traceback") == 1 and "all frames: STEELYARD_TRACEBACK=1" in text
+    assert f"\n  where  {log}\n  fix    " in text and "\nValueError: " not in text
 
 
 MODEL_WRONG: dict[str, tuple[Callable[[Any], Any], str]] = {

@@ -1,13 +1,14 @@
-"""Arguments of the functions that programs call, compared with their annotations at the door."""
+"""The functions that programs call: arguments compared with annotations, short tracebacks."""
 
 import functools
 import inspect
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from numbers import Integral, Real
 from types import NoneType
 from typing import Any, Literal, ParamSpec, TypeVar, get_args, get_origin, get_type_hints
 
-from steelyard.errors import DataError
+from steelyard.errors import DataError, SteelyardError
 from steelyard.suggest import advice
 
 Arguments = ParamSpec("Arguments")
@@ -23,6 +24,9 @@ WORDS = {str: "a string", bool: "True or False", NoneType: "None"}
 def checked(**least: float) -> Callable[[Callable[Arguments, Result]], Callable[Arguments, Result]]:
     """Refuse arguments of other types than the annotated ones, before anything is done.
 
+    The traceback of a `SteelyardError` ends here, without the frames inside of the package and
+    the errors that led to it, unless the environment variable `STEELYARD_TRACEBACK` is set.
+
     Args:
         least: The least value of arguments that are numbers.
     """
@@ -33,11 +37,18 @@ def checked(**least: float) -> Callable[[Callable[Arguments, Result]], Callable[
 
         @functools.wraps(function)
         def run(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
-            for name, value in _bound(function.__name__, signature, args, kwargs).items():
-                lowest = least.get(name)
-                if not _fits(value, hints()[name], lowest):
-                    raise _refused(function.__name__, name, value, hints()[name], lowest)
-            return function(*args, **kwargs)
+            given = _bound(function.__name__, signature, args, kwargs)
+            try:
+                for name, value in given.items():
+                    lowest = least.get(name)
+                    if not _fits(value, hints()[name], lowest):
+                        raise _refused(function.__name__, name, value, hints()[name], lowest)
+                return function(*args, **kwargs)
+            except SteelyardError as error:
+                if os.environ.get("STEELYARD_TRACEBACK"):
+                    raise
+                # people read the next line in tracebacks, with its comment
+                raise error.with_traceback(None) from None  # all frames: STEELYARD_TRACEBACK=1
 
         return run
 

@@ -146,7 +146,8 @@ class Presliding(ActsOnAxes, StatefulTerm):
         for k, step in enumerate(steps):
             for part, values in zip(parts, step, strict=True):
                 part[k] = values
-        states, last = recurrence(*parts, memory.states)
+        decay, drive, bound = parts
+        states, last = recurrence(decay, drive, bound, memory.states)
         state = JointState(list(samples.q), list(samples.dq), list(samples.ddq), [])
         channels = self.channels(robot, state, list(states), samples.rigid_torque)
         return np.array(channels), Memory(q[:, -1].copy(), last)
