@@ -41,17 +41,17 @@ PRIORS: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "prior without moments": (
         re.escape(FOREARM),
         re.sub('"[^"]+"', '"0"', FOREARM),
-        ("prior of link 'forearm'", "a solid sphere of 1.9 kg"),
+        ("prior of link 'forearm'", "moments of inertia are zero", "a solid sphere of 1.9 kg"),
     ),
     "prior without mass": (
         re.escape('<mass value="0.8"/>'),
         '<mass value="0"/>',
-        ("prior of link 'hand'", "mass is zero", "stands in"),
+        ("prior of link 'hand'", "mass is zero", "is assumed"),
     ),
     "no inertials at all": (
         r"(?s)<inertial>.*?</inertial>",
         "",
-        ("prior of link 'turret'", "gives no mass properties", "stands in"),
+        ("prior of links 'turret'", "'hand'", "gives no mass properties", "is assumed"),
     ),
 }
 """What is replaced in the model file, by what, and what the notes must say."""
@@ -67,8 +67,9 @@ REFUSED: dict[str, tuple[str, tuple[str, ...]]] = {
             "'forearm'",
             "at least 4 kg",
             "at most 3 kg",
-            "line 19",
-            "line 24",
+            "[knowledge[1]]",
+            "[knowledge[2]]",
+            ", line ",
         ),
     ),
     "a constraint that contradicts itself": (
@@ -127,12 +128,19 @@ def of_prior(name: str, given: Path, work: Path) -> list[Claim]:
     if done.returncode:
         return [Claim(name, done.stderr[:90], "a fit and a note", False)]
     notes = json.loads(done.stdout)["notes"]
-    found_note = next((note for note in notes if all(w in note for w in words)), "no such note")
+    link = words[0].split(" ")[-1]
+    about = "; ".join(note for note in notes if link in note)
+    lacking = [word for word in words if word not in about]
     identified = load_model(out)
     impossible = impossible_bodies(identified.estimate, default_knowledge(identified.model))
     count = "bodies not stated" if impossible is None else f"{len(impossible)} bodies cannot exist"
     return [
-        Claim(f"{name}: noted", found_note[:90], f"link named, {words[-1]}", found_note in notes),
+        Claim(
+            f"{name}: noted",
+            f"lacks {', '.join(lacking)}" if lacking else about[:90],
+            f"link named, {words[-1]}",
+            not lacking,
+        ),
         Claim(f"{name}: bodies", count, "all valid", impossible == ()),
     ]
 
@@ -210,9 +218,9 @@ def of_rest(given: Path, work: Path) -> list[Claim]:
         Claim(
             "a joint that never moved: its friction",
             seen or "not listed",
-            "not called seen",
+            "not called identified",
             len(own) == 2
-            and all(m.startswith(("from the prior", "not seen")) for m in marks.values()),
+            and all(mark in ("from the prior", "not identifiable") for mark in marks.values()),
         ),
         Claim(
             "a joint that never moved: share from data",

@@ -259,8 +259,8 @@ def test_init_says_each_statement_once(command: Command, tmp_path: Path) -> None
         </joint></robot>"""
     )
     notes = strict(command("init", path, "-o", tmp_path / "arm.toml", "--json").stdout)["notes"]
-    (massless,) = (note for note in notes if "prior mass is zero" in note)
-    assert massless == "no inertial in the model, prior mass is zero: arm"
+    (massless,) = (note for note in notes if "nominal mass is zero" in note)
+    assert massless == "no inertial in the model, nominal mass is zero: arm"
 
 
 def test_init_says_what_it_did_not_find(command: Command, tmp_path: Path) -> None:

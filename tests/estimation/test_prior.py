@@ -123,6 +123,21 @@ def test_a_thin_body_is_widened_and_its_moments_hardly_change() -> None:
     )
 
 
+def test_links_with_the_same_stand_in_share_a_note() -> None:
+    missing = (Inertia.zero(), False)
+    (note,) = default_knowledge(Model(with_bodies(missing, missing))).notes
+    assert note.startswith("the prior of links 'trunk', 'slider': the model file gives no mass")
+
+
+def test_a_point_mass_becomes_a_sphere() -> None:
+    point = Inertia.about_com(1.9, (0.013, -0.027, 0.131), np.zeros((3, 3)))
+    why = corrected_body(point).why
+    assert why == (
+        "its moments of inertia are zero; a solid sphere of 1.9 kg about its centre of mass is "
+        "assumed"
+    )
+
+
 @pytest.mark.parametrize(
     ("inertia", "known", "words"),
     [

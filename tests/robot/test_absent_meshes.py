@@ -118,7 +118,7 @@ def test_a_body_whose_inertia_needs_the_mesh_has_none(case: str, tmp_path: Path)
     assert np.array_equal(second.inertia.inertia_com, there.links[2].inertia.inertia_com)
     robot, notes = reduced(mechanism)
     assert robot.joint_names == ("a", "b")
-    assert "prior mass is zero, as the mesh is missing: first ('upper')" in notes
+    assert "nominal mass is zero, as the mesh is missing: first ('upper')" in notes
     assert not any("no inertial" in note for note in notes)
 
 

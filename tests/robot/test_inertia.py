@@ -101,5 +101,7 @@ def test_a_flaw_says_why(body: Inertia, words: str) -> None:
 
 def test_massless_and_point_masses_have_no_flaw() -> None:
     assert Inertia.zero().flaw() is None
-    assert Inertia.about_com(1.0, [1.0, 2.0, 3.0], np.zeros((3, 3))).flaw() is None
+    generator = np.random.default_rng(0)
+    for centre in generator.normal(size=(200, 3)):
+        assert Inertia.about_com(1.9, centre, np.zeros((3, 3))).flaw() is None
     assert np.array_equal(Inertia.zero().com, np.zeros(3))

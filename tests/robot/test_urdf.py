@@ -153,7 +153,7 @@ def test_defaults(write: Callable[[str], Path]) -> None:
     body, limits = robot.bodies[0], robot.coordinates[0].limits
     assert np.array_equal(body.axis, [1.0, 0.0, 0.0]) and not body.known
     assert limits.lower == -np.inf and limits.velocity == np.inf and limits.effort == np.inf
-    assert notes == ("no inertial in the model, prior mass is zero: b",)
+    assert notes == ("no inertial in the model, nominal mass is zero: b",)
 
 
 def test_one_limit_alone_means_zero_for_the_other(write: Callable[[str], Path]) -> None:

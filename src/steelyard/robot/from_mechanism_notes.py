@@ -35,11 +35,11 @@ def reduction_notes(
     meshless = {carriers[link.name] for link in lacking}
     bare = [b.name for k, b in enumerate(robot.bodies) if not b.known and k not in meshless]
     if bare:
-        notes.append(Listed("no inertial in the model, prior mass is zero", ", ".join(bare)))
+        notes.append(Listed("no inertial in the model, nominal mass is zero", ", ".join(bare)))
     if lacking:
         names = ", ".join(f"{link.name} ('{link.lacks}')" for link in lacking[:6])
         more = f" and {len(lacking) - 6} more" if len(lacking) > 6 else ""
-        absent = "prior mass is zero, as the mesh is missing"
+        absent = "nominal mass is zero, as the mesh is missing"
         notes.append(Listed(absent, names + more))
     for body in robot.bodies:
         if flaw := body.inertia.flaw():

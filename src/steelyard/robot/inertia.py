@@ -129,6 +129,11 @@ class Inertia:
             self.inertia_origin + other.inertia_origin,
         )
 
+    @property
+    def rounding(self) -> float:
+        """What rounding may leave of principal moments about the centre of mass [kg m²]."""
+        return 1e-15 * float(np.abs(self.inertia_origin).max())
+
     def flaw(self, tolerance: float = 1e-9) -> str | None:
         """Why no body can have these numbers, or `None` if one can.
 
@@ -142,7 +147,7 @@ class Inertia:
         if self.mass == 0.0 and np.any(self.first_moment):
             return "the mass is zero but the first moment is not"
         moments = np.linalg.eigvalsh(self.inertia_com)
-        slack = tolerance * max(float(np.abs(moments).max()), 1e-300)
+        slack = tolerance * max(float(np.abs(moments).max()), 1e-300) + self.rounding
         if moments[0] < -slack:
             return f"a principal moment of inertia is negative ({moments[0]:.4g} kg m²)"
         if moments[0] + moments[1] < moments[2] - slack:

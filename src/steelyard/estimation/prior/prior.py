@@ -79,7 +79,14 @@ def model_prior(robot: Robot, index: int) -> PriorBody:
 
 def notes_on(corrected: Mapping[str, PriorBody]) -> tuple[str, ...]:
     """What was corrected, by the names of the links."""
-    notes = [f"the prior of link '{name}': {one.why}" for name, one in corrected.items() if one.why]
+    alike: dict[str, list[str]] = {}
+    for name, one in corrected.items():
+        if one.why:
+            alike.setdefault(one.why, []).append(f"'{name}'")
+    notes = [
+        f"the prior of link{'s' * (len(names) > 1)} {', '.join(names)}: {why}"
+        for why, names in alike.items()
+    ]
     if thin := [f"'{name}'" for name, one in corrected.items() if one.thin]:
         side = f"{np.sqrt(THINNEST):.0%}"
         notes.append(
@@ -102,7 +109,8 @@ def corrected_body(given: Inertia, *, noted: bool = False) -> PriorBody:
     flaw = given.flaw()
     moments, axes = np.linalg.eigh(spread_of(given))
     if moments[-1] < densest(given.mass):
-        was = "its moments of inertia are zero" if not np.any(moments) else flaw
+        zero = np.abs(moments).max() <= given.rounding
+        was = "its moments of inertia are zero" if zero else flaw
         was = was or "it is denser than steel"
         return PriorBody(
             ball(given.mass, given.com),
