@@ -97,6 +97,15 @@ def test_a_tilted_axis_is_named(loaded: LoadedRobot, tmp_path: Path) -> None:
     assert finding.severity == Severity.DOUBTFUL and "axis of joint wrist_bend" in finding.says
 
 
+def test_a_tilted_base_is_named_as_such(loaded: LoadedRobot, tmp_path: Path) -> None:
+    down = 9.81 * np.array([np.sin(0.05), 0.0, -np.cos(0.05)])
+    (finding,) = found(loaded, tmp_path, loaded.robot.changed(gravity=down))
+    assert "tilt of the base (axis of shoulder_turn)" in finding.brief
+    assert finding.brief.endswith(
+        "Check gravity (or mounting) in [robot], its direction in the frame of the base"
+    )
+
+
 @pytest.mark.parametrize("term", [Stribeck(speed=0.1), LoadDependent()], ids=lambda t: t.law)
 def test_a_friction_law_that_lacks_is_a_remark(
     term: Term, loaded: LoadedRobot, tmp_path: Path

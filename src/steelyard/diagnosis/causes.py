@@ -52,8 +52,8 @@ class Cause:
     """One cause, and how much it explains.
 
     Attributes:
-        kind: `zero_offset`, `gain`, `saturation`, `compliance`, `position`, `axis`, `geometry`, or
-            the law of a term.
+        kind: `zero_offset`, `gain`, `saturation`, `compliance`, `position`, `axis`, `tilt` (of the
+            first axis, the same as of gravity), `geometry`, or the law of a term.
         joint: The joint; empty if it is about all.
         says: In a few words.
         names: Names of its columns.
@@ -165,7 +165,10 @@ def _groups(model: Model, names: Sequence[str]) -> list[tuple[str, str, str, tup
             ("position", body.joint, f"position of joint {body.joint} (link length)", place)
         )
         tilt = tuple(f"axis_{k}.{body.joint}" for k in (1, 2))
-        groups.append(("axis", body.joint, f"axis of joint {body.joint}", tilt))
+        if body.parent < 0:
+            groups.append(("tilt", body.joint, f"tilt of the base (axis of {body.joint})", tilt))
+        else:
+            groups.append(("axis", body.joint, f"axis of joint {body.joint}", tilt))
     every = tuple(c for c in names if c.split(".")[0].split("_")[0] in GEOMETRY)
     groups.append(("geometry", "", "geometry of several links (lengths, axes)", every))
     for says, term in FRICTION:

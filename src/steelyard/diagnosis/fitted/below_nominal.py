@@ -73,4 +73,5 @@ def _finding(score: RunScore, worse: tuple[JointScore, ...], fix: Fix) -> Findin
         "",
         tuple(joint.joint for joint in worse),
         fix,
+        brief=f"worse than the nominal model: {words}. {fix.says}",
     )

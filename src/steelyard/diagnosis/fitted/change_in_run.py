@@ -92,7 +92,7 @@ def _when(change: Change) -> str:
 def _cut(change: Change) -> Fix:
     early, late = change.time - change.within, change.time + change.within
     return Fix(
-        f"identify the parts before and after separately: LOG@:{early:.3g} or LOG@{late:.3g}: "
+        f"Identify the parts before and after separately: LOG@:{early:.3g} or LOG@{late:.3g}: "
         "(seconds from its start)"
     )
 
@@ -170,5 +170,5 @@ def _of_drift(drifts: list[Drift], case: FittedCase) -> Finding:
         f"this explains {100.0 * least:.0f} % of the squared residual or more, bound "
         f"{100.0 * DRIFTS:.0f} %",
         names,
-        fix=Fix("log once the drives are warm, or cut the log into parts: LOG@START:STOP"),
+        fix=Fix("Log once the drives are warm, or cut the log into parts: LOG@START:STOP"),
     )

@@ -24,6 +24,7 @@ LARGE = 10.0
 ADVICE = {
     "gain": "Check the gain and unit of this effort",
     "saturation": "Check the gain of this effort at large currents",
+    "tilt": "Check gravity (or mounting) in [robot], its direction in the frame of the base",
     "compliance": "Positions may be measured before an elastic gear",
 }
 """What to do about a cause, by its kind; of the geometry otherwise."""

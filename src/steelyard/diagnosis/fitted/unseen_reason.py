@@ -50,7 +50,7 @@ TRIED = "payload, signs, order, units, gains, delay, mounting, friction and offs
 
 ADVICE = {
     "payload": Fix(
-        "identify it with `steelyard payload`, or validate on a log without payload",
+        "Identify it with `steelyard payload`, or validate on a log without payload",
         command="steelyard payload MODEL LOG",
     ),
 }
@@ -110,7 +110,7 @@ def _reason(fit: FittedCase, run: Run, score: RunScore, ratio: float) -> Finding
             "friction or offsets differ from those of the fitted logs: fitting them to this log "
             f"reduces the typical error from {typical:.1f} % to {left:.1f} %",
             figure,
-            fix=Fix("identify from logs at one temperature, or use terms with per_run = true"),
+            fix=Fix("Identify from logs at one temperature, or use terms with per_run = true"),
         )
     return _unexplained(fit, run, left, figure)
 
@@ -129,10 +129,10 @@ def _unexplained(fit: FittedCase, run: Run, left: float, figure: str) -> Finding
     if fit.unresolved:
         finding = fit.unresolved[0]
         says += f". The check before the fit was doubtful about {finding.log}: {finding.says}"
-        fix = Fix("resolve that first")
+        fix = Fix("Resolve that first")
     elif not same:
         says += ". The log may come from another robot, or one that was modified"
-        fix = Fix("make sure that all logs are of one robot, or identify this one separately")
+        fix = Fix("Make sure that all logs are of one robot, or identify this one separately")
     wrong = not same and not fit.unresolved and left > BODIES
     severity = Severity.WRONG if wrong else Severity.DOUBTFUL
     return Finding(UnseenReason.name, run.name, severity, says, figure, fix=fix)
