@@ -71,6 +71,32 @@ def test_efforts_are_not_judged_by_a_wrong_clock_or_positions_in_another_unit(
     assert not {f["check"] for f in printed["findings"]} & {check.name for check in OF_MOTION}
 
 
+@pytest.mark.parametrize("measured", [True, False])
+def test_set_points_beside_measured_efforts_get_no_gains(
+    measured: bool,
+    simulated: tuple[Path, Path],
+    given: Path,
+    command: Command,
+    tmp_path: Path,
+) -> None:
+    table = pl.read_csv(simulated[1])
+    gains = dict(zip(("i1", "i2", "i3"), (12e3, -12e3, 10e3), strict=True))
+    targets = [(gain * pl.col(i)).alias(f"target_moment_{i[1]}") for i, gain in gains.items()]
+    log = tmp_path / "log.csv"
+    table.with_columns(targets).drop([] if measured else list(gains)).write_csv(log)
+    robot = edited(given, tmp_path, ('"tau{}_Nm"', '"target_moment_{}"'))
+    printed = json.loads(command("check", robot, log, "--fix", "--json").stdout)
+    found = {f["check"]: f for f in printed["findings"] if f["severity"] != "ok"}
+    assert "effort column 'target_moment_1' and 2 more" in found["set points"]["says"]
+    left = [f["says"] for f in printed["findings"] if f["check"] == JUDGED]
+    if measured:
+        assert "this log has 'i{}' too" in found["set points"]["fix"]["says"]
+        assert left == [NOT_RUN.format("set points")] and found.keys() == {"set points"}
+        assert not printed["fixed"]["changes"]
+    else:
+        assert not left and printed["edits"]
+
+
 @pytest.mark.parametrize(
     ("fault", "path", "value"),
     [

@@ -37,6 +37,7 @@ def test_every_question_can_be_skipped() -> None:
     assert ask.effort_of(TORQUES, answers("")) is None
     assert ask.gears_of(MOTORS, TWO, answers("")) is None
     assert ask.mounting_of(answers("")) is None
+    assert ask.coupling_of(TWO, answers("")) == () and ask.zeros_of(TWO, answers("")) == ()
     assert ask.with_gains(Known(), CURRENTS, TWO, answers("")) == Known()
 
 
@@ -47,6 +48,10 @@ def test_answers_are_understood() -> None:
     assert ask.effort_of(behind, answers("1")) == Effort("joint_torque")
     gears = ask.gears_of(MOTORS, TWO, answers("100", "100, zero", "100, -50"))
     assert gears is not None and gears.ratios == (100.0, -50.0)
+    coupling = answers("joint2", "joint2,joint9,32", "joint2,joint1,32 joint1,joint2,-3")
+    assert ask.coupling_of(TWO, coupling) == ((1, 0, 32.0), (0, 1, -3.0))
+    zeros = ask.zeros_of(TWO, answers("90deg", "x,0", "-90deg, 0.5"))
+    assert zeros == pytest.approx((-np.pi / 2, 0.5))
     assert ask.mounting_of(answers("ceiling")) == (0.0, 0.0, 9.81)
     assert ask.mounting_of(answers("wall", "0 0 0", "9.81,0,0")) == (9.81, 0.0, 0.0)
     known = ask.with_gains(Known(), CURRENTS, TWO, answers("12 0", "12 -9.5"))
@@ -93,6 +98,25 @@ def test_at_a_terminal_answers_go_into_the_file(tmp_path: Path) -> None:
     assert loaded.signals is not None and loaded.signals.effort_kind == "motor_current"
     np.testing.assert_array_equal(loaded.signals.gains, 100.0)
     np.testing.assert_array_equal(loaded.robot.gravity, [0.0, 0.0, 9.81])
+
+
+@pytest.mark.usefixtures("command")
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
+def test_signals_of_motors_are_asked_for_ratios_coupling_and_zeros(tmp_path: Path) -> None:
+    names = {f"q{k}_rad": f"q_motor{k}_rad" for k in range(1, 4)}
+    names |= {f"tau{k}_Nm": f"tau_motor{k}_Nm" for k in range(1, 4)}
+    log, robot = tmp_path / "motors.csv", tmp_path / "arm.toml"
+    pl.read_csv(LOG).drop("dq1_rad_s", strict=False).rename(names).write_csv(log)
+    last, first = (load_robot(Path(URDF)).robot.joint_names[k] for k in (-1, 0))
+    given = ["1,1,-1", f"{last},{first},0.5", "0,-90deg,1.5", ""]
+    code, said = at_terminal(["init", str(URDF), str(log), "-o", str(robot)], given)
+    assert code == 0, said
+    loaded = load_robot(robot)
+    assert loaded.robot.transmission is not None and loaded.signals is not None
+    matrix = np.diag([1.0, 1.0, -1.0])
+    matrix[2, 0] = 0.5
+    np.testing.assert_array_equal(loaded.robot.transmission.matrix, matrix)
+    assert loaded.signals.position_offset == pytest.approx([0.0, -np.pi / 2, 1.5])
 
 
 @pytest.mark.usefixtures("command")
@@ -159,17 +183,59 @@ def test_the_last_of_several_logs_validates(command: Command, tmp_path: Path) ->
     assert rows.endswith(f"steelyard identify {tmp_path / 'rows.toml'} '{LOG}#100:900'\n")
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "what"),
+    [("tau2_Nm", "shoulder", "efforts"), ("q2_rad", "angle", "positions")],
+)
+def test_an_odd_name_leaves_the_others_in_the_template(
+    command: Command, tmp_path: Path, old: str, new: str, what: str
+) -> None:
+    log, robot = tmp_path / "odd.csv", tmp_path / "arm.toml"
+    pl.read_csv(LOG).rename({old: new}).write_csv(log)
+    shown = command("init", URDF, log, "-o", robot)
+    joint = load_robot(Path(URDF)).robot.joint_names[1]
+    assert shown.exit_code == 1
+    assert f"no column is recognised as that of {joint} (perhaps {new})" in shown.stdout
+    assert "with a column in place of each ?" in shown.stdout
+    columns = {"positions": "q{}_rad", "efforts": "tau{}_Nm"}
+    text = robot.read_text()
+    for quantity, pattern in columns.items():
+        names = [pattern.format(k) for k in (1, 2, 3)]
+        names[1] = "?" if quantity == what else names[1]
+        assert str(names).replace("'", '"') in text
+    filled = text.replace('"?"', f'"{new}"')
+    lines = filled.split("\n")
+    start = lines.index("# [signals]")
+    end = lines.index("", start)
+    lines[start:end] = [line.removeprefix("# ") for line in lines[start:end]]
+    robot.write_text("\n".join(lines))
+    assert load_robot(robot).signals is not None
+    assert command("check", robot, log, "--quick").exit_code == 0
+
+
+def test_the_template_has_the_currents_that_are_recognised(
+    command: Command, tmp_path: Path
+) -> None:
+    names = {"tau1_Nm": "current1_A", "tau2_Nm": "drive_b", "tau3_Nm": "current3_A"}
+    log, robot = tmp_path / "odd.csv", tmp_path / "arm.toml"
+    pl.read_csv(LOG).rename(names).write_csv(log)
+    assert command("init", URDF, log, "-o", robot).exit_code == 1
+    text = robot.read_text()
+    assert '# columns = ["current1_A", "?", "current3_A"]' in text
+    assert '# kind = "motor_current"' in text and '# unit = ["A", "A", "A"]' in text
+    assert '# gain = [1.0, "identify", "identify"]' in text
+
+
 def test_a_template_names_no_columns_that_the_log_lacks(command: Command, tmp_path: Path) -> None:
     robot = tmp_path / "arm.toml"
     pl.read_csv(LOG).drop("q1_rad").write_csv(tmp_path / "five.csv")
     shown = command("init", URDF, tmp_path / "five.csv", "-o", robot)
     assert shown.exit_code == 1
-    assert "2 columns look like positions" in shown.stdout
-    assert "but the robot model has 3 joints (" in shown.stdout
+    assert "positions are q2_rad, q3_rad, but no column is recognised as that of" in shown.stdout
     lines = [line.removeprefix("# ") for line in robot.read_text().splitlines()]
-    unknown = str(["?"] * 3).replace("'", '"')
-    assert 'time = "time_s"' in lines and f"columns = {unknown}" in lines
-    assert any(line.startswith(f"position = {unknown}") for line in lines)
+    assert 'time = "time_s"' in lines
+    assert 'columns = ["tau1_Nm", "tau2_Nm", "tau3_Nm"]' in lines
+    assert any(line.startswith('position = ["?", "q2_rad", "q3_rad"]') for line in lines)
     assert '"link_torque": sensors' in robot.read_text()
 
 

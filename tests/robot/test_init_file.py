@@ -13,7 +13,7 @@ from steelyard.robot_file.file import LoadedRobot, load_robot
 from steelyard.robot_file.sections import PriorSection, ProcessingSection
 from steelyard.robot_file.template.guess_efforts import link_side
 from steelyard.robot_file.template.proposal import proposed
-from steelyard.robot_file.template.template import assigned, drafted
+from steelyard.robot_file.template.template import assigned, drafted, path_from
 
 DATA = os.environ.get("STEELYARD_DATA")
 needs_data = pytest.mark.skipif(not DATA, reason="STEELYARD_DATA names no folder with robots")
@@ -65,6 +65,15 @@ def urdf(path: Path, *joints: tuple[str, str, str, str]) -> Path:
     )
     path.write_text(f'<robot name="r"><link name="base"/>{inside}</robot>')
     return path
+
+
+def test_the_path_of_the_model_is_the_shorter_of_relative_and_absolute(tmp_path: Path) -> None:
+    model = urdf(tmp_path / "r.urdf", ("a", "revolute", "base", LIMIT.format(-1, 1)))
+    near = tmp_path / "near"
+    deep = tmp_path.joinpath(*(["far"] * len(str(tmp_path))))
+    assert path_from(near, model) == "../r.urdf"
+    assert path_from(deep, model) == model.as_posix()
+    assert 'urdf = "../r.urdf"' in round_trip(model, near / "r.toml", None)[1]
 
 
 def round_trip(

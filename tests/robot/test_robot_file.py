@@ -272,7 +272,14 @@ ERRORS = {
                    '"q{}" for q1, q2'),
     "count": (signals('"q{}"', '["q1"]'), "1 columns (q1) are given for 2 identified joints "
               "(elbow, lift)", "line 5, [signals] position", "one per joint"),
-    "twice": (signals('"q{}"', '["i1", "q"]'), "column 'i1' is used twice", "[signals]", "own"),
+    "twice": (signals('"q{}"', '["i1", "q"]'), "column 'i1' is used twice, in signals.position and "
+              "signals.effort.columns", "line 7, [signals.effort] columns", "own"),
+    "twice in a list": (signals('"q{}"', '["q", "q"]'), "column 'q' is used twice, in "
+                        "signals.position", "line 5, [signals] position", "own"),
+    "joint twice": (ROBOT + 'joints = [\n"elbow",\n"lift",\n"elbow"]', "joint 'elbow' is listed "
+                    "twice under joints", "line 6", "once"),
+    "joint locked": (ROBOT + 'joints = ["elbow"]\n[robot.locked]\nelbow = 0.0', "joint 'elbow' is "
+                     "locked, but also listed under joints", "line 3", "once"),
     "velocity unit": (signals('time = "t"', 'time = "t"\nvelocity_unit = "rad/s"'),
                       "velocity_unit is given, but no velocity columns", "line 5", "remove"),
     "commanded velocity": (signals('time = "t"', 'time = "t"\ncommanded_velocity = "v{}"'),
@@ -281,7 +288,8 @@ ERRORS = {
     "commanded count": (signals('time = "t"', 'time = "t"\ncommanded_position = ["g"]'),
                         "1 columns (g) are given for 2", "line 5", "one per joint"),
     "commanded twice": (signals('time = "t"', 'time = "t"\ncommanded_position = ["i1", "g"]'),
-                        "column 'i1' is used twice", "[signals]", "own"),
+                        "column 'i1' is used twice, in signals.commanded_position and "
+                        "signals.effort.columns", "[signals.effort] columns", "own"),
     "units count": (signals('["Nm", "N"]', '["Nm"]'), "1 units are given for 2", "unit", "one per"),
     "unit unfit": (signals('time = "t"', 'time = "t"\nposition_unit = ["m", "m"]'),
                    "unit 'm' does not fit joint 'elbow', which is revolute", "line 5", "rad, deg"),

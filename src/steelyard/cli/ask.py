@@ -2,12 +2,16 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
+from steelyard.cli.stated_values import coupled, numbers, parsed, positions
+from steelyard.errors import ModelError
 from steelyard.robot.robot import Coordinate
 from steelyard.robot_file.template.guess_columns import Guess
 from steelyard.robot_file.template.guess_motors import Gears
 from steelyard.robot_file.template.known import Effort, Known, needs_gains, with_effort
 
+T = TypeVar("T")
 Ask = Callable[[str, str], str]
 """Question and default to the answer."""
 
@@ -45,14 +49,38 @@ def effort_of(guess: Guess, ask: Ask) -> Effort | None:
 
 def gears_of(guess: Guess, moving: Sequence[Coordinate], ask: Ask) -> Gears | None:
     """Gear ratios, where signals are of the motors and neither log nor model contain them."""
-    ratios = _numbers(
+    ratios = _answered(
         ask,
         "Positions or torques are of the motors. Turns of each motor per turn of its joint, "
         f"negative where opposite ({_names(moving)}), separated by commas",
         "unknown",
-        len(moving),
+        lambda text: numbers(text, moving, "--ratios"),
     )
     return None if ratios is None else Gears(ratios, (), "ratios as answered")
+
+
+def coupling_of(moving: Sequence[Coordinate], ask: Ask) -> tuple[tuple[int, int, float], ...]:
+    """Motors that turn with a second joint: motor and joint by number, and ratio; none if none."""
+    question = (
+        "Motors that turn with a second joint, as MOTOR,JOINT,RATIO, the motor by the joint that "
+        f"it drives ({moving[-1].name},{moving[0].name},32), separated by spaces"
+    )
+
+    def read(text: str) -> tuple[tuple[int, int, float], ...]:
+        return tuple(coupled(word, moving, "--coupling") for word in text.split())
+
+    return _answered(ask, question, "none", read) or ()
+
+
+def zeros_of(moving: Sequence[Coordinate], ask: Ask) -> tuple[float, ...]:
+    """Joint positions where the motors' positions are zero [rad; m]; none if unknown."""
+    question = (
+        "Joint positions where the motors' positions are zero, in rad (m) or as -90deg "
+        f"({_names(moving)}), separated by commas"
+    )
+    return (
+        _answered(ask, question, "all zero", lambda text: positions(text, moving, "--zeros")) or ()
+    )
 
 
 def mounting_of(ask: Ask) -> tuple[float, float, float] | None:
@@ -72,12 +100,12 @@ def with_gains(known: Known, guess: Guess, moving: Sequence[Coordinate], ask: As
     """Drive gains of currents, where the log does not contain them."""
     if known.gains or not needs_gains(with_effort(guess, known.effort)):
         return known
-    gains = _numbers(
+    gains = _answered(
         ask,
         "Drive gains: Nm at the joint per A, torque constant times gear ratio "
         f"({_names(moving)}), separated by commas",
         "unknown",
-        len(moving),
+        lambda text: numbers(text, moving, "--gains"),
     )
     return known if gains is None else replace(known, gains=gains, gains_source="the answer given")
 
@@ -93,22 +121,12 @@ def _chosen(ask: Ask, question: str, default: str, choices: Mapping[str, object]
     return text
 
 
-def _numbers(ask: Ask, question: str, default: str, count: int) -> tuple[float, ...] | None:
-    """So many numbers other than zero, or `None` for the default."""
+def _answered(ask: Ask, question: str, default: str, read: Callable[[str], T]) -> T | None:
+    """What an answer says, asked again until it can be read; `None` for the default."""
     asked = question
     while (text := ask(asked, default).strip()) != default:
-        found = parsed(text, count)
-        if found is not None and all(found):
-            return found
-        asked = f"'{text}' is not {count} numbers other than zero. {question}"
+        try:
+            return read(text)
+        except ModelError as error:
+            asked = f"{error.wrong}: {error.fix}. {question}"
     return None
-
-
-def parsed(text: str, count: int) -> tuple[float, ...] | None:
-    """So many finite numbers, separated by commas or spaces; `None` if they are not."""
-    try:
-        values = tuple(float(word) for word in text.replace(",", " ").split())
-    except ValueError:
-        return None
-    finite = all(abs(value) < float("inf") for value in values)
-    return values if len(values) == count and finite else None

@@ -17,6 +17,7 @@ from steelyard.diagnosis.finding import Edit, Finding, Severity
 from steelyard.diagnosis.register import CHECKS, OF_MOTION
 from steelyard.diagnosis.signals.clock import Clock
 from steelyard.diagnosis.signals.position import Position
+from steelyard.diagnosis.signals.set_points import SetPoints, measured_instead
 from steelyard.diagnosis.together import together
 from steelyard.progress import report_progress
 
@@ -80,7 +81,7 @@ CORRECTED = ", or --fix corrects it and checks again"
 
 
 def examine(case: Case, *, quick: bool = False, checks: Sequence[Check] | None = None) -> Diagnosis:
-    """Ask every check; of a log whose clock or positions are wrong, none of `OF_MOTION`.
+    """Ask every check; where clock, positions or the choice of efforts are wrong, no `OF_MOTION`.
 
     Args:
         case: Robot, logs and what is known beforehand.
@@ -114,10 +115,13 @@ def _asked(case: Case, checks: Sequence[Check], done: int, of: int) -> list[Find
 
 
 def _not_run(case: Case, findings: Sequence[Finding]) -> Iterator[Finding]:
-    """That checks are not made, for every log whose clock or positions were found to be wrong."""
+    """That checks are not made, for every log whose clock, positions or efforts are others."""
     wrong = [f for f in findings if f.check in PREMISES and f.severity == Severity.WRONG]
+    targets = [f for f in findings if f.check == SetPoints.name and f.severity]
     for evidence in case.logs:
         mine = [f for f in wrong if f.log in ("", evidence.name)]
+        if measured_instead(evidence):
+            mine += [f for f in targets if f.log == evidence.name]
         if mine:
             edits = all(f.fix is not None and f.fix.edits for f in mine)
             names = " and the ".join(dict.fromkeys(f.check for f in mine))

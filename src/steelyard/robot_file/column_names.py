@@ -180,13 +180,12 @@ def by_number(
         columns: Columns of one quantity.
         kinds: Of the joints, one per column; none if all names must be alike.
     """
-    alike: dict[tuple[str, ...], dict[int, Column]] = defaultdict(dict)
     mixed: dict[tuple[str, ...], list[tuple[int, Column]]] = defaultdict(list)
+    columns = list(columns)
     for column in columns:
         stem, number = _stem(column)
-        alike[stem][number] = column
         mixed[tuple(word for word in stem if word not in _UNITS)].append((number, column))
-    found = list(alike.items())
+    found = list(_alike(columns).items())
     found += [(stem, dict(group)) for stem, group in mixed.items() if _differ(group, kinds)]
     fitting = [
         (stem, group)
@@ -195,6 +194,34 @@ def by_number(
     ]
     fitting.sort(key=lambda item: _rank(item[0]))
     return [tuple(group[k] for k in sorted(group)) for _, group in fitting]
+
+
+def partly_by_number(count: int, columns: Iterable[Column]) -> tuple[Column | None, ...]:
+    """The largest group of columns alike but for their last number, with its gaps.
+
+    Args:
+        count: Places, 0 or 1 onwards; more than half of them have a column.
+        columns: Columns of one quantity.
+
+    Returns:
+        A column or `None` for each place; nothing if there is no such group.
+    """
+    groups = [
+        (stem, tuple(group.get(k + first) for k in range(count)))
+        for stem, group in _alike(columns).items()
+        for first in [min(1, *group)]
+        if max(group) < count + first and 2 * len(group) > count
+    ]
+    return min(groups, key=lambda g: (g[1].count(None), _rank(g[0])), default=((), ()))[1]
+
+
+def _alike(columns: Iterable[Column]) -> dict[tuple[str, ...], dict[int, Column]]:
+    """Columns by their names without the last number, and by that number."""
+    alike: dict[tuple[str, ...], dict[int, Column]] = defaultdict(dict)
+    for column in columns:
+        stem, number = _stem(column)
+        alike[stem][number] = column
+    return alike
 
 
 def _stem(column: Column) -> tuple[tuple[str, ...], int]:

@@ -174,10 +174,11 @@ def build_signals(
         _refuse_without_velocity(section, locate)
     commanded = _commanded(section, coordinates, locate)
     time, time_scale = _clock(section, locate)
-    _check_distinct((time, *position, *(velocity or ()), *effort), locate("signals"))
-    _check_distinct(
-        (time, *(commanded[0] or ()), *(commanded[1] or ()), *effort), locate("signals")
-    )
+    clock, efforts = (("signals", "time"), (time,)), (("signals", "effort", "columns"), effort)
+    names = ("position", "velocity"), ("commanded_position", "commanded_velocity")
+    for keys, lists in zip(names, ((position, velocity), commanded), strict=True):
+        moved = [(("signals", key), one or ()) for key, one in zip(keys, lists, strict=True)]
+        _check_distinct([clock, *moved, efforts], locate)
     position_scale, velocity_scale = _motion_scales(section, coordinates, locate)
     units, effort_scale = effort_units_of(section.effort, coordinates, locate)
     gains, unknown = gains_of(section.effort, effort, units, coordinates, locate)
@@ -348,14 +349,20 @@ def _columns(
     return given
 
 
-def _check_distinct(columns: Sequence[str], where: str) -> None:
-    for column in columns:
-        if columns.count(column) > 1:
-            raise ModelError(
-                f"column '{column}' is used twice",
-                where=where,
-                fix="give every signal a column of its own",
-            )
+def _check_distinct(lists: Sequence[tuple[tuple[str, ...], Sequence[str]]], locate: Locate) -> None:
+    """No column is in two of the lists, each with its key, or twice in one."""
+    known: dict[str, str] = {}
+    for key, columns in lists:
+        name = ".".join(key)
+        for column in columns:
+            if column in known:
+                places = " and ".join(dict.fromkeys((known[column], name)))
+                raise ModelError(
+                    f"column '{column}' is used twice, in {places}",
+                    where=locate(*key),
+                    fix="give every signal a column of its own",
+                )
+            known[column] = name
 
 
 def _of_motors(units: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:

@@ -165,12 +165,18 @@ def examined(
     refuse_other_columns(logs, guess, moving)
     effort = questions.effort_of(guess, _ask) if asking else None
     gears = stated.gears(guess, moving) or gears_of(proposal, moving, guess)
-    if asking and guess.motor_side and gears is None:
+    asked = asking and guess.motor_side and stated.ratios is None
+    if asked and gears is None:
         gears = questions.gears_of(guess, moving, _ask)
+    if asked and gears is not None and len(moving) > 1 and gears is not guess.gears:
+        gears = replace(gears, coupling=questions.coupling_of(moving, _ask))
     known = looked_at(proposal.loaded, moving, logs, with_effort(guess, effort), gears)
     known = stated.with_gains(replace(known, effort=effort, gears=gears), guess, moving)
     known = stated.with_zeros(known, moving)
     if asking:
+        of_motors = guess.section.coordinates == "motor" and known.gears is not None
+        if asked and of_motors and not known.zeros:
+            known = replace(known, zeros=questions.zeros_of(moving, _ask))
         known = questions.with_gains(known, guess, moving, _ask)
         known = replace(known, gravity=questions.mounting_of(_ask))
     return assignment, known

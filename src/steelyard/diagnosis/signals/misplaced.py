@@ -104,4 +104,7 @@ def _alike(one: Array, others: Array) -> Array:
     """Absolute correlation of one signal `(1, N)` with others `(m, N)`, shape `(m,)`."""
     a, b = (x - x.mean(axis=1, keepdims=True) for x in (one, others))
     size = np.sqrt(np.square(a).sum(axis=1) * np.square(b).sum(axis=1))
-    return np.abs(np.divide((a * b).sum(axis=1), size, out=np.zeros(len(b)), where=size > 0.0))
+    alike: Array = np.abs(
+        np.divide((a * b).sum(axis=1), size, out=np.zeros(len(b)), where=size > 0.0)
+    )
+    return alike

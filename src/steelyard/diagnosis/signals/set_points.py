@@ -55,6 +55,13 @@ def _found(case: Case, evidence: Evidence) -> Finding:
     return Finding(SetPoints.name, evidence.name, Severity.OK, says, figure)
 
 
+def measured_instead(evidence: Evidence) -> tuple[str, ...]:
+    """Patterns of effort columns that may be measured, where the declared ones are set-points."""
+    declared = evidence.recording.signals.effort
+    targets = any(Column(name).of_target for name in declared)
+    return other_columns(evidence, declared, "effort") if targets else ()
+
+
 def _named(evidence: Evidence) -> Iterator[tuple[str, str]]:
     """Declared columns that are called set-points, and those that may be taken instead."""
     signals = evidence.recording.signals

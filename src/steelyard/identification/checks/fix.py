@@ -1,6 +1,5 @@
 """`steelyard check --fix`: a new robot file with what was found, checked again."""
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ from steelyard.progress import Progress
 from steelyard.report.text.findings import diagnosis_dict, edit_dict, place
 from steelyard.robot.xacro.read import stem_of
 from steelyard.robot_file.edits import edited, lines_of
+from steelyard.robot_file.template.template import path_from
 from steelyard.robot_file.toml_reader import tomllib
 
 ROUNDS = 4
@@ -228,6 +228,5 @@ def _moved(subject: Subject, target: Path) -> str:
     for key in ("urdf", "mjcf"):
         model = robot.get(key)
         if model is not None and not model.startswith("${") and not Path(model).is_absolute():
-            path = Path(os.path.relpath(here / model, there)).as_posix()
-            return edited(subject.text, [Edit(("robot", key), path)])
+            return edited(subject.text, [Edit(("robot", key), path_from(there, here / model))])
     return subject.text

@@ -11,7 +11,14 @@ from numpy.typing import ArrayLike
 from steelyard.arrays import Array
 from steelyard.errors import LogError
 from steelyard.robot.robot import Coordinate, Robot
-from steelyard.robot_file.column_names import Column, Quantity, by_name, by_number, like_finger
+from steelyard.robot_file.column_names import (
+    Column,
+    Quantity,
+    by_name,
+    by_number,
+    like_finger,
+    partly_by_number,
+)
 from steelyard.robot_file.sections import SignalsSection
 from steelyard.robot_file.signals import Signals, build_signals, expanded
 from steelyard.robot_file.template.give_up import OF_MOTORS, finite, give_up, listed
@@ -228,14 +235,21 @@ def _names(given: str | Sequence[str]) -> str:
     return given if isinstance(given, str) else ", ".join(given)
 
 
-def position_columns(coordinates: Sequence[Coordinate], columns: Sequence[str]) -> tuple[str, ...]:
-    """The position columns of a log whose other columns cannot be assigned; none if unknown."""
-    named = [c for c in map(Column, columns) if c.quantity == "position"]
-    by_joint = by_name(coordinates, named)
-    if len(by_joint) == len(coordinates):
-        return tuple(by_joint[c.name].name for c in coordinates)
-    groups = by_number(len(coordinates), named, [c.kind for c in coordinates])
-    return tuple(column.name for column in groups[0]) if groups else ()
+def recognised(
+    quantity: Quantity, coordinates: Sequence[Coordinate], columns: Sequence[str]
+) -> tuple[Column | None, ...]:
+    """Columns of a quantity in a log that cannot be assigned as a whole.
+
+    A column or `None` for each joint, where more than half of the joints have one; else nothing.
+    """
+    named = [c for c in map(Column, columns) if c.quantity == quantity]
+    by_joint, count = by_name(coordinates, named), len(coordinates)
+    groups = by_number(count, named, [c.kind for c in coordinates])
+    if groups and len(by_joint) < count:
+        return groups[0]
+    if 2 * len(by_joint) > count:
+        return tuple(by_joint.get(c.name) for c in coordinates)
+    return partly_by_number(count, named)
 
 
 def _matched(
@@ -246,6 +260,7 @@ def _matched(
 ) -> tuple[list[Coordinate], list[Column], list[Column], str]:
     """Joints, their position and effort columns, and how they were assigned."""
     position, effort = kinds.get("position", ()), kinds.get("effort", ())
+    likes: tuple[tuple[str, Quantity], ...] = (("positions", "position"), ("efforts", "effort"))
     named_q, named_tau = by_name(coordinates, position), by_name(coordinates, effort)
     if joints := [c for c in coordinates if c.name in named_q and c.name in named_tau]:
         found_q, found_tau = ([named[c.name] for c in joints] for named in (named_q, named_tau))
@@ -253,14 +268,32 @@ def _matched(
     joints = [c for c in coordinates if not like_finger(c.name)]
     kinds_of = [c.kind for c in joints]
     numbered_q, numbered_tau = (by_number(len(joints), x, kinds_of) for x in (position, effort))
-    for what, like, groups in (
-        ("positions", position, numbered_q),
-        ("efforts", effort, numbered_tau),
-    ):
+    for (what, quantity), groups in zip(likes, (numbered_q, numbered_tau), strict=True):
         if not groups:
-            give_up(_unlike(what, like, joints, columns), columns)
+            odd = _odd(what, recognised(quantity, joints, columns), joints, columns)
+            give_up(odd or _unlike(what, kinds.get(quantity, ()), joints, columns), columns)
     alive = [g for g in numbered_tau if any(changes(c.name, values) for c in g)] or numbered_tau
     return joints, list(numbered_q[0]), list(alive[0]), "by their numbers"
+
+
+def _odd(
+    what: str,
+    found: Sequence[Column | None],
+    joints: Sequence[Coordinate],
+    columns: Sequence[str],
+) -> str:
+    """Joints that have no column beside those that have one, and columns that may be theirs."""
+    beside = [column for column in found if column is not None]
+    missing = [j.name for j, column in zip(joints, found, strict=False) if column is None]
+    if not missing:
+        return ""
+    quantity = beside[0].quantity
+    left = [c for c in map(Column, columns) if c not in beside and c.quantity in (None, quantity)]
+    perhaps = f" (perhaps {listed(left)})" if left else ""
+    return (
+        f"{what} are {listed(beside)}, but no column is recognised as that of "
+        f"{', '.join(missing)}{perhaps}"
+    )
 
 
 def _unlike(

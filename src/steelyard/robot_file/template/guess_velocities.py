@@ -128,8 +128,8 @@ def judged(
     rows = np.arange(len(values[0]), dtype=np.float64)
     t = rows / clock["rate"] if "rate" in clock else np.asarray(sample[clock["time"]], np.float64)
     t = t * TIME_UNITS[str(clock.get("time_unit", "s"))]
-    units = [unit] * len(position) if unit is None or isinstance(unit, str) else unit
-    units = [one or joint.unit for one, joint in zip(units, joints, strict=True)]
+    given = [unit] * len(position) if unit is None or isinstance(unit, str) else unit
+    units = [str(one or joint.unit) for one, joint in zip(given, joints, strict=True)]
     q = [x * SMALL_UNITS.get(one, 1.0) for x, one in zip(values, units, strict=False)]
     own = [RATES[one] for one in units]
     found, rates = _in_unit(t, q, values[len(q) :], own, joints)

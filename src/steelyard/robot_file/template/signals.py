@@ -4,10 +4,17 @@ from collections.abc import Sequence
 
 from steelyard.robot.robot import Coordinate
 from steelyard.robot_file.column_names import Column
-from steelyard.robot_file.sections import EffortSection, SignalsSection
+from steelyard.robot_file.sections import EffortSection, Gain, SignalsSection
 from steelyard.robot_file.signals import expanded
-from steelyard.robot_file.template.guess_columns import Guess, position_columns
-from steelyard.robot_file.template.known import Known, current_units, gains_of, needs_gains
+from steelyard.robot_file.template.guess_columns import Guess, recognised
+from steelyard.robot_file.template.guess_efforts import effort_units
+from steelyard.robot_file.template.known import (
+    CURRENT_UNITS,
+    Known,
+    current_units,
+    gains_of,
+    needs_gains,
+)
 from steelyard.robot_file.template.text import comment, toml_text
 
 TO_FILL = "?"
@@ -153,15 +160,18 @@ def signals_template(
     head = [comment(f"CHECK: {why}")]
     if columns:
         head.append(comment("The log's columns: " + ", ".join(toml_text(c) for c in columns)))
-    found = position_columns(moving, columns or ())
+    found, efforts_found = (recognised(q, moving, columns or ()) for q in ("position", "effort"))
     clock = next((c for c in columns or () if Column(c).quantity == "time"), "time")
     if columns is None:
         listed, efforts = toml_text(expanded("q{}", moving)), toml_text(expanded("tau{}", moving))
     else:
         listed, efforts = (
-            toml_text(found or [TO_FILL] * len(moving)),
-            toml_text([TO_FILL] * len(moving)),
+            toml_text([TO_FILL if c is None else c.name for c in found or [None] * len(moving)]),
+            toml_text(
+                [TO_FILL if c is None else c.name for c in efforts_found or [None] * len(moving)]
+            ),
         )
+    kind, units, gains = _efforts_of(efforts_found, moving)
     ratios = toml_text([100.0] * len(moving))
     lines = [
         "[signals]",
@@ -174,9 +184,21 @@ def signals_template(
         f"# ratios = {ratios}  # turns of each motor per turn of its joint",
         "[signals.effort]",
         f"columns = {efforts}",
-        f'kind = "joint_torque"  # {KINDS[0]}',
+        f"kind = {toml_text(kind)}  # {KINDS[0]}",
         *(f"# {line}" for line in KINDS[1:]),
-        f'unit = {toml_text([c.effort_unit for c in moving])}  # "A", "mA", "Nm" or "N"',
-        f"gain = {toml_text([1.0] * len(moving))}  # torque at the joint per logged unit",
+        f'unit = {toml_text(units)}  # "A", "mA", "Nm" or "N"',
+        f"gain = {toml_text(gains)}  # torque at the joint per logged unit",
     ]
     return "\n".join([*head, *(f"# {line}" for line in lines)])
+
+
+def _efforts_of(
+    found: Sequence[Column | None], moving: Sequence[Coordinate]
+) -> tuple[str, list[str], list[Gain]]:
+    """Kind, units and gains of efforts, by the names of the columns that are recognised."""
+    pairs = [(column, c) for column, c in zip(found, moving, strict=False) if column is not None]
+    _, units = effort_units([column for column, _ in pairs], [c for _, c in pairs], {})
+    if units and set(units) <= set(CURRENT_UNITS):
+        unknown: list[Gain] = ["identify"] * (len(moving) - 1)
+        return "motor_current", [units[0]] * len(moving), [1.0, *unknown]
+    return "joint_torque", [c.effort_unit for c in moving], [1.0] * len(moving)

@@ -25,8 +25,8 @@ from steelyard.robot_file.template.text import comment, toml_key, toml_text
 
 _NOTHING = Known()
 FILL_IN = (
-    "fill in [signals], which is commented out below the names of the log's columns, and remove "
-    "the #"
+    "fill in [signals], which is commented out below the names of the log's columns, with a column "
+    "in place of each ?, and remove the #"
 )
 GIVE_RATE = "give the sampling rate, --rate HZ: all other columns are recognised"
 
@@ -258,12 +258,14 @@ def _hands(robot: Robot) -> set[str]:
     return names
 
 
-def _relative(model_path: Path, output_path: Path) -> str:
-    """The model's path from the robot file's folder; absolute on another drive."""
+def path_from(folder: Path, path: Path) -> str:
+    """A path as seen from a folder: relative or absolute, whichever is shorter."""
+    absolute = Path(os.path.abspath(path)).as_posix()
     try:
-        return Path(os.path.relpath(model_path, output_path.parent)).as_posix()
-    except ValueError:
-        return model_path.resolve().as_posix()
+        relative = Path(os.path.relpath(path, folder)).as_posix()
+    except ValueError:  # on another drive
+        return absolute
+    return min(relative, absolute, key=len)
 
 
 def _xacro_lines(loaded: LoadedRobot) -> str:
@@ -295,8 +297,8 @@ def _robot_part(
 name = {toml_text(robot.name)}
 # Where the model and the logs come from, for the report.
 # source = "https://..."
-# Path relative to this file; ${{NAME}} is an environment variable.
-{kind} = {toml_text(_relative(model_path, output_path))}{_xacro_lines(proposal.loaded)}
+# Path, absolute or relative to this file; ${{NAME}} is an environment variable.
+{kind} = {toml_text(path_from(output_path.parent, model_path))}{_xacro_lines(proposal.loaded)}
 # Joints to identify, in the order of the columns below. All others are locked.
 joints = [
 {names}]
