@@ -128,6 +128,9 @@ def test_a_fault_is_found_and_the_fixed_file_is_ok(
     printed = json.loads(done.stdout)
     assert printed["severity"] == "wrong"
     assert {"path": path, "value": value} in printed["edits"]
+    if fault == "degrees":
+        (found,) = (f for f in printed["findings"] if f["severity"] != "ok")
+        assert "positions of all 3 joints are in deg: as declared" in found["says"]
     assert printed["fixed"]["severity"] == "ok" and done.exit_code == 0, printed["fixed"]
     assert load_robot(target).signals is not None
     assert command("check", target, log, "--quick").exit_code == 0

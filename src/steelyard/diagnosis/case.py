@@ -1,6 +1,6 @@
 """What the detective has before it: a robot, logs of it, and perhaps a model from clean runs."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -96,3 +96,9 @@ class Case:
     def joints(self) -> tuple[str, ...]:
         """Names of the joints, in the order of the columns."""
         return self.loaded.robot.joint_names
+
+    def listed(self, joints: Sequence[int]) -> str:
+        """Names of joints in a sentence, given by number; of three or more that are all, none."""
+        if len(joints) > 2 and len(joints) == len(self.joints):
+            return f"all {len(joints)} joints"
+        return ", ".join(self.joints[j] for j in joints)

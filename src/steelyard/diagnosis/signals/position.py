@@ -171,7 +171,7 @@ def _other_unit(
         Position.name,
         evidence.name,
         Severity.WRONG if sure else Severity.DOUBTFUL,
-        f"positions of {', '.join(names)} {'are' if sure else 'may be'} in {unit}: as declared, "
+        f"positions of {case.listed(other)} {'are' if sure else 'may be'} in {unit}: as declared, "
         f"{case.joints[clear]} would {_reasons(case, evidence, units, clear, off)}",
         _value_text(case, off),
         joints=names,

@@ -189,28 +189,31 @@ def _clauses(
         unit = " and ".join(sorted({units.joints[j].velocity_unit for j in _at(faults.unit)}))
         uncertain = _with_positions(units, faults)
         clauses.append(
-            f"velocities of {_names(case, faults.unit)} "
+            f"velocities of {case.listed(_at(faults.unit))} "
             f"{'may be' if uncertain else 'are'} in {unit}"
         )
     if faults.turned.any():
         clauses.append(
-            f"position and velocity of {_names(case, faults.turned)} have opposite signs, either "
-            "may be at fault"
+            f"position and velocity of {case.listed(_at(faults.turned))} have opposite signs, "
+            "either may be at fault"
         )
     if faults.scaled.any():
         factors = ", ".join(f"{abs(units.relative(j)):.3g}" for j in _at(faults.scaled))
-        clauses.append(f"velocities of {_names(case, faults.scaled)} are {factors} times d(q)/dt")
+        clauses.append(
+            f"velocities of {case.listed(_at(faults.scaled))} are {factors} times d(q)/dt"
+        )
     if faults.strange.any():
         clauses.append(
-            f"velocities of {_names(case, faults.strange)} are not the derivatives of the positions"
+            f"velocities of {case.listed(_at(faults.strange))} are not the derivatives of the "
+            "positions"
         )
     if faults.late.any():
         used = "" if declared else ", but are not used"
-        clauses.append(f"velocities of {_names(case, faults.late)} are late{used}")
+        clauses.append(f"velocities of {case.listed(_at(faults.late))} are late{used}")
     if faults.differenced.any():
         used = "" if declared else ", but are not used"
         clauses.append(
-            f"velocities of {_names(case, faults.differenced)} are differences of successive "
+            f"velocities of {case.listed(_at(faults.differenced))} are differences of successive "
             f"positions: half a row late, with twice the noise{used}"
         )
     return clauses
@@ -245,12 +248,6 @@ def _fix(
 
 def _at(mask: NDArray[np.bool_]) -> list[int]:
     return np.flatnonzero(mask).tolist()
-
-
-def _names(case: Case, mask: NDArray[np.bool_]) -> str:
-    if len(mask) > 2 and mask.all():
-        return f"all {len(mask)} joints"
-    return ", ".join(case.joints[j] for j in _at(mask))
 
 
 def _facts(agreed: Agreement) -> str:
