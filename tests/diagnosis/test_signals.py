@@ -380,6 +380,13 @@ def test_a_velocity_that_is_declared_as_position_is_named_and_corrected(
     assert not any(f.check == "velocity" for f in found.findings)
 
 
+def test_positions_of_one_frequency_are_no_velocities(tmp_path: Path) -> None:
+    table, turn = sound(), 2.0 * np.pi * np.array([0.25, 0.3125, 0.1875])
+    phase = turn * table[:, :1]
+    table[:, Q], table[:, DQ] = np.sin(phase), turn * np.cos(phase)
+    assert of(diagnosis(tmp_path, table), "position").severity == Severity.OK
+
+
 @pytest.mark.parametrize(
     ("name", "severity"),
     [("dq2_rad_s", Severity.WRONG), ("qd2", Severity.DOUBTFUL), ("angle2", Severity.OK)],

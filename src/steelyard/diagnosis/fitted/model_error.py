@@ -32,8 +32,12 @@ ADVICE = {
 ADD = "Add it to [model] terms"
 """What to do about a term that predicts left-out motion better."""
 
-AS_LOGGED = "; compare the errors as logged, as estimated effort scales may change with it"
-"""What makes errors of two models comparable where scales of the efforts are estimated."""
+AS_LOGGED = (
+    " at the present effort scales, which change with it. Add it to [model] terms only if the "
+    "error as logged then falls"
+)
+"""What to do about it where scales of the efforts are estimated: errors of two models that divide
+efforts by other scales cannot be compared."""
 
 GEOMETRY = (
     "Check the joint zeros (position_offset in [signals]), then the lengths and axes in the model "
@@ -102,11 +106,13 @@ def advice(tested: Sequence[tuple[Cause, LeftOutGain | None]], scaled: bool) -> 
     sure = [(gain.after, cause, gain) for cause, gain in tested if gain and gain.confirmed]
     if sure:
         _, cause, gain = min(sure, key=lambda one: one[0])
-        fix = ADD if cause.of_friction else ADVICE.get(cause.kind, GEOMETRY)
-        return (
+        falls = (
             f"With {cause.says} the error on left-out motion falls from {gain.before:.2g} to "
-            f"{gain.after:.2g} %. {fix}{AS_LOGGED if scaled and cause.of_friction else ''}"
+            f"{gain.after:.2g} %"
         )
+        if cause.of_friction and scaled:
+            return f"{falls}{AS_LOGGED}"
+        return f"{falls}. {ADD if cause.of_friction else ADVICE.get(cause.kind, GEOMETRY)}"
     (cause, found), *_ = tested
     most = f"Of single causes {cause.says} would explain most, {100.0 * cause.share:.0f} %"
     if found is None:

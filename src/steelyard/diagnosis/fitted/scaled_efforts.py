@@ -72,4 +72,7 @@ def _term_instead(case: FittedCase, distance: float) -> str:
     )
     if gain is None or not gain.confirmed:
         return f"{more}, but is not confirmed on left-out motion"
-    return f"{more} and reduces the error on left-out motion ({gain.words}): add it first"
+    return (
+        f"{more} and reduces the error on left-out motion ({gain.words}): add it, and keep it if "
+        "the error as logged falls"
+    )

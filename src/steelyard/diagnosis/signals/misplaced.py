@@ -55,7 +55,7 @@ def misplaced(case: Case, evidence: Evidence) -> tuple[Misplaced, ...]:
     for joint, (name, others) in enumerate(zip(signals.position, beside, strict=True)):
         own, of_own = _correlations(case, evidence, joint, others)
         best = int(np.argmax(own)) if len(own) else 0
-        if len(own) and own[best] >= ALIKE:
+        if len(own) and own[best] >= ALIKE and own[best] > of_own[best]:
             found.append(Misplaced(joint, name, float(own[best]), others[best]))
         elif _called_velocity(name) and not (of_own >= ALIKE).any():
             free = [c for c in others if c not in signals.columns]
@@ -78,9 +78,11 @@ def _beside(name: str, columns: Sequence[str]) -> list[str]:
 def _correlations(
     case: Case, evidence: Evidence, joint: int, others: Sequence[str]
 ) -> tuple[Array, Array]:
-    """Of a joint's positions with the others' derivatives, and of the derivative with the others.
+    """Of a joint's positions with the others' derivatives, and size of the derivative's with them.
 
-    Zero where positions are of motors behind coupled gears, or nothing moves.
+    In motion of one frequency positions are opposite to derivatives of their velocities, so the
+    sign of the former counts. Zero where positions are of motors behind coupled gears, or nothing
+    moves.
     """
     overview, start = look(case, evidence), evidence.recording.cut.rows[0]
     none = np.zeros(len(others)), np.zeros(len(others))
@@ -97,14 +99,12 @@ def _correlations(
         return none
     x = np.concatenate([smooth(part, rate) for part in even], axis=1)
     v = np.concatenate([slope(part, rate) for part in even], axis=1)
-    return _alike(x[:1], v[1:]), _alike(v[:1], x[1:])
+    return _alike(x[:1], v[1:]), np.abs(_alike(v[:1], x[1:]))
 
 
 def _alike(one: Array, others: Array) -> Array:
-    """Absolute correlation of one signal `(1, N)` with others `(m, N)`, shape `(m,)`."""
+    """Correlation of one signal `(1, N)` with others `(m, N)`, shape `(m,)`."""
     a, b = (x - x.mean(axis=1, keepdims=True) for x in (one, others))
     size = np.sqrt(np.square(a).sum(axis=1) * np.square(b).sum(axis=1))
-    alike: Array = np.abs(
-        np.divide((a * b).sum(axis=1), size, out=np.zeros(len(b)), where=size > 0.0)
-    )
-    return alike
+    found: Array = np.divide((a * b).sum(axis=1), size, out=np.zeros(len(b)), where=size > 0.0)
+    return found
