@@ -71,6 +71,19 @@ def test_efforts_are_not_judged_by_a_wrong_clock_or_positions_in_another_unit(
     assert not {f["check"] for f in printed["findings"]} & {check.name for check in OF_MOTION}
 
 
+def test_currents_beside_a_model_file_need_a_robot_file(
+    simulated: tuple[Path, Path], given: Path, command: Command, tmp_path: Path
+) -> None:
+    log = tmp_path / "log.csv"
+    table = pl.read_csv(simulated[1])
+    table.rename({f"i{k}": f"current{k}_A" for k in (1, 2, 3)}).write_csv(log)
+    done = command("check", given / "demo_arm.urdf", log, "--quick")
+    assert done.exit_code == 0, done.output
+    last = " ".join(done.stdout.split("\n\n")[-1].split())
+    assert last.startswith("next # identify needs a robot file for drive gains: steelyard init ")
+    assert command("init", *last.split()[-2:], "-o", tmp_path / "new.toml").exit_code == 0
+
+
 @pytest.mark.parametrize("measured", [True, False])
 def test_set_points_beside_measured_efforts_get_no_gains(
     measured: bool,

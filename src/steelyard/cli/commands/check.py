@@ -69,6 +69,7 @@ def check(
 
     from steelyard.cli import interrupt
     from steelyard.cli.show import progress_bar
+    from steelyard.errors import ModelError
     from steelyard.files import whole_file, whole_folder
     from steelyard.identification.checks.check import check as checked
     from steelyard.identification.logs import new_folder
@@ -100,16 +101,26 @@ def check(
     else:
         console = Console()
         found.show(console, verbose)
-        good = not (model or found.last.severity)
-        given = parted(load_robot(robot, base=fixed_base), logs) if good else Parted(tuple(logs))
-        for line in hints(found, folder, [] if model else [robot, *given.logs], given.ends):
+        given, gains = Parted(tuple(logs)), True
+        if not (model or found.last.severity):
+            try:
+                given = parted(load_robot(robot, base=fixed_base), logs)
+            except ModelError:  # a model file and currents: no drive gains, as columns are guessed
+                gains = False
+        named = [] if model else [robot, *given.logs]
+        for line in hints(found, folder, named, given.ends, gains=gains):
             console.print(Text(line), soft_wrap=True)
     if found.last.severity:
         raise typer.Exit(int(found.last.severity))
 
 
 def hints(
-    found: "CheckResult", folder: Path | None, named: Sequence[str], ends: str = ""
+    found: "CheckResult",
+    folder: Path | None,
+    named: Sequence[str],
+    ends: str = "",
+    *,
+    gains: bool = True,
 ) -> list[str]:
     """Where things are written, or how to have them written; and what to do next.
 
@@ -118,6 +129,7 @@ def hints(
         folder: Of the page, if there is one.
         named: Robot file and logs as they were given, to be identified from; else empty.
         ends: Why the log that validates ends before its last row, if it does.
+        gains: Whether the drive gains are known; if not, a robot file is needed for them.
     """
     from steelyard.report.text.next_steps import (
         gear_side_steps,
@@ -142,7 +154,10 @@ def hints(
         steps.insert(0, ("", COMPARE))
     elif "transmission" in found.last.open_checks:
         steps.insert(0, ("", GEARS))
-    if named and not found.last.severity:
+    if named and not gains:
+        words = " ".join(path_word(name) for name in used)
+        steps.append((f"steelyard init {words}", "identify needs a robot file for drive gains:"))
+    elif named and not found.last.severity:
         steps.append((identifying(used[0], used[1:]), ends))
     lines += step_lines(tuple(steps), 12)
     return lines if len(lines) > 1 else []
