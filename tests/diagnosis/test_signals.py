@@ -383,8 +383,12 @@ def test_a_velocity_that_is_declared_as_position_is_named_and_corrected(
 def test_positions_of_one_frequency_are_no_velocities(tmp_path: Path) -> None:
     table, turn = sound(), 2.0 * np.pi * np.array([0.25, 0.3125, 0.1875])
     phase = turn * table[:, :1]
-    table[:, Q], table[:, DQ] = np.sin(phase), turn * np.cos(phase)
-    assert of(diagnosis(tmp_path, table), "position").severity == Severity.OK
+    for sign in (1.0, -1.0):
+        table[:, Q], table[:, DQ] = np.sin(phase), sign * turn * np.cos(phase)
+        assert of(diagnosis(tmp_path, table), "position").severity == Severity.OK
+    text = ROBOT.replace('"q{}"', '"dq{}"').replace('velocity = "dq{}"\n', "")
+    table[:, DQ] *= sign
+    assert "derivative of 'q1'" in of(diagnosis(tmp_path, table, text), "position").says
 
 
 @pytest.mark.parametrize(

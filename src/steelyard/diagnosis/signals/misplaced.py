@@ -55,7 +55,8 @@ def misplaced(case: Case, evidence: Evidence) -> tuple[Misplaced, ...]:
     for joint, (name, others) in enumerate(zip(signals.position, beside, strict=True)):
         own, of_own = _correlations(case, evidence, joint, others)
         best = int(np.argmax(own)) if len(own) else 0
-        if len(own) and own[best] >= ALIKE and own[best] > of_own[best]:
+        either = len(own) > 0 and of_own[best] >= ALIKE  # motion of one frequency
+        if len(own) and own[best] >= ALIKE and (not either or _called_velocity(name)):
             found.append(Misplaced(joint, name, float(own[best]), others[best]))
         elif _called_velocity(name) and not (of_own >= ALIKE).any():
             free = [c for c in others if c not in signals.columns]
