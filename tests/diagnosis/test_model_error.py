@@ -112,7 +112,7 @@ def test_a_friction_law_that_lacks_is_a_remark(
     assert f"(term {term.law})" in causes.split(",")[0]
     assert "geometry" not in causes  # many columns explain anything; single causes are named
     assert f"(term {term.law}) the error on left-out motion falls from " in finding.brief
-    assert finding.brief.endswith(" %. Add it to [model] terms")
+    assert finding.brief.endswith(" % (least squares). Add it to [model] terms")
     assert finding.says.endswith("; by least squares without prior, one run left out in turn")
 
 
@@ -159,7 +159,10 @@ def test_a_term_that_predicts_other_motion_worse_is_not_recommended(
     fitted = case(loaded, paths)
     (finding,) = ModelError()(fitted)
     assert "a spring (term spring) would explain most" in finding.brief
-    assert ": not confirmed on left-out motion (error " in finding.brief
+    gain = fitted.tested[0][1]
+    assert gain is not None and gain.after > gain.before
+    larger = f"{100.0 * (gain.after / gain.before - 1.0):.0f} % larger with it"
+    assert finding.brief.endswith(f": not confirmed on left-out motion (error {larger})")
     assert "Add it" not in finding.brief and finding.fix is None
     run = fitted.fitted[0]
     (once,) = ModelError()(replace(fitted, fitted=(run, run)))
@@ -182,7 +185,7 @@ def test_zeros_that_are_quarter_turns_away_are_found(
 def test_errors_of_models_with_scales_are_to_be_compared_as_logged() -> None:
     spring = Cause("spring", "", "a spring", ("spring.a",), 100.0, 0.5)
     tested = ((spring, LeftOutGain(3.0, 2.0, True, "run")),)
-    falls = "With a spring the error on left-out motion falls from 3 to 2 %"
+    falls = "With a spring the error on left-out motion falls from 3 to 2 % (least squares)"
     assert model_error.advice(tested, False) == f"{falls}. Add it to [model] terms"
     assert model_error.advice(tested, True).startswith(f"{falls} at the present effort scales")
     assert model_error.advice(tested, True).endswith("only if the error as logged then falls")

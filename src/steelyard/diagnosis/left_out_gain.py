@@ -58,6 +58,12 @@ class LeftOutGain:
         """Both errors."""
         return f"{self.before:.2g} %, with it {self.after:.2g} %"
 
+    @property
+    def change(self) -> str:
+        """The difference relative to the error without it."""
+        more = 100.0 * (self.after / self.before - 1.0)
+        return f"{abs(more):.0f} % {'larger' if more >= 0.0 else 'smaller'} with it"
+
 
 @dataclass(frozen=True, eq=False)
 class Parts:

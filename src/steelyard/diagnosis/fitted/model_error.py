@@ -108,7 +108,7 @@ def advice(tested: Sequence[tuple[Cause, LeftOutGain | None]], scaled: bool) -> 
         _, cause, gain = min(sure, key=lambda one: one[0])
         falls = (
             f"With {cause.says} the error on left-out motion falls from {gain.before:.2g} to "
-            f"{gain.after:.2g} %"
+            f"{gain.after:.2g} % (least squares)"
         )
         if cause.of_friction and scaled:
             return f"{falls}{AS_LOGGED}"
@@ -117,7 +117,7 @@ def advice(tested: Sequence[tuple[Cause, LeftOutGain | None]], scaled: bool) -> 
     most = f"Of single causes {cause.says} would explain most, {100.0 * cause.share:.0f} %"
     if found is None:
         return f"{most}: not tested on left-out motion, the logs are too short"
-    return f"{most}: not confirmed on left-out motion (error {found.words})"
+    return f"{most}: not confirmed on left-out motion (error {found.change})"
 
 
 def _not_looked_at(case: FittedCase, runs: Sequence[Run]) -> tuple[Finding, ...]:
