@@ -16,7 +16,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.finding import Edit, Fix
-from steelyard.diagnosis.left_out_gain import LeftOutGain, Parts
+from steelyard.diagnosis.left_out_gain import WORTH_A_SEARCH, LeftOutGain, Parts
 from steelyard.diagnosis.ranked_causes import beginnings
 from steelyard.errors import DataError
 from steelyard.estimation.fields.fields import information_from
@@ -103,7 +103,8 @@ def turned_zeros(model: Model, sigma: Array, runs: Sequence[Run]) -> TurnedZeros
             Parts.of(model, regressor, sigma, with_offsets(some, offsets))
             for offsets in (start, found)
         )
-        gain = LeftOutGain.of(without.errors(names), within.errors(names), without.left_out)
+        plain, errors = (parts.errors(names) for parts in (without, within))
+        gain = LeftOutGain.of(plain, errors, without.left_out, WORTH_A_SEARCH)
     except DataError:
         return None
     joints = tuple(model.robot.joint_names[k] for k in turned)
