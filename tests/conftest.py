@@ -1,8 +1,9 @@
-"""Machine code of the tests is kept for one session only; memory as the system counts it."""
+"""A cache of machine code for tests alone; memory as the system counts it."""
 
 import gc
 import os
 import re
+import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -17,6 +18,7 @@ import typer.testing
 from hypothesis import HealthCheck, settings
 
 from browser import Tab, chromium, running
+from steelyard.kernel.native.cache import key_of
 
 STATUS = Path("/proc/self/status")
 
@@ -33,14 +35,23 @@ typer.testing._get_command = cache(typer.testing._get_command)
 def pytest_configure(config: pytest.Config) -> None:
     """A kernel cache of our own, so that tests neither use nor fill the user's.
 
-    Set before tests are collected: some modules make a regressor when they are imported. Parallel
-    workers inherit that of the process that started them.
+    It is kept from session to session while the files that programs are made from stay as they are
+    (`cache.SOURCES`). Set before tests are collected: some modules make a regressor when they are
+    imported. Parallel workers inherit that of the process that started them.
     """
     if hasattr(config, "workerinput"):
         return
-    folder = tempfile.TemporaryDirectory(prefix="steelyard-tests-")
-    os.environ["STEELYARD_CACHE"] = folder.name
-    config.add_cleanup(folder.cleanup)
+    kept = getattr(config, "cache", None)
+    if kept is None:
+        folder = tempfile.TemporaryDirectory(prefix="steelyard-tests-")
+        os.environ["STEELYARD_CACHE"] = folder.name
+        config.add_cleanup(folder.cleanup)
+        return
+    place = kept.mkdir("kernels") / key_of("tests")
+    for earlier in place.parent.iterdir():
+        if earlier != place:
+            shutil.rmtree(earlier, ignore_errors=True)
+    os.environ["STEELYARD_CACHE"] = str(place)
 
 
 def pytest_collection_finish() -> None:
