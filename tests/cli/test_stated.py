@@ -84,6 +84,7 @@ def test_gains_are_written(command: Command, currents: Path, tmp_path: Path) -> 
         (("--ratios", "1,1,1", "--coupling", "elbw,elbow,2"), "there is no joint 'elbw'"),
         (("--coupling", "elbow,elbow,2"), "a coupling is given without gear ratios"),
         (("--zeros", "0,90deg"), "'0,90deg' is not 3 positions"),
+        (("--zeros", "0,-90,1.5"), "looks like degrees\n  where  --zeros\n  fix    write -90deg"),
         (("--gains", "1,2,3"), "the log's efforts are torques, by their names"),
     ],
 )

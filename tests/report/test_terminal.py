@@ -107,7 +107,8 @@ def test_the_error_against_efforts_as_logged_is_printed_and_judged(usual):
         assert float(row(table, "pooled")[3].rstrip("\u00a0%")) == pytest.approx(share, abs=0.051)
         assert '<th scope="col">As logged</th>' in render(content)
     poor = verdict(replace(usual, scores=(scaled(score, 9.0),)))
-    assert "(elbow " in poor.headline or "(shoulder " in poor.headline
+    assert poor.headline.endswith("(shoulder 45.0\u00a0% as logged, elbow 45.0\u00a0% as logged)")
+    assert render(replace(usual, scores=(scaled(score, 9.0),))).count('"hint poor">poor') == 2
     several = printed(replace(usual, scores=(scaled(score, 4.0), scaled(score, 4.0))))
     assert row(several, "run  ")[3] == "as logged"
     assert "as logged" not in printed(usual) + render(usual)

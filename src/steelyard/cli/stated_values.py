@@ -6,6 +6,7 @@ import numpy as np
 
 from steelyard.errors import ModelError
 from steelyard.robot.robot import Coordinate
+from steelyard.robot_file.signals import looks_like_degrees
 from steelyard.suggest import advice
 
 
@@ -47,7 +48,7 @@ def positions(text: str, moving: Sequence[Coordinate], where: str) -> tuple[floa
         ModelError: The text is something else.
     """
     words = text.replace(",", " ").split()
-    turned = (word.endswith("deg") for word in words)
+    turned = [word.endswith("deg") for word in words]
     plain = parsed(" ".join(word.removesuffix("deg") for word in words), len(moving))
     if plain is None:
         names = ", ".join(c.name for c in moving)
@@ -56,6 +57,13 @@ def positions(text: str, moving: Sequence[Coordinate], where: str) -> tuple[floa
             where=where,
             fix=f"give one for each of {names}, with commas, such as 0,-90deg,1.5708",
         )
+    for x, in_degrees, coordinate in zip(plain, turned, moving, strict=True):
+        if not in_degrees and looks_like_degrees(x, coordinate):
+            raise ModelError(
+                f"positions are in rad: {x:g} of '{coordinate.name}' looks like degrees",
+                where=where,
+                fix=f"write {x:g}deg",
+            )
     return tuple(float(np.deg2rad(x)) if d else x for x, d in zip(plain, turned, strict=True))
 
 

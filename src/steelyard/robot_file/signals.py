@@ -304,6 +304,11 @@ LEAST_DEGREES = 15.0
 """Offset from which on a multiple of five is taken for degrees."""
 
 
+def looks_like_degrees(offset: float, coordinate: Coordinate) -> bool:
+    """Whether a position offset in rad was most likely given in degrees."""
+    return coordinate.kind == "revolute" and abs(offset) >= LEAST_DEGREES and offset % 5.0 == 0.0
+
+
 def _position_offset(
     section: SignalsSection, coordinates: Sequence[Coordinate], locate: Locate
 ) -> tuple[Array | None, tuple[bool, ...]]:
@@ -315,8 +320,7 @@ def _position_offset(
     check_count(len(offsets), "offsets", coordinates, locate("signals", "position_offset"))
     unknown = tuple(offset == "identify" for offset in offsets)
     for offset, coordinate in zip(offsets, coordinates, strict=True):
-        degrees = offset != "identify" and abs(offset) >= LEAST_DEGREES and offset % 5.0 == 0.0
-        if degrees and coordinate.kind == "revolute":
+        if offset != "identify" and looks_like_degrees(offset, coordinate):
             raise ModelError(
                 f"position_offset is in rad: {offset:g} of '{coordinate.name}' looks like degrees",
                 where=locate("signals", "position_offset"),

@@ -148,6 +148,7 @@ def worse_joints(scores: Sequence[RunScore], limit: float) -> tuple[str, ...]:
         )
         if error is not None and limit < round(error.percent_of_used, 1) < inf:
             share = percent(error.percent_of_used)
+            share += "" if error is both[0] else " as logged"
             listed.append((error.percent_of_used, f"{joint.joint} {share}"))
     return tuple(words for _, words in sorted(listed, reverse=True))
 

@@ -169,7 +169,11 @@ def _run(score: RunScore) -> dict[str, Any]:
         "figures": _figures(score),
         "basis": basis_words([score]),
         "errors": [
-            _error(joint) | {"as_logged": logged}
+            _error(joint)
+            | {
+                "as_logged": logged,
+                "as_logged_level": level_of(logged) if joint.counted else "none",
+            }
             for joint, logged in zip(score.errors.joints, _logged_shares(score), strict=True)
         ],
         "joints": score.joints,
