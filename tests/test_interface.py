@@ -134,7 +134,7 @@ def test_results_print_save_and_tabulate(folder: Path, tmp_path: Path) -> None:
     assert "joint1" in str(found) and found.verdict.headline[:60] in str(found)
     assert found.scores["joint"].to_list() == ["joint1", "joint2"] * 2
     first = ["run", "fitted", "joint", "error", "unit", "percent_of_used", "percent_of_rated"]
-    assert found.scores.columns[:7] == first
+    assert found.scores.table.columns[:7] == first
     assert set(found.parameters["name"]) >= set(found.model.estimate.parameters.names)
     level = found.verdict.level.upper()
     assert repr(found).startswith(f"Identification({found.content.robot}: {level}, ")
@@ -156,6 +156,63 @@ def test_results_print_save_and_tabulate(folder: Path, tmp_path: Path) -> None:
     assert again.scores["error"].to_list() == pytest.approx([j.error for j in errors.joints])
     assert again.scores["unit"].to_list() == ["Nm", "Nm"]
     assert again.scores["band_hz"].to_list() == [errors.cutoff] * 2
+
+
+def test_scores_print_as_a_table_per_log(folder: Path) -> None:
+    scores = steelyard.validate(folder / "arm-model", folder / "other.csv").scores
+    assert repr(scores) == str(scores)
+    title, headings, _, *joints, pooled = str(scores).splitlines()
+    assert title == "other, not fitted (RMS below 5 Hz, where each joint moves)"
+    assert headings.split() == "joint error of used of rated used rated".split()
+    assert [line.split()[0] for line in joints] == ["joint1", "joint2"]
+    assert pooled.startswith("pooled")
+    assert scores.table["rmse"].to_list() == scores["rmse"].to_list()
+    assert scores._repr_html_() == f"<pre>{scores}</pre>"
+    found = steelyard.identify(
+        folder / "arm.toml", folder / "fit.csv", validate=folder / "other.csv"
+    ).scores
+    assert [line for line in str(found).splitlines() if "fitted" in line] == [
+        "fit, fitted (RMS below 5 Hz, where each joint moves)",
+        title,
+    ]
+
+
+def test_residuals_are_in_the_band_of_the_printed_errors(folder: Path) -> None:
+    model = steelyard.load_model(folder / "arm-model")
+    printed = steelyard.validate(model, folder / "other.csv").scores
+    found = steelyard.residuals(model, folder / "other.csv")
+    assert found.cutoff == printed["band_hz"][0] and found.units == ("Nm", "Nm")
+    counted = np.where(found.moving, found.residual, np.nan)
+    np.testing.assert_allclose(np.sqrt(np.nanmean(counted**2, axis=0)), printed["error"], rtol=1e-6)
+    np.testing.assert_allclose(found.error, printed["error"], rtol=1e-9)
+    assert found.table.columns[:5] == ["t", "joint", "measured", "predicted", "residual"]
+    second = found.table.filter(found.table["joint"] == "joint2")
+    np.testing.assert_array_equal(second["residual"], found.residual[:, 1])
+    np.testing.assert_array_equal(second["t"], found.t)
+    assert repr(found).startswith(f"Residuals(other, below 5 Hz: joint1 {found.error[0]:.3g} Nm, ")
+    wide = steelyard.residuals(model, folder / "other.csv", cutoff=20.0)
+    assert wide.cutoff == 20.0 and (wide.error > found.error).all()
+    with pytest.raises(steelyard.SteelyardError, match="a low-pass of 0 Hz passes nothing"):
+        steelyard.residuals(model, folder / "other.csv", cutoff=0.0)
+    with pytest.raises(steelyard.SteelyardError, match="cut-off"):
+        steelyard.residuals(model, folder / "other.csv", cutoff=1e4)
+
+
+def test_residuals_have_the_unit_of_the_printed_errors(folder: Path, tmp_path: Path) -> None:
+    current = signals_of_currents(folder / "arm-model")
+    for gains, unit in (([2.0, -4.0], "Nm"), ([1.0, -4.0], "A")):
+        model = replace(current, signals=replace(current.signals, gains=np.array(gains)))
+        found = steelyard.residuals(model, folder / "other.csv")
+        printed = steelyard.validate(model, folder / "other.csv").scores
+        assert found.units == (unit, unit) and printed["unit"].to_list() == [unit, unit]
+        np.testing.assert_allclose(found.error, printed["error"], rtol=1e-9)
+
+
+def signals_of_currents(model: Path) -> steelyard.IdentifiedModel:
+    """The model with its efforts logged as currents."""
+    identified = steelyard.load_model(model)
+    amperes = replace(identified.signals, effort_units=("A", "A"), effort_kind="motor_current")
+    return replace(identified, signals=amperes)
 
 
 def test_a_file_of_another_name_is_not_written_over(folder: Path, tmp_path: Path) -> None:

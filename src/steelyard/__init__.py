@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from steelyard.identification.uses.health import health as health
     from steelyard.identification.uses.payload import identify_payload as identify_payload
     from steelyard.identification.uses.payload import payload_events as payload_events
+    from steelyard.identification.uses.residuals import residuals as residuals
     from steelyard.identification.uses.wrench import external_wrench as external_wrench
     from steelyard.identification.validate import validate as validate
     from steelyard.measurement.kalman_filter import KalmanFilter as KalmanFilter
@@ -103,6 +104,7 @@ _HOMES = {
     "reduce": "identification.reduction.reduce",
     "reduction_loop": "identification.reduction.reduction_loop",
     "repeated": "identification.fitting.repeated",
+    "residuals": "identification.uses.residuals",
     "simulate": "identification.motion.simulate",
     "terms": "",
     "track": "identification.motion.track",

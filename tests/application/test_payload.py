@@ -172,7 +172,7 @@ def test_intervals_hold_the_error_of_scales_of_any_unit(together: bool) -> None:
         logs = np.random.default_rng(seed).multivariate_normal(np.zeros(4), SPREAD)
         model = model_of(run(3 * seed + 100, noise=0.01), gains=GAINS * np.exp(logs))
         model = replace(model, signals=replace(model.signals, effort_units=("Nm",) * 4))
-        scaled = replace(model, effort_scales=KnownScales(np.ones(4), SPREAD))
+        scaled = replace(model, effort_scales=KnownScales(model.joints, np.ones(4), SPREAD))
         loaded = [run(3 * seed + 101, LOAD, noise=0.01)]
         unloaded = [run(3 * seed + 102, noise=0.01)] if together else []
         found, naive = (
@@ -188,7 +188,7 @@ def test_intervals_hold_the_error_of_scales_of_any_unit(together: bool) -> None:
 
 
 def test_scales_say_how_well_gains_are_known() -> None:
-    scaled = replace(EXACT, effort_scales=KnownScales(np.ones(4), SPREAD))
+    scaled = replace(EXACT, effort_scales=KnownScales(EXACT.joints, np.ones(4), SPREAD))
     alone, beside = (
         identify_payload(scaled, [run(2, LOAD)], "tool", gain=gain) for gain in (None, 0.04)
     )

@@ -94,7 +94,7 @@ def test_identify_scores_validation_logs_from_commanded_motion(
     named = "".join(f'{key} = "{pattern}"\n' for key, pattern in COLUMNS.items())
     Path("arm.toml").write_text(text.replace("[signals]\n", f"[signals]\n{named}"))
     found = steelyard.identify("arm.toml", LOG, "ahead.csv", check=False, commanded=True)
-    by_log = {name: rows for (name,), rows in found.scores.group_by("run")}
+    by_log = {name: rows for (name,), rows in found.scores.table.group_by("run")}
     assert by_log["identification"]["predicted_from"].unique().to_list() == ["measured"]
     ahead = by_log["ahead"]
     assert ahead["predicted_from"].unique().to_list() == ["commanded"]

@@ -202,7 +202,9 @@ def test_torques_are_in_the_unit_of_the_log_on_request(
 ) -> None:
     model = steelyard.load_model(identified)
     values = np.linspace(0.8, 1.2, model.robot.n)
-    scaled = replace(model, effort_scales=KnownScales(values, 1e-4 * np.eye(len(values))))
+    scaled = replace(
+        model, effort_scales=KnownScales(model.joints, values, 1e-4 * np.eye(model.robot.n))
+    )
     plain, found = feedforward(scaled, motion), feedforward(scaled, motion, as_logged=True)
     np.testing.assert_allclose(found.torque, plain.torque * values, rtol=1e-12)
     (note,) = plain.notes

@@ -441,7 +441,9 @@ def test_scales_that_the_reference_found_of_the_sensors_are_no_gains_that_are_wr
     assert wrong(arm.examined(table)) == ["gain"]
     signals = replace(arm.reference.signals, gains=arm.reference.signals.gains / scales)
     known = replace(
-        arm.reference, effort_scales=KnownScales(scales, 1e-4 * np.eye(3)), signals=signals
+        arm.reference,
+        effort_scales=KnownScales(arm.reference.joints, scales, 1e-4 * np.eye(3)),
+        signals=signals,
     )
     assert not wrong(replace(arm, reference=known).examined(table))
     for gain in ('"identify"', str(signals.gains.tolist())):

@@ -72,7 +72,7 @@ def test_efforts_are_those_of_the_log(identified: IdentifiedModel) -> None:
     np.testing.assert_allclose(identified.effort(q, dq, ddq), amperes, rtol=1e-12)
     np.testing.assert_allclose(identified.effort(q[0], dq[0], ddq[0]), amperes[0], rtol=1e-12)
     milli = replace(identified.signals, effort_scale=np.full(4, 1e-3))
-    scales = KnownScales(np.array([0.7, 1.0, 1.1, 1.3]), np.eye(4))
+    scales = KnownScales(identified.joints, np.array([0.7, 1.0, 1.1, 1.3]), np.eye(4))
     scaled = replace(milli, gains=milli.gains / scales.values)
     found = replace(identified, signals=scaled, effort_scales=scales).effort(q, dq, ddq)
     np.testing.assert_allclose(found, 1e3 * scales.values * amperes, rtol=1e-12)
@@ -87,17 +87,21 @@ def test_relative_gains_are_no_torques(identified: IdentifiedModel) -> None:
 
 def test_scales_of_efforts_are_kept(identified: IdentifiedModel, tmp_path: Path) -> None:
     spread = np.random.default_rng(2).normal(size=(4, 4))
-    known = KnownScales(np.array([0.7, 1.0, 1.1, 1.3]), spread @ spread.T)
+    known = KnownScales(identified.joints, np.array([0.7, 1.0, 1.1, 1.3]), spread @ spread.T)
     path = tmp_path / "model.json"
     path.write_text(replace(identified, effort_scales=known).text())
     again = steelyard.load_model(path).effort_scales
     assert again is not None
     assert np.array_equal(again.values, known.values)
     assert np.array_equal(again.covariance, known.covariance)
+    half = 1.96 * np.sqrt(np.diag(known.covariance)) * known.values
+    assert again.half_width == pytest.approx(half, rel=1e-4)
+    first = f"{identified.joints[0]} 0.700 ± {half[0]:.2g}, "
+    assert repr(again).startswith(first) and repr(again).count("±") == 4
     data = json.loads(path.read_text())
     data["effort_scales"]["values"].pop()
     path.write_text(json.dumps(data))
-    with pytest.raises(ModelError, match="3 scales of efforts need a covariance"):
+    with pytest.raises(ModelError, match="4 joints need 4 scales of efforts with a covariance"):
         steelyard.load_model(path)
     del data["effort_scales"]
     path.write_text(json.dumps(data))

@@ -74,7 +74,7 @@ def test_good_says_for_how_many_joints_and_needs_half_of_them(usual):
 def test_scales_of_the_efforts_stand_under_the_table(usual):
     line = "efforts divided by the estimated scale: shoulder 0.90, elbow 1.10"
     assert "estimated scale" not in printed(usual) + render(usual)
-    known = KnownScales(np.array([0.9, 1.1]), 1e-4 * np.eye(2))
+    known = KnownScales(("shoulder", "elbow"), np.array([0.9, 1.1]), 1e-4 * np.eye(2))
     scaled = replace(usual, identified=replace(usual.identified, effort_scales=known))
     for content in (
         scaled,

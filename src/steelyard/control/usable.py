@@ -71,7 +71,7 @@ def remarks(identified: IdentifiedModel) -> tuple[str, ...]:
     if identified.model.n_channels > len(identified.model.robot.passive):
         found.append("friction with memory begins relaxed, as after a long rest")
     if identified.effort_scales is not None:
-        factors = identified.effort_scales.words(identified.joints)
+        factors = identified.effort_scales.words
         found.append(
             f"torques are those of the model: logged efforts are {factors} times as large "
             "(estimated effort scales)"

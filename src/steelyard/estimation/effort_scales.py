@@ -16,7 +16,6 @@ import numpy as np
 from steelyard.arrays import Array, frozen
 from steelyard.estimation.consistent.consistent import Consistent, inverse_of
 from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.known_scales import KnownScales
 from steelyard.estimation.least_squares.normal_equations import condition_of
 from steelyard.estimation.least_squares.whitened import whitened
 from steelyard.parameters import Parameters
@@ -66,11 +65,6 @@ class Scales:
         """Squared distance of all logarithms from zero, in what is left open of them."""
         logs = np.log(self.values)
         return float(logs @ np.linalg.solve(self.covariance, logs))
-
-    @property
-    def known(self) -> KnownScales:
-        """What an identified model keeps of them."""
-        return KnownScales(frozen(self.values), frozen(self.covariance))
 
 
 @dataclass(frozen=True, eq=False)

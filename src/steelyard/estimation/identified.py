@@ -320,9 +320,10 @@ class IdentifiedModel(Dynamics):
     def from_dict(cls, data: Mapping[str, Any]) -> "IdentifiedModel":
         """The identified model that `to_dict` wrote."""
         origin, calibrated = data["provenance"], data.get("calibration")
-        scales = data.get("effort_scales")
+        scales, model = data.get("effort_scales"), Model.from_dict(data["model"])
+        joints = model.robot.joint_names
         return cls(
-            model=Model.from_dict(data["model"]),
+            model=model,
             base=BaseMap.from_dict(data["base"]),
             estimate=Estimate.from_dict(data["estimate"]),
             reference=tuple(Estimate.from_dict(e) for e in data["reference"]),
@@ -337,7 +338,7 @@ class IdentifiedModel(Dynamics):
                 tuple(origin["notes"]),
             ),
             calibration=None if calibrated is None else Calibration.from_dict(calibrated),
-            effort_scales=None if scales is None else KnownScales.from_dict(scales),
+            effort_scales=None if scales is None else KnownScales.from_dict(scales, joints),
         )
 
     def text(self) -> str:

@@ -1,40 +1,58 @@
 """Scales of the logged efforts that a model was identified with, and how well they are known."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from steelyard.arrays import Array, frozen
+from steelyard.estimation.estimate import Z95
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class KnownScales:
     """Scales that a model's gains count already.
 
     Attributes:
+        joints: Names of the effort rows.
         values: Logged effort over that of the model, shape `(rows,)`.
         covariance: Of their logarithms, shape `(rows, rows)`.
     """
 
+    joints: tuple[str, ...]
     values: Array
     covariance: Array
 
     def __post_init__(self) -> None:
-        n = len(self.values)
-        if self.covariance.shape != (n, n):
-            raise ValueError(f"{n} scales of efforts need a covariance of shape ({n}, {n})")
+        n = len(self.joints)
+        if self.values.shape != (n,) or self.covariance.shape != (n, n):
+            raise ValueError(
+                f"{n} joints need {n} scales of efforts with a covariance of shape ({n}, {n})"
+            )
 
-    def words(self, joints: Iterable[str]) -> str:
+    @property
+    def half_width(self) -> Array:
+        """Half-widths of the 95 % intervals, shape `(rows,)`."""
+        return Z95 * np.sqrt(np.diag(self.covariance)) * self.values
+
+    @property
+    def words(self) -> str:
         """Like `joint1 0.90, joint2 1.10`."""
-        return ", ".join(f"{name} {x:.2f}" for name, x in zip(joints, self.values, strict=True))
+        return ", ".join(
+            f"{name} {x:.2f}" for name, x in zip(self.joints, self.values, strict=True)
+        )
+
+    def __repr__(self) -> str:
+        """Each joint's scale with its 95 % interval."""
+        known = zip(self.joints, self.values, self.half_width, strict=True)
+        return ", ".join(f"{joint} {x:.3f} ± {half:.2g}" for joint, x, half in known)
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values; exact."""
         return {"values": self.values.tolist(), "covariance": self.covariance.tolist()}
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> "KnownScales":
-        """What `to_dict` wrote."""
-        return cls(frozen(np.array(data["values"])), frozen(np.array(data["covariance"])))
+    def from_dict(cls, data: Mapping[str, Any], joints: Sequence[str]) -> "KnownScales":
+        """What `to_dict` wrote, of these joints."""
+        return cls(tuple(joints), frozen(data["values"]), frozen(data["covariance"]))

@@ -44,10 +44,10 @@ from steelyard.identification.method import method_of
 from steelyard.identification.repeated_rows import marked_repeats, refuse_same_rows
 from steelyard.identification.result import (
     Result,
+    Scores,
     parameter_table,
     paths_of,
     result_line,
-    scores_frame,
 )
 from steelyard.measurement import Run
 from steelyard.parameters import Parameters
@@ -99,12 +99,9 @@ class Identification(Result):
         return None if found is None else Repeated(found)
 
     @property
-    def scores(self) -> "DataFrame":
-        """Errors of predicted efforts, one row per joint of each log, fitted or not.
-
-        `error`, `used` and `rated` are in `unit`, `rmse`, `mae` and the others in `logged_unit`.
-        """
-        return scores_frame(self.content)
+    def scores(self) -> Scores:
+        """Errors of predicted efforts per joint and log; all columns in its `table`."""
+        return Scores(self.content.fitted, self.content.scores)
 
     def report(self) -> str:
         """The report as one self-contained HTML page."""

@@ -3,6 +3,7 @@
 import io
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,12 +15,14 @@ from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.extras import require
 from steelyard.files import whole_folder
 from steelyard.report import ReportContent
+from steelyard.report.sections.model.verdict import joints_table
 from steelyard.report.text.score_words import both_words
 from steelyard.report.text.table import rows
 from steelyard.report.text.verdict import verdict
+from steelyard.validation.score import RunScore
 
 if TYPE_CHECKING:
-    from polars import DataFrame
+    from polars import DataFrame, Series
 
     from steelyard.validation.headline import JointError
 
@@ -82,37 +85,71 @@ def result_line(kind: str, content: ReportContent) -> str:
     return f"{kind}({content.robot}: {level}{error})".replace("\u00a0", " ")
 
 
-def scores_frame(content: ReportContent) -> "DataFrame":
-    """Errors as the terminal prints them, one row per joint of each log, fitted or not.
+@dataclass(frozen=True, eq=False, repr=False)
+class Scores:
+    """Errors of predicted efforts in logs, fitted or not: `print` shows a table per log.
 
-    `error`, `used` and `rated` are in `unit`, below `band_hz`; the other errors (`rmse`, `mae` ...)
-    are in `logged_unit`, in the band of the fit. Where scales of the efforts were estimated,
-    `error`, `used` and `percent_of_used` are of the efforts divided by them, and
-    `error_as_logged`, `used_as_logged` and `percent_of_used_as_logged` of the efforts as logged.
+    Attributes:
+        fitted: Scores of the fitted logs.
+        unseen: Scores of the others.
     """
-    scored = [(True, score) for score in content.fitted]
-    scored += [(False, score) for score in content.scores]
-    joints = [
-        {
-            "run": score.run,
-            "fitted": fitted,
-            "joint": printed.joint,
-            **{key: printed.to_dict()[key] for key in PRINTED},
-            **({} if logged is None else _as_logged(logged)),
-            "moving": printed.counted,
-            "band_hz": score.errors.cutoff,
-            "predicted_from": score.predicted_from,
-            **{"logged_unit" if key == "unit" else key: value for key, value in other.items()},
-        }
-        for fitted, score in scored
-        for printed, logged, other in zip(
-            score.errors.joints,
-            score.errors.as_logged or [None] * len(score.errors.joints),
-            score.to_dict()["joints"],
-            strict=True,
-        )
-    ]
-    return frame(joints, "scores")
+
+    fitted: tuple[RunScore, ...]
+    unseen: tuple[RunScore, ...]
+
+    @property
+    def table(self) -> "DataFrame":
+        """All columns as a Polars data frame, one row per joint of each log.
+
+        `error`, `used` and `rated` are in `unit`, below `band_hz`; the other errors (`rmse`, `mae`
+        ...) are in `logged_unit`, in the band of the fit. Where scales of the efforts were
+        estimated, `error`, `used` and `percent_of_used` are of the efforts divided by them, and
+        `error_as_logged`, `used_as_logged` and `percent_of_used_as_logged` of the efforts as
+        logged.
+
+        Raises:
+            PackageError: Polars is not installed.
+        """
+        scored = [(True, score) for score in self.fitted]
+        scored += [(False, score) for score in self.unseen]
+        joints = [
+            {
+                "run": score.run,
+                "fitted": fitted,
+                "joint": printed.joint,
+                **{key: printed.to_dict()[key] for key in PRINTED},
+                **({} if logged is None else _as_logged(logged)),
+                "moving": printed.counted,
+                "band_hz": score.errors.cutoff,
+                "predicted_from": score.predicted_from,
+                **{"logged_unit" if key == "unit" else key: value for key, value in other.items()},
+            }
+            for fitted, score in scored
+            for printed, logged, other in zip(
+                score.errors.joints,
+                score.errors.as_logged or [None] * len(score.errors.joints),
+                score.to_dict()["joints"],
+                strict=True,
+            )
+        ]
+        return frame(joints, "scores")
+
+    def __getitem__(self, column: str) -> "Series":
+        """A column of `table`."""
+        return self.table[column]
+
+    def __str__(self) -> str:
+        text = io.StringIO()
+        console = Console(file=text, width=TEXT_WIDTH)
+        for scores, unseen in ((self.fitted, False), (self.unseen, True)):
+            for score in scores:
+                console.print(joints_table(score, unseen))
+        return text.getvalue().rstrip("\n")
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(str(self))}</pre>"
 
 
 PRINTED = ("error", "unit", "percent_of_used", "percent_of_rated", "used", "rated")
@@ -148,8 +185,8 @@ def parameter_table(model: str | Path | IdentifiedModel) -> "DataFrame":
     return frame([vars(row) for row in rows(load_model(model))], "parameters")
 
 
-def frame(records: Sequence[Mapping[str, Any]], where: str) -> "DataFrame":
-    """A data frame of rows that have the same keys.
+def frame(records: Sequence[Mapping[str, Any]] | Mapping[str, Any], where: str) -> "DataFrame":
+    """A data frame of rows that have the same keys, or of columns by name.
 
     Raises:
         PackageError: Polars is not installed.

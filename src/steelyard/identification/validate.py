@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.console import Console
 
@@ -29,16 +29,13 @@ from steelyard.identification.logs import (
     scored_from_commanded,
 )
 from steelyard.identification.repeated_rows import holds_fitted_rows, marked_repeats
-from steelyard.identification.result import Result, paths_of, result_line, scores_frame
+from steelyard.identification.result import Result, Scores, paths_of, result_line
 from steelyard.measurement import Run
 from steelyard.progress import Progress, silent
 from steelyard.report import ReportContent, render, summary
 from steelyard.report.text.findings import finding_dict
 from steelyard.report.text.verdict import Verdict, verdict
 from steelyard.validation.score import RunScore
-
-if TYPE_CHECKING:
-    from polars import DataFrame
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,12 +54,9 @@ class Validation(Result):
         return verdict(self.content)
 
     @property
-    def scores(self) -> "DataFrame":
-        """Errors of predicted efforts, one row per joint of each log.
-
-        `error`, `used` and `rated` are in `unit`, `rmse`, `mae` and the others in `logged_unit`.
-        """
-        return scores_frame(self.content)
+    def scores(self) -> Scores:
+        """Errors of predicted efforts per joint and log; all columns in its `table`."""
+        return Scores(self.content.fitted, self.content.scores)
 
     def __repr__(self) -> str:
         """Robot, level and error in one line."""

@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.arrays import Array
+from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError
 from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.effort_scales import DEVIATION, Scaled, Scales
 from steelyard.estimation.estimate import Z95
 from steelyard.estimation.fold_errors import FEWEST, FOLDS, logarithms
+from steelyard.estimation.known_scales import KnownScales
 from steelyard.progress import Progress, report_progress, silent
 from steelyard.regression.information import Information
 from steelyard.validation.cross import LEAST
@@ -48,9 +49,14 @@ class EffortScales:
     scaled: Scaled
 
     @property
+    def known(self) -> KnownScales:
+        """What an identified model keeps of them."""
+        return KnownScales(self.joints, frozen(self.found.values), frozen(self.found.covariance))
+
+    @property
     def half_width(self) -> Array:
         """Half-widths of the 95 % intervals, shape `(rows,)`."""
-        return Z95 * self.found.std * self.found.values
+        return self.known.half_width
 
     @property
     def note(self) -> str:

@@ -20,6 +20,7 @@ from math import sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.estimation.identified import BAND
@@ -244,15 +245,15 @@ def band_errors(
         sums_moving: The same where each joint moves; numbers of samples, shape `(n,)`.
         scales: Estimated scales that the gains contain and the errors shall not, one per joint.
     """
-    longest = float(np.max(sums_moving[1], initial=0.0))
-    at_rest = longest == 0.0
+    moving = joints_moving(sums_moving[1])
+    at_rest = not moving.any()
     all_known = gains_known(run.effort_units, gains)
     joints = []
     for j, (name, unit) in enumerate(names):
         known = all_known[j]
         unscaled = scales[j] if scales and known else 1.0
         scale = unscaled * abs(float(gains[j])) if known else 1.0
-        moves = bool(sums_moving[1][j] > SHORT * longest)
+        moves = bool(moving[j])
         squares, samples = (
             (sums_moving[0][:, j], int(sums_moving[1][j])) if moves else (sums[0][:, j], sums[1])
         )
@@ -272,6 +273,11 @@ def band_errors(
             )
         )
     return BandErrors(band_of(reference, run.rate), at_rest, tuple(joints))
+
+
+def joints_moving(samples: Array) -> NDArray[np.bool_]:
+    """Whether each joint counts as moving, by the samples in which it does, shape `(n,)`."""
+    return samples > SHORT * float(np.max(samples, initial=0.0))
 
 
 def gains_known(units: Sequence[str], gains: Array) -> tuple[bool, ...]:

@@ -246,6 +246,26 @@ def _parts(kept: Thinned, gains: Array) -> TorqueParts:
     )
 
 
+def filtered_efforts(
+    valued: ValuedModel, run: Run, gains: Array, cutoff: float
+) -> Iterator[tuple[Array, Mask, Array]]:
+    """Low-passed efforts of all samples of a run that the errors of a model are computed from.
+
+    Yields:
+        Time `(B,)`, where each joint moves `(n, B)`, measured and predicted effort in logged
+        units, `(2, n, B)`.
+
+    Raises:
+        LogError: The cut-off is too high for the run's rate.
+    """
+    require_fitting(cutoff, run.rate)
+    predicted = _predictions((valued,), None, gains)
+    blocks = along(run.blocks(), valued.model)
+    for _, of_segment in groupby(blocks, key=lambda block: block.segment):
+        for (t, moving, _, _), efforts in _filtered(of_segment, predicted, cutoff, run.rate):
+            yield t, moving, efforts
+
+
 def _predictions(
     models: Sequence[ValuedModel], split: TorqueSplit | None, gains: Array
 ) -> Callable[[Block], Array]:

@@ -101,7 +101,7 @@ def origin_of(identified: IdentifiedModel) -> tuple[str, ...]:
     else:
         lines.append("Efforts are those at the joints that move the robot, friction included.")
     if identified.effort_scales is not None:
-        factors = identified.effort_scales.words(identified.joints)
+        factors = identified.effort_scales.words
         lines.append(f"Logged efforts are {factors} times as large (estimated effort scales).")
     return tuple(lines)
 

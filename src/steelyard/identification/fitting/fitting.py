@@ -175,7 +175,7 @@ def fit(
         processing=wanted_by(loaded_robot),
         motions=motion_samples([*runs, *carrying]),
         provenance=replace(origin, notes=(*origin.notes, *notes, *ignored)),
-        effort_scales=None if scales is None else scales.found.known,
+        effort_scales=None if scales is None else scales.known,
     )
     return Fit(
         identified,

@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -37,7 +37,7 @@ from steelyard.identification.logs import (
     sha256,
 )
 from steelyard.identification.repeated_rows import marked_repeats
-from steelyard.identification.result import Result, paths_of, scores_frame
+from steelyard.identification.result import Result, Scores, paths_of
 from steelyard.measurement import Run
 from steelyard.measurement.motion_samples import motion_samples
 from steelyard.measurement.run import fastest_of
@@ -55,9 +55,6 @@ from steelyard.suggest import advice
 from steelyard.terms.term import Term
 from steelyard.validation.calibrate import calibrate
 from steelyard.validation.friction.mixes import remembers
-
-if TYPE_CHECKING:
-    from polars import DataFrame
 
 STILL = 0.05
 """Speed of a joint over that of the fastest one of its kind, up to which it hardly moves."""
@@ -88,9 +85,9 @@ class ReducedModel(Result):
         return self.model.estimate.parameters.names
 
     @property
-    def scores(self) -> "DataFrame":
-        """Errors of predicted efforts, one row per joint of each log, fitted or not."""
-        return scores_frame(self.content)
+    def scores(self) -> Scores:
+        """Errors of predicted efforts per joint and log; all columns in its `table`."""
+        return Scores(self.content.fitted, self.content.scores)
 
     def report(self) -> str:
         """The report as one self-contained HTML page."""

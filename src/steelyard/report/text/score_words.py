@@ -184,7 +184,7 @@ def scale_words(identified: IdentifiedModel | None, scores: Sequence[RunScore]) 
     """By what measured efforts are divided before they are compared; empty without scales."""
     if identified is None or identified.effort_scales is None or not scores:
         return ""
-    listed = identified.effort_scales.words(joint.joint for joint in scores[0].joints)
+    listed = identified.effort_scales.words
     return (
         f"efforts divided by the estimated scale: {listed}; as logged: not divided by it. torque() "
         "of the model has the unit of the divided efforts, effort() that of the log"

@@ -99,7 +99,7 @@ class VerdictSection(Section):
         shown = (
             _runs_table(scores, bool(content.scores))
             if several
-            else _joints_table(scores[0], bool(content.scores))
+            else joints_table(scores[0], bool(content.scores))
         )
         yield Group(shown, Text(scales)) if scales else shown
 
@@ -119,7 +119,7 @@ class VerdictSection(Section):
         scores = content.scores or content.fitted
         for score in scores:
             if len(scores) > 1:
-                yield _joints_table(score, unseen)
+                yield joints_table(score, unseen)
             parts: list[RenderableType] = [_fit_table(score)]
             if score.coverage_percent is not None:
                 inside = coverage_words(score.coverage_percent, unseen)
@@ -237,7 +237,7 @@ def _worst(score: RunScore) -> str:
     return f"{worst.joint} {percent(worst.percent_of_used)}"
 
 
-def _joints_table(score: RunScore, unseen: bool) -> RenderableType:
+def joints_table(score: RunScore, unseen: bool) -> RenderableType:
     """One row per joint: its error in the fixed band, beside what it uses and is rated for."""
     from rich.console import Group
     from rich.text import Text
