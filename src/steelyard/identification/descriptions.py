@@ -38,6 +38,8 @@ def settings(identified: IdentifiedModel) -> tuple[tuple[str, str], ...]:
     """Settings as label and value."""
     signals, cutoffs = identified.signals, identified.cutoffs
     gains = f"gains {', '.join(f'{g:g}' for g in signals.gains)}"
+    if identified.effort_scales is not None:
+        gains += ", divided by the estimated scales"
     if signals.effort_map is not None:
         gains = "of the motors, with coupled gears"
     velocity = "logged" if signals.velocity else "differentiated positions"
@@ -45,7 +47,8 @@ def settings(identified: IdentifiedModel) -> tuple[tuple[str, str], ...]:
         ("estimator", identified.estimate.estimator),
         ("motion cut-off (positions, velocities, accelerations)", f"{cutoffs.motion:g} Hz"),
         ("regression cut-off (regressor and effort)", f"{cutoffs.matched:g} Hz"),
-        ("score cut-off (measured and predicted effort)", f"{cutoffs.score:g} Hz"),
+        ("cut-off of the verdict (measured and predicted effort)", f"{cutoffs.headline:g} Hz"),
+        ("cut-off of plots and other errors", f"{cutoffs.score:g} Hz"),
         ("velocities", velocity),
         ("motion", f"by {identified.processing.motion_words}"),
         ("efforts", identified.processing.effort_words),

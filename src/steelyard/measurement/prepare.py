@@ -303,14 +303,14 @@ def _choices(
     return (
         f"resampled to {found.rate:g} Hz (steps {1e3 * mean:.4g} ms mean, {1e3 * least:.4g} to "
         f"{1e3 * most:.4g} ms)",
-        f"motion band {found.band.frequency:.2g} Hz, floor {found.band.floor:.2g} Hz: motion "
-        f"cut-off {chain.motion_cutoff:g} Hz"
+        f"motion up to {found.band.frequency:.2g} Hz, noise above {found.band.floor:.2g} Hz: "
+        f"motion cut-off {chain.motion_cutoff:g} Hz"
         f"{_given(requested.motion_cutoff)}, regression cut-off {chain.matched_cutoff:g} Hz"
         f"{_given(requested.matched_cutoff)}",
         f"processing: {chain.words}; {marked.words or 'nothing corrected'}",
-        "rest speed " + " ".join(f"{s:.2g}" for s in rest_speed) + " rad/s or m/s",
+        "at rest below " + " ".join(f"{s:.2g}" for s in rest_speed) + " rad/s or m/s",
     )
 
 
 def _given(cutoff: float | None) -> str:
-    return "" if cutoff is None else " (given)"
+    return "" if cutoff is None else " (not chosen from this log)"

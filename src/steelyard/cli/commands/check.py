@@ -59,8 +59,8 @@ def check(
 ) -> None:
     """Check logs for errors, and propose lines of the robot file that correct them.
 
-    The exit code is 0 if all is ok, 1 if something is doubtful, 2 if something is wrong; with --fix
-    it is that of the new robot file.
+    The exit code is 0 if all is ok or open, 1 if something is doubtful or the result is undecided,
+    2 if something is wrong or the command fails; with --fix it is that of the new robot file.
 
     Example: steelyard check ur10e.toml run1.csv run2.csv --fix
     """

@@ -187,7 +187,7 @@ def scale_words(identified: IdentifiedModel | None, scores: Sequence[RunScore]) 
     listed = identified.effort_scales.words
     return (
         f"efforts divided by the estimated scale: {listed}; as logged: not divided by it. torque() "
-        "of the model has the unit of the divided efforts, effort() that of the log"
+        "of the model predicts the divided efforts, effort() the logged ones"
     )
 
 

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
 ERROR = (
-    "geometric mean of a typical joint's and of all joints' together, behind the parallel filter"
+    "geometric mean of the error of all joints together and the mean over joints, behind the "
+    "parallel filter; not comparable with the verdict"
 )
 """What an error of a mix is."""
 

@@ -34,7 +34,7 @@ ORDER: tuple[Status, ...] = (
 GOOD: tuple[Status, ...] = ("identified", "small effect", "known", "removed")
 """Parameters of which another motion would change little."""
 
-ONE_BY_ONE = "Predictions use all parameters; as single values use those identified only."
+ONE_BY_ONE = "For predictions use the whole model; rely on single values only if identified."
 """What a small error does not say."""
 
 NAMED = 8
