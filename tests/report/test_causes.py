@@ -85,6 +85,11 @@ def test_fields_have_intervals_and_doubts(usual: ReportContent) -> None:
 def test_friction_and_fields_may_come_alone(usual: ReportContent) -> None:
     alone = tables_of(FrictionSection(), replace(usual, findings=()))
     assert [table.caption for table in alone] == ["Friction laws compared"]
+    page = FrictionSection().show({"tables": alone, "title": "Friction"})
+    summary = page[page.index("<details>") : page.index("</summary>")]
+    for words in ("coulomb (smoothing 0.02) + viscous", "9.87", "with coulomb + viscous 12.35"):
+        assert words in summary.replace("\u00a0", " ")
+    assert page.index("</summary>") < page.index("<table") < page.index("</details>")
     alone = tables_of(FrictionSection(), replace(usual, friction=None))
     assert [table.caption for table in alone] == ["Estimated fields"]
 
@@ -155,7 +160,8 @@ def test_laws_without_memory_are_named_beside_laws_with_memory(usual: ReportCont
         "coulomb (smoothing 0.02) + "
         "viscous (error on motion left out 22 % larger in this comparison)"
     )
-    assert words in " ".join(str(part) for part in section.printed(content))
+    assert "auto_memoryless" not in " ".join(str(part) for part in section.printed(content))
+    assert f"f{words}" in " ".join(str(part) for part in section.detailed(content))
     assert words in section.tables(content)[0].words
     given = section.to_dict(content)["friction"]
     assert given["without_memory"] == "coulomb (smoothing 0.02) + viscous"

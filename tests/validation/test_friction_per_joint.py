@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from invented import ball
 from steelyard.estimation.consistent.consistent import Consistent
@@ -17,10 +18,14 @@ from steelyard.parameters import Parameters
 from steelyard.progress import Event
 from steelyard.regression.base import BaseMap
 from steelyard.robot.robot import Body, Coordinate, Robot
+from steelyard.robot_file.sections import EffortKind
 from steelyard.robot_file.signals import Signals
+from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.terms.laws.load_dependent import PLAUSIBLE, LoadDependent
 from steelyard.terms.laws.presliding import Dahl
 from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.terms.laws.viscous import Viscous
+from steelyard.terms.term import Term
 from steelyard.validation.friction.friction import FrictionChoice, choose_friction
 
 RATE = 100.0
@@ -40,10 +45,21 @@ MODEL = Model(arm(), (RigidBody(),))
 
 
 def logged(lengths: tuple[float, float], seed: int) -> Run:
+    """Friction of 1 Nm and 0.6 N m s/rad."""
+    values = {f"dahl.{c.name}": 1.0 for c in MODEL.robot.coordinates}
+    values |= {f"viscous.{c.name}": 0.6 for c in MODEL.robot.coordinates}
+    return logged_with((Dahl(length=lengths), Viscous()), values, seed)
+
+
+def logged_with(
+    laws: tuple[Term, ...],
+    known: dict[str, float],
+    seed: int,
+    kind: EffortKind = "joint_torque",
+) -> Run:
     """Swings with many reversals, small ones too; torque noise of 0.02 Nm."""
-    model = replace(MODEL, terms=(*MODEL.terms, Dahl(length=lengths), Viscous()))
-    values = {p.name: p.prior or 0.0 for p in model.parameters}
-    values |= {n: 1.0 if n.startswith("dahl") else 0.6 for n in values if "_joint" in n}
+    model = replace(MODEL, terms=(*MODEL.terms, *laws))
+    values = {p.name: p.prior or 0.0 for p in model.parameters} | known
     valued = model.at(Parameters(model.names, model.units, [values[n] for n in model.names]))
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 30.0, 1.0 / RATE)
@@ -57,7 +73,7 @@ def logged(lengths: tuple[float, float], seed: int) -> Run:
     ones = np.ones(2)
     signals = Signals(
         "t", 1.0, ("q1", "q2"), ones, ("v1", "v2"), ones, ("e1", "e2"), ones,
-        "joint_torque", ("Nm", "Nm"), ones,
+        kind, ("Nm", "Nm"), ones,
     )  # fmt: skip
     table = np.column_stack([t, q, dq, effort])
     log = LogInMemory(Path(f"run{seed}"), ("t", "q1", "q2", "v1", "v2", "e1", "e2"), table)
@@ -95,3 +111,26 @@ def test_no_length_per_joint_where_one_is_best_for_all() -> None:
     found = choose([logged((1e-2, 1e-2), seed) for seed in range(3)], [])
     lengths = [t.length for mix in found.table for t in mix.terms if isinstance(t, Dahl)]
     assert lengths and not any(isinstance(length, tuple) for length in lengths)
+
+
+@pytest.mark.parametrize(
+    ("upper", "lower", "joints"),
+    [(0.2, 0.3, None), (0.2, 0.9, ("upper_joint",)), (0.8, 0.9, ())],
+)
+def test_load_dependent_friction_is_of_joints_that_it_is_plausible_of(
+    upper: float, lower: float, joints: tuple[str, ...] | None
+) -> None:
+    laws = (Coulomb(), Viscous(), LoadDependent(length=1e-3))
+    values = {"coulomb.upper_joint": 1.0, "coulomb.lower_joint": 1.0}
+    values |= {"load_dependent.upper_joint": upper, "load_dependent.lower_joint": lower}
+    runs = [logged_with(laws, values, seed, "motor_torque") for seed in range(3)]
+    found = choose_friction(MODEL, runs, WeightedLeastSquares())
+    loaded = [term for term in found.terms if isinstance(term, LoadDependent)]
+    assert max(upper, lower) > PLAUSIBLE or joints is None
+    if joints == ():
+        assert not loaded and "load_dependent" not in str(found.to_dict())
+        return
+    (law,) = loaded
+    assert law.joints == joints
+    named = "" if joints is None else f"joints {', '.join(joints)}, "
+    assert f"load_dependent ({named}length 0.001)" in found.name

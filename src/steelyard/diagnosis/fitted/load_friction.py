@@ -11,11 +11,7 @@ from typing import ClassVar
 from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.estimation.estimate import Z95, Estimate
-from steelyard.terms.laws.load_dependent import LoadDependent
-
-PLAUSIBLE = 0.5
-r"""Largest $\mu$ of robots' gears: an efficiency of 67 %, about that of strain wave gears in the
-cold or at small torque; planetary and cycloidal gears have 80 to 95 %."""
+from steelyard.terms.laws.load_dependent import PLAUSIBLE, LoadDependent
 
 CAUSES = "a gain or gear ratio is wrong, a term is missing, or the motion has too few loads"
 

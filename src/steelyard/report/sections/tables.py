@@ -42,6 +42,7 @@ class PlainTable:
         rows: The rows.
         text: Columns that hold words, not numbers.
         note: What the terminal says below it, in the place of `words`.
+        folded: Summary on the page that opens the table; empty shows the table at once.
     """
 
     caption: str
@@ -50,6 +51,7 @@ class PlainTable:
     rows: Sequence[Row]
     text: Sequence[int] = (0,)
     note: str = ""
+    folded: str = ""
 
     @property
     def dense(self) -> bool:

@@ -23,6 +23,10 @@ from steelyard.terms.memory import RigidTorque
 from steelyard.terms.model_files import Place, left_out
 from steelyard.terms.term import Dissipation
 
+PLAUSIBLE = 0.5
+r"""Largest $\mu$ of robots' gears: an efficiency of 67 %, about that of strain wave gears in the
+cold or at small torque; planetary and cycloidal gears have 80 to 95 %."""
+
 
 @dataclass(frozen=True)
 class LoadDependent(OneState):
@@ -42,7 +46,7 @@ class LoadDependent(OneState):
     dissipation: ClassVar[Dissipation] = "none"
     shown_by: ClassVar[str] = "motion in both directions under several loads of"
     in_model_files: ClassVar[Place] = left_out("friction that grows with load")
-    unnamed: ClassVar[tuple[str, ...]] = (*OneState.unnamed, "reference")
+    unnamed: ClassVar[tuple[str, ...]] = ("per_run", "reference")
     needs_reference: ClassVar[bool] = True
     state_only_fields: ClassVar[tuple[str, ...]] = ("length", "reference")
     reference: tuple[tuple[str, float], ...] = ()

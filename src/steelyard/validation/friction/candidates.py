@@ -1,7 +1,7 @@
 """All candidates of friction laws in one wide pass: a mix is a selection of its columns."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, cast
 
@@ -48,12 +48,14 @@ class Candidates:
         return chosen_regressor(self.model, self.base, chosen)
 
     def columns_of(self, mix: Sequence[Term]) -> tuple[str, ...]:
-        """Names of the columns of a mix."""
+        """Names of the columns of a mix; a law of some joints has columns of that of all."""
         names = list(self.base.base_names)
         for term in mix:
-            known = self.candidates[_place(term)]
+            of_some = _place(term) not in self.candidates
+            whole = replace(cast(Any, term), joints=None) if of_some else term
+            known = self.candidates[_place(whole)]
             for k, parameter in enumerate(term.parameters(self.model.robot)):
-                number = known.index(term) if term in known else _with_length(known, term, k)
+                number = known.index(whole) if whole in known else _with_length(known, whole, k)
                 names.append(f"{parameter.name}@{number}")
         return tuple(names)
 

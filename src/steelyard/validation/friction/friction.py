@@ -45,6 +45,9 @@ any of the many laws of direction."""
 PerJoint = Callable[[tuple[Term, ...]], list[tuple[tuple[Term, ...], Array]]]
 """Mixes whose fields are of each joint, beside the laws that follow, with their errors."""
 
+Plausible = Callable[[tuple[Term, ...], tuple[Term, ...]], tuple[Term, ...]]
+"""Laws beside those kept, of the joints that they are plausible of."""
+
 
 @dataclass(frozen=True)
 class MixScore:
@@ -179,7 +182,9 @@ def choose_friction(
     mix_errors = FrictionMixErrors(
         model, wide, moving, whole, estimator, consistent, progress=progress, count=count
     )
-    return _staged(stages, mix_errors.errors, divided.left_out, mix_errors.per_joint)
+    return _staged(
+        stages, mix_errors.errors, divided.left_out, mix_errors.per_joint, mix_errors.plausible
+    )
 
 
 def refuse_listed(model: Model) -> None:
@@ -204,6 +209,7 @@ def _staged(
     errors: Callable[[tuple[Term, ...]], Array | None],
     left_out: str,
     per_joint: PerJoint = lambda following: [],
+    plausible: Plausible = lambda kept, laws: laws,
 ) -> FrictionChoice:
     """The best law of direction; then the simplest mix of each stage."""
     table: list[tuple[tuple[Term, ...], Array]] = []
@@ -212,7 +218,7 @@ def _staged(
     for number, stage in enumerate(stages):
         # viscous friction is there from the start: direction alone would be judged by its lack
         extra = following if number == 0 else ()
-        mixes = [(*kept, *laws, *extra) for laws in stage]
+        mixes = [(*kept, *plausible(kept, laws), *extra) for laws in stage]
         found = [(mix, error) for mix in mixes if (error := errors(mix)) is not None]
         found += per_joint(extra) if number == 0 else []
         table += [pair for pair in found if pair[0] not in [mix for mix, _ in table]]

@@ -15,6 +15,7 @@ from steelyard.model import Model
 from steelyard.progress import Progress, report_progress, silent
 from steelyard.regression.base import BaseMap
 from steelyard.regression.information import Information
+from steelyard.terms.laws.load_dependent import PLAUSIBLE, LoadDependent
 from steelyard.terms.laws.presliding import Dahl
 from steelyard.terms.term import Term
 from steelyard.validation.cross import left_out_errors, too_short, values_by
@@ -97,6 +98,29 @@ class FrictionMixErrors:
             return found.values
 
         return fitted
+
+    def plausible(self, kept: tuple[Term, ...], laws: tuple[Term, ...]) -> tuple[Term, ...]:
+        """Laws beside those kept; load-dependent friction of those joints that it is plausible of.
+
+        Its coefficients are those of a fit to all runs.
+        """
+        law = next((term for term in laws if isinstance(term, LoadDependent)), None)
+        if law is None:
+            return laws
+        names = self.wide.columns_of((*kept, *laws))
+        try:
+            values = self.fitting((*kept, *laws))(self.whole.select(names))
+        except DataError:
+            return laws
+        found = dict(zip(names, values.tolist(), strict=True))
+        axes = law.axes(self.model.robot)
+        columns = self.wide.columns_of((law,))[-len(axes) :]
+        plausible = [found[column] <= PLAUSIBLE for column in columns]
+        if all(plausible):
+            return laws
+        joints = tuple(axis.name for axis, ok in zip(axes, plausible, strict=True) if ok)
+        rest = tuple(term for term in laws if term is not law)
+        return (*rest, replace(law, joints=joints)) if joints else rest
 
     def per_joint(self, following: tuple[Term, ...]) -> list[tuple[tuple[Term, ...], Array]]:
         """Dahl friction with the best length of each joint.

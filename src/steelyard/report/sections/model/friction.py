@@ -41,14 +41,15 @@ class FrictionSection(TableSection):
         from rich.text import Text
 
         if content.friction is not None:
-            other = without_memory(content.friction)
-            yield Text("\n".join(filter(None, (_chosen(content.friction), other))))
+            yield Text(_chosen(content.friction))
 
     def detailed(self, content: ReportContent) -> Iterable[RenderableType]:
-        """The tables; that laws with memory need a state, where none were compared."""
+        """The tables; laws for controllers without state, where the chosen ones need one."""
         from rich.text import Text
 
         yield from super().detailed(content)
+        if content.friction is not None and (other := without_memory(content.friction)):
+            yield Text(other)
         if content.friction is None and content.identified is not None:
             terms = content.identified.model.terms
             laws = [term.law for term in terms if isinstance(term, StatefulTerm)]
@@ -106,7 +107,7 @@ def _mixes(choice: FrictionChoice) -> PlainTable:
         )
         for mix in choice.table
     ]
-    other = without_memory(choice)
+    other, said = without_memory(choice), _chosen(choice)
     return PlainTable(
         "Friction laws compared",
         f"Error on one {choice.left_out} from a fit to all others, each {choice.left_out} in turn: "
@@ -118,6 +119,7 @@ def _mixes(choice: FrictionChoice) -> PlainTable:
         rows,
         (0, 4),
         f"one {choice.left_out} left out in turn; error: {ERROR}",
+        f"{said[0].upper()}{said[1:]}",
     )
 
 
