@@ -113,7 +113,9 @@ def test_a_friction_law_that_lacks_is_a_remark(
     assert "geometry" not in causes  # many columns explain anything; single causes are named
     assert f"(term {term.law}) the error on left-out motion falls from " in finding.brief
     assert finding.brief.endswith(" % (least squares). Add it to [model] terms")
-    assert finding.says.endswith("; by least squares without prior, one run left out in turn")
+    assert finding.says.endswith(
+        ". Errors on left-out motion: least squares without prior, one run left out in turn"
+    )
 
 
 def test_a_gain_on_left_out_motion_is_that_of_a_fit_to_the_other_run(

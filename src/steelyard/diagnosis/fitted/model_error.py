@@ -78,7 +78,7 @@ def _remark(case: FittedCase, ranked: Ranked) -> Finding:
         brief = f"model incomplete, or the noise varies slowly: residuals {worst}"
     else:
         named = ", ".join(_share(cause, gain) for cause, gain in tested)
-        says += f"; share explained by each candidate alone (not additive): {named}{_how(tested)}"
+        says += f". Share explained by each candidate alone (not additive): {named}{_how(tested)}"
         brief = f"model incomplete: residuals {worst}. {advice(tested, case.scales is not None)}"
     return Finding(ModelError.name, "", Severity.OK, says, "", headline=True, brief=brief)
 
@@ -98,7 +98,10 @@ def _how(tested: Sequence[tuple[Cause, LeftOutGain | None]]) -> str:
     gains = [gain for _, gain in tested if gain is not None]
     if not gains:
         return ""
-    return f"; by least squares without prior, one {gains[0].left_out} left out in turn"
+    return (
+        f". Errors on left-out motion: least squares without prior, one {gains[0].left_out} left "
+        "out in turn"
+    )
 
 
 def advice(tested: Sequence[tuple[Cause, LeftOutGain | None]], scaled: bool) -> str:

@@ -35,7 +35,7 @@ class ScaledEfforts:
         wrong = tuple(j for j, is_wrong in zip(scales.joints, beyond, strict=True) if is_wrong)
         says = (
             f"a scale of the efforts is estimated per joint ({listed}): sensors or gains are off "
-            "by these factors, or a missing term has the same effect; masses are as uncertain as "
+            "by these factors, or a missing term has the same effect. Masses are as uncertain as "
             f"the scales{_term_instead(case, scales.found.distance)}"
         )
         brief = (
