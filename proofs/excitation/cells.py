@@ -127,9 +127,16 @@ def check_headline(
     found: Found, name: str, cell: Cell, certificate: Certificate, notes: tuple[str, ...]
 ) -> None:
     """Every limit is claimed only of what is judged, and all that is judged is proven or named."""
-    shown = SimpleNamespace(std=lambda prior: np.ones(1), gram=np.eye(1))
+    shown = SimpleNamespace(std=lambda prior: np.ones(1), gram=np.eye(1), names=("mass",))
     designed = SimpleNamespace(
-        certificate=certificate, shown=shown, prior=None, kind=cell.kind, searches=1
+        certificate=certificate,
+        shown=shown,
+        prior=None,
+        kind=cell.kind,
+        searches=1,
+        faint=0,
+        absent=(),
+        chosen_parameters=(0,),
     )
     words, grade = headline(designed), level(designed)
     labels = [label for proof in certificate.proofs for label in proof.labels]
@@ -145,7 +152,7 @@ def check_headline(
         found.whole += 1
         if cell.bare or not cell.every or missing:
             found.uncovered.append(f"{name}: claims every limit, though not all is looked at")
-    if "all links, tool and loads" not in words or not certificate.holds:
+    if "is proven to hold at all times" not in words or not certificate.holds:
         found.uncovered.append(f"{name}: {words}")
 
 
@@ -191,7 +198,7 @@ def check_proofs(
             if pair in least and own > least[pair] + SOLVER:
                 found.above.append(f"{name}: {label}: proven {own:.6g}, seen {least[pair]:.6g}")
     found.nearest.append(min(least.values()))
-    found.kinds += [wall.name.split()[0] for wall in cell.judge.inequalities]
+    found.kinds += [wall.name.split()[0] for wall in cell.judge.walls]
     following = cell.judge.following
     found.kinds += ["following joint"] * (following.mimic is not None)
     found.kinds += ["locked joint"] * bool(following.locked) + ["no shapes"] * bool(cell.bare)

@@ -114,8 +114,9 @@ def main() -> list[Claim]:
     """All robots that are there, or those that are named."""
     models = data_folder().parent / "models/menagerie"
     found = list[Claim]()
+    named = {case[0] for case in CASES}.intersection(sys.argv[1:])
     for name, place, base, most in CASES:
-        if sys.argv[1:] and name not in sys.argv[1:]:
+        if named and name not in named:
             continue
         if not (models / place).exists():
             print(f"{name}: there is no {models / place}, so it is passed over", file=sys.stderr)
