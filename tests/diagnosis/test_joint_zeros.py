@@ -6,12 +6,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from diagnosis.conftest import MODEL_BASED
 from diagnosis.fitted import demo_arm, log
-from steelyard.diagnosis import Case, Severity, joint_zeros
+from steelyard.diagnosis import Case, Severity, examine, joint_zeros
+from steelyard.diagnosis.decision.checks import JOINT_ZEROS
+from steelyard.diagnosis.decision.ranking import ranking
+from steelyard.diagnosis.hypotheses import by_zero
+from steelyard.diagnosis.hypotheses.by_zero import zero_offsets
 from steelyard.diagnosis.joint_zeros import JointZeros
+from steelyard.diagnosis.zero_offset import without_effect
 from steelyard.identification.checks.check_case import Subject, case_of
 from steelyard.identification.logs import log_files
 from steelyard.progress import silent
+from steelyard.robot_file.edits import edited
 from steelyard.robot_file.file import load_robot
 from steelyard.virtual.invent import random_truth
 
@@ -48,11 +55,78 @@ def test_zeros_that_are_quarter_turns_away_are_doubtful(tmp_path: Path) -> None:
 def test_with_that_line_no_offset_stands_out(tmp_path: Path) -> None:
     line = "position_offset = [0.0, 0.2, 0.0, 0.0, 0.0, 0.0]"
     (finding,) = JointZeros()(case(tmp_path, (0.0, 0.2, 0.0, 0.0, 0.0, 0.0), line))
-    assert finding.severity == Severity.OK and finding.says.startswith(
-        "no significant zero offset of shoulder_lift, elbow, "
+    assert (
+        finding.severity == Severity.OK
+        and finding.answered
+        and finding.says.startswith("no significant zero offset of shoulder_lift, elbow, ")
     )
     assert "zero offset of shoulder_lift 0.1998 ± 0.00" in finding.figure
     assert "not identifiable: shoulder_turn, flange_roll" in finding.figure
+
+
+@pytest.mark.parametrize("joint, offset", [(1, 0.15), (1, -0.4), (2, 0.3), (2, 1.5)])
+def test_a_reference_finds_the_joint_and_its_offset(arm, joint: int, offset: float) -> None:
+    table = arm.table.copy()
+    table[:, arm.at("q{}_rad")[joint]] += offset
+    found = examine(arm.case(table), checks=(*MODEL_BASED, JOINT_ZEROS))
+    (finding,) = [f for f in found.findings if f.severity]
+    assert finding.check == JointZeros.name and finding.severity == Severity.WRONG
+    assert finding.joints == (arm.robot.joint_names[joint],)
+    (edit,) = found.edits
+    assert edit.path == ("signals", "position_offset")
+    expected = np.where(np.arange(3) == joint, -offset, 0.0)
+    np.testing.assert_allclose(edit.value, expected, atol=0.01)
+    again = examine(arm.case(table, edited(arm.text, found.edits)), checks=(JOINT_ZEROS,))
+    assert again.severity == Severity.OK and again.open_checks == ()
+
+
+def test_the_interval_of_an_offset_holds_it(arm) -> None:
+    table = arm.table.copy()
+    table[:, arm.at("q{}_rad")[1]] += 0.15
+    case = arm.case(table)
+    found = ranking(case, case.logs[0])
+    assert found is not None
+    zero = zero_offsets(found.likelihood, found.likelihood.declared)[1]
+    assert 0.0 < zero.std < 0.02 and abs(zero.value + 0.15) < 2.0 * zero.std
+    assert zero.words.startswith("shoulder_lift -0.1")
+
+
+def test_joints_that_cannot_be_told_apart_are_named_together(
+    arm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table = arm.table.copy()
+    table[:, arm.at("q{}_rad")[1]] += 0.15
+    (finding,) = JOINT_ZEROS(arm.case(table))
+    assert "(or of" not in finding.says
+    monkeypatch.setattr(by_zero, "CLOSE", 1e6)
+    (finding,) = JOINT_ZEROS(arm.case(table))
+    assert "zero offset of shoulder_lift -0.1" in finding.says
+    assert "(or of elbow " in finding.says
+
+
+def test_with_a_reference_zeros_that_are_not_identifiable_leave_the_question_open(
+    arm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (finding,) = JOINT_ZEROS(arm.case(arm.table))
+    assert finding.answered and finding.says.startswith("joint zeros are those of the reference")
+    monkeypatch.setattr(by_zero, "LOOSEST", {"rad": 1e-9, "m": 1e-9})
+    (finding,) = JOINT_ZEROS(arm.case(arm.table))
+    assert finding.severity == Severity.OK and not finding.answered
+    assert finding.says == "undecided: not identifiable from these data: shoulder_lift"
+
+
+def test_quick_checks_with_a_reference_include_the_zeros_once(arm) -> None:
+    table = arm.table.copy()
+    table[:, arm.at("q{}_rad")[1]] += 0.15
+    for quick in (True, False):
+        found = examine(arm.case(table), quick=quick)
+        assert [f.check for f in found.findings if f.severity] == ["joint zeros"]
+    assert JOINT_ZEROS(arm.case(table, known=False)) == ()
+
+
+def test_first_joints_along_gravity_and_last_ones_have_no_identifiable_zero(arm) -> None:
+    assert without_effect(arm.robot) == (True, False, True)
+    assert without_effect(arm.robot.changed(gravity=(9.81, 0.0, 0.0))) == (False, False, True)
 
 
 @pytest.mark.parametrize("line", ['position_offset = "identify"'])
@@ -83,3 +157,20 @@ def test_where_no_offset_is_identifiable_the_question_is_open(
     (finding,) = JointZeros()(case(tmp_path, (0.0,) * 6))
     assert finding.severity == Severity.OK and not finding.answered
     assert finding.says.startswith("not identifiable")
+
+
+def test_an_inner_joint_that_is_not_identifiable_leaves_the_question_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = joint_zeros.estimated_offsets
+
+    def without_elbow(*given):
+        offsets = found(*given)
+        elbow = np.array([joint == "elbow" for joint in offsets.joints])
+        return replace(offsets, std=np.where(elbow, np.nan, offsets.std))
+
+    monkeypatch.setattr(joint_zeros, "estimated_offsets", without_elbow)
+    (finding,) = JointZeros()(case(tmp_path, (0.0,) * 6))
+    assert finding.severity == Severity.OK and not finding.answered
+    assert finding.says.startswith("no significant zero offset of shoulder_lift, ")
+    assert "not identifiable: shoulder_turn, elbow, flange_roll; a model from" in finding.says

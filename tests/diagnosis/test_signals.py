@@ -569,6 +569,30 @@ def test_a_corrupt_head_is_reported_and_harmless(tmp_path: Path) -> None:
     assert of(found, "rows").says == "14 corrupt rows at the start (rows 1 to 14), dropped"
 
 
+def test_corrupt_rows_have_a_line_of_their_own_in_brief(tmp_path: Path) -> None:
+    table = sound()
+    table[1:15, 1:] = 1e250
+    assert of(diagnosis(tmp_path, table), "rows").brief == "14 corrupt rows dropped"
+    assert of(diagnosis(tmp_path, sound()), "rows").brief == ""
+
+
+@pytest.mark.parametrize("order", ["sorted by effort", "shuffled"])
+def test_rows_out_of_order_are_the_only_finding(tmp_path: Path, order: str) -> None:
+    table = sound()
+    table = (
+        table[np.argsort(table[:, 8])]
+        if order == "sorted by effort"
+        else np.random.default_rng(8).permutation(table)
+    )
+    found = diagnosis(tmp_path, table)
+    assert [f.check for f in found.findings] == ["clock", "other checks"]
+    clock, rest = found.findings
+    assert clock.severity == Severity.WRONG and found.edits == ()
+    assert clock.says.startswith("rows are not in the order of time: it decreases at ")
+    assert clock.fix is not None and clock.fix.says.startswith("sort the rows by ")
+    assert not rest.answered and rest.severity == Severity.OK
+
+
 def test_nothing_moves(tmp_path: Path) -> None:
     table = sound()
     table[:, 1:7] = 1e-5 * np.random.default_rng(7).normal(size=(len(table), 6))

@@ -1,5 +1,6 @@
 """Signs of gear ratios and couplings, of simulated logs of motors."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,12 @@ from short_arm import without_wrist
 from steelyard.arrays import Array
 from steelyard.cli.commands.check import GEARS, hints
 from steelyard.diagnosis import Case, Diagnosis, Finding, Severity, examine
-from steelyard.diagnosis.decision.transmission import TransmissionCheck, alternatives
+from steelyard.diagnosis.decision.transmission import (
+    TransmissionCheck,
+    alternatives,
+    with_gears,
+)
+from steelyard.diagnosis.decision.verdict import verdict
 from steelyard.identification.checks.check import CheckResult
 from steelyard.identification.checks.check_case import case_of, subject_of
 from steelyard.identification.logs import log_files
@@ -77,6 +83,8 @@ def test_a_missing_coupling_is_found(folder: Path) -> None:
     (finding,) = TransmissionCheck()(case_with(folder, RATIOS, ""))
     assert finding.severity == Severity.DOUBTFUL, finding
     assert finding.says.startswith("a coupling of motor_3 with the joint before")
+    best, declared = (float(x) for x in re.findall(r"([\d.]+) %", finding.says))
+    assert best < declared
 
 
 def test_an_open_question_is_to_be_compared_with_the_data_sheet() -> None:
@@ -85,6 +93,18 @@ def test_an_open_question_is_to_be_compared_with_the_data_sheet() -> None:
     lines = hints(CheckResult(content), None, ["arm.toml", "run.csv"])
     assert lines[1] == f"next        # {GEARS}"
     assert lines[2].endswith("steelyard identify arm.toml run.csv")
+
+
+def test_the_declared_gears_have_the_misfit_of_the_other_checks(folder: Path) -> None:
+    case = case_with(folder, RATIOS, "")
+    decision = verdict(case, case.logs[0])
+    assert decision is not None
+    likelihood, declared = decision.ranking.likelihood, decision.ranking.declared
+    assert likelihood.signals.effort_map is None and likelihood.gears is not None
+    same = with_gears(likelihood, likelihood.gears.matrix)
+    assert same.signals.effort_map is not None
+    misfits = same.score(declared.interpretation).misfits[0]
+    np.testing.assert_allclose(misfits, declared.misfits, rtol=1e-3)
 
 
 def test_alternatives_leave_resting_joints_and_declared_gears_out() -> None:

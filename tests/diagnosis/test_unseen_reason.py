@@ -1,5 +1,6 @@
 """The most likely reason of a large error on a log that was not fitted."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -104,6 +105,17 @@ def test_a_sign_is_a_reason(arm):
     (found,) = found_in(arm, table)
     assert "effort of 'shoulder_lift' has the opposite sign" in found.says
     assert found.joints == ("shoulder_lift",)
+
+
+def test_a_zero_offset_is_a_reason_with_its_line(arm):
+    table = arm.table.copy()
+    table[:, arm.at("q{}_rad")[1]] += 0.2
+    (found,) = found_in(arm, table)
+    assert "reason of the error: zero offset of shoulder_lift -0." in found.says
+    assert found.joints == ("shoulder_lift",) and found.severity is Severity.WRONG
+    assert found.fix is not None
+    (value,) = re.findall(r"position_offset = \[0\.0, (-0\.\d+), 0\.0\]", found.fix.says)
+    assert float(value) == pytest.approx(-0.2, abs=0.01)
 
 
 def test_a_unit_is_a_reason(arm):

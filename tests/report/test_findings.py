@@ -53,6 +53,19 @@ def test_checks_that_are_ok_are_one_line() -> None:
     assert lines[2].startswith("doubtful") and lines[-1].startswith("Wrong")
 
 
+def test_an_ok_check_with_a_brief_finding_has_a_line() -> None:
+    ok, says = Severity.OK, "8 corrupt rows (the first is row 3, the last 90), dropped"
+    fine = Finding("rows", "a", ok, "no corrupt rows", "0 of 100 rows")
+    dropped = Finding("rows", "b", ok, says, "8 of 100 rows", brief="8 corrupt rows dropped")
+    lines = printed(Diagnosis((dropped,)), verbose=False).splitlines()
+    assert lines[0].split(maxsplit=2) == ["ok", "rows", "8 corrupt rows dropped"]
+    both = Diagnosis((*many(ok, 1).findings, fine, dropped))
+    first, second, *_ = printed(both, verbose=False).splitlines()
+    assert first.split() == ["ok", "1", "check", "clock"]
+    assert second.split(maxsplit=2) == ["ok", "rows", "b: 8 corrupt rows dropped"]
+    assert says in " ".join(printed(Diagnosis((dropped,))).split())
+
+
 @pytest.mark.parametrize("width", [80, 120])
 def test_rows_fit_the_terminal(width: int) -> None:
     long = " ".join(["much"] * 60)

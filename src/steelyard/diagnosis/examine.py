@@ -15,7 +15,7 @@ from steelyard.diagnosis.decision.checks import (
 )
 from steelyard.diagnosis.finding import Edit, Finding, Severity
 from steelyard.diagnosis.register import CHECKS, OF_MOTION
-from steelyard.diagnosis.signals.clock import Clock
+from steelyard.diagnosis.signals.clock import Clock, out_of_order
 from steelyard.diagnosis.signals.position import Position
 from steelyard.diagnosis.signals.set_points import SetPoints, measured_instead
 from steelyard.diagnosis.together import together
@@ -73,6 +73,9 @@ class Diagnosis:
 
 JUDGED = "efforts"
 """The checks of `OF_MOTION` together, where they are not made."""
+OTHERS = "other checks"
+"""All checks but that of the clock together, where they are not made."""
+ORDER_FIRST = "not run: the rows must be in the order of time"
 PREMISES = (Clock.name, Position.name)
 """Checks without which accelerations are unknown: where one is wrong, `OF_MOTION` is not asked."""
 NOT_RUN = "the checks that compare efforts with a model are not run: correct the {} first"
@@ -92,17 +95,32 @@ def examine(case: Case, *, quick: bool = False, checks: Sequence[Check] | None =
         Stopped: The case's `progress` requested a stop.
     """
     selected = [s for s in (CHECKS if checks is None else checks) if s.quick or not quick]
-    first = [check for check in selected if check not in OF_MOTION]
+    clock = [check for check in selected if isinstance(check, Clock)]
+    first = [check for check in selected if check not in OF_MOTION and check not in clock]
     rest = [check for check in selected if check in OF_MOTION]
-    findings = _asked(case, first, 0, len(selected))
+    findings = _asked(case, clock, 0, len(selected))
+    if clock:
+        case, disordered = _in_order(case)
+        findings += disordered
+        if not case.logs:
+            return Diagnosis(together(findings))
+    findings += _asked(case, first, len(clock), len(selected))
     skipped = list(_not_run(case, findings)) if rest else []
     if skipped:
         names = {finding.log for finding in skipped}
         case = replace(case, logs=tuple(e for e in case.logs if e.name not in names))
     findings += skipped
     if case.logs:
-        findings += _asked(case, rest, len(first), len(selected))
+        findings += _asked(case, rest, len(clock) + len(first), len(selected))
     return Diagnosis(together(findings))
+
+
+def _in_order(case: Case) -> tuple[Case, list[Finding]]:
+    """The case without logs whose rows are not in the order of time, and a finding for each."""
+    left = tuple(evidence for evidence in case.logs if not out_of_order(case, evidence))
+    names = [evidence.name for evidence in case.logs if evidence not in left]
+    found = [Finding(OTHERS, n, Severity.OK, ORDER_FIRST, "", answered=False) for n in names]
+    return (replace(case, logs=left) if names else case), found
 
 
 def _asked(case: Case, checks: Sequence[Check], done: int, of: int) -> list[Finding]:

@@ -5,6 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from steelyard.diagnosis.case import Case
+from steelyard.diagnosis.decision.ranking import known_of
 from steelyard.diagnosis.finding import Finding, Severity
 from steelyard.diagnosis.identifiability import clean_runs, customary_model
 from steelyard.diagnosis.ranked_causes import (
@@ -15,7 +16,13 @@ from steelyard.diagnosis.ranked_causes import (
     residuals,
 )
 from steelyard.diagnosis.turned_zeros import turned_zeros
-from steelyard.diagnosis.zero_offset import correction, estimated_offsets, far_offsets, numbers
+from steelyard.diagnosis.zero_offset import (
+    correction,
+    estimated_offsets,
+    far_offsets,
+    numbers,
+    without_effect,
+)
 from steelyard.errors import SteelyardError
 from steelyard.estimation.fields.fields import information_from
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
@@ -24,6 +31,7 @@ from steelyard.estimation.zero_offset import ZeroOffsets
 from steelyard.measurement.run import Run
 from steelyard.model import Model
 from steelyard.regression.regressor import base_regressor
+from steelyard.robot.robot import Robot
 from steelyard.validation.friction.mixes import remembers
 
 
@@ -35,9 +43,15 @@ class JointZeros:
     quick: ClassVar[bool] = False
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding for all logs together; none where no run or no open chain is there."""
+        """One finding for all logs together; none where no run or no open chain is there.
+
+        None with a reference either, where the hypothesis check of this name decides.
+        """
         signals = case.logs[0].recording.signals if case.logs else None
-        if signals is None or any(signals.unknown_gains) or any(signals.unknown_offsets):
+        if signals is None or any(signals.unknown_offsets):
+            return ()
+        known = known_of(case)
+        if any(signals.unknown_gains) or (known is not None and known.identified):
             return ()
         try:
             runs, model = clean_runs(case), customary_model(case)
@@ -55,7 +69,7 @@ def _found(model: Model, runs: tuple[Run, ...]) -> Finding:
         information_of(base_regressor(model))
     )
     ranked = ranked_causes(model, estimate, runs)
-    found = _by_derivatives(ranked, estimated_offsets(model, runs))
+    found = _by_derivatives(model.robot, ranked, estimated_offsets(model, runs))
     if found.severity or not ranked.of_geometry:
         return found
     turned = turned_zeros(model, estimate.sigma, runs)
@@ -73,7 +87,7 @@ def _found(model: Model, runs: tuple[Run, ...]) -> Finding:
     )
 
 
-def _by_derivatives(ranked: Ranked, offsets: ZeroOffsets | None) -> Finding:
+def _by_derivatives(robot: Robot, ranked: Ranked, offsets: ZeroOffsets | None) -> Finding:
     """What offsets within reach of derivatives say."""
     if offsets is None:
         says = "not estimated: too few samples"
@@ -84,7 +98,11 @@ def _by_derivatives(ranked: Ranked, offsets: ZeroOffsets | None) -> Finding:
         return Finding(JointZeros.name, "", Severity.OK, says, "", answered=False)
     if not far.any():
         says = f"no significant zero offset{_of(offsets)}{_hidden(offsets)}"
-        return Finding(JointZeros.name, "", Severity.OK, says, _value_text(offsets))
+        answered = bool(np.all(known | without_effect(robot)))
+        says += "" if answered else "; a model from clean runs (--model) tests more"
+        return Finding(
+            JointZeros.name, "", Severity.OK, says, _value_text(offsets), answered=answered
+        )
     if not ranked.blamed or ranked.blamed[0].kind != "zero_offset":
         says = (
             f"{numbers(offsets, far)} is undecided: other model errors explain as much; compare "

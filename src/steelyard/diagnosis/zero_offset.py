@@ -11,10 +11,14 @@ from steelyard.estimation.fields.fields import information_from
 from steelyard.estimation.zero_offset import ZeroOffsets, find_offsets, with_offsets
 from steelyard.measurement.run import Run
 from steelyard.model import Model
+from steelyard.robot.robot import Robot
 from steelyard.validation.friction.mixes import remembers
 
 BEYOND = 4.0
 """Standard deviations from what is given at which a zero offset is written as a number."""
+
+UPRIGHT = 0.05
+"""Part of gravity across a first axis up to which it is taken to be along it [m/s²]."""
 
 
 def estimated_offsets(model: Model, runs: Sequence[Run]) -> ZeroOffsets | None:
@@ -41,6 +45,21 @@ def far_offsets(offsets: ZeroOffsets) -> NDArray[np.bool_]:
     return np.asarray(
         (np.abs(offsets.values - offsets.start) > BEYOND * spread) & offsets.converged
     )
+
+
+def without_effect(robot: Robot) -> tuple[bool, ...]:
+    """Joints whose zeros no motion identifies, for parameters express them, or none has an effect.
+
+    A first joint that turns about the direction of gravity or slides, and joints of last bodies.
+    """
+    parents = {body.parent for body in robot.bodies}
+    found = [False] * robot.n
+    for k, body in enumerate(robot.bodies):
+        along = np.linalg.norm(np.cross(body.rotation @ body.axis, robot.gravity))
+        first = body.parent < 0 and (body.kind == "prismatic" or along <= UPRIGHT)
+        if body.coordinate < robot.n and (first or k not in parents):
+            found[body.coordinate] = True
+    return tuple(found)
 
 
 def numbers(offsets: ZeroOffsets, chosen: NDArray[np.bool_]) -> str:

@@ -13,6 +13,7 @@ from steelyard.diagnosis.decision.gains_left import gains_left, gains_of_control
 from steelyard.diagnosis.decision.ranking import known_of
 from steelyard.diagnosis.decision.verdict import Verdict, verdict
 from steelyard.diagnosis.finding import Finding, Fix, Severity
+from steelyard.diagnosis.hypotheses.by_zero import CAUSE
 from steelyard.diagnosis.hypotheses.hypothesis import Hypothesis
 from steelyard.diagnosis.residual_delay import residual_delay
 
@@ -111,6 +112,15 @@ def _short_delays(case: Case, name: str, found: Findings) -> Findings:
     return found if late is None else (late, *(f for f in found if f.log))
 
 
+def _of_reference(case: Case, name: str, found: Findings) -> Findings:
+    """Zeros of an open chain that are not to be identified; only a reference decides them so."""
+    known = known_of(case)
+    if known is None or not known.identified or known.robot.passive:
+        return ()
+    open_ = [e.name for e in case.logs if any(e.recording.signals.unknown_offsets)]
+    return tuple(finding for finding in found if finding.log not in open_)
+
+
 def _fine_gains(decision: Verdict) -> str:
     if any(decision.ranking.likelihood.signals.unknown_gains):
         return "gains are identified, so they are not compared with the model file"
@@ -171,6 +181,13 @@ EFFORT_DELAY = HypothesisCheck(
     "efforts have no common delay",
     "compensate the delay",
     _short_delays,
+)
+JOINT_ZEROS = HypothesisCheck(
+    CAUSE,
+    "Are the joint zeros those of the reference?",
+    "joint zeros are those of the reference",
+    "set it as position_offset, if the robot's zeros confirm it",
+    _of_reference,
 )
 MOUNTING = HypothesisCheck(
     "mounting",

@@ -31,9 +31,11 @@ from steelyard.diagnosis.hypotheses.alternatives import FACTORS
 from steelyard.diagnosis.hypotheses.by_effort import poorly_identified
 from steelyard.diagnosis.hypotheses.by_position import Draft, judged
 from steelyard.diagnosis.hypotheses.by_surroundings import NEAR, SHARP, payload_fit
+from steelyard.diagnosis.hypotheses.by_zero import CAUSE, zero_offsets
 from steelyard.diagnosis.likelihood.interpretation import Interpretation
 from steelyard.diagnosis.likelihood.likelihood import Likelihood, Score, regressors
 from steelyard.diagnosis.likelihood.possible import Possible, possible
+from steelyard.diagnosis.zero_offset import without_effect
 
 SHOWN = 3
 """Alternatives that are named."""
@@ -54,7 +56,7 @@ def undecided(decision: Verdict, cause: str) -> str:
     """
     likelihood, last = decision.ranking.likelihood, last_of(decision)
     if likelihood.knowledge.identified:
-        return ""
+        return _zeros(likelihood, last.interpretation) if cause == CAUSE else ""
     open_factor = [r.cause for r, _ in decision.winners if not r.fixed and r.cause in FACTORS]
     if open_factor and cause in (*FACTORS, "payload"):
         return f"undecided until '{open_factor[-1]}' is decided"
@@ -73,6 +75,18 @@ def undecided(decision: Verdict, cause: str) -> str:
         near = _near(likelihood, last.interpretation, score, cause)
     listed = ", ".join(near[:SHOWN]) + ", ..." * (len(near) > SHOWN)
     return f"undecided: {misfit}, but fits about as well with {listed}" if near else ""
+
+
+def _zeros(likelihood: Likelihood, interpretation: Interpretation) -> str:
+    """That zeros of some joints are not identifiable, though other motion would identify them."""
+    zeros = zero_offsets(likelihood, interpretation)
+    never = without_effect(likelihood.knowledge.robot)
+    left = [z.name for z in zeros if not z.identifiable and not never[z.joint]]
+    if not left:
+        return ""
+    rest = ", ".join(zero.name for zero in zeros if zero.identifiable)
+    says = f"undecided: not identifiable from these data: {', '.join(left)}"
+    return f"{says}; no significant zero offset of {rest}" if rest else says
 
 
 def misfit_hides(decision: Verdict) -> bool:

@@ -8,6 +8,7 @@ from steelyard.arrays import Array
 from steelyard.diagnosis.finding import Edit
 from steelyard.diagnosis.hypotheses.by_effort import PERCENT
 from steelyard.diagnosis.hypotheses.by_mounting import refined_gravity
+from steelyard.diagnosis.hypotheses.by_zero import CAUSE
 from steelyard.diagnosis.likelihood.accuracy import spread_of
 from steelyard.diagnosis.likelihood.interpretation import Interpretation
 from steelyard.diagnosis.likelihood.likelihood import Likelihood
@@ -40,9 +41,20 @@ def edits_of(
         refined = refined_gravity(likelihood, interpretation)
         gravity = [round(float(x), 4) + 0.0 for x in refined]
         return (Edit(("robot", "gravity"), gravity), Edit(("robot", "mounting"), None))
+    if cause == CAUSE:
+        return zero_edits(likelihood, interpretation)
     if cause in ("effort sign", "effort unit", "effort kind", "gain"):
         return _effort(cause, likelihood, interpretation, loaded)
     return ()
+
+
+def zero_edits(likelihood: Likelihood, interpretation: Interpretation) -> tuple[Edit, ...]:
+    """Zero offsets of all joints."""
+    given = likelihood.signals.position_offset
+    zeros = np.zeros(likelihood.signals.n) if given is None else given
+    if interpretation.zeros is not None:
+        zeros = zeros + interpretation.zeros
+    return (Edit(("signals", "position_offset"), [round(float(x), 4) + 0.0 for x in zeros]),)
 
 
 def _orders(

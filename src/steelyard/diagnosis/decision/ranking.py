@@ -12,6 +12,7 @@ from steelyard.diagnosis.hypotheses.by_last_link import link_hypotheses
 from steelyard.diagnosis.hypotheses.by_position import deep_hypotheses, position_hypotheses
 from steelyard.diagnosis.hypotheses.by_ratio import ratio_hypotheses
 from steelyard.diagnosis.hypotheses.by_surroundings import world_hypotheses
+from steelyard.diagnosis.hypotheses.by_zero import zero_hypotheses
 from steelyard.diagnosis.hypotheses.hypothesis import AS_DECLARED, Hypothesis, one_of
 from steelyard.diagnosis.hypotheses.mirrored import efforts_first
 from steelyard.diagnosis.knowledge import Knowledge, knowledge_of
@@ -184,6 +185,8 @@ def _rivals(
             likelihood, now.interpretation, likelihood.sums([now.interpretation]), others
         )
     found += world_hypotheses(likelihood, now.interpretation)
+    if identified:
+        found += zero_hypotheses(likelihood, now.interpretation)
     if bad(likelihood, now) and not identified:
         found += link_hypotheses(likelihood, now.interpretation)
     found.sort(key=_unlikely)

@@ -62,17 +62,22 @@ def _finding(case: Case, evidence: Evidence) -> Finding | None:
         return None
     now = with_gears(likelihood, likelihood.gears.matrix).score(last)
     others = list(alternatives(likelihood.gears, (now.counts[0] > 0.0).tolist()))
-    scores = (with_gears(likelihood, other.matrix).score(last) for other in others)
+    scores = [with_gears(likelihood, other.matrix).score(last) for other in others]
     rises = [float(score.log_likelihood[0] - now.log_likelihood[0]) for score in scores]
     best = max(rises, default=-np.inf)
     near = [o for o, rise in zip(others, rises, strict=True) if rise > -DECISIVE]
     figure = f"log-likelihood of the best other gears {best:+.0f}, bound {-DECISIVE:g}"
     name, misfit = TransmissionCheck.name, f"{float(now.percent[0]):.1f} %"
+    first = int(np.argmax(rises)) if rises else 0
+    other = f"{float(scores[first].percent[0]):.1f} %" if rises else ""
     if best > DECISIVE:
-        says = f"{others[int(np.argmax(rises))].says} fits clearly better (misfit now {misfit})"
+        says = f"{others[first].says} fits clearly better: misfit {other}, as declared {misfit}"
         return Finding(name, evidence.name, Severity.DOUBTFUL, says, figure, fix=ADVICE)
     if near:
-        says = f"undecided: misfit {misfit}, but about as well fit {_listed(near)}"
+        says = (
+            f"undecided: misfit {misfit}, but about as well fit {_listed(near)}; the best of them, "
+            f"{others[first].says}, has a misfit of {other}"
+        )
         return Finding(name, evidence.name, Severity.OK, says, figure, fix=ADVICE, answered=False)
     says = "other signs of gear ratios and other couplings fit worse"
     return Finding(name, evidence.name, Severity.OK, says, figure)
@@ -127,5 +132,20 @@ def with_gears(likelihood: Likelihood, matrix: Array) -> Likelihood:
         own = np.diag(likelihood.gains)
     if own is not None:
         own = matrix.T @ np.linalg.solve(gears.matrix.T, own)
-    changed = replace(signals, effort_map=own)
-    return replace(likelihood, signals=changed, gears=Transmission(gears.motors, matrix))
+    bounds = likelihood.bounds
+    if own is not None and signals.effort_map is None:
+        bounds = _of_motors(bounds, np.diag(gears.matrix))
+    return replace(
+        likelihood,
+        signals=replace(signals, effort_map=own),
+        gears=Transmission(gears.motors, matrix),
+        bounds=bounds,
+    )
+
+
+def _of_motors(bounds: tuple[Array, Array], ratios: Array) -> tuple[Array, Array]:
+    """Bounds of friction, offset and rotor inertia at rates of motors, from those at joints'."""
+    turned, slower, one = np.sign(ratios), 1.0 / ratios, np.ones_like(ratios)
+    factors = np.stack((turned, slower, one, slower), axis=1)
+    lower, upper = (factors * side for side in bounds)
+    return np.minimum(lower, upper), np.maximum(lower, upper)

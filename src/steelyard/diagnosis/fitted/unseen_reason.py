@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.diagnosis.case import Case, Evidence
+from steelyard.diagnosis.decision.fixes import zero_edits
 from steelyard.diagnosis.decision.verdict import Verdict, verdict
 from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
+from steelyard.diagnosis.hypotheses.by_zero import CAUSE
 from steelyard.diagnosis.likelihood.likelihood import Likelihood
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.measurement.run import Run
@@ -46,7 +48,7 @@ RESTING = 1e-6
 BODIES = 30.0
 """Typical error [%] with friction and offsets fitted anew from which on bodies are wrong."""
 
-TRIED = "payload, signs, order, units, gains, delay, mounting, friction and offsets"
+TRIED = "payload, joint zeros, signs, order, units, gains, delay, mounting, friction and offsets"
 
 ADVICE = {
     "payload": Fix(
@@ -116,9 +118,14 @@ def _reason(fit: FittedCase, run: Run, score: RunScore, ratio: float) -> Finding
 
 
 def _explains(decision: Verdict, own: float) -> bool:
-    """Whether the winners bring the misfit down, to about what the fit left of its own runs."""
-    left, before = decision.winners[-1][0].percent, decision.ranking.declared.percent
-    return left <= min(max(LEAST, NEAR * own), MOST) and left * FALL <= before
+    """Whether the winners bring the misfit down, to about what the fit left of its own runs.
+
+    A zero offset does so in few joints, by which it was found.
+    """
+    last, declared = decision.winners[-1][0], decision.ranking.declared
+    small = last.percent <= min(max(LEAST, NEAR * own), MOST)
+    of_joints = any(hypothesis.cause == CAUSE for hypothesis, _ in decision.winners)
+    return small and (of_joints or last.percent * FALL <= declared.percent)
 
 
 def _unexplained(fit: FittedCase, run: Run, left: float, figure: str) -> Finding:
@@ -184,8 +191,18 @@ def _explained(fit: FittedCase, run: Run, decision: Verdict) -> Finding:
         reason,
         f"misfit {before.percent:.1f} %, with this explanation {after.percent:.1f} %",
         tuple(names[j] for j in causes[0].joints),
-        ADVICE.get(first, Fix(f"`{COMPARED}` shows the {first}", command=COMPARED)),
+        _advice(decision, first),
     )
+
+
+def _advice(decision: Verdict, cause: str) -> Fix:
+    """What to do about an explanation: of zeros the line, elsewhere a command."""
+    if cause != CAUSE:
+        return ADVICE.get(cause, Fix(f"`{COMPARED}` shows the {cause}", command=COMPARED))
+    likelihood, last = decision.ranking.likelihood, decision.winners[-1][0].interpretation
+    (edit,) = zero_edits(likelihood, last)
+    says = f"If the robot's zeros confirm it, set position_offset = {edit.value} in [signals]"
+    return Fix(f"{says} of this log's robot file", command=COMPARED)
 
 
 def _with_other_friction(likelihood: Likelihood) -> float:

@@ -27,6 +27,8 @@ class Interpretation:
         kind: Of the efforts.
         ratios: Gear ratio of every motor to its own joint over the declared one, shape `(n,)`.
         payload: Ten numbers of what the last body carries, in its frame; `None` if nothing.
+        zeros: What is added to the joint positions beside declared offsets, shape `(n,)` [rad; m];
+            `None` if nothing.
     """
 
     position: tuple[int, ...]
@@ -39,6 +41,7 @@ class Interpretation:
     ratios: Array
     time: float = 1.0
     payload: Array | None = None
+    zeros: Array | None = None
 
     def changed(self, **fields: Any) -> "Interpretation":
         """The same with some of its attributes replaced."""

@@ -153,6 +153,8 @@ class Likelihood:
             q, dq, ddq = (np.asarray(np.linalg.solve(gears, y)) for y in (q, dq, ddq))
         if s.position_offset is not None:
             q = q + s.position_offset[:, None]
+        if interpretation.zeros is not None:
+            q = q + interpretation.zeros[:, None]
         return q, dq / interpretation.time, ddq / interpretation.time**2
 
     def driven(self, rates: Array) -> Array:

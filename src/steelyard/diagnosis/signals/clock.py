@@ -82,6 +82,8 @@ class Clock:
         overview, units = look(case, evidence), reading(case, evidence)
         if overview.step == 0.0:
             return _differs(evidence)
+        if out_of_order(case, evidence):
+            return _out_of_order(evidence, overview.stamps)
         steps = _Steps(
             overview.step * units.second, np.diff(overview.stamps) * units.second, overview.jitter
         )
@@ -104,6 +106,27 @@ class Clock:
             fix=None if fix is None else Fix(fix),
             picture=_picture(steps, overview.stamps),
         )
+
+
+@once
+def out_of_order(case: Case, evidence: Evidence) -> bool:
+    """Whether rows are not in the order of time, so that nothing is known of rates or motion."""
+    steps = np.diff(look(case, evidence).stamps)
+    return bool(np.any(steps > 0.0) and np.count_nonzero(steps < 0.0) > BACKWARD * len(steps))
+
+
+def _out_of_order(evidence: Evidence, stamps: Array) -> Finding:
+    steps = np.diff(stamps)
+    backward = int(np.count_nonzero(steps < 0.0))
+    return Finding(
+        Clock.name,
+        evidence.name,
+        Severity.WRONG,
+        f"rows are not in the order of time: it decreases at {backward} of {len(steps)} steps",
+        f"{100.0 * backward / len(steps):.2g} % of the steps backward, bound "
+        f"{100.0 * BACKWARD:g} %",
+        fix=Fix(f"sort the rows by '{evidence.recording.signals.time}'"),
+    )
 
 
 @once
@@ -182,9 +205,8 @@ def _judged(steps: _Steps) -> tuple[Severity, str, str, str | None]:
     jitter = f"jitter {100.0 * steps.jitter:.2g} % of the step"
     facts = _facts(steps)
     if backward:
-        severity = Severity.WRONG if backward > BACKWARD * count else Severity.DOUBTFUL
         return (
-            severity,
+            Severity.DOUBTFUL,
             f"time decreases at {backward} rows; {facts}",
             f"{backward} of {count} steps backward, bound 0",
             "log the controller's own clock, not the arrival of messages, or sort the rows",

@@ -59,6 +59,7 @@ class Rows:
             f"{count} of {total} rows ({100.0 * share:.2g} %), bound {100.0 * FEW:g} %",
             fix=fix,
             picture=_picture(broken) if broken.any() else None,
+            brief=f"{count} corrupt rows dropped" if count else "",
         )
 
 

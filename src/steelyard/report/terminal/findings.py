@@ -42,7 +42,7 @@ def show(
     Args:
         diagnosis: What was found.
         fine: Whether to print those that are ok.
-        verbose: Whether to print each of these, not their names alone.
+        verbose: Whether to print each of these, not the names alone of those without a `brief`.
         console: Where to print.
     """
     from rich.padding import Padding
@@ -93,7 +93,9 @@ def _table(shown: Sequence[Group], verbose: bool) -> Table:
     table.add_column(max_width=18)
     table.add_column(ratio=1)
     before = None
-    passed = [] if verbose else [group for group in shown if group.word == "ok"]
+    passed = (
+        [] if verbose else [group for group in shown if group.word == "ok" and not _brief(group)]
+    )
     if passed:
         names = ", ".join(group.check for group in passed)
         table.add_row(
@@ -110,11 +112,22 @@ def _table(shown: Sequence[Group], verbose: bool) -> Table:
         style = f"bold {COLOURS[group.level]}" if group.word != OPEN else "dim"
         word = Text(group.word, style=style)
         name, found = Text(group.check), _found(group)
+        if not verbose and group.word == "ok":
+            found = Text(_brief(group))
         if len(alike) > 1:
             name = Text(count(len(alike), "check"))
             found = Text(", ".join(g.check for g in alike) + ": ").append_text(found)
         table.add_row(word, name, found)
     return table
+
+
+def _brief(group: Group) -> str:
+    """What findings say in brief, each with its log if several do; empty if none does."""
+    said = [finding for finding in group.findings if finding.brief]
+    if len(group.findings) == 1:
+        return "".join(finding.brief for finding in said)
+    more = [f"and {len(said) - SHOWN} more logs"] if len(said) > SHOWN else []
+    return "; ".join([*(f"{f.log}: {f.brief}" for f in said[:SHOWN]), *more])
 
 
 def _open_alike(shown: Sequence[Group], group: Group) -> list[Group]:
