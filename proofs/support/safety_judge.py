@@ -1,6 +1,7 @@
 """What a motion keeps, found anew: Pinocchio's kinematics and torques, coal's distances."""
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -126,16 +127,17 @@ class Judge:
     def effort(
         self, rules: Rules, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
     ) -> list[np.ndarray]:
-        """Efforts without the friction that turns, without and with each load, `(N, n)` each."""
+        """Efforts without the friction that turns, `(N, n)` each.
+
+        Without load, and with each load as a point and as a hollow ball of as much water.
+        """
         found = []
-        for load in (None, *rules.loads):
+        for mass, inertia, place, name in ((0.0, 0.0, np.zeros(3), rules.frame), *_cases(rules)):
             model = self.model.copy()
-            if load is not None:
-                mass, place, name = load
-                frame = model.frames[model.getFrameId(name)]
-                at = frame.placement.act(np.array(place))
-                body = pin.Inertia(mass, np.zeros(3), np.zeros((3, 3)))
-                model.appendBodyToJoint(frame.parentJoint, body, pin.SE3(np.eye(3), at))
+            frame = model.frames[model.getFrameId(name)]
+            at = pin.SE3(np.eye(3), frame.placement.act(np.array(place)))
+            body = pin.Inertia(mass, np.zeros(3), inertia * np.eye(3))
+            model.appendBodyToJoint(frame.parentJoint, body, at)
             data = model.createData()
             rows = [pin.rnea(model, data, *x).copy() for x in zip(q, dq, ddq, strict=True)]
             found.append(np.array(rows))
@@ -212,6 +214,14 @@ class Judge:
         if rules.effort is not None or rules.power is not None:
             found |= _of_efforts(rules, self.effort(rules, q, dq, ddq), dq)
         return found
+
+
+def _cases(rules: Rules) -> Iterator[tuple[float, float, np.ndarray, str]]:
+    """Mass, inertia about its centre, place and frame of every load, twice."""
+    for mass, place, name in rules.loads:
+        radius = (mass / 1000.0 / (4.0 / 3.0 * np.pi)) ** (1.0 / 3.0)
+        for inertia in (0.0, 2.0 / 3.0 * mass * radius**2):
+            yield mass, inertia, np.array(place), name
 
 
 def _least(values: np.ndarray, sizes: np.ndarray) -> list[Margin]:
