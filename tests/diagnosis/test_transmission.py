@@ -1,6 +1,7 @@
 """Signs of gear ratios and couplings, of simulated logs of motors."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,12 @@ import pytest
 from diagnosis.fitted import log
 from short_arm import without_wrist
 from steelyard.arrays import Array
-from steelyard.cli.commands.check import GEARS, hints
+from steelyard.cli.commands.check import GEARS, LOADED, hints
 from steelyard.diagnosis import Case, Diagnosis, Finding, Severity, examine
 from steelyard.diagnosis.decision.transmission import (
     TransmissionCheck,
     alternatives,
+    missing_coupling,
     with_gears,
 )
 from steelyard.diagnosis.decision.verdict import verdict
@@ -93,6 +95,29 @@ def test_an_open_question_is_to_be_compared_with_the_data_sheet() -> None:
     lines = hints(CheckResult(content), None, ["arm.toml", "run.csv"])
     assert lines[1] == f"next        # {GEARS}"
     assert lines[2].endswith("steelyard identify arm.toml run.csv")
+
+
+def test_what_decides_the_model_is_said_where_several_facts_are_open() -> None:
+    names = "transmission", "gain", "payload"
+    findings = tuple(Finding(x, "run", Severity.OK, "?", "", answered=False) for x in names)
+    content = CheckContent("arm", "arm.toml", ("run.csv",), None, Diagnosis(findings), {})
+    lines = hints(CheckResult(content), None, ["arm.toml", "run.csv"])
+    assert lines[1].endswith(GEARS) and lines[2].endswith(LOADED)
+
+
+def test_a_coupling_that_may_be_missing_is_a_remark_unless_couplings_are_stated(
+    folder: Path,
+) -> None:
+    says = "undecided: other couplings of m3 with the joint before; the best of them, ..."
+    open_one = Finding("transmission", "run", Severity.OK, says, "", answered=False)
+    (remark,) = missing_coupling((open_one, open_one), stated=False)
+    assert remark.says.startswith("no coupling is declared, but one of m3 with the joint before")
+    assert remark.headline and not remark.severity
+    assert missing_coupling((open_one,), stated=True) == ()
+    signs = replace(open_one, says="undecided: opposite signs of the ratios of m1")
+    assert missing_coupling((signs,), stated=False) == ()
+    for coupling, stated in (("", False), ("\ncoupling = []", True), (COUPLING, True)):
+        assert case_with(folder, RATIOS, coupling).loaded.couplings_stated == stated
 
 
 def test_the_declared_gears_have_the_misfit_of_the_other_checks(folder: Path) -> None:

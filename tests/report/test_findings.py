@@ -138,10 +138,12 @@ BASIC = "joint order, effort unit, mounting"
         (BASIC, True, "Undecided: 3 of 4 checks could not be decided; the robot file may be wrong"),
         (f"{BASIC}, gain", True, "Undecided: 4 of 5 checks could not be decided; "),
         (BASIC, False, f"Ok, but 3 of 4 checks could not be decided: {BASIC}"),
+        ("gain, joint zeros, payload", True, "Ok, but 3 of 4 checks could not be decided: gain"),
         (
-            "joint order, gain, payload",
-            True,
-            "Ok, but 3 of 4 checks could not be decided: joint order",
+            "transmission, gain, payload",
+            False,
+            "Open: the logs do not decide transmission, gain, payload (3 of 4 checks); nothing "
+            "contradicts the robot file",
         ),
     ],
 )

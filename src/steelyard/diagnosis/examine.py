@@ -9,10 +9,13 @@ from steelyard.diagnosis.decision.checks import (
     EFFORT_KIND,
     EFFORT_SIGN,
     EFFORT_UNIT,
+    GAIN,
     JOINT_ORDER,
     MOUNTING,
+    PAYLOAD,
     POSITION_SIGN,
 )
+from steelyard.diagnosis.decision.transmission import TransmissionCheck
 from steelyard.diagnosis.finding import Edit, Finding, Severity
 from steelyard.diagnosis.register import CHECKS, OF_MOTION
 from steelyard.diagnosis.signals.clock import Clock, out_of_order
@@ -26,6 +29,9 @@ BASIC = (JOINT_ORDER, POSITION_SIGN, EFFORT_SIGN, EFFORT_UNIT, EFFORT_KIND, MOUN
 
 SEVERAL = 3
 """Basic questions from which on a large misfit that leaves them open is doubtful."""
+
+DECIDING = (JOINT_ORDER.name, TransmissionCheck.name, GAIN.name, PAYLOAD.name)
+"""Checks of the facts that decide which model is identified: with `SEVERAL` open, no log is ok."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +61,11 @@ class Diagnosis:
         names = {check.name for check in BASIC}
         hidden = {f.check for f in self.findings if f.hidden}
         return len(names & hidden) >= SEVERAL and not any(f.severity for f in self.findings)
+
+    @property
+    def model_open(self) -> bool:
+        """Whether nothing is suspicious, but several facts that decide the model are open."""
+        return len(set(DECIDING) & set(self.open_checks)) >= SEVERAL and not self.severity
 
     @property
     def edits(self) -> tuple[Edit, ...]:

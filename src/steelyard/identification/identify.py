@@ -11,6 +11,7 @@ from rich.console import Console
 
 from steelyard.arguments import checked
 from steelyard.diagnosis import Diagnosis, Finding, Severity
+from steelyard.diagnosis.decision.transmission import missing_coupling
 from steelyard.diagnosis.fitted.absurd import refuse_absurd
 from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
 from steelyard.diagnosis.signals.moving_base import of_base
@@ -240,7 +241,8 @@ def identify(
     )
     content = replace(content, diagnosis=found_out)
     limits = _limitations(found, () if commanded else unseen, content, progress)
-    limits += of_base(file, () if found_out is None else found_out.findings)
+    before = () if found_out is None else found_out.findings
+    limits += (*of_base(file, before), *missing_coupling(before, file.couplings_stated))
     content = replace(content, limitations=(*_undecided(found_out), *limits))
     if sensitivity:
         content = varied(content, found, (known, unknown), cores, progress, commanded=commanded)

@@ -163,6 +163,8 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
         ignored,
         base=file.robot.base,
         floats=floating_base(mechanism, file.robot.base) is not None,
+        couplings_stated=file.robot.transmission is None
+        or file.robot.transmission.couplings_stated,
     )
 
 

@@ -70,6 +70,7 @@ class LoadedRobot:
             for each kind.
         base: The link that is fixed to the world; `None` if it is the model's root.
         floats: Whether that link floats in the model: its being at rest is an assumption.
+        couplings_stated: Whether the file states couplings of motors, or that there are none.
 
     Example:
         >>> load_robot("arm.urdf").robot
@@ -94,6 +95,7 @@ class LoadedRobot:
     arguments: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     base: str | None = None
     floats: bool = False
+    couplings_stated: bool = True
 
     def __repr__(self) -> str:
         return f"LoadedRobot('{self.reference}', {self.robot!r})"

@@ -121,7 +121,7 @@ class TransmissionSection(Section):
     Attributes:
         motors: Names of motors; `motor_1`, `motor_2`, ... if left out.
         ratios: Diagonal of R in motor positions q_m = R q, in the order of the joints.
-        coupling: Entries of R outside its diagonal.
+        coupling: Entries of R outside its diagonal; `[]` states that there are none.
         matrix: R in full, one row per motor, instead of `ratios` and `coupling`.
     """
 
@@ -129,6 +129,11 @@ class TransmissionSection(Section):
     ratios: Numbers | None = None
     coupling: Annotated[tuple[CouplingSection, ...], Field(strict=False)] = ()
     matrix: Annotated[tuple[Numbers, ...], Field(strict=False)] | None = None
+
+    @property
+    def couplings_stated(self) -> bool:
+        """Whether the couplings are given, or that there are none."""
+        return self.matrix is not None or "coupling" in self.model_fields_set
 
 
 class LoopSection(Section):

@@ -21,8 +21,18 @@ COMPARE = (
 )
 """What to do where the logs do not decide whether the robot file is right."""
 
-GEARS = "compare signs of ratios and couplings in [robot.transmission] with the data sheet"
+GEARS = (
+    "compare signs of ratios and couplings in [robot.transmission] with the data sheet, or log "
+    "each joint moving alone: a second motor that turns is coupled; compare directions with the "
+    "model file"
+)
 """What to do where the logs do not decide whether the gears are right."""
+
+LOADED = (
+    "gains: a log with a load of known mass (identify --loaded); payload: a log without it, and "
+    "--model from clean runs"
+)
+"""What decides gains and payload where the nominal model does not."""
 
 
 @guarded
@@ -154,6 +164,8 @@ def hints(
         steps.insert(0, ("", COMPARE))
     elif "transmission" in found.last.open_checks:
         steps.insert(0, ("", GEARS))
+    if found.last.model_open:
+        steps.insert(1, ("", LOADED))
     if named and not gains:
         words = " ".join(path_word(name) for name in used)
         steps.append((f"steelyard init {words}", "identify needs a robot file for drive gains:"))

@@ -23,6 +23,17 @@ from steelyard.robot_file.efforts import MOTOR_KINDS
 ADVICE = Fix("compare ratios, their signs and coupling in [robot.transmission] with the data sheet")
 
 
+COUPLED, WITH = "other couplings of ", " with the joint before"
+"""Words around the motors whose other couplings fit about as well."""
+
+ENTER_COUPLING = Fix(
+    "Enter coupling from the data sheet (coupling = [] if there is none), or move single joints: "
+    "a motor that turns beside its own joint's is coupled. Errors with and without a coupling are "
+    "of different joint efforts and cannot be compared"
+)
+"""What to do where a coupling that is not declared fits as well."""
+
+
 class TransmissionCheck:
     """Gears with one sign or one coupling changed, compared with those declared."""
 
@@ -83,6 +94,22 @@ def _finding(case: Case, evidence: Evidence) -> Finding | None:
     return Finding(name, evidence.name, Severity.OK, says, figure)
 
 
+def missing_coupling(findings: Sequence[Finding], stated: bool) -> tuple[Finding, ...]:
+    """A remark beside the headline of a fit where motors that no coupling names may be coupled.
+
+    Args:
+        findings: Of a check before.
+        stated: Whether the robot file states the couplings, or that there are none.
+    """
+    name = TransmissionCheck.name
+    open_ones = [f for f in findings if f.check == name and not f.answered and COUPLED in f.says]
+    if stated or not open_ones:
+        return ()
+    motors = open_ones[0].says.partition(COUPLED)[2].partition(WITH)[0]
+    says = f"no coupling is declared, but one of {motors}{WITH} fits the logs about as well"
+    return (Finding(name, "", Severity.OK, says, "", fix=ENTER_COUPLING, headline=True),)
+
+
 def _listed(near: Sequence[OtherGears]) -> str:
     """Motors with other signs, and those with other couplings, in words."""
     signs, couplings = (
@@ -90,7 +117,7 @@ def _listed(near: Sequence[OtherGears]) -> str:
         for coupling in (False, True)
     )
     words = [f"opposite signs of the ratios of {signs}"] if signs else []
-    words += [f"other couplings of {couplings} with the joint before"] if couplings else []
+    words += [f"{COUPLED}{couplings}{WITH}"] if couplings else []
     return ", and ".join(words)
 
 

@@ -74,7 +74,12 @@ def headline(diagnosis: Diagnosis) -> str:
     if worst == 0:
         every, left = len(words_of(diagnosis)), diagnosis.open_checks
         verdict = "Ok: no error was found"
-        if left:
+        if diagnosis.model_open:
+            verdict = (
+                f"Open: the logs do not decide {', '.join(left)} ({len(left)} of "
+                f"{count(every, 'check')}); nothing contradicts the robot file"
+            )
+        elif left:
             verdict = (
                 f"Ok, but {len(left)} of {count(every, 'check')} could not be decided: "
                 f"{', '.join(left)}"
