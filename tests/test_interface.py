@@ -133,6 +133,9 @@ def test_results_print_save_and_tabulate(folder: Path, tmp_path: Path) -> None:
     )
     assert "joint1" in str(found) and found.verdict.headline[:60] in str(found)
     assert found.scores["joint"].to_list() == ["joint1", "joint2"] * 2
+    with pytest.raises(steelyard.SteelyardError, match="no column 'eror'") as caught:
+        found.scores["eror"]
+    assert caught.value.fix.startswith("did you mean 'error'")
     first = ["run", "fitted", "joint", "error", "unit", "percent_of_used", "percent_of_rated"]
     assert found.scores.table.columns[:7] == first
     assert set(found.parameters["name"]) >= set(found.model.estimate.parameters.names)

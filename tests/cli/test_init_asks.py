@@ -150,6 +150,7 @@ def test_friction_is_chosen_where_the_logs_allow_it(command: Command, tmp_path: 
     shown = command("init", URDF, tmp_path / "long.csv", "-o", tmp_path / "long.toml")
     assert 'friction  "auto"' in shown.stdout
     assert load_robot(tmp_path / "long.toml").friction
+    assert '"auto_memoryless"' in (tmp_path / "long.toml").read_text()
     short = command("init", URDF, LOG, "-o", tmp_path / "short.toml")
     assert 'for "auto"' in short.stdout and "needed)" in short.stdout
     loaded = load_robot(tmp_path / "short.toml")

@@ -113,6 +113,21 @@ def test_a_misspelt_pattern_is_matched_column_by_column(log: Log) -> None:
     assert caught.value.fix.startswith("did you mean 'q1_rad', 'q2_rad'?; ")
 
 
+@pytest.mark.parametrize(
+    ("missing", "offered"),
+    [("actual_q_5", "did you mean 'q_5'?; "), ("w_position", "the other columns are wr_s, ")],
+)
+def test_similar_columns_are_not_hidden_behind_others(
+    tmp_path: Path, missing: str, offered: str
+) -> None:
+    path = tmp_path / "run.csv"
+    names = ["time_s", *(f"x{k}" for k in range(20)), "wr_s", "q_5"]
+    path.write_text(",".join(names) + "\n" + ",".join("1" for _ in names) + "\n")
+    with pytest.raises(LogError) as caught:
+        list(open_log(path).parts(["time_s", missing]))
+    assert caught.value.fix.startswith(offered)
+
+
 @pytest.mark.parametrize("other", ["dq2_rad_s", "ddq2_rad_s2", "q2_deg", "q2_ref_rad"])
 def test_columns_of_another_quantity_or_unit_are_not_proposed(tmp_path: Path, other: str) -> None:
     path = tmp_path / "run.csv"

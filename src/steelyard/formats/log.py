@@ -123,7 +123,9 @@ def _meant(missing: Sequence[str], free: Sequence[str]) -> str:
     if len(missing) > 1 and len(set(found)) == len(missing):
         return f"did you mean {_some(found)}?"
     near = nearest(missing[0], alike[missing[0]])
-    return advice(missing[0], near, "columns") if near else listing(free, "other columns")
+    if near:
+        return advice(missing[0], near, "columns")
+    return listing(free, "other columns", like=missing[0])
 
 
 def _beside(path: Path) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from steelyard.errors import LogError
+from steelyard.errors import DataError, LogError
 from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.extras import require
 from steelyard.files import whole_folder
@@ -19,6 +19,7 @@ from steelyard.report.sections.model.verdict import joints_table
 from steelyard.report.text.score_words import both_words
 from steelyard.report.text.table import rows
 from steelyard.report.text.verdict import verdict
+from steelyard.suggest import advice
 from steelyard.validation.score import RunScore
 
 if TYPE_CHECKING:
@@ -135,8 +136,19 @@ class Scores:
         return frame(joints, "scores")
 
     def __getitem__(self, column: str) -> "Series":
-        """A column of `table`."""
-        return self.table[column]
+        """A column of `table`.
+
+        Raises:
+            DataError: There is no such column.
+        """
+        table = self.table
+        if column not in table.columns:
+            raise DataError(
+                f"the scores have no column '{column}'",
+                where="scores",
+                fix=advice(column, table.columns, "columns", len(table.columns)),
+            )
+        return table[column]
 
     def __str__(self) -> str:
         text = io.StringIO()
