@@ -133,7 +133,11 @@ class Scores:
                 strict=True,
             )
         ]
-        return frame(joints, "scores")
+        return _ends_first(
+            frame(joints, "scores"),
+            ("run", "fitted", "joint", "error"),
+            ("unit", "percent_of_used", "moving", "band_hz"),
+        )
 
     def __getitem__(self, column: str) -> "Series":
         """A column of `table`.
@@ -177,7 +181,8 @@ def _as_logged(joint: "JointError") -> dict[str, Any]:
 def parameter_table(model: str | Path | IdentifiedModel) -> "DataFrame":
     """The base parameters of a model as a data frame, one a row.
 
-    Its columns are those of `parameters.csv`: `name`, `group` (the base parameter in full),
+    Its columns are those of `parameters.csv`, in an order whose first and last ones, which Polars
+    prints, have the estimate: `name`, `group` (the base parameter in full),
     `value`, `unit`, `std`, `lower95` and `upper95` (95 % interval), `relative_std_percent`,
     `status` (how well it is identified), `remark`, `symbol`, `from_data_percent` (share from the
     data, with a prior), `nominal` (of the model file).
@@ -194,7 +199,17 @@ def parameter_table(model: str | Path | IdentifiedModel) -> "DataFrame":
         >>> table["std"].min() >= 0.0
         True
     """
-    return frame([vars(row) for row in rows(load_model(model))], "parameters")
+    return _ends_first(
+        frame([vars(row) for row in rows(load_model(model))], "parameters"),
+        ("name", "value", "unit", "std"),
+        ("lower95", "upper95", "relative_std_percent", "status"),
+    )
+
+
+def _ends_first(table: "DataFrame", first: Sequence[str], last: Sequence[str]) -> "DataFrame":
+    """The same columns in an order of which `print` shows those that matter."""
+    between = [name for name in table.columns if name not in (*first, *last)]
+    return table.select(*first, *between, *last)
 
 
 def frame(records: Sequence[Mapping[str, Any]] | Mapping[str, Any], where: str) -> "DataFrame":
