@@ -271,7 +271,12 @@ def test_it_is_said_why_a_finding_is_ok_though_a_rival_fits_better() -> None:
     )
     assert "nominal" not in reference and "gain is statistically significant" in reference
     content_of = CheckContent("r", "r.toml", ("run",), None, Diagnosis((nominal,)), {}, ())
-    assert "Ok although another row fits better" in render_check(content_of)
+    page = render_check(content_of)
+    assert "Ok although another row fits better" in page
+    explained = "Log-likelihoods are relative to the most likely hypothesis"
+    assert page.count(explained) == 1 and explained not in CheckSection().show(
+        findings_of(many(Severity.OK, 2))
+    )
 
 
 def test_open_questions_stand_on_the_page_before_what_is_ok() -> None:

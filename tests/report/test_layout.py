@@ -335,6 +335,8 @@ def test_friction_laws_fit_on_a_phone(browser: Tab, usual: ReportContent, tmp_pa
     tab = opened(browser, rendered_only(content, "friction"), tmp_path, 420)
     box = "document.querySelector('#friction .box')"
     assert tab.run(f"{box}.scrollWidth - {box}.clientWidth") == 0
+    headings = tab.run(f"[...{box}.querySelectorAll('thead th')].map(one => one.textContent)")
+    assert headings[1:4] == ["Error", "Improvement", "Standard error"]
     assert tab.run(f"{box}.querySelector('tbody th').clientWidth / {box}.clientWidth") > 0.9
 
 

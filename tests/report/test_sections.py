@@ -48,7 +48,8 @@ def test_the_page_has_the_level_and_what_parameters_are_good_for(usual: ReportCo
     words = shown("verdict", replace(usual, scores=usual.scores[:1]))
     assert '<p class="headline">GOOD: Predicts unseen motion' in words
     assert "13 base parameters: 9 identified, 1 small effect" in words
-    assert "<dt>base parameters, 10 of them identified or of small effect</dt>" in words
+    assert "<dt>base parameters are identified or of small effect</dt>" in words
+    assert ">10 of 13<" in words
     assert "rely on single values only if identified." in words
     alone = shown("verdict", replace(usual, only_errors=True))
     assert "as single values" not in alone and "9 identified" not in alone

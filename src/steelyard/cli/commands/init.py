@@ -66,8 +66,9 @@ def init(
     coupling: Annotated[
         list[str] | None,
         typer.Option(
-            help="A motor, by the joint that it drives, that turns with a second joint, and the "
-            "ratio: joint_6,joint_5,32. Repeatable.",
+            help="A motor that turns with a second joint: MOTOR is the name of the joint that it "
+            "drives, JOINT the second one, RATIO turns of the motor per turn of JOINT, such as "
+            "joint_6,joint_5,32. Repeatable.",
             metavar="MOTOR,JOINT,RATIO",
         ),
     ] = None,

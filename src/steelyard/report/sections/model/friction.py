@@ -112,10 +112,11 @@ def _mixes(choice: FrictionChoice) -> PlainTable:
         "Friction laws compared",
         f"Error on one {choice.left_out} from a fit to all others, each {choice.left_out} in turn: "
         f"{ERROR}; "
-        "gain relative to the first row, with its standard error. A simpler combination is "
-        "preferred unless the gain of a better one is significant."
+        "improvement relative to the first row, with its standard error. A simpler combination is "
+        "preferred unless the improvement by a better one is significant. Speeds are in rad/s, "
+        "lengths in rad (prismatic joints: m/s, m)."
         + (f" {other[0].upper()}{other[1:]}." if other else ""),
-        ("Friction laws", "Error", "Gain", "Spread", ""),
+        ("Friction laws", "Error", "Improvement", "Standard error", ""),
         rows,
         (0, 4),
         f"one {choice.left_out} left out in turn; error: {ERROR}",

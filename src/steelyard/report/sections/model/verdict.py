@@ -155,7 +155,7 @@ def _facts(content: ReportContent) -> list[tuple[str, str]]:
         well = sum(row.status in ("identified", "small effect") for row in table)
         condition = significant(content.identified.estimate.condition_normalised, 2)
         left = sum(row.status not in ("removed", "known") for row in table)
-        facts.append((f"{left}", f"base parameters, {well} of them identified or of small effect"))
+        facts.append((f"{well} of {left}", "base parameters are identified or of small effect"))
         facts.append((condition, "normalised condition number"))
     return facts
 
