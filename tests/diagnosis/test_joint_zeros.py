@@ -10,6 +10,7 @@ from diagnosis.conftest import MODEL_BASED
 from diagnosis.fitted import demo_arm, log
 from steelyard.diagnosis import Case, Severity, examine, joint_zeros
 from steelyard.diagnosis.decision.checks import JOINT_ZEROS
+from steelyard.diagnosis.decision.quarter_turns import turned_joints
 from steelyard.diagnosis.decision.ranking import ranking
 from steelyard.diagnosis.hypotheses import by_zero
 from steelyard.diagnosis.hypotheses.by_zero import zero_offsets
@@ -50,6 +51,36 @@ def test_zeros_that_are_quarter_turns_away_are_doubtful(tmp_path: Path) -> None:
     (edit,) = finding.fix.edits
     assert edit.path == ("signals", "position_offset")
     np.testing.assert_allclose(edit.value, [0.0, 1.5708, -1.5708, 0.0, 0.0, 0.0], atol=1e-4)
+
+
+def turned_case(folder: Path, joint: int, turn: float) -> Case:
+    """One joint of an arm with the masses of its model file is turned."""
+    loaded, path = demo_arm(folder), folder / "run.parquet"
+    offset = tuple(turn * (k == joint) for k in range(6))
+    log(path, random_truth(loaded.robot, 1, spread=0.0), 1, offset)
+    subject = Subject(folder / "arm.toml", (folder / "arm.toml").read_text(), loaded)
+    return case_of(subject, log_files([str(path)]), None, silent)[0]
+
+
+@pytest.mark.parametrize(("joint", "degrees"), [(1, 90), (4, -90)])
+def test_nominal_masses_name_the_joint_that_is_turned(
+    tmp_path: Path, joint: int, degrees: int
+) -> None:
+    given = turned_case(tmp_path, joint, np.deg2rad(degrees))
+    (finding,) = JOINT_ZEROS(given)
+    assert finding.severity == Severity.DOUBTFUL and finding.joints == (given.joints[joint],)
+    assert f"of the model file: {given.joints[joint]} {degrees:+d}°: misfit" in finding.says
+    assert finding.fix is not None
+    (edit,) = finding.fix.edits
+    assert edit.path == ("signals", "position_offset")
+    expected = [np.deg2rad(degrees) * (k == joint) for k in range(6)]
+    np.testing.assert_allclose(edit.value, expected, atol=1e-4)
+    (limit, *others) = turned_joints((finding, finding))
+    assert limit.severity == Severity.DOUBTFUL and not limit.log and not others
+
+
+def test_nominal_masses_are_silent_where_no_joint_is_turned(tmp_path: Path) -> None:
+    assert JOINT_ZEROS(turned_case(tmp_path, 0, 0.0)) == ()
 
 
 def test_with_that_line_no_offset_stands_out(tmp_path: Path) -> None:

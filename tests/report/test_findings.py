@@ -142,8 +142,8 @@ BASIC = "joint order, effort unit, mounting"
         (
             "transmission, gain, payload",
             False,
-            "Open: the logs do not decide transmission, gain, payload (3 of 4 checks); nothing "
-            "contradicts the robot file",
+            "Open: the logs do not decide transmission, gain, payload (3 of 4 checks); no error "
+            "was found",
         ),
     ],
 )

@@ -65,8 +65,8 @@ class TurnedZeros:
     @property
     def says(self) -> str:
         """What was found, in a few words."""
-        turns = zip(self.joints, self.degrees, strict=True)
-        listed = ", ".join(f"{joint} {degrees:+.0f}°" for joint, degrees in turns)
+        each = zip(self.joints, self.degrees, strict=True)
+        listed = ", ".join(f"{joint} {degrees:+.0f}°" for joint, degrees in each)
         return (
             f"joint zeros other than those of the model file: {listed} (error on left-out motion "
             f"{self.gain.before:.2g} %, with these zeros {self.gain.after:.2g} %)"
@@ -122,7 +122,7 @@ def _search(regressor: Regressor, runs: Sequence[Run], start: Array) -> Array:
     while left:
         tried: dict[Turned, float] = {}
         for joints in (1, 2):
-            for turned in _turns(left, joints):
+            for turned in turns(left, joints):
                 tried[turned] = _misfit(regressor, runs, _at(offsets, turned))
             moved = {k for ((k, _), *_), found in tried.items() if abs(found - least) > NO_EFFECT}
             left = [k for k in left if k in moved]
@@ -134,7 +134,7 @@ def _search(regressor: Regressor, runs: Sequence[Run], start: Array) -> Array:
     return offsets
 
 
-def _turns(left: Sequence[int], joints: int) -> Iterator[Turned]:
+def turns(left: Sequence[int], joints: int) -> Iterator[Turned]:
     """Turns of every joint alone, or of neighbours such that later links keep their orientation."""
     if joints == 1:
         yield from (((k, turn),) for k in left for turn in TURNS)

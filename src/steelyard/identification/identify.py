@@ -11,6 +11,7 @@ from rich.console import Console
 
 from steelyard.arguments import checked
 from steelyard.diagnosis import Diagnosis, Finding, Severity
+from steelyard.diagnosis.decision.quarter_turns import turned_joints
 from steelyard.diagnosis.decision.transmission import missing_coupling
 from steelyard.diagnosis.fitted.absurd import refuse_absurd
 from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
@@ -243,7 +244,9 @@ def identify(
     limits = _limitations(found, () if commanded else unseen, content, progress)
     before = () if found_out is None else found_out.findings
     limits += (*of_base(file, before), *missing_coupling(before, file.couplings_stated))
-    content = replace(content, limitations=(*_undecided(found_out), *limits))
+    content = replace(
+        content, limitations=(*_undecided(found_out), *turned_joints(before), *limits)
+    )
     if sensitivity:
         content = varied(content, found, (known, unknown), cores, progress, commanded=commanded)
     if bootstrap is not None:

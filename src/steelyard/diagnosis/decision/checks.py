@@ -10,6 +10,7 @@ from steelyard.diagnosis.decision.decidable import least_mass
 from steelyard.diagnosis.decision.findings import agrees, findings
 from steelyard.diagnosis.decision.friction_sign import friction_signs
 from steelyard.diagnosis.decision.gains_left import gains_left, gains_of_controller
+from steelyard.diagnosis.decision.quarter_turns import quarter_turns
 from steelyard.diagnosis.decision.ranking import known_of
 from steelyard.diagnosis.decision.verdict import Verdict, verdict
 from steelyard.diagnosis.finding import Finding, Fix, Severity
@@ -113,10 +114,10 @@ def _short_delays(case: Case, name: str, found: Findings) -> Findings:
 
 
 def _of_reference(case: Case, name: str, found: Findings) -> Findings:
-    """Zeros of an open chain that are not to be identified; only a reference decides them so."""
+    """Zeros of an open chain that are not to be identified; quarter turns without a reference."""
     known = known_of(case)
     if known is None or not known.identified or known.robot.passive:
-        return ()
+        return tuple(quarter_turns(case))
     open_ = [e.name for e in case.logs if any(e.recording.signals.unknown_offsets)]
     return tuple(finding for finding in found if finding.log not in open_)
 

@@ -70,7 +70,7 @@ def zero_hypotheses(likelihood: Likelihood, interpretation: Interpretation) -> I
         Draft(
             CAUSE,
             f"zero offset of {zero.words}",
-            _moved(interpretation, zero.joint, zero.value),
+            moved(interpretation, zero.joint, zero.value),
             cost,
             (zero.joint,),
         )
@@ -137,11 +137,11 @@ def _along(
     likelihood: Likelihood, interpretation: Interpretation, joint: int, offsets: Array
 ) -> Array:
     """Log-likelihood at offsets of one joint, of the same shape."""
-    drafts = [Draft(CAUSE, "", _moved(interpretation, joint, x), 0.0, (joint,)) for x in offsets]
+    drafts = [Draft(CAUSE, "", moved(interpretation, joint, x), 0.0, (joint,)) for x in offsets]
     return np.array([found.log_likelihood for found in judged(likelihood, drafts)])
 
 
-def _moved(interpretation: Interpretation, joint: int, offset: float) -> Interpretation:
+def moved(interpretation: Interpretation, joint: int, offset: float) -> Interpretation:
     """The interpretation with one joint's zero moved further."""
     before = interpretation.zeros
     zeros = np.zeros(len(interpretation.position)) if before is None else before.copy()

@@ -77,7 +77,7 @@ def headline(diagnosis: Diagnosis) -> str:
         if diagnosis.model_open:
             verdict = (
                 f"Open: the logs do not decide {', '.join(left)} ({len(left)} of "
-                f"{count(every, 'check')}); nothing contradicts the robot file"
+                f"{count(every, 'check')}); no error was found"
             )
         elif left:
             verdict = (
