@@ -56,7 +56,7 @@ def robot_file(model: Path, base: str | None, folder: Path) -> Path:
     base_line = f'base = "{base}"\n' if base else ""
     bare.write_text(f'[robot]\nmjcf = "{model}"\n{base_line}')
     ran("simulate", bare, "--seed", 3, "-o", folder / "other")
-    columns = pl.read_csv(folder / "other/log.csv")
+    columns = pl.read_csv(folder / "other/log.csv").columns
     q, dq, tau = ([c for c in columns if re.match(f"{x}[0-9]", c)] for x in ("q", "dq", "tau"))
     signals = (
         f'[signals]\ntime = "time_s"\nposition = {q}\nposition_unit = {_units(q)}\n'

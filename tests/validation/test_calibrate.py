@@ -21,6 +21,7 @@ from steelyard.terms.register import DEFAULT_TERMS
 from steelyard.validation.bands import Bands
 from steelyard.validation.calibrate import calibrate, correlation_of, quantile
 from steelyard.validation.left_out import runs_left_out, stretches_left_out
+from steelyard.validation.residual_traces import residual_trace
 from steelyard.validation.score import score
 from steelyard.virtual.invent import random_truth
 
@@ -156,3 +157,17 @@ def test_the_correlation_of_errors_between_joints_is_found() -> None:
     few = correlation_of(errors[:, 1:3], worth[1:3])
     assert np.all(np.linalg.eigvalsh(few) > 0.0) and np.allclose(np.diag(few), 1.0)
     assert np.array_equal(correlation_of(np.nan * errors, worth), np.eye(3))
+
+
+def test_of_long_runs_the_first_samples_are_predicted(monkeypatch: pytest.MonkeyPatch) -> None:
+    *fitted, unseen = runs_of(21, 22, 23)
+    durations = []
+
+    def watched(identified, run, cutoff, *, at_rest):
+        durations.append(residual_trace(identified, run, cutoff, at_rest=at_rest).duration)
+        return residual_trace(identified, run, cutoff, at_rest=at_rest)
+
+    monkeypatch.setattr("steelyard.validation.calibrate.LONGEST", 4.0 * unseen.rate)
+    monkeypatch.setattr("steelyard.validation.calibrate.residual_trace", watched)
+    assert 90.0 <= coverage(calibrated(tuple(fitted)), unseen) <= 99.0
+    assert durations and max(durations) <= 4.0

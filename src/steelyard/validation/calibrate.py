@@ -42,6 +42,9 @@ ENOUGH = 40.0
 MOST = 20
 """Runs that are left out at most."""
 
+LONGEST = 200_000
+"""Samples of a run or stretch that are predicted at most: its first ones."""
+
 LEAST_CORRELATION = 0.02
 """Least eigenvalue of the correlation of errors between joints."""
 
@@ -147,9 +150,13 @@ def _errors(
 ) -> _Errors | None:
     """How a fit to all else predicts a stretch; `None` where it cannot.
 
-    Of a run that is left out `whole` the rests before and after the motion have residuals too.
+    Of a stretch of more than `LONGEST` samples the first ones are predicted. Of a run that is left
+    out `whole` the rests before and after the motion have residuals too.
     """
-    run = replace(runs[one.run], span=one.span)
+    run = runs[one.run]
+    span = one.span[0], min(one.span[1], one.span[0] + LONGEST / run.rate)
+    run = replace(run, span=span)
+    whole = whole and span == one.span
     try:
         estimate = estimator(information.of(one.fitted))
         other = replace(identified, estimate=estimate, calibration=None)
@@ -164,7 +171,7 @@ def _errors(
     errors *= np.sign(identified.signals.gains)
     blind = _blind(identified.estimate, estimate, information)
     errors[:, blind] = np.nan
-    duration = one.span[1] - one.span[0]
+    duration = span[1] - span[0]
     worth = min(1.0, 2.0 * band * duration / max(len(traces.t), 1))
     return _Errors(errors.T, traces.speed.T, traces.moving.T, worth, trace.without(blind))
 
