@@ -167,7 +167,7 @@ def test_of_long_runs_the_first_samples_are_predicted(monkeypatch: pytest.Monkey
         durations.append(residual_trace(identified, run, cutoff, at_rest=at_rest).duration)
         return residual_trace(identified, run, cutoff, at_rest=at_rest)
 
-    monkeypatch.setattr("steelyard.validation.calibrate.LONGEST", 4.0 * unseen.rate)
+    monkeypatch.setattr("steelyard.validation.left_out.LONGEST", 4.0 * unseen.rate)
     monkeypatch.setattr("steelyard.validation.calibrate.residual_trace", watched)
     assert 90.0 <= coverage(calibrated(tuple(fitted)), unseen) <= 99.0
     assert durations and max(durations) <= 4.0

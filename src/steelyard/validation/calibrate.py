@@ -42,9 +42,6 @@ ENOUGH = 40.0
 MOST = 20
 """Runs that are left out at most."""
 
-LONGEST = 200_000
-"""Samples of a run or stretch that are predicted at most: its first ones."""
-
 LEAST_CORRELATION = 0.02
 """Least eigenvalue of the correlation of errors between joints."""
 
@@ -85,8 +82,7 @@ def calibrate(
     found, cutoff = [], residual_cutoff(identified, runs)
     for number, one in enumerate(chosen):
         report_progress(progress, "calibrating bands", number, len(chosen))
-        whole = kind == "runs"
-        errors = _errors(identified, runs, information, estimator, one, whole, cutoff)
+        errors = _errors(identified, runs, information, estimator, one, cutoff)
         found += [] if errors is None else [errors]
     if len(found) < FEWEST:
         return None
@@ -145,18 +141,15 @@ def _errors(
     information: Information,
     estimator: Estimator[Information],
     one: LeftOut,
-    whole: bool,
     cutoff: float,
 ) -> _Errors | None:
     """How a fit to all else predicts a stretch; `None` where it cannot.
 
-    Of a stretch of more than `LONGEST` samples the first ones are predicted. Of a run that is left
-    out `whole` the rests before and after the motion have residuals too.
+    Of a run that is left out as a whole the rests before and after the motion have residuals too.
     """
     run = runs[one.run]
-    span = one.span[0], min(one.span[1], one.span[0] + LONGEST / run.rate)
-    run = replace(run, span=span)
-    whole = whole and span == one.span
+    whole = one.span == run.span
+    run = replace(run, span=one.span)
     try:
         estimate = estimator(information.of(one.fitted))
         other = replace(identified, estimate=estimate, calibration=None)
@@ -171,7 +164,7 @@ def _errors(
     errors *= np.sign(identified.signals.gains)
     blind = _blind(identified.estimate, estimate, information)
     errors[:, blind] = np.nan
-    duration = span[1] - span[0]
+    duration = one.span[1] - one.span[0]
     worth = min(1.0, 2.0 * band * duration / max(len(traces.t), 1))
     return _Errors(errors.T, traces.speed.T, traces.moving.T, worth, trace.without(blind))
 

@@ -6,6 +6,7 @@ no test of a fit to its other half: windows that repeat what is left out are lef
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import ceil
 
 import numpy as np
 
@@ -27,13 +28,20 @@ SHARE = 0.5
 """Share of a window's instants that must be alike for it to repeat a motion."""
 
 
+LONGEST = 200_000
+"""Samples of a left-out run or stretch that are predicted at most: its first ones."""
+
+INSTANTS = 200_000
+"""Instants of a run that are compared with what is left out, at most."""
+
+
 @dataclass(frozen=True)
 class LeftOut:
     """A stretch to be predicted, and what may be fitted meanwhile.
 
     Attributes:
         run: Number of the run.
-        span: Start and end of the stretch [s].
+        span: Start and end of what is predicted [s].
         fitted: Numbers of the windows that are fitted.
     """
 
@@ -61,12 +69,16 @@ def stretches_left_out(runs: Sequence[Run], information: Information) -> tuple[L
         information: What they say, in windows shorter than the stretches.
     """
     longest = max(range(len(runs)), key=lambda k: runs[k].duration)
-    begin, end = runs[longest].span
-    wanted = [
-        LeftOut(longest, (max(part.start, begin), min(part.stop, end)), ())
-        for part in stretches_of(runs[longest])
-    ]
+    run = runs[longest]
+    begin, end = run.span
+    spans = [(max(part.start, begin), min(part.stop, end)) for part in stretches_of(run)]
+    wanted = [LeftOut(longest, span, ()) for span in spans]
     return _with_windows(wanted, runs, information)
+
+
+def _first(run: Run, span: tuple[float, float]) -> tuple[float, float]:
+    """The span, or that of its first samples where it has more than `LONGEST`."""
+    return span[0], min(span[1], span[0] + LONGEST / run.rate)
 
 
 def _with_windows(
@@ -75,18 +87,20 @@ def _with_windows(
     information: Information,
 ) -> tuple[LeftOut, ...]:
     """With what may be fitted; without those for which nothing may."""
-    courses = _courses(runs)
+    courses, size = _courses(runs)
     place = {run.name: k for k, run in enumerate(runs)}
     found = []
     for one in wanted:
-        out = courses[one.run].during(*one.span)
+        run = runs[one.run]
+        span = _first(run, one.span)
+        out = _Course.of(replace(run, span=span)).over(size)
         fitted = tuple(
             k
             for k, window in enumerate(information.windows)
-            if not (window.run == runs[one.run].name and _overlap(window, one.span))
+            if not (window.run == run.name and _overlap(window, one.span))
             and not courses[place[window.run]].during(window.start, window.stop).repeats(out)
         )
-        found += [LeftOut(one.run, one.span, fitted)] if fitted else []
+        found += [LeftOut(one.run, span, fitted)] if fitted else []
     return tuple(found)
 
 
@@ -109,18 +123,24 @@ class _Course:
     apart: float
 
     @classmethod
-    def of(cls, run: Run) -> "_Course":
+    def of(cls, run: Run, most: float = np.inf) -> "_Course":
         step = max(1, int(run.rate / (PER_WAVE * run.matched_cutoff)))
+        step *= max(1, ceil(run.rate * run.duration / step / most))
         parts = [
             (block.t[::step], np.concatenate([block.q, block.dq])[:, ::step].T)
             for block in run.blocks()
         ]
-        t, states = (np.concatenate(part) for part in zip(*parts, strict=True))
+        empty = (np.zeros(0), np.zeros((0, 1)))
+        t, states = (np.concatenate(part) for part in zip(*(parts or [empty]), strict=True))
         return cls(t, states, step / run.rate)
 
     def during(self, start: float, stop: float) -> "_Course":
         mine = (self.t >= start) & (self.t <= stop)
         return replace(self, t=self.t[mine], states=self.states[mine])
+
+    def over(self, size: Array) -> "_Course":
+        """In units of `size`, shape `(2 n,)`."""
+        return replace(self, states=self.states / size)
 
     def repeats(self, other: "_Course") -> bool:
         """Whether most of this is what the other does, at one lag."""
@@ -139,9 +159,9 @@ class _Course:
         return bool(np.sum(steady) >= SHARE * len(near))
 
 
-def _courses(runs: Sequence[Run]) -> list[_Course]:
-    """The motions, every position and velocity in its standard deviation over all runs."""
-    courses = [_Course.of(run) for run in runs]
+def _courses(runs: Sequence[Run]) -> tuple[list[_Course], Array]:
+    """The motions in standard deviations of positions and velocities over all runs, and these."""
+    courses = [_Course.of(run, INSTANTS) for run in runs]
     size = np.std(np.concatenate([course.states for course in courses]), axis=0)
     size = np.where(size > 0.0, size, 1.0)
-    return [replace(course, states=course.states / size) for course in courses]
+    return [course.over(size) for course in courses], size
