@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from steelyard.kernel.native.vector_ir import MAX_ANGLE
 from steelyard.model import Model, ValuedModel
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
-from steelyard.robot.robot import Limits, Robot
+from steelyard.robot.robot import Robot
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.offset import Offset
 from steelyard.terms.laws.rigid_body import RigidBody
@@ -94,18 +93,6 @@ def test_absurd_positions_are_refused(valued: ValuedModel, angle: float) -> None
         assert "unit of the position columns" in caught.value.fix
         with pytest.raises(DataError, match="beyond 100000 rad"):
             valued.torque(Motion([0.0], [q], [still], [still]))
-
-
-def test_degrees_cause_a_warning(valued: ValuedModel) -> None:
-    robot = valued.robot
-    limited = [replace(one, limits=Limits(-6.3, 6.3)) for one in robot.coordinates]
-    model = Model(robot.changed(coordinates=limited))
-    arm = model.at(Parameters(model.names, model.units, np.ones(len(model.names))))
-    still = np.zeros(robot.n)
-    arm.torque(np.full(robot.n, 12.5), still, still)
-    with pytest.warns(UserWarning, match="positions are in rad"):
-        arm.torque(np.full(robot.n, 90.0), still, still)
-    valued.torque(np.full(robot.n, 90.0), still, still)  # no limits
 
 
 def test_a_parameter_cannot_come_twice() -> None:

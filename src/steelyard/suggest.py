@@ -4,6 +4,9 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from pathlib import Path
 
+_ALIKE = 0.2
+"""Least similarity of names that are listed before the others."""
+
 
 def nearest(name: str, names: Iterable[str], count: int = 3) -> tuple[str, ...]:
     """Up to `count` of `names` that look like `name`, the nearest first; letter case aside.
@@ -34,7 +37,7 @@ def listing(names: Iterable[str], what: str, most: int = 12, like: str = "") -> 
     """One line that lists the names, `most` of them at most: then those most similar to `like`."""
     known = list(names)
     if like and len(known) > most:
-        known = [*dict.fromkeys([*_ordered(like, known, most, 0.0), *known])]
+        known = [*dict.fromkeys([*_ordered(like, known, most, _ALIKE), *known])]
     if not known:
         return f"there are no {what} to choose from"
     shown = ", ".join(known[:most])

@@ -188,10 +188,10 @@ def test_intervals_hold_the_error_of_scales_of_any_unit(together: bool) -> None:
 
 
 def test_scales_say_how_well_gains_are_known() -> None:
-    scaled = replace(EXACT, effort_scales=KnownScales(EXACT.joints, np.ones(4), SPREAD))
-    alone, beside = (
-        identify_payload(scaled, [run(2, LOAD)], "tool", gain=gain) for gain in (None, 0.04)
-    )
+    scales = KnownScales(EXACT.joints, np.ones(4), SPREAD)
+    scaled = replace(model_of(run(1, noise=0.01)), effort_scales=scales)
+    loaded = [run(2, LOAD, noise=0.01)]
+    alone, beside = (identify_payload(scaled, loaded, "tool", gain=gain) for gain in (None, 0.04))
     assert alone.half_width[0] == pytest.approx(Z95 * 0.05 * LOAD.mass, rel=0.05)
     assert beside.half_width[0] > 1.05 * alone.half_width[0]
     assert "uncertainty of 4 %" in beside.notes[-1] and "drive gain" not in alone.notes[-1]

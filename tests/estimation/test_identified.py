@@ -18,6 +18,7 @@ from steelyard.model import Model
 from steelyard.motion import Motion
 from steelyard.parameters import Parameters
 from steelyard.regression.base import base_parameters
+from steelyard.robot.robot import Limits
 from steelyard.robot_file.signals import Signals
 from steelyard.terms.laws.coulomb import Coulomb
 from steelyard.terms.laws.rigid_body import RigidBody
@@ -170,3 +171,16 @@ def test_a_missing_model_is_looked_for_beside_and_within(
     with pytest.raises(ModelError) as caught:
         load_model(tmp_path / "other" / "place")
     assert "output folder" in caught.value.fix
+
+
+def test_degrees_cause_a_warning_in_the_line_of_the_user(identified: IdentifiedModel) -> None:
+    robot, model = identified.robot, identified.model
+    limited = [replace(one, limits=Limits(-6.3, 6.3)) for one in robot.coordinates]
+    arm = replace(identified, model=Model(robot.changed(coordinates=limited), model.terms))
+    still = np.zeros(robot.n)
+    arm.torque(np.full(robot.n, 12.5), still, still)
+    for of in (arm.torque, arm.effort, arm.friction):
+        with pytest.warns(UserWarning, match="positions are in rad") as caught:
+            of(np.full(robot.n, 90.0), still, still)
+        assert caught[0].filename == __file__
+    identified.torque(np.full(robot.n, 90.0), still, still)  # no limits

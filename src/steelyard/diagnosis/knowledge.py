@@ -1,6 +1,5 @@
 """What is known of a robot beforehand: an identified model, or else its nominal bodies."""
 
-import warnings
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -95,9 +94,7 @@ class Knowledge:
     def _of(self, valued: ValuedModel, q: Array, dq: Array, ddq: Array) -> Array:
         try:
             motion = Motion(np.arange(q.shape[1], dtype=np.float64), q.T, dq.T, ddq.T)
-            with warnings.catch_warnings():  # degrees are one of the hypotheses
-                warnings.simplefilter("ignore", UserWarning)
-                return valued.torque(motion).T
+            return valued.torque(motion).T
         except (DataError, ValueError):
             return np.full(q.shape, np.nan)
 

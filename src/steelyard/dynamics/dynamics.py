@@ -1,11 +1,8 @@
 r"""What a model with values computes: torque and its parts, inertia, momentum, motion of frames."""
 
-import warnings
 from abc import ABC, abstractmethod
-from math import pi
 from typing import TYPE_CHECKING
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array
@@ -90,8 +87,8 @@ class Dynamics(ABC):
         divided by the scales; `IdentifiedModel.effort` has them as logged.
 
         Args:
-            q: Positions; or a `Motion`, which has all three. Angles far beyond the joint limits,
-                such as degrees, cause a warning.
+            q: Positions; or a `Motion`, which has all three. An `IdentifiedModel` warns of angles
+                far beyond the joint limits, such as degrees.
             dq: Velocities.
             ddq: Accelerations.
 
@@ -286,7 +283,6 @@ class Dynamics(ABC):
                     where=f"model of '{self.robot.name}'",
                     fix=f"give columns for {', '.join(self.robot.joint_names)}",
                 )
-            _warn_of_degrees(self.robot, q.q)
             return self.evaluate(quantity, q.q, q.dq, q.ddq, t=q.t)
         if isinstance(q, Motion) or dq is None or ddq is None:
             raise DataError(
@@ -296,23 +292,4 @@ class Dynamics(ABC):
                 where=f"model of '{self.robot.name}'",
                 fix="give steelyard.Motion(t, q, dq, ddq), or trajectory.sample(t), or q, dq, ddq",
             )
-        _warn_of_degrees(self.robot, q)
         return self.evaluate(quantity, q, dq, ddq)
-
-
-def _warn_of_degrees(robot: Robot, q: ArrayLike) -> None:
-    """Warn of angles beyond two turns and twice the limits of their joint."""
-    positions = np.asarray(q, dtype=float)
-    if positions.size == 0 or positions.shape[-1:] != (robot.n,):
-        return
-    farthest = np.abs(positions.reshape(-1, robot.n)).max(axis=0)
-    for joint, angle in zip(robot.coordinates, farthest, strict=True):
-        widest = max(abs(joint.limits.lower), abs(joint.limits.upper))
-        if joint.unit == "rad" and angle > max(4.0 * pi, 2.0 * widest):
-            message = (
-                f"position {angle:.4g} of joint '{joint.name}' is far beyond its limits "
-                f"({joint.limits.lower:.3g} to {joint.limits.upper:.3g} rad); positions are in "
-                "rad: use numpy.radians for degrees"
-            )
-            warnings.warn(message, stacklevel=4)
-            return

@@ -1,9 +1,11 @@
 """An identified model: what `steelyard identify` writes and everything else reads."""
 
 import json
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
+from math import pi
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,7 @@ from numpy.typing import ArrayLike
 from steelyard.arguments import checked
 from steelyard.arrays import Array
 from steelyard.dynamics.dynamics import Dynamics
-from steelyard.dynamics.quantity import Quantity
+from steelyard.dynamics.quantity import TORQUE, Quantity
 from steelyard.dynamics.stepper import Stepper
 from steelyard.errors import DataError, ModelError
 from steelyard.estimation.calibration import Calibration
@@ -165,6 +167,17 @@ class IdentifiedModel(Dynamics):
         """A quantity at one configuration or along samples; see `Dynamics.evaluate`."""
         return self.valued.evaluate(quantity, *arguments, t=t)
 
+    def _along(
+        self,
+        quantity: Quantity,
+        q: Motion | ArrayLike,
+        dq: ArrayLike | None,
+        ddq: ArrayLike | None,
+    ) -> Array:
+        found = super()._along(quantity, q, dq, ddq)
+        _warn_of_degrees(self.robot, q.q if isinstance(q, Motion) else np.asarray(q, dtype=float))
+        return found
+
     def effort(
         self,
         q: Motion | ArrayLike,
@@ -192,7 +205,7 @@ class IdentifiedModel(Dynamics):
             >>> bool((efforts == model.torque([0.3, 0.5], still, still)).all())
             True
         """
-        return self.signals.logged_efforts(self.torque(q, dq, ddq))
+        return self.signals.logged_efforts(self._along(TORQUE, q, dq, ddq))
 
     def start(self) -> Stepper:
         """Begin to evaluate sample by sample: `start().step(q, dq, ddq)`."""
@@ -423,3 +436,18 @@ def load_model(path: str | Path | IdentifiedModel) -> IdentifiedModel:
             where=str(file),
             fix=fix,
         ) from None
+
+
+def _warn_of_degrees(robot: Robot, q: Array) -> None:
+    """Warn of angles beyond two turns and twice the limits of their joint."""
+    farthest = np.abs(q.reshape(-1, robot.n)).max(axis=0, initial=0.0)
+    for joint, angle in zip(robot.coordinates, farthest, strict=True):
+        widest = max(abs(joint.limits.lower), abs(joint.limits.upper))
+        if joint.unit == "rad" and angle > max(4.0 * pi, 2.0 * widest):
+            message = (
+                f"position {angle:.4g} of joint '{joint.name}' is far beyond its limits "
+                f"({joint.limits.lower:.3g} to {joint.limits.upper:.3g} rad); positions are in "
+                "rad: use numpy.radians for degrees"
+            )
+            warnings.warn(message, stacklevel=4)
+            return
