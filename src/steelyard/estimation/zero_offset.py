@@ -101,14 +101,7 @@ class ZeroOffsets:
 
 def with_offsets(runs: Sequence[Run], offsets: Array) -> tuple[Run, ...]:
     """The runs with joint positions that many radians or metres from what was logged."""
-    found = []
-    for run in runs:
-        known = (False,) * len(offsets)
-        signals = replace(
-            run.recording.signals, position_offset=frozen(offsets), unknown_offsets=known
-        )
-        found.append(replace(run, recording=replace(run.recording, signals=signals)))
-    return tuple(found)
+    return tuple(run.displaced(offsets) for run in runs)
 
 
 def find_offsets(

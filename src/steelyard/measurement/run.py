@@ -1,12 +1,14 @@
 """A run: clean motion and effort on a uniform clock, read by parts."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.arrays import Array
+from steelyard.arrays import Array, frozen
 from steelyard.measurement.chain import Chain
 from steelyard.measurement.quality import Quality, Segment
 from steelyard.measurement.recording import Recording
@@ -16,6 +18,9 @@ from steelyard.robot_file.signals import Signals
 
 BLOCK = 4096
 """Samples of a block."""
+
+KEPT = 2**20
+"""Values up to which motion and efforts of a run stay in memory for the next pass: 8 MiB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +116,7 @@ class RunData:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A recording, cleaned when it is read: every pass reads the log anew, in constant memory.
+    """A recording, cleaned when it is read: passes over long logs read anew, in constant memory.
 
     Attributes:
         recording: Where it comes from, with context around a cut for the motion's filter.
@@ -174,7 +179,39 @@ class Run:
         return sum(max(0, b - a) for a, b in map(self._range, self.segments))
 
     def blocks(self, size: int = BLOCK) -> Iterator[Block]:
-        """Samples from first to last motion, in blocks of at most `size`; can be begun anew."""
+        """Samples from first to last motion, in blocks of at most `size`; can be begun anew.
+
+        Those of a short run stay in memory.
+        """
+        yield from self._kept if size == BLOCK and self._short else self._read(size)
+
+    def displaced(self, offsets: Array) -> "Run":
+        """The run with positions that far from those of the log, shape `(n,)` [rad; m]."""
+        given = self.recording.signals.position_offset
+        signals = replace(
+            self.recording.signals,
+            position_offset=frozen(offsets),
+            unknown_offsets=(False,) * len(offsets),
+        )
+        found = replace(self, recording=replace(self.recording, signals=signals))
+        if self._short:
+            change = (offsets if given is None else offsets - given)[:, None]
+            vars(found)["_kept"] = tuple(replace(b, q=frozen(b.q + change)) for b in self._kept)
+        return found
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_kept"}
+
+    @property
+    def _short(self) -> bool:
+        """Whether motion and efforts stay in memory."""
+        return 4 * self.recording.channels.joints * self.n_samples <= KEPT
+
+    @cached_property
+    def _kept(self) -> tuple[Block, ...]:
+        return tuple(self._read(BLOCK))
+
+    def _read(self, size: int) -> Iterator[Block]:
         segments = {s.number: s for s in self.segments}
         n = self.recording.channels.joints
         for part in self.chain.parts(self.recording, tuple(segments)):
@@ -183,7 +220,9 @@ class Run:
             for at in range(max(start, first), min(start + signals.shape[1], last), size):
                 stop = min(at + size, start + signals.shape[1], last)
                 inside = slice(at - start, stop - start)
-                q, dq, ddq, effort = np.ascontiguousarray(signals[:, inside]).reshape(4, n, -1)
+                values = np.ascontiguousarray(signals[:, inside])
+                values.flags.writeable = False
+                q, dq, ddq, effort = values.reshape(4, n, -1)
                 t = segment.start + np.arange(at, stop) / self.rate
                 moving = np.abs(dq) > self.rest_speed[:, None]
                 weights = None if part.weights is None else part.weights[:, inside].copy()
