@@ -118,6 +118,7 @@ def _motor_lines(guess: Guess | None, gears: Gears | None) -> list[str]:
 
 _HEAD = """\
 [model]
-# Torque terms. CHECK: motor torques and currents include "rotor_inertia"; torques of
-# sensors on the link side of the gears do not: with kind = "link_torque" below, remove it here.
+# Torque terms. CHECK: motor torques and currents include "rotor_inertia"; link-side torques do
+# not: for link-side torque sensors, remove "rotor_inertia" here and set kind = "link_torque" below;
+# with that kind "rotor_inertia" is an error.
 # A table gives a law its settings: {law = "coulomb", smoothing = 0.005, joints = ["..."]}."""
