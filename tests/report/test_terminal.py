@@ -268,7 +268,7 @@ def test_signs_in_the_table_of_thresholds_are_explained():
     [
         (
             0.4321,
-            "change of the payload's mass that would be detected: 0.43 kg (for a mass at the frame's origin",
+            "change of the payload's mass that would be detected: 0.43 kg (for a mass",
         ),
         (float("inf"), "no change of the payload would have been seen: too little motion"),
         (None, ""),

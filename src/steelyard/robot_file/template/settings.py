@@ -25,8 +25,8 @@ SETTINGS = """\
 # These keys have no fixed default: left out, they are chosen from the data, and `identify` prints
 # the choice: rate [Hz] of the uniform clock; motion_cutoff [Hz], low-pass of positions and
 # velocities; matched_cutoff [Hz], low-pass of regressor and effort alike; rest_speed [rad/s; m/s],
-# up to which a joint rests. Efforts are used as logged unless the key effort is set:
-# effort = {method = "moving_average", span = 9, passes = 2}
+# up to which a joint rests. Efforts are used as logged unless the key effort is set, such
+# as effort = {method = "moving_average", span = 9, passes = 2}.
 
 [prior]
 # Prior masses, centres and inertias: those of the "model", or "none". The key uncertainty
