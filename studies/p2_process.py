@@ -665,7 +665,7 @@ def story() -> Text:
             "no estimator sees what it is.",
             "Assumed, as the paper does not print it: lengths and limits "
             "(studies/robots/p2_arm.toml), masses, rotors of joints 1, 2, 4 and 5 "
-            "(studies/robots/p2_truth.toml), gear ratios (all values are behind the gears), areas, "
+            "(studies/robots/p2_truth.toml), gear ratios (all values are on the link side), areas, "
             "gains of the drives (speed loops of 100 1/s), speeds (1.5 and 0.8 m/s), the square of "
             "0.4 m, 100 rows per second, encoders of 17 bits and torque noise of a tenth of the "
             "mean torque. Friction, load, rotors of joints 3 and 6 are those of its tables, and "

@@ -70,7 +70,7 @@ unit = "Nm"
 
 
 LAWS = ("rotor_inertia", "coulomb", "viscous")
-"""Rotors behind the gears, and friction of the paper's table IV."""
+"""Rotors on the link side, and friction of the paper's table IV."""
 
 
 def robot_file(folder: Path) -> Path:

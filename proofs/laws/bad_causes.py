@@ -110,9 +110,9 @@ FILES: dict[str, tuple[str, tuple[str, ...]]] = {
         terms('"rigid_body", "coulomb"').replace("[model]", '[model]\nfriction = "auto"'),
         ("'coulomb' is listed", "leave friction laws"),
     ),
-    "rotor behind the gears": (
+    "rotor on the link side": (
         terms('"rigid_body", "rotor_inertia"').replace(SIGNALS, LINK_SIDE),
-        ("rotor_inertia", "link torques", "behind the gears"),
+        ("rotor_inertia", "link torques", "on the link side"),
     ),
     "current without gain": (TREE + CURRENT, ("no drive gain", "identify")),
     "gain to be identified from nothing": (

@@ -48,7 +48,7 @@ BEHIND_GEARS = (
     Edit("init: sensors", '(?m)^kind = "joint_torque"', 'kind = "link_torque"'),
     Edit("init: sensors", '"rotor_inertia", ', ""),
 )
-"""What the terminal proposes for torque sensors behind the gears."""
+"""What the terminal proposes for torque sensors on the link side."""
 
 
 @dataclass(frozen=True)
@@ -242,7 +242,7 @@ def currents(_: Path) -> User:
 
 
 def torques(_: Path) -> User:
-    """A Panda with torque sensors, which `init` knows to be behind the gears."""
+    """A Panda with torque sensors, which `init` knows to be on the link side."""
     data = data_folder() / "panda"
     log = data / "panda_gaz2019_trajectory1.parquet"
     fit, unseen = f"{log}@0.6:9.5", f"{log}@9.5:13.8"

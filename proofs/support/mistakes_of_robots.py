@@ -183,7 +183,7 @@ def gravity(text: str) -> Callable[[Arm], Job]:
 
 
 def tau_columns(arm: Arm) -> Job:
-    """Columns called `tau1`, and no robot file: of motors, or behind the gears?"""
+    """Columns called `tau1`, and no robot file: of motors, or on the link side?"""
     return named(arm.plain(), "t", "q{}", "dq{}", "tau{}")
 
 
@@ -284,5 +284,5 @@ ROBOTS: list[Mistake] = [
     Mistake("friction falls by 60 %", by_torque(warming), RESIDUALS + "|drift"),
     Mistake("friction with Stribeck effect", by_torque(stribeck), RESIDUALS),
     Mistake("friction grows with load", by_torque(load_dependent), RESIDUALS),
-    Mistake("columns tau, no robot file", tau_columns, "note: .*(behind the gears|rotor|motor)"),
+    Mistake("columns tau, no robot file", tau_columns, "note: .*(on the link side|rotor|motor)"),
 ]

@@ -1,7 +1,7 @@
 """Logs that contact, health and payload cannot use as they are: each ends in a clear statement.
 
 The model is that of the real UR10e. Its logs lose gravity (a controller that compensates it), or
-friction (sensors behind the gears), or most samples; a Panda's log gets its columns; it carries a
+friction (sensors on the link side), or most samples; a Panda's log gets its columns; it carries a
 load that nobody stated; it does not move; it is pushed while thresholds are calibrated.
 """
 
@@ -55,7 +55,7 @@ def _made(model: IdentifiedModel, folder: Path) -> dict[str, str]:
     slow = [x[::6] for x in (*sent, data.effort)]
     return {
         "gravity-compensated": _written(folder / "g.npz", *sent, data.effort - gravity),
-        "behind the gears": _written(folder / "f.npz", *sent, data.effort - friction),
+        "on the link side": _written(folder / "f.npz", *sent, data.effort - friction),
         "16 Hz": _written(folder / "slow.npz", *slow),
         "another robot's": _written(folder / "o.npz", t[:, 0], *other[:2], other[2] / gains),
         "no movement": _log(RESTING),
@@ -105,7 +105,7 @@ def _said(use: Use, log: str) -> str:
 
 EXPECTED = {
     "gravity-compensated": ("100 % of the gravity",) * 4,
-    "behind the gears": ("100 % of the friction",) * 4,
+    "on the link side": ("100 % of the friction",) * 4,
     "16 Hz": ("cut-off of 6 Hz does not fit a log of",) * 4,
     "another robot's": ("of the squared efforts of this log",) * 4,
     "no movement": ("No contact in", *("no joint moves in this log",) * 3),

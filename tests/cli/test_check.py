@@ -108,7 +108,7 @@ def test_the_worst_judgement_is_the_exit_code(
     asking(monkeypatch, severity)
     good = command("check", ROBOT, LOG, OTHER, "-v")
     assert good.exit_code == 0 and good.stderr == ""
-    assert "ok position unit identification (and 1 more): within a turn" in words(good.stdout)
+    assert "ok position unit 2 logs: within a turn" in words(good.stdout)
     step = f"next        steelyard identify {ROBOT} {LOG} --validate {OTHER}"
     assert good.stdout.rstrip().endswith(f"Ok: no error was found\n\n{step}")
     short = words(command("check", ROBOT, LOG, OTHER).stdout)

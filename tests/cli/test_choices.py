@@ -73,7 +73,7 @@ def test_a_field_is_found_and_reported(identified: Identified) -> None:
     assert 0.002 <= low <= field["value"] <= high <= 0.2
     terms = {term["law"]: term for term in found["terms"]}
     assert terms["coulomb"]["smoothing"] == field["value"]
-    assert "Estimated fields" in (out / "report.html").read_text(encoding="utf-8")
+    assert "Estimated nonlinear parameters" in (out / "report.html").read_text(encoding="utf-8")
 
 
 def test_joints_weigh_by_noise_or_alike(identified: Identified, tmp_path: Path) -> None:

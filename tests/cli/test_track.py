@@ -194,7 +194,7 @@ def test_torques_behind_the_gears_are_noted(identified: Path, motion: Path, tmp_
     assert [line.split()[0] for line in joints] == [joint.name for joint in found.joints]
     assert joints[0].endswith(f"RMS {found.rms[0]:.4g}, largest {found.peaks[0]:.4g} Nm")
     assert repr(found) == f"FeedforwardTorques({first}, {len(joints)} joints)"
-    assert "behind the gears" in note and not feedforward(identified, motion).notes
+    assert "on the link side" in note and not feedforward(identified, motion).notes
 
 
 def test_torques_are_in_the_unit_of_the_log_on_request(

@@ -79,7 +79,7 @@ def test_a_log_without_motion_validates_gravity(
     assert run["headline"]["at_rest"] and all(j["moving"] for j in run["headline"]["joints"])
     shown = " ".join(command("validate", identified, "still.csv").stdout.split())
     assert "GOOD: Predicts unseen postures with an error of" in shown
-    assert "pooled over 3 joints, at rest" in shown and "it validates gravity only" in shown
+    assert "pooled over 3 joints, at rest" in shown and "the log validates gravity only" in shown
     robot = "../given/demo_arm.toml"
     refused = command("identify", robot, "still.csv", "-o", "out")
     assert refused.exit_code == 2

@@ -54,7 +54,7 @@ def test_without_them_the_question_is_open(tmp_path: Path) -> None:
     assert 'kind = "link_torque" without rotor_inertia' in finding.says
     content = CheckContent("arm", "arm.toml", ("run.csv",), None, Diagnosis((finding,)), {})
     assert hints(CheckResult(content), None, ["arm.toml", "run.csv"])[1:] == [
-        'next        # if sensors are behind the gears: kind = "link_torque" in arm.toml, '
+        'next        # if sensors are on the link side: kind = "link_torque" in arm.toml, '
         "no rotor_inertia in terms",
         "            steelyard identify arm.toml run.csv",
     ]

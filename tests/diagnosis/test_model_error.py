@@ -114,7 +114,7 @@ def test_a_friction_law_that_lacks_is_a_remark(
     assert f"(term {term.law}) the error on left-out motion falls from " in finding.brief
     assert finding.brief.endswith(" % (least squares). Add it to [model] terms")
     assert finding.says.endswith(
-        ". Errors on left-out motion: least squares without prior, one run left out in turn"
+        ". Errors on left-out motion: least squares without prior, cross-validation over runs"
     )
 
 

@@ -302,7 +302,7 @@ def test_a_search_can_be_watched_and_stopped() -> None:
         return len(events) < 3
 
     model = Model(ROBOT, (*DEFAULT_TERMS, Stribeck(speed=SPEEDS)))
-    with pytest.raises(Stopped, match="estimating fields"):
+    with pytest.raises(Stopped, match="estimating nonlinear parameters"):
         find_fields(model, information_of, progress=watch)
     assert len(passes) == 2 and [e.done for e in events] == [0, 1, 2]
 

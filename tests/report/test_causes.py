@@ -69,7 +69,7 @@ def test_mixes_are_compared_and_the_chosen_one_is_marked(usual: ReportContent) -
         ("coulomb (smoothing 0.02) + viscous", "9.87 %", "20.1 %", "± 1.2 %", "chosen"),
     ]
     assert [row.marked for row in mixes.rows] == [False, True]
-    assert "Error on one run from a fit to all others, each run in turn" in mixes.words
+    assert "each run is predicted by a fit to all others" in mixes.words
     html = FrictionSection().show({"tables": [mixes], "title": "Friction"})
     assert len(re.findall("<tr class=", html)) == 1
 
@@ -91,7 +91,7 @@ def test_friction_and_fields_may_come_alone(usual: ReportContent) -> None:
         assert words in summary.replace("\u00a0", " ")
     assert page.index("</summary>") < page.index("<table") < page.index("</details>")
     alone = tables_of(FrictionSection(), replace(usual, friction=None))
-    assert [table.caption for table in alone] == ["Estimated fields"]
+    assert [table.caption for table in alone] == ["Estimated nonlinear parameters"]
 
 
 def test_gains_have_intervals_unless_given(usual: ReportContent) -> None:
@@ -128,7 +128,7 @@ def test_the_terminal_has_the_same_tables(usual: ReportContent) -> None:
     text = printed(usual)
     for title in (
         "Friction laws compared",
-        "Estimated fields",
+        "Estimated nonlinear parameters",
         "Drive gains",
     ):
         assert text.count(title) == 1

@@ -37,7 +37,7 @@ def test_the_table_has_the_best_first_and_the_failed_last(usual: ReportContent) 
     rows = cells(section(usual))
     assert rows[0] == [
         "Estimator",
-        "Bodies",
+        "Link inertias",
         "Error",
         "Pooled",
         "Time",

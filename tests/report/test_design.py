@@ -180,7 +180,7 @@ def test_margins_are_compared_as_shares_of_their_limits(designed: Designed) -> N
     assert {one.kind for one in others} == {"position", "velocity", "acceleration", "tool box"}
     words = text(render(content(told)))
     assert "torquetorque of 'b' below 200 Nm9.00 Nm95.5 %" in words
-    assert "nearest to its limit by 9.00 Nm (torque of 'b' below 200 Nm)" in words
+    assert "smallest margin 9.00 Nm (torque of 'b' below 200 Nm)" in words
 
 
 def test_efforts_are_shares_of_their_limits_and_distances_of_the_activation_distance() -> None:
@@ -235,7 +235,7 @@ def test_a_motion_that_is_not_proven_is_called_so_everywhere(beyond: Designed) -
     words = text(render(content(beyond)))
     assert "Not proven: do not run this motion" in words
     assert re.search(r"tool box: z of 'tip' (below|above) -?0\.3 m: violated by 0\.\d+ m", words)
-    assert "This motion is not proven to keep its limits: do not run it." in words
+    assert "This motion is not proven to satisfy its limits: do not run it." in words
     lines = printed(beyond)
     assert "not safe" in " ".join(lines.split())
     assert "not proven: tool box: z of 'tip'" in lines
@@ -243,11 +243,13 @@ def test_a_motion_that_is_not_proven_is_called_so_everywhere(beyond: Designed) -
 
 def test_a_safe_motion_says_what_it_shows_and_that_it_is_proven(designed: Designed) -> None:
     every = len(designed.shown.names)
-    assert headline(designed).startswith(f"Identifies all {every} base parameters")
+    assert headline(designed).startswith(f"The motion identifies all {every} base parameters")
     limits = "every limit is proven to hold at all times"
     assert headline(designed).endswith(f"; {limits}")
     fainter = replace(designed, faint=3)
-    assert headline(fainter).startswith(f"Identifies {every} of {every + 3} base parameters; ")
+    assert headline(fainter).startswith(
+        f"The motion identifies {every} of {every + 3} base parameters; "
+    )
     assert level(designed) == "good"
     words = text(render(content(designed)))
     figure = f"condition number (raw) {designed.shown.raw:.3g} (smaller is better)"
@@ -296,7 +298,7 @@ def test_parameters_hidden_behind_others_are_no_good_motion(designed: Designed) 
     gram = np.eye(size)
     gram[0, 1] = gram[1, 0] = 0.9999
     told = replace(designed, shown=replace(designed.shown, gram=gram), kind="fourier")
-    assert f"Identifies all {size} base parameters, 2 of them poorly; " in headline(told)
+    assert f"The motion identifies all {size} base parameters, 2 of them poorly; " in headline(told)
     assert level(told) == "fair"
     assert level(replace(told, chosen=(2, 3))) == "good"
     assert level(replace(told, kind="sweeps")) == "good"

@@ -96,7 +96,7 @@ def test_what_is_ok_may_be_left_out() -> None:
 
 def test_many_logs_that_are_ok_are_one_row() -> None:
     text = printed(many(Severity.OK, 18))
-    assert "clock  run0 (and 17 more): steps scatter" in text and "run3" not in text
+    assert "clock  18 logs: steps scatter" in text and "run3" not in text
     assert "clock  steps scatter" in printed(many(Severity.OK, 1))
 
 
@@ -167,7 +167,7 @@ def test_a_check_counts_once_with_the_worst_that_it_found() -> None:
     assert headline(said) == "Ok, but 1 of 2 checks could not be decided: gain"
     short = printed(said, verbose=False)
     assert short.startswith("ok    1 check  clock") and "right" not in short
-    assert "right" in printed(said) and "run0 (and 2 more): steady" in printed(said)
+    assert "right" in printed(said) and "3 logs: steady" in printed(said)
     assert "1 doubtful" in tally(Diagnosis((*said.findings, *many(Severity.DOUBTFUL, 2).findings)))
 
 
@@ -272,7 +272,7 @@ def test_it_is_said_why_a_finding_is_ok_though_a_rival_fits_better() -> None:
     assert "nominal" not in reference and "gain is statistically significant" in reference
     content_of = CheckContent("r", "r.toml", ("run",), None, Diagnosis((nominal,)), {}, ())
     page = render_check(content_of)
-    assert "Ok although another row fits better" in page
+    assert "Ok although another hypothesis fits better" in page
     explained = "Log-likelihoods are relative to the most likely hypothesis"
     assert page.count(explained) == 1 and explained not in CheckSection().show(
         findings_of(many(Severity.OK, 2))

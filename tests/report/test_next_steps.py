@@ -56,7 +56,7 @@ def test_rotor_inertias_at_zero_propose_sensors_behind_the_gears(usual):
     zero = Finding(RotorsAtZero.name, "", Severity.OK, "rotors", "", fix=fix, headline=True)
     steps = next_steps(replace(usual, limitations=(zero,)), "arm.toml", MODEL)
     edit = 'kind = "link_torque" in arm.toml, no rotor_inertia in terms'
-    assert steps[0] == ("", f"if sensors are behind the gears: {edit}")
+    assert steps[0] == ("", f"if sensors are on the link side: {edit}")
     unfixed = replace(usual, limitations=(replace(zero, fix=None),))
     assert steps[1:] == next_steps(unfixed, "arm.toml", MODEL)
 

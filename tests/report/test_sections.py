@@ -48,7 +48,7 @@ def test_the_page_has_the_level_and_what_parameters_are_good_for(usual: ReportCo
     words = shown("verdict", replace(usual, scores=usual.scores[:1]))
     assert '<p class="headline">GOOD: Predicts unseen motion' in words
     assert "13 base parameters: 9 identified, 1 small effect" in words
-    assert "<dt>base parameters are identified or of small effect</dt>" in words
+    assert "<dt>base parameters identified or of small effect</dt>" in words
     assert ">10 of 13<" in words
     assert "rely on single values only if identified." in words
     alone = shown("verdict", replace(usual, only_errors=True))
@@ -89,9 +89,10 @@ def test_the_headline_is_in_joint_effort_with_its_shares_and_its_band(usual):
         "RMS below 5 Hz, pooled over 2 joints, where they move; 2.5\u00a0% of the rated effort."
     )
     assert judged.others == (
-        "Of the measured effort in the band of the fit, below 8 Hz: 5.0\u00a0% pooled, where they "
-        "move; 9.0\u00a0% pooled, whole log; 7.5\u00a0% mean, where they move; 10.0\u00a0% mean, "
-        "whole log."
+        "Relative error ‖measured − predicted‖ / ‖measured‖ in the band of the fit, below 8 Hz: "
+        "5.0\u00a0% over all joints together, where they move; 9.0\u00a0% over all joints "
+        "together, whole log; 7.5\u00a0% mean over joints, where they move; 10.0\u00a0% mean over "
+        "joints, whole log."
     )
     assert judged.level == "good"
     assert judged.percent_of_used == pytest.approx(5.0)

@@ -119,7 +119,7 @@ def test_the_details_are_printed_on_request(usual):
     text = printed(content, verbose=True)
     assert text.startswith(printed(content).partition("note:")[0])
     assert "points, in the band of the fit, below 8 Hz" in text
-    assert "9.0\u00a0% pooled, whole log" in text and "95 % bands" in text
+    assert "9.0\u00a0% over all joints together, whole log" in text and "95 % bands" in text
     line = text.partition("in the band of the fit, below")[2]
     assert row(line, "elbow") == [
         "elbow",
@@ -266,7 +266,10 @@ def test_signs_in_the_table_of_thresholds_are_explained():
 @pytest.mark.parametrize(
     ("least", "words"),
     [
-        (0.4321, "change of the payload's mass that would be seen: 0.43 kg (at the frame's origin"),
+        (
+            0.4321,
+            "change of the payload's mass that would be detected: 0.43 kg (for a mass",
+        ),
         (float("inf"), "no change of the payload would have been seen: too little motion"),
         (None, ""),
     ],

@@ -232,7 +232,7 @@ def test_the_side_of_torque_columns_is_left_to_be_checked(tmp_path: Path) -> Non
     assert loaded.terms is not None
     assert "rotor_inertia" in [term.description for term in loaded.terms]
     words = " ".join(text.replace("#", "").split())
-    assert "the side of the gears" in words and 'with kind = "link_torque" below' in words
+    assert "the side of the gears" in words and 'set kind = "link_torque" below' in words
     behind = (tmp_path / "r.toml").read_text().replace('"joint_torque"\n', '"link_torque"\n')
     (tmp_path / "r.toml").write_text(behind)
     with pytest.raises(ModelError, match="'rotor_inertia' acts on the motors' side"):

@@ -118,7 +118,7 @@ def test_a_new_robot_file_shows_how_to_write_them(folder: Path) -> None:
     shown = [x for x in lines if x.startswith("[") or " = " in x]
     loaded = load_robot(output, text[:begin] + "\n".join(shown) + "\n" + text[end:])
     assert loaded.prior.source == "model" and set(loaded.prior.links) == {"b"}
-    assert loaded.prior.uncertainty is None and "without uncertainty, such as 0.3" in text
+    assert loaded.prior.uncertainty is None and "left out, it is estimated from the data" in text
     assert [table["kind"] for table in loaded.knowledge] == ["total_mass"]
 
 

@@ -38,7 +38,7 @@ CHECKED = ("gravity", "friction")
 FIXES = (
     "the efforts seem to be gravity-compensated: log measured efforts instead, in the form that "
     "the model was identified from",
-    "the efforts seem to be measured behind the gears: log them in the form that the model was "
+    "the efforts seem to be measured on the link side: log them in the form that the model was "
     "identified from, or identify a model from such logs",
 )
 """What to do where efforts lack one of these parts."""

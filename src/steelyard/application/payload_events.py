@@ -227,8 +227,8 @@ def _notes(found: Changes, carried: tuple[Carried, ...]) -> tuple[str, ...]:
     return (
         f"threshold for {ALARMS:g} false events per hour; residuals along the log make the "
         f"statistic {found.inflation:.{digits}f} times larger than normal, white ones would",
-        f"smallest change of the mass that would be seen: {found.least_mass:.2g} kg (at the "
-        "frame's origin, in half of the log)",
+        f"smallest change of the mass that would be detected: {found.least_mass:.2g} kg (for a "
+        "mass at the frame's origin, in at least half of the log)",
         *(carried[0].payload.notes if carried else ()),
     )
 

@@ -27,7 +27,7 @@ EFFORTS = {
 }
 _KIND = """What do the effort columns contain?
   1  joint torques, computed from motor currents or including the rotors
-  2  torques of sensors behind the gears (Franka, KUKA iiwa, Kinova Gen3, Rokae xMate)
+  2  torques of sensors on the link side of the gears (Franka, KUKA iiwa, Kinova Gen3, Rokae xMate)
   3  motor currents in A
   4  motor currents in mA
   5  joint torques without the controller's gravity compensation

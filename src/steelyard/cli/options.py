@@ -12,6 +12,12 @@ Details = Annotated[
     bool,
     typer.Option("--verbose", "-v", help="Print all errors, parameters and notes."),
 ]
+DesignDetails = Annotated[
+    bool,
+    typer.Option(
+        "--verbose", "-v", help="Print all tight limits, all useful additional motions and notes."
+    ),
+]
 Threads = Annotated[
     int | None, typer.Option(min=1, help="Threads for the pass over the data; all cores if unset.")
 ]

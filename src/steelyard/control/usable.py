@@ -66,7 +66,7 @@ def remarks(identified: IdentifiedModel) -> tuple[str, ...]:
         )
     if identified.signals.effort_kind == "link_torque":
         found.append(
-            "torques are those behind the gears: inertia and friction of the motors are not in them"
+            "torques are those on the link side: inertia and friction of the motors are not in them"
         )
     if identified.model.n_channels > len(identified.model.robot.passive):
         found.append("friction with memory begins relaxed, as after a long rest")

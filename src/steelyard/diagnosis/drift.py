@@ -56,7 +56,7 @@ class Drift:
                 "",
                 Severity.DOUBTFUL if much else Severity.OK,
                 says,
-                f"{100.0 * spread[worst]:.0f} %, bound {100.0 * MUCH:.0f} %",
+                f"{100.0 * spread[worst]:.0f} %, at most {100.0 * MUCH:.0f} % allowed",
                 much,
                 fix if much else None,
                 _picture(case, levels),

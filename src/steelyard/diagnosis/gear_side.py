@@ -1,4 +1,4 @@
-"""Do joint torques contain the rotors', or are they of sensors behind the gears?
+"""Do joint torques contain the rotors', or are they of sensors on the link side?
 
 Both kinds of log look alike but for the torque that accelerates rotors and gears: identified rotor
 inertias that are significantly positive say that it is contained.
@@ -24,7 +24,7 @@ ENOUGH = 0.5
 """Share of significant rotor inertias from which on torques contain those of the rotors."""
 
 INSTEAD = 'kind = "link_torque" without rotor_inertia'
-"""How a robot file describes sensors behind the gears."""
+"""How a robot file describes sensors on the link side."""
 
 
 class GearSide:
@@ -67,8 +67,8 @@ def _finding(name: str, estimate: Estimate) -> Finding:
         says = f"torques contain those of the rotors: {figure}"
         return Finding(name, "", Severity.OK, says, figure)
     says = (
-        f"undecided: {figure}; if the sensors are behind the gears (Franka, KUKA iiwa, Kinova "
+        f"undecided: {figure}; if the sensors are on the link side (Franka, KUKA iiwa, Kinova "
         f"Gen3), use {INSTEAD} in [model] terms"
     )
-    fix = None if sure or not rotors else Fix(f"if sensors are behind the gears, use {INSTEAD}")
+    fix = None if sure or not rotors else Fix(f"if sensors are on the link side, use {INSTEAD}")
     return Finding(name, "", Severity.OK, says, figure, fix=fix, answered=False)

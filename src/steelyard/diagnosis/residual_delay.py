@@ -134,9 +134,9 @@ def _late(evidence: Evidence, name: str, found: Delays) -> Finding:
         Severity.WRONG,
         f"efforts are {abs(ms):.3g} ms {way} (± {2e3 * found.std:.1g}): the residuals of a fit of "
         f"{evidence.name} indicate this delay in all {found.rows} joints",
-        f"a delay explains {100.0 * found.gone:.0f} % of the squared residual (bound "
-        f"{100.0 * GONE:.0f} %), joints differ by {100.0 * found.scatter:.1g} % (bound "
-        f"{100.0 * ALIKE:.0f} %)",
+        f"a delay explains {100.0 * found.gone:.0f} % of the squared residual (at "
+        f"least {100.0 * GONE:.0f} % required), joints differ by {100.0 * found.scatter:.1g} % (at "
+        f"most {100.0 * ALIKE:.0f} % allowed)",
         fix=Fix(
             f"efforts are {abs(ms):.3g} ms {way}: state the delay",
             (Edit(("signals", "effort", "delay"), round(whole, 5)),),

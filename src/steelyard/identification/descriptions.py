@@ -37,7 +37,9 @@ def provenance(
 def settings(identified: IdentifiedModel) -> tuple[tuple[str, str], ...]:
     """Settings as label and value."""
     signals, cutoffs = identified.signals, identified.cutoffs
-    gains = f"gains {', '.join(f'{g:g}' for g in signals.gains)}"
+    found = signals.unknown_gains or (False,) * signals.n
+    each = (f"{g:.4g}" if own else f"{g:g}" for g, own in zip(signals.gains, found, strict=True))
+    gains = f"gains {', '.join(each)}"
     if identified.effort_scales is not None:
         gains += ", divided by the estimated scales"
     if signals.effort_map is not None:

@@ -138,10 +138,10 @@ def signals_of(loaded: LoadedRobot, log: LogArgument) -> tuple[Signals, tuple[st
 def model_of(loaded: LoadedRobot) -> Model:
     """The model that a robot file describes, with the customary terms where it names none.
 
-    Where friction is to be chosen, it is left out; behind the gears no rotor is felt.
+    Where friction is to be chosen, it is left out; on the link side no rotor is felt.
 
     Raises:
-        ModelError: A term is of the motors' side, but efforts are logged behind the gears.
+        ModelError: A term is of the motors' side, but efforts are logged on the link side.
     """
     behind = loaded.signals is not None and loaded.signals.effort_kind == "link_torque"
     if loaded.terms is None:
@@ -154,7 +154,7 @@ def model_of(loaded: LoadedRobot) -> Model:
         if behind and _is_of_motors(term, loaded.robot):
             raise ModelError(
                 f"term '{term.law}' acts on the motors' side, but efforts are link torques, "
-                "behind the gears",
+                "on the link side",
                 where=spec.where,
                 fix='leave it out, or use kind = "joint_torque" if efforts are computed from '
                 "motor currents",

@@ -161,9 +161,10 @@ def _refuse_finds(model: Model) -> None:
     searched = [term.law for term in model.terms if finds_of(term)]
     if searched:
         raise ModelError(
-            f"a field of term '{searched[0]}' cannot be estimated while friction is selected",
+            f"a nonlinear parameter of term '{searched[0]}' cannot be estimated while friction is "
+            "selected",
             where="[model] friction",
-            fix='give the field a number, or list the friction laws in place of "auto"',
+            fix='give it a number, or list the friction laws in place of "auto"',
         )
 
 
@@ -200,9 +201,9 @@ def _gains(
     model = with_friction(model, loaded_robot)
     if any(finds_of(term) for term in model.terms):
         raise DataError(
-            "drive gains and fields of terms cannot be estimated together",
+            "drive gains and nonlinear parameters of terms cannot be estimated together",
             where="[signals.effort] gain",
-            fix="identify the gains with fields that are given, and write them into the file",
+            fix="identify the gains with given nonlinear parameters, and write them into the file",
         )
     regressor = base_regressor(model)
     rests = remembers(model.terms)
@@ -236,7 +237,7 @@ def _offsets(
         return None
     model = with_friction(model, loaded_robot)
     if gains is not None or any(finds_of(term) for term in model.terms):
-        beside = "drive gains" if gains is not None else "fields of terms"
+        beside = "drive gains" if gains is not None else "nonlinear parameters of terms"
         raise DataError(
             f"zero offsets and {beside} cannot be identified together",
             where="[signals] position_offset",
@@ -260,11 +261,13 @@ def _gain_note(gains: GainEstimate) -> str:
             assumed.append(f"{joint} {gain:.4g} {unit}")
         elif not known:
             found.append(f"{joint} {gain:.4g} ± {half:.2g} {unit}")
-    text = f"drive gains identified: {', '.join(found) or 'none'}"
+    sentences = [f"drive gains identified: {', '.join(found)}"] if found or not assumed else []
     if assumed:
-        text += (
-            "; not identifiable from these data, assumed to be the geometric mean of the others: "
-            f"{', '.join(assumed)}; efforts in Nm, friction and rotor inertia of these joints "
-            "are relative to these gains"
+        sentences.append(
+            f"drive gain of {', '.join(assumed)}: not identifiable from these data, assumed to be "
+            "the geometric mean of the others. Efforts in Nm, friction and rotor inertia of these "
+            "joints are relative to it"
         )
-    return text
+    return ". ".join(
+        f"{text[0].upper() if k else text[0]}{text[1:]}" for k, text in enumerate(sentences)
+    )

@@ -97,10 +97,10 @@ class Chain:
 
     @property
     def _motion_words(self) -> str:
-        """How positions become motion; `auto` where it found nothing is a Butterworth low-pass."""
+        """How positions become motion."""
         motion, at = self.processing.motion, f"{self.motion_cutoff:g} Hz"
-        if motion == Auto():
-            return f"by butterworth ({at}; auto found the noise not white)"
+        if isinstance(motion, Auto):
+            return f"by {self.processing.motion_words}, motion cut-off {at}"
         late = ""
         if isinstance(motion, Causal):
             delay = 1e3 * motion.lateness(self.motion_cutoff)

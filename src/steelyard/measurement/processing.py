@@ -17,6 +17,9 @@ OUTLIERS = 15.0
 """Default distance from the rows around, in usual ones, from which on a row is an outlier: on clean
 logs of five robots it marks 3 values in 100 000, currents of drives that start or stop."""
 
+NOT_WHITE = ", as the noise is not white"
+"""Why `auto` chose the low-pass of the motion cut-off."""
+
 BY_CUTOFF: Method = Auto()
 """Stands for a method that is not given."""
 
@@ -67,8 +70,10 @@ class Processing:
 
     @property
     def motion_words(self) -> str:
-        """The way from positions to motion in words."""
-        return in_words(self.motion)
+        """The way from positions to motion in words; what `auto` has chosen, where it is that."""
+        if not isinstance(self.motion, Auto):
+            return in_words(self.motion)
+        return f"{self.motion.choice} (chosen by auto{'' if self.motion != Auto() else NOT_WHITE})"
 
     @property
     def effort_words(self) -> str:

@@ -200,11 +200,11 @@ def thresholds_table(content: ContactContent, *, relative: bool) -> PlainTable:
         cells.insert(1, cell(float(change), float(sigma)))
         rows.append(Row((joint, unit, *cells)))
     words = (
-        "A residual (measured minus predicted effort behind a first-order low-pass of "
+        "A residual (measured minus predicted effort after a first-order low-pass of "
         f"{content.thresholds.cutoff:.3g} Hz) beyond its threshold is contact. At rest friction "
-        "lies anywhere in its dead zone; change: of the residual while all joints rest, against "
-        "its mean of the last seconds; turning: the joint starts, stops or reverses. * too few "
-        "visits in the calibration: largest threshold of the joint, and its friction."
+        "has any value within ± the breakaway friction; change: of the residual while all joints "
+        "rest, against its mean of the last seconds; turning: the joint starts, stops or reverses. "
+        "* too few visits in the calibration: largest threshold of the joint, and its friction."
     )
     return PlainTable("", words, HEADINGS, rows, (0, 1))
 

@@ -127,7 +127,7 @@ def per_axis(values: float | tuple[float, ...], axes: Sequence[Axis], law: str) 
     """
     if isinstance(values, Find):
         raise ModelError(
-            f"a field of term '{law}' is not estimated yet",
+            f"a nonlinear parameter of term '{law}' is not estimated yet",
             where="list of terms",
             fix="estimate it from logs first, with `steelyard identify` or `find_fields`, or give "
             "a number",

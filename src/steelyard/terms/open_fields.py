@@ -27,7 +27,7 @@ class Find:
     def __post_init__(self) -> None:
         if not 0.0 < self.lower < self.upper < float("inf"):
             raise ModelError(
-                f"a field is to be estimated between {self.lower} and {self.upper}",
+                f"a nonlinear parameter is to be estimated between {self.lower} and {self.upper}",
                 where="list of terms",
                 fix="give two numbers above zero, the smaller one first: {find = [0.001, 1.0]}",
             )
@@ -90,9 +90,9 @@ def searchable(law: type[Any], field: str, where: str) -> tuple[float, float]:
     """
     bounds: Mapping[str, tuple[float, float]] = law.bounds
     if field not in bounds:
-        others = " and ".join(f"'{name}'" for name in bounds) or "none of its fields"
+        others = " and ".join(f"'{name}'" for name in bounds) or "none of its keys"
         raise ModelError(
-            f"the field '{field}' of term '{law.law}' cannot be estimated from data",
+            f"the key '{field}' of term '{law.law}' cannot be estimated from data",
             where=where,
             fix=f"give '{field}' a value; {others} can be estimated",
         )

@@ -110,9 +110,9 @@ def term_of(description: str | Mapping[str, Any], where: str) -> Term:
         return cast(Term, law(**{key: _field(law, key, x, where) for key, x in given.items()}))
     except TypeError:
         raise ModelError(
-            f"a field of term '{law.law}' is of another type",
+            f"the value of a key of term '{law.law}' is of another type",
             where=where,
-            fix=f"its fields are: {', '.join(_names(law)) or 'none'}",
+            fix=f"its keys are: {', '.join(_names(law)) or 'none'}",
         ) from None
     except ModelError as error:
         raise ModelError(error.wrong, where=where, fix=error.fix) from None

@@ -40,7 +40,7 @@ def _refuse_one_name(runs: Sequence[Run]) -> None:
     if twice := [name for name in names if names.count(name) > 1]:
         raise DataError(
             f"{names.count(twice[0])} runs are called '{twice[0]}'",
-            where="runs that are left out in turn",
+            where="runs of the cross-validation",
             fix="give every run a name of its own",
         )
 

@@ -95,7 +95,7 @@ def origin_of(identified: IdentifiedModel) -> tuple[str, ...]:
     ]
     if kind == "link_torque":
         lines += [
-            "Efforts are those behind the gears, where they were measured: the controller has to",
+            "Efforts are those on the link side, where they were measured: the controller has to",
             "add the friction of motors and gears.",
         ]
     else:

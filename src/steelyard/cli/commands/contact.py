@@ -18,7 +18,7 @@ def contact(
         typer.Option(
             "--calibrate",
             help="Logs of motion without contact, not fitted, to calibrate thresholds with; if "
-            "unset, the motion that was left out in turn when the model was identified.",
+            "unset, the residuals of the cross-validation that are stored in the model.",
             metavar="LOG...",
         ),
     ] = None,

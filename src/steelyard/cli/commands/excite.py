@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import Details, FixedBase, Json, RobotArgument, Seed, output_folder
+from steelyard.cli.options import DesignDetails, FixedBase, Json, RobotArgument, Seed, output_folder
 from steelyard.identification.defaults import DESIGN_BUDGET_S
 
 if TYPE_CHECKING:
@@ -64,8 +64,8 @@ def excite(
     start: Annotated[
         Path | None,
         typer.Option(
-            help="trajectory.json of a motion of the same kind, such as the last one: it is "
-            "improved beside new ones.",
+            help="trajectory.json of a motion of the same kind, such as the last one: an "
+            "additional starting point of the search.",
             metavar="MOTION",
         ),
     ] = None,
@@ -107,10 +107,10 @@ def excite(
     fixed_base: FixedBase = None,
     seed: Seed = 0,
     output: Annotated[Path | None, output_folder("steelyard-ROBOT-motion")] = None,
-    verbose: Details = False,
+    verbose: DesignDetails = False,
     as_json: Json = False,
 ) -> None:
-    """Design an excitation motion, and prove that it keeps all limits.
+    """Design an excitation motion, and prove that it satisfies all limits.
 
     The excitation tables of the robot file give limits, workspace, obstacles and criterion.
     Writes trajectory.json, certificate.json, trajectory.csv and report.html. Ctrl-C ends the search
@@ -184,7 +184,7 @@ def _designed(
 def _withheld(task: "DesignTask", found: "DesignedMotion") -> list[str]:
     """A line on formats that were requested and not written."""
     missing = [form for form in task.formats if form not in found.written_formats]
-    words = "the motion is not proven to keep all limits; do not run it"
+    words = "the motion is not proven to satisfy all limits; do not run it"
     return [f"not written  {', '.join(missing)}: {words}"] if missing else []
 
 

@@ -59,7 +59,8 @@ def init(
     ratios: Annotated[
         str | None,
         typer.Option(
-            help="Gear ratios of signals of motors, one per joint, negative if opposite: 32,-48.",
+            help="Gear ratios, if the log has motor-side signals: one per joint, negative if "
+            "opposite: 32,-48.",
             metavar="LIST",
         ),
     ] = None,

@@ -24,8 +24,8 @@ def payload(
         list[str] | None,
         typer.Option(
             "--unloaded",
-            help="Logs without the payload: arm and payload are then identified together, and of "
-            "the model only the equations are used.",
+            help="Logs without the payload: arm and payload are then identified together, and "
+            "the parameter values of the model are not used.",
             metavar="LOG...",
         ),
     ] = None,

@@ -22,16 +22,19 @@ def reduce(
     criterion: Annotated[
         str,
         typer.Option(
-            help="Which parameter is removed next: that of the least loss, contribution, "
-            "mean_column or deviation.",
+            help="The parameter that is removed next has the least loss (rise of chi-square), "
+            "contribution (to the torque), mean_column (mean absolute value of its regressor "
+            "column) or deviation (value over standard deviation).",
             metavar="NAME",
         ),
     ] = "loss",
     stop: Annotated[
         str,
         typer.Option(
-            help="Stopping rule: one_standard_error, tolerance=5 (percent), bic, condition=30, "
-            "ratio=30, count=25, one_fewer or refit (removes nothing more).",
+            help="Stopping rule: one_standard_error (smallest model with a left-out error within "
+            "one standard error of the least), tolerance=5 (rise of any joint's error in percent), "
+            "bic, condition=30 (condition number), ratio=30 (greatest over least relative standard "
+            "deviation), count=25 (parameters), one_fewer or refit (removes nothing more).",
             metavar="RULE",
         ),
     ] = "one_standard_error",
@@ -56,15 +59,15 @@ def reduce(
         bool,
         typer.Option(
             "--bodies",
-            help="Estimate physically consistent bodies, with the removed parameters equal to "
-            "zero; such a model can be exported.",
+            help="Estimate physically consistent link inertial parameters, with the removed "
+            "parameters equal to zero; such a model can be exported.",
         ),
     ] = False,
     following: Annotated[
         Path | None,
         typer.Option(
             "--next",
-            help="Also design the motion that shows the smaller model best, into this folder.",
+            help="Also design the motion that excites the smaller model best, into this folder.",
             metavar="DIR",
         ),
     ] = None,

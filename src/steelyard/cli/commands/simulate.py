@@ -66,7 +66,8 @@ def simulate(
         str | None,
         typer.Option(
             help="pd, pid, cascade or computed_torque, with encoders, delay and lag of real "
-            "drives; gains follow: cascade,kv=20. If unset, joint PD control with perfect ones.",
+            "drives; gains follow: cascade,kv=20. If unset, joint PD control with ideal encoders "
+            "and drives.",
             metavar="KIND",
         ),
     ] = None,

@@ -47,8 +47,8 @@ def watch(
         typer.Option(
             "--calibrate",
             help="Logs of motion without contact, not fitted, recorded like the stream, to "
-            "calibrate thresholds of contact with; if unset, the motion that was left out in turn "
-            "when the model was identified.",
+            "calibrate thresholds of contact with; if unset, the residuals of the "
+            "cross-validation that are stored in the model.",
             metavar="LOG...",
         ),
     ] = None,
@@ -58,7 +58,7 @@ def watch(
         typer.Option(
             min=1e-3,
             help="Bandwidth of the observer in Hz, a tenth of the sampling rate at most; if "
-            "unset, that of the model's thresholds.",
+            "unset, the cut-off at which the thresholds of contact were computed.",
             metavar="HZ",
         ),
     ] = None,

@@ -41,8 +41,8 @@ SHOWN = 3
 """Alternatives that are named."""
 
 UNKNOWN_GAINS = {
-    "gain": 'undecided: gains that are "identify" are not compared with the model file',
-    "payload": 'undecided: gains that are "identify" have a similar effect',
+    "gain": 'undecided: unknown gains (gain = "identify") are not compared with the model file',
+    "payload": 'undecided: unknown gains (gain = "identify") would have a similar effect',
 }
 """Why a question has no answer where gains are unknown."""
 

@@ -195,7 +195,9 @@ def _worst(case: Case, decision: Verdict) -> str:
     """The joint that disagrees most."""
     misfits = decision.ranking.declared.misfits
     joint = int(np.argmax(misfits))
-    return f"misfit of {case.joints[joint]} {_percent(100.0 * misfits[joint])}, bound 90 %"
+    return (
+        f"misfit of {case.joints[joint]} {_percent(100.0 * misfits[joint])}, at most 90 % allowed"
+    )
 
 
 def _percent(value: float) -> str:

@@ -85,7 +85,7 @@ def _of_log(case: Case, evidence: Evidence, name: str) -> Finding | None:
     worst = min((drives[j] for j in driven), key=lambda d: d.size)
     figure = (
         f"friction of {100.0 * worst.size:.0f} % of the effort (standard error "
-        f"{100.0 * worst.std:.2g} %), bound {-100.0 * LEAST:.0f} %"
+        f"{100.0 * worst.std:.2g} %), at least {-100.0 * LEAST:.0f} % required"
     )
     listed = ", ".join(f"'{j}'" for j in driven)
     if not braked and 2 * len(driven) > len(case.joints) > 1:

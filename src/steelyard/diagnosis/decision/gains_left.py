@@ -76,7 +76,10 @@ def gains_of_controller(case: Case, name: str) -> tuple[Finding, ...]:
         figure = f"gains are {np.median(ratios[both]):.4g} times the declared ones"
         fix = Fix("declare the unit of the columns", (Edit(("signals", "effort", "unit"), unit),))
         return (Finding(name, "", Severity.WRONG, says, figure, fix=fix),)
-    figure = f"off by a factor of {factor.max():.3g} at most, bound {NEAR:g}"
+    figure = (
+        f"gains differ from the controller's by {100.0 * (factor.max() - 1.0):.2g} % or less, "
+        f"at most {100.0 * (NEAR - 1.0):.0f} % allowed"
+    )
     if not len(joints):
         says = f"the controller's targets confirm the gains ({source})"
         if left := ", ".join(case.joints[j] for j in np.flatnonzero(~found.known)):

@@ -77,7 +77,7 @@ def _finding(case: Case, evidence: Evidence) -> Finding | None:
     rises = [float(score.log_likelihood[0] - now.log_likelihood[0]) for score in scores]
     best = max(rises, default=-np.inf)
     near = [o for o, rise in zip(others, rises, strict=True) if rise > -DECISIVE]
-    figure = f"log-likelihood of the best other gears {best:+.0f}, bound {-DECISIVE:g}"
+    figure = f"log-likelihood of the best other gears {best:+.0f}, at most {-DECISIVE:g} required"
     name, misfit = TransmissionCheck.name, f"{float(now.percent[0]):.1f} %"
     first = int(np.argmax(rises)) if rises else 0
     other = f"{float(scores[first].percent[0]):.1f} %" if rises else ""

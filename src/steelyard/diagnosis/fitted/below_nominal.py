@@ -55,7 +55,7 @@ def _advice(case: FittedCase) -> Fix:
     if zero:
         return Fix(
             f"{len(zero)} of {every} {SEPARABLE} are zero: torques may be those of sensors "
-            f"behind the gears; try {INSTEAD} first"
+            f"on the link side; try {INSTEAD} first"
         )
     return Fix("Review the terms, and the check of this joint's effort")
 

@@ -99,7 +99,7 @@ def _cut(change: Change) -> Fix:
 
 def _explains(change: Change, bound: float) -> str:
     share = f"{100.0 * change.explained:.0f} % of the squared residual"
-    return f"this explains {share}, bound {100.0 * bound:.0f} %"
+    return f"this explains {share}, at least {100.0 * bound:.0f} % required"
 
 
 def _of_load(change: Change) -> Finding:
@@ -167,8 +167,8 @@ def _of_drift(drifts: list[Drift], case: FittedCase) -> Finding:
         drifts[0].run,
         Severity.DOUBTFUL,
         f"the effort scale drifts during the log, as with a gain or sensor warming up: {words}",
-        f"this explains {100.0 * least:.0f} % of the squared residual or more, bound "
-        f"{100.0 * DRIFTS:.0f} %",
+        f"this explains {100.0 * least:.0f} % of the squared residual or more, "
+        f"at least {100.0 * DRIFTS:.0f} % required",
         names,
         fix=Fix("Log once the drives are warm, or cut the log into parts: LOG@START:STOP"),
     )

@@ -99,8 +99,8 @@ def _how(tested: Sequence[tuple[Cause, LeftOutGain | None]]) -> str:
     if not gains:
         return ""
     return (
-        f". Errors on left-out motion: least squares without prior, one {gains[0].left_out} left "
-        "out in turn"
+        f". Errors on left-out motion: least squares without prior, cross-validation over "
+        f"{gains[0].left_out}s"
     )
 
 

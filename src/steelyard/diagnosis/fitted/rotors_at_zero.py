@@ -1,4 +1,4 @@
-"""Rotor inertias that a fit puts to zero: the torques may be of sensors behind the gears."""
+"""Rotor inertias that a fit puts to zero: the torques may be of sensors on the link side."""
 
 from typing import ClassVar
 
@@ -27,11 +27,11 @@ class RotorsAtZero:
             return ()
         says = (
             f"{len(zero)} of {every} {SEPARABLE} are zero: torques may be those of sensors "
-            "behind the gears, which do not contain the rotors'"
+            "on the link side, which do not contain the rotors'"
         )
         joints = tuple(name.partition(".")[2] for name in zero)
         fix = Fix(f"If so, use {INSTEAD} in [model] terms")
-        brief = f"{len(zero)} of {every} {SEPARABLE} are zero: are the sensors behind the gears?"
+        brief = f"{len(zero)} of {every} {SEPARABLE} are zero: are the sensors on the link side?"
         ok = Severity.OK
         return (Finding(self.name, "", ok, says, "", joints, fix, headline=True, brief=brief),)
 

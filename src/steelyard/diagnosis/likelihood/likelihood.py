@@ -1,6 +1,6 @@
 r"""Likelihood: how well an interpretation of a log agrees with what is known of the robot.
 
-In the units in which efforts are logged, behind the gears' map $A$, a joint's effort is
+In the units in which efforts are logged, after the gears' map $A$, a joint's effort is
 
 $$ s\,e = A^{-1} \tau(q, \dot q, \ddot q)
         + c \tanh(u / u_0) + v u + o + I_r \dot u $$

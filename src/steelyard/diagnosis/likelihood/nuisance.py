@@ -16,7 +16,7 @@ SWEEPS = 40
 def unknown_friction(n: int, kind: str) -> tuple[Array, Array]:
     """Bounds without a reference, shapes `(n, 4)`.
 
-    Friction dissipates; rotors are felt unless sensors sit behind the gears.
+    Friction dissipates; rotors are felt unless sensors sit on the link side.
     """
     lower, upper = np.zeros((n, NUISANCES)), np.full((n, NUISANCES), np.inf)
     lower[:, 2] = -np.inf

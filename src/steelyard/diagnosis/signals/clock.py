@@ -123,8 +123,8 @@ def _out_of_order(evidence: Evidence, stamps: Array) -> Finding:
         evidence.name,
         Severity.WRONG,
         f"rows are not in the order of time: it decreases at {backward} of {len(steps)} steps",
-        f"{100.0 * backward / len(steps):.2g} % of the steps backward, bound "
-        f"{100.0 * BACKWARD:g} %",
+        f"{100.0 * backward / len(steps):.2g} % of the steps backward, at most "
+        f"{100.0 * BACKWARD:g} % allowed",
         fix=Fix(f"sort the rows by '{evidence.recording.signals.time}'"),
     )
 
@@ -151,7 +151,8 @@ def _leaps(evidence: Evidence, found: Leaps, step: float) -> Finding:
         f"joints jump ahead simultaneously, by {typical:.2g} rows typically; "
         f"{_time(step * found.missing.sum())} "
         "in all. Time stamps were made uniform after rows were lost",
-        f"{100.0 * share:.2g} % of the rows in motion are missing (bound {100.0 * MISSING:g} %)",
+        f"{100.0 * share:.2g} % of the rows in motion are missing (at most "
+        f"{100.0 * MISSING:g} % allowed)",
         fix=Fix("log the controller's own time stamps, and do not change them"),
     )
 
@@ -192,7 +193,8 @@ def _other_rate(evidence: Evidence, units: Reading) -> Finding:
         Severity.WRONG if sure else Severity.DOUBTFUL,
         f"at the declared {declared:.4g} Hz velocities are {scale:.3g} times d(q)/dt: the rate is "
         f"{rate:.4g} Hz" + ("" if sure else ", or the unit of velocities is off"),
-        f"declared rate {100.0 * abs(units.second - 1.0):.3g} % off, bound {100.0 * OFF:g} %",
+        f"declared rate {100.0 * abs(units.second - 1.0):.3g} % off, at most "
+        f"{100.0 * OFF:g} % allowed",
         fix=Fix(f"declare the rate of {rate:.4g} Hz", (Edit(("signals", "rate"), rate),)),
     )
 
@@ -208,7 +210,7 @@ def _judged(steps: _Steps) -> tuple[Severity, str, str, str | None]:
         return (
             Severity.DOUBTFUL,
             f"time decreases at {backward} rows; {facts}",
-            f"{backward} of {count} steps backward, bound 0",
+            f"{backward} of {count} steps backward, none allowed",
             "log the controller's own clock, not the arrival of messages, or sort the rows",
         )
     if steps.missing:
@@ -225,17 +227,18 @@ def _judged(steps: _Steps) -> tuple[Severity, str, str, str | None]:
         return (
             Severity.DOUBTFUL,
             f"time stamps jitter; {facts}",
-            f"{jitter}, bound {100.0 * JITTER:g} %",
+            f"{jitter}, at most {100.0 * JITTER:g} % allowed",
             "log the controller's own clock, not the arrival of messages",
         )
     if repeats > REPEATS * count:
         return (
             Severity.DOUBTFUL,
             f"{repeats} rows have the stamp of the row before; {facts}",
-            f"{100.0 * repeats / count:.2g} % of the stamps repeat, bound {100.0 * REPEATS:g} %",
+            f"{100.0 * repeats / count:.2g} % of the stamps repeat, at most "
+            f"{100.0 * REPEATS:g} % allowed",
             "log stamps with more digits; rows that repeat a stamp are dropped",
         )
-    return Severity.OK, facts, f"{jitter}, bound {100.0 * JITTER:g} %", None
+    return Severity.OK, facts, f"{jitter}, at most {100.0 * JITTER:g} % allowed", None
 
 
 def _facts(steps: _Steps) -> str:

@@ -58,7 +58,7 @@ def _found(case: Case, evidence: Evidence) -> Finding:
         says = "the noise of efforts is below their resolution, or nothing moves for long enough"
         return Finding(ComputedEfforts.name, evidence.name, Severity.OK, says, "", answered=False)
     worst = float(np.nanmax(effort))
-    figure = f"noise up to {worst:.1g} of the effort's variation, bound {NOISE_FREE:g}"
+    figure = f"noise up to {worst:.1g} of the effort's variation, at least {NOISE_FREE:g} required"
     if worst > NOISE_FREE:
         says = "efforts have measurement noise"
         return Finding(ComputedEfforts.name, evidence.name, Severity.OK, says, figure)
@@ -66,7 +66,8 @@ def _found(case: Case, evidence: Evidence) -> Finding:
     residual = _unexplained(case, evidence)
     if residual is not None:
         figure += (
-            f"; residual of a fit {_percent(residual)} of the effort, bound {_percent(EXPLAINED)}"
+            f"; residual of a fit {_percent(residual)} of the effort, at least "
+            f"{_percent(EXPLAINED)} required"
         )
     if residual is None or residual > EXPLAINED:
         return _smooth(evidence, figure, measured)

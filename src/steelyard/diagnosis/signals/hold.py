@@ -36,7 +36,7 @@ class Hold:
         """The evidence in words."""
         return (
             f"{100.0 * self.share:.3g} % of {len(self.lengths)} clear changes come {self.every} "
-            f"rows after the one before, bound {100.0 * MOST:g} %"
+            f"rows after the one before, regular from {100.0 * MOST:g} % on"
         )
 
     @property

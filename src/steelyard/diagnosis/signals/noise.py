@@ -66,8 +66,10 @@ class Noise:
                     _facts(case, overview, noise, units),
                 ]
             ),
-            f"{levels[least]} different efforts of {case.joints[least]} (bound {LEVELS}), noise "
-            f"{100.0 * share[loudest]:.2g} % of {case.joints[loudest]} (bound {100.0 * NOISY:g} %)",
+            f"{case.joints[least]}: {levels[least]} distinct effort values (at least {LEVELS} "
+            f"required); {case.joints[loudest]}: noise is {100.0 * share[loudest]:.2g} % of the "
+            f"effort's variation (at most {100.0 * NOISY:g} % allowed)"
+            + ("" if move.any() else "; efforts of joints at rest are not judged"),
             joints=tuple(case.joints[j] for j in bad),
             fix=with_others(CONSTANT if constant.any() else FINER, evidence) if len(bad) else None,
             picture=_picture(case, evidence, overview, int(bad[0] if len(bad) else least)),

@@ -83,7 +83,7 @@ def _misplaced(case: Case, evidence: Evidence, wrong: Sequence[Misplaced]) -> Fi
         Severity.WRONG if sure else Severity.DOUBTFUL,
         f"position column '{first.column}'{more} holds velocities: "
         + (why if first.correlation else "by its name"),
-        f"correlation of {first.correlation:.3g} with the derivative, bound {ALIKE:g}"
+        f"correlation of {first.correlation:.3g} with the derivative, velocities from {ALIKE:g} on"
         if first.correlation
         else "",
         joints=tuple(case.joints[one.joint] for one in wrong),
@@ -213,8 +213,7 @@ def _value_text(case: Case, off: Array) -> str:
     far = int(np.argmax(off))
     return (
         f"{case.joints[far]} reaches {off[far]:.3g} times its limits, from the middle of its "
-        f"range, "
-        f"bound {OUTSIDE:g}"
+        f"range, at most {OUTSIDE:g} times allowed"
     )
 
 

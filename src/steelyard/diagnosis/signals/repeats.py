@@ -73,8 +73,8 @@ class Repeats:
             evidence.name,
             Severity.DOUBTFUL if doubtful else Severity.OK,
             f"positions are updated {_every(overview, updates)}: {does}",
-            f"{updates.value_text}; {1e3 * age:.3g} ms old on average, bound {1e3 * LATE:g} ms and "
-            f"{LONGEST_STALE} repeated rows",
+            f"{updates.value_text}; {1e3 * age:.3g} ms old on average, at most {1e3 * LATE:g} ms "
+            f"and {LONGEST_STALE} repeated rows allowed",
             fix=Fix(
                 "log at the update rate of positions, "
                 f"{1.0 / overview.step / updates.every:.3g} Hz, or update them at the rate of the "
@@ -103,7 +103,7 @@ class Repeats:
             Severity.DOUBTFUL if doubtful else Severity.OK,
             f"efforts are updated {_every(overview, updates)}: {does}{known}",
             f"{updates.value_text}; {1e3 * late:.3g} ms later than positions, "
-            f"bound {1e3 * LATE:g} ms",
+            f"at most {1e3 * LATE:g} ms allowed",
             fix=Fix(
                 f"log efforts as they are measured, or state the mean delay, {1e3 * late:.3g} ms",
                 (Edit(("signals", "effort", "delay"), late),),
@@ -132,7 +132,8 @@ class Repeats:
             f"{count} rows in motion repeat the positions of the row before"
             if count
             else "no row in motion repeats the previous one",
-            f"{count} of {total} rows in motion ({100.0 * share:.2g} %), bound {100.0 * OFTEN:g} %",
+            f"{count} of {total} rows in motion ({100.0 * share:.2g} %), at most "
+            f"{100.0 * OFTEN:g} % allowed",
             fix=Fix(f"log at the update rate of positions, about {1.0 - share:.2g} of this one")
             if often
             else None,

@@ -50,7 +50,7 @@ class Rests:
             evidence.name,
             Severity.DOUBTFUL if often else Severity.OK,
             _says(rests, t, float(clock[-1] - clock[0]) * second),
-            f"{100.0 * rest:.1f} % at rest, bound {100.0 * MOSTLY:g} %",
+            f"{100.0 * rest:.1f} % at rest, at most {100.0 * MOSTLY:g} % allowed",
             fix=Fix("cut off the standstill (LOG@START:STOP), and record more motion")
             if often
             else None,

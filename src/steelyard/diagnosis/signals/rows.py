@@ -56,7 +56,7 @@ class Rows:
             evidence.name,
             severity,
             says,
-            f"{count} of {total} rows ({100.0 * share:.2g} %), bound {100.0 * FEW:g} %",
+            f"{count} of {total} rows ({100.0 * share:.2g} %), at most {100.0 * FEW:g} % allowed",
             fix=fix,
             picture=_picture(broken) if broken.any() else None,
             brief=f"{count} corrupt rows dropped" if count else "",

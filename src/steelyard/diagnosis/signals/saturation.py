@@ -73,7 +73,11 @@ class Saturation:
             Severity.DOUBTFUL if cut else Severity.OK,
             "; ".join(clauses) or "no effort stays at its extreme",
             f"{stays[worst].rows} rows at an extreme ({case.joints[worst]})"
-            + (f", bound {stays[worst].bound:.0f}" if np.isfinite(stays[worst].bound) else ""),
+            + (
+                f", fewer than {stays[worst].bound:.0f} required"
+                if np.isfinite(stays[worst].bound)
+                else ""
+            ),
             joints=names,
             fix=Fix("move slower or with less load, or raise the range of the effort measurement")
             if cut

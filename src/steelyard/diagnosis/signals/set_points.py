@@ -43,7 +43,9 @@ def _found(case: Case, evidence: Evidence) -> Finding:
         return Finding(SetPoints.name, evidence.name, Severity.OK, says, "")
     effort, position = noise_shares(case, evidence)
     worst = float(np.nanmax(position, initial=0.0))
-    figure = f"noise of positions up to {worst:.1g} of their variation, bound {SMOOTH:g}"
+    figure = (
+        f"noise of positions up to {worst:.1g} of their variation, at least {SMOOTH:g} required"
+    )
     noisy = bool(np.nanmax(effort, initial=0.0) > NOISE_FREE)
     if noisy and np.isfinite(position).any() and worst < SMOOTH:
         says = (
@@ -51,7 +53,7 @@ def _found(case: Case, evidence: Evidence) -> Finding:
             "positions, low-passed ones, or those of a simulation"
         )
         return Finding(SetPoints.name, evidence.name, Severity.OK, says, figure, answered=False)
-    says = "no column is called a set-point, and positions are not smoother than measured ones"
+    says = "no column is called a set-point, and positions have measurement noise"
     return Finding(SetPoints.name, evidence.name, Severity.OK, says, figure)
 
 

@@ -122,8 +122,8 @@ def _off(log: str, name: str, x: float, std: float, gone: float) -> Finding:
         f"the clock runs {way}{other}: by a fit of {log} time stamps are {scale:.4g} ± "
         f"{half:.1g} times "
         "the true time, as only then accelerations and gravity give the same inertial parameters",
-        f"this explains {100.0 * gone:.0f} % of the squared residual, bounds {100.0 * GONE:.0f} "
-        f"and {100.0 * SURE:.0f} %",
+        f"this explains {100.0 * gone:.0f} % of the squared residual; doubtful from "
+        f"{100.0 * GONE:.0f} % on, wrong from {100.0 * SURE:.0f} % on",
         fix=Fix(
             f"check the log's rate; divide the stamps by {scale:.4g} if it is so. If the clock is "
             "right, check gravity and lengths in the model file"
@@ -149,7 +149,7 @@ def by_velocities(case: Case, evidence: Evidence, name: str) -> Finding | None:
         Severity.DOUBTFUL,
         f"velocities of all {len(ratio)} joints are {scale:.4g} times d(q)/dt: the clock runs "
         f"{way}, or their unit is off",
-        f"{100.0 * abs(scale - 1.0):.2g} % from 1 (bound {100.0 * OFF:g} %), joints differ by "
-        f"{100.0 * spread:.1g} % (bound {100.0 * UNEVEN:g} %)",
+        f"{100.0 * abs(scale - 1.0):.2g} % from 1 (at most {100.0 * OFF:g} % allowed), joints "
+        f"differ by {100.0 * spread:.1g} % (a clock: at most {100.0 * UNEVEN:g} %)",
         fix=Fix("check the log's rate, and leave velocities out if the clock is right"),
     )

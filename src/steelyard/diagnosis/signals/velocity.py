@@ -265,16 +265,16 @@ def _value_text(case: Case, evidence: Evidence, units: Reading, agreed: Agreemen
     reliable = _at(agreed.reliable_joints)
     if not reliable:
         best = float(np.nanmax(np.abs(agreed.correlation)))
-        return f"correlation of {best:.2g} with d(q)/dt, bound 0.9"
+        return f"correlation of {best:.2g} with d(q)/dt, at least 0.9 required"
     ratio = np.array([units.relative(j) for j in range(len(agreed.order))])
     far = max(reliable, key=lambda j: abs(ratio[j] - 1.0))
     late = max(reliable, key=lambda j: abs(float(agreed.lag[j])))
     step = 1e3 * look(case, evidence).step * units.second
     declared = float(agreed.scale[far])
     return (
-        f"{case.joints[far]}: {declared:.3g} times d(q)/dt (bound {1.0 / SAME:.2g} to {SAME:g}); "
+        f"{case.joints[far]}: {declared:.3g} times d(q)/dt ({1.0 / SAME:.2g} to {SAME:g} allowed); "
         f"{case.joints[late]}: {1e3 * agreed.lag[late]:.2f} ± {1e3 * agreed.lag_std[late]:.2f} ms "
-        f"late (bound {LATE_STEPS * step:.3g} ms)"
+        f"late (at most {LATE_STEPS * step:.3g} ms allowed)"
     )
 
 

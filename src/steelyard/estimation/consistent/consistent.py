@@ -367,7 +367,7 @@ def _weight_note(found: Weighed, estimator: Consistent, rank: int, priors: bool)
         return ()
     how = "as stated"
     if estimator.gamma is None and estimator.knowledge.uncertainty is None:
-        how = f"estimated from the data in {found.solves} solutions"
+        how = f"estimated from the data in {found.solves} iterations"
     return (
         f"prior uncertainty {100.0 * gamma**-0.5:.3g} % ({how}); prior and constraints raise χ² "
         f"by {found.tried.rise:.3g} (up to {rank} is within noise)",

@@ -120,7 +120,7 @@ class Search:
         choices: Indices = random.integers(0, sizes, (starts, len(sizes)))
         regressor: Regressor | None = None
         for number in range(MOST):
-            report_progress(progress, "estimating fields", number, MOST)
+            report_progress(progress, "estimating nonlinear parameters", number, MOST)
             regressor = self._regressor(grids, regressor)
             information = information_of(regressor)
             choice, costs, _ = self._problem(information).solved(choices)
@@ -136,7 +136,7 @@ class Search:
             ]
             nearest = [np.argmin(np.abs(g - x)) for g, x in zip(grids, shape.place, strict=True)]
             choices = np.array([nearest])
-        report_progress(progress, "estimating fields", MOST, MOST)
+        report_progress(progress, "estimating nonlinear parameters", MOST, MOST)
         return shape
 
     def _regressor(self, grids: Sequence[Array], before: Regressor | None) -> Regressor:

@@ -72,10 +72,16 @@ class EffortLimit:
     @property
     def how(self) -> str:
         """How it is proven, in one sentence."""
-        return (
-            "interval arithmetic bounds the rate of change of efforts over every time interval; "
-            "friction has its worse sign"
-        )
+        own = {
+            parameter.name
+            for term in self.model.terms
+            if term.cause == "friction"
+            for parameter in term.parameters(self.model.robot)
+        }
+        rubs = [name in own for name in self.model.names]
+        says = "interval arithmetic bounds the rate of change of efforts over every time interval"
+        worse = "; friction has its worse sign" if any(x[rubs].any() for x in self.cases) else ""
+        return says + worse
 
     @property
     def activation_distance(self) -> Array:

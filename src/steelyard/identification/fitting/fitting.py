@@ -195,7 +195,7 @@ def fit(
 
 NO_SCALES = (
     "no scales of the efforts are adopted: with them {} of {} rotor inertias are zero, so torques "
-    f"may be those of sensors behind the gears, which has a similar effect; if so, use {INSTEAD}"
+    f"may be those of sensors on the link side, which has a similar effect; if so, use {INSTEAD}"
 )
 
 

@@ -222,7 +222,7 @@ def design_excitation(
     seed: int = 0,
     progress: Progress = silent,
 ) -> DesignedMotion:
-    """Design an excitation motion, and prove that it keeps all limits.
+    """Design an excitation motion, and prove that it satisfies all limits.
 
     Args:
         robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it; limits,

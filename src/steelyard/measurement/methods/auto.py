@@ -64,6 +64,21 @@ class Auto:
     period: float | None = None
     periodic: tuple[int, ...] = ()
 
+    @property
+    def choice(self) -> str:
+        """The filters in words: low-passes, and whose mean period is taken."""
+        kinds = (("positions", self.cutoffs), ("velocities", self.velocity_cutoffs))
+        parts = [
+            f"{kind} at {', '.join(f'{value:g}' for value in values)} Hz"
+            for kind, values in kinds
+            if values is not None
+        ]
+        words = f"low-passes per joint, {'; '.join(parts)}" if parts else "butterworth"
+        if self.period is not None and self.periodic:
+            numbers = ", ".join(map(str, self.periodic))
+            words += f", mean over the periods of {self.period:g} s of joints {numbers}"
+        return words
+
     def designed(self, cutoff: float, rate: float) -> Designed:
         """The filters for a cut-off of the motion [Hz] and a rate [Hz]."""
         wide = Butterworth().designed(cutoff, rate)

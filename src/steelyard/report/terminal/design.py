@@ -92,7 +92,7 @@ def _details(designed: Designed) -> list[str]:
     scope = scopes(designed)
     return [
         *([f"limits: {scope}"] if scope else []),
-        "inflation: std divided by its value with all other parameters known (√VIF)",
+        "inflation: std divided by what it would be if all other parameters were known (√VIF)",
         f"noise: {designed.noise_from}",
         *(f"note: {note}" for note in designed.notes if note not in uncovered(designed)),
     ]

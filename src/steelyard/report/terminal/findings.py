@@ -30,6 +30,15 @@ if TYPE_CHECKING:
 SHOWN = 3
 """Findings of one check and severity that are shown one by one."""
 
+PAYLOAD = "payload"
+"""The check whose masses a fitted model corrects."""
+
+COARSE = (
+    "; this mass contains the errors of the model file's masses: if a line with ! names another "
+    "one for this log, that is more accurate, as it is by the identified model"
+)
+"""What a note says of such a mass."""
+
 NAMED = 4
 """Logs that are named after them."""
 
@@ -79,6 +88,7 @@ def notes(diagnosis: Diagnosis) -> tuple[str, ...]:
             where = f"{place(first)}: " if place(first) else ""
             sentences.append(
                 f"check, {group.check}: {where}{first.says} ({first.figure})"
+                + (COARSE if group.check == PAYLOAD and first.nominal else "")
                 + (f"; {more}" if more else "")
             )
     return tuple(sentences)
@@ -144,12 +154,24 @@ def _found(group: Group) -> Text:
 
     first, others = group.findings[0], {finding.log for finding in group.findings[1:]}
     if not group.severity:
-        others -= {first.log}
-        alike = f"{first.log or 'all logs'} (and {len(others)} more): " if others else ""
-        return Text.assemble((alike, "dim"), first.says)
+        return Text.assemble((_speaks(group, first, others - {first.log}), "dim"), first.says)
     shown = [_one(finding) for finding in group.findings[:SHOWN]]
     rest = _others(group, SHOWN)
     return Text("\n").join([*shown, Text(rest, style="dim")] if rest else shown)
+
+
+def _speaks(group: Group, first: Finding, others: set[str]) -> str:
+    """Which logs a sentence is about that stands for findings of several."""
+    if not others:
+        return ""
+    logs = count(len(others - {""}) + bool(first.log), "log")
+    together = ["all logs together"] if "" in others else []
+    if all(finding.says == first.says for finding in group.findings):
+        return f"{', '.join([logs, *together])}: "
+    if len(others) == len(together):
+        return f"{first.log} (and all logs together): "
+    more = ", ".join([f"the first of {logs}", *(f"and {one}" for one in together)])
+    return f"{first.log or 'all logs together'} ({more}): "
 
 
 def _one(finding: Finding) -> Text:

@@ -123,8 +123,8 @@ def _visible(least: float) -> str:
     if isinf(least):
         return "no change of the payload would have been seen: too little motion"
     return (
-        f"smallest change of the payload's mass that would be seen: {least:.2g} kg (at the frame's "
-        "origin, in half of the searches)"
+        f"smallest change of the payload's mass that would be detected: {least:.2g} kg (for a mass "
+        "at the frame's origin, in half of the searches)"
     )
 
 

@@ -258,9 +258,11 @@ def headline(designed: Designed) -> str:
     """What the motion shows, and whether it is safe, in a line."""
     missing = unseen(designed)
     every = len(designed.shown.names) + designed.faint
-    shows = f"Identifies all {every} base parameters"
+    shows = f"The motion identifies all {every} base parameters"
     if missing or designed.faint:
-        shows = f"Identifies {every - missing - designed.faint} of {every} base parameters"
+        shows = (
+            f"The motion identifies {every - missing - designed.faint} of {every} base parameters"
+        )
     if designed.absent:
         shows += f" of a model reduced by {len(designed.absent)}"
     if hardly := int(hidden(designed).sum()) - missing:

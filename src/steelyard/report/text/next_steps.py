@@ -76,8 +76,8 @@ def path_word(path: str | Path) -> str:
 
 
 def gear_side_steps(findings: Sequence[Finding], robot: str) -> list[Step]:
-    """The edit for sensors behind the gears, where a finding proposes it."""
-    edit = f'if sensors are behind the gears: kind = "link_torque" in {robot}, no rotor_inertia'
+    """The edit for sensors on the link side, where a finding proposes it."""
+    edit = f'if sensors are on the link side: kind = "link_torque" in {robot}, no rotor_inertia'
     proposed = any(found.check == GEAR_SIDE and found.fix is not None for found in findings)
     return [("", f"{edit} in terms")] if proposed else []
 

@@ -9,13 +9,26 @@ from statistics import fmean
 from typing import TYPE_CHECKING
 
 from steelyard.report.text.words import count, percent, significant
-from steelyard.validation.headline import PROMISED, BandErrors, PooledError, as_logged, pooled
+from steelyard.validation.headline import (
+    PROMISED,
+    BandErrors,
+    JointError,
+    PooledError,
+    as_logged,
+    pooled,
+)
 
 if TYPE_CHECKING:
     from steelyard.estimation.identified import IdentifiedModel
     from steelyard.validation.score import JointScore, RunScore
 
 MOVING, WHOLE = "where they move", "whole log"
+
+RATIO = "‖measured − predicted‖ / ‖measured‖"
+"""The relative error in the band of the fit."""
+
+NORMS = {"pooled": "over all joints together", "mean": "mean over joints"}
+"""What norms are called in a sentence."""
 
 NAMED = 3
 """Most joints that are named one by one."""
@@ -44,8 +57,8 @@ class RelativeError:
 
     @property
     def words(self) -> str:
-        """Like `1.5 % pooled, where they move`."""
-        return f"{percent(self.value)} {self.norm}, {self.samples}"
+        """Like `1.5 % over all joints together, where they move`."""
+        return f"{percent(self.value)} {NORMS[self.norm]}, {self.samples}"
 
 
 def relative_errors(scores: Sequence[RunScore]) -> list[RelativeError]:
@@ -171,7 +184,22 @@ def without_percentage(scores: Sequence[RunScore]) -> list[str]:
 def other_errors(scores: Sequence[RunScore]) -> str:
     """The relative errors in the band of the fit, as one sentence."""
     words = "; ".join(error.words for error in relative_errors(scores))
-    return f"Of the measured effort in the band of the fit, {band(scores)}: {words}."
+    return f"Relative error {RATIO} in the band of the fit, {band(scores)}: {words}."
+
+
+def reference_words(joints: Sequence[JointError]) -> str:
+    """Whose errors are relative to more than what the joint used in this log; empty if none's."""
+    raised = [
+        f"{one.joint} {significant(one.reference)} {one.unit}"
+        for one in joints
+        if one.reference > one.used
+    ]
+    if not raised:
+        return ""
+    return (
+        "relative to a quarter of the effort used in the fitted runs, which is more than in this "
+        f"log: {', '.join(raised)}"
+    )
 
 
 def coverage_words(inside: float, unseen: bool) -> str:

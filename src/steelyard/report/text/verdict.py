@@ -42,8 +42,8 @@ LIMITED: dict[str, Level] = {"ok": "none", "doubtful": "fair", "wrong": "poor"}
 """The best level that a limitation of this severity leaves; one that is ok leaves every level."""
 
 AT_REST = (
-    "At rest, friction has any value up to the breakaway friction, which the error includes: it "
-    "validates gravity only"
+    "At rest, friction has any value up to the breakaway (static) friction. The error includes "
+    "this unknown friction: the log validates gravity only"
 )
 
 HOW_TO_VALIDATE = "steelyard validate MODEL OTHER_LOG"

@@ -11,17 +11,17 @@ from steelyard.robot_file.column_names import CURRENTS, TORQUES, Column
 
 TORQUE = (
     "torque by their names, which do not state the side of the gears: assumed joint torque "
-    "including rotor inertia; for sensors behind the gears (Franka, KUKA iiwa, Kinova Gen3, Rokae "
+    "including rotor inertia; for sensors on the link side (Franka, KUKA iiwa, Kinova Gen3, Rokae "
     'xMate) set kind = "link_torque" and remove rotor_inertia from [model] terms'
 )
 BEHIND = (
-    "torque of sensors behind the gears, by the names of robot and joints ({}): rotors and gears "
-    'are not in it. If it is computed from motor currents, set kind = "joint_torque" and add '
-    '"rotor_inertia" to [model] terms'
+    "torque of sensors on the link side of the gears, by the names of robot and joints ({}): it "
+    "contains no rotor inertia and no gear friction. If it is computed from motor currents, set "
+    'kind = "joint_torque" and add "rotor_inertia" to [model] terms'
 )
-"""Why efforts of a known robot are those of sensors behind the gears."""
+"""Why efforts of a known robot are those of sensors on the link side."""
 LINK_SIDE = re.compile(r"(?<![a-z])(panda|fr3|franka|iiwa|lbr|gen3(?!_?lite))(?![a-z])")
-"""Names of robots with torque sensors behind the gears: Franka, KUKA iiwa, Kinova Gen3."""
+"""Names of robots with torque sensors on the link side: Franka, KUKA iiwa, Kinova Gen3."""
 BEYOND = 3.0
 """Reach of torques over the joint's limit from which on their unit is another one."""
 UNSTATED = (
@@ -84,7 +84,7 @@ def _is_current(column: Column) -> bool:
 
 
 def link_side(robot: str, joints: Sequence[str]) -> str:
-    """What in the names of a robot and its joints says that torques are those behind the gears.
+    """What in the names of a robot and its joints says that torques are those on the link side.
 
     Empty if nothing does.
     """

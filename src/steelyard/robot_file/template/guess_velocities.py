@@ -94,7 +94,7 @@ class Comparison:
         if self.noise > NOISE:
             found.append(
                 f"they are hardly less noisy than differentiated positions (noise "
-                f"{_figures(self.noise)} times as large, bound {NOISE:g})"
+                f"{_figures(self.noise)} times as large, at most {NOISE:g} allowed)"
                 if self.noise < 1.0
                 else f"they are noisier than differentiated positions "
                 f"({_figures(self.noise)} times)"

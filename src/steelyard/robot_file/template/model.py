@@ -55,7 +55,7 @@ def model_part(
 
     Args:
         springs: Springs of the model file, by joint.
-        guess: The columns, whose efforts may be measured behind the gears.
+        guess: The columns, whose efforts may be measured on the link side.
         known: Whether friction laws can be chosen.
         gears: Gears, whose coupled motors act on two joints.
     """
@@ -118,6 +118,7 @@ def _motor_lines(guess: Guess | None, gears: Gears | None) -> list[str]:
 
 _HEAD = """\
 [model]
-# Torque terms. CHECK: motor torques and currents include "rotor_inertia"; torque sensors behind the
-# gears do not: remove it there, together with kind = "link_torque" below, which excludes it.
+# Torque terms. CHECK: motor torques and currents include "rotor_inertia"; link-side torques do
+# not: for link-side torque sensors, remove "rotor_inertia" here and set kind = "link_torque" below;
+# with that kind "rotor_inertia" is an error.
 # A table gives a law its settings: {law = "coulomb", smoothing = 0.005, joints = ["..."]}."""

@@ -12,9 +12,10 @@ SETTINGS = """\
 # The chain from rows to motion. Lines below a comment show the defaults.
 # Hampel threshold in scaled MAD, above which a value is interpolated; or "keep".
 # outliers = 15.0
-# Rows that repeat the previous positions while the robot moves; or "keep".
+# Rows that repeat the previous positions while the robot moves: "bridge" interpolates, "keep" uses
+# them.
 # repeats = "bridge"
-# Saturated efforts, and the rows around them; or "keep".
+# Saturated efforts, with the rows around them: "leave_out" excludes, "keep" uses them.
 # saturation = "leave_out"
 # Resampling to a uniform clock: "cubic", "linear", "pchip" or "spline".
 # resampling = "cubic"
@@ -24,12 +25,12 @@ SETTINGS = """\
 # These keys have no fixed default: left out, they are chosen from the data, and `identify` prints
 # the choice: rate [Hz] of the uniform clock; motion_cutoff [Hz], low-pass of positions and
 # velocities; matched_cutoff [Hz], low-pass of regressor and effort alike; rest_speed [rad/s; m/s],
-# up to which a joint rests. Efforts stay as logged without effort, a table such as
-# {method = "moving_average", span = 9, passes = 2}.
+# up to which a joint rests. Efforts are used as logged unless the key effort is set, such
+# as effort = {method = "moving_average", span = 9, passes = 2}.
 
 [prior]
-# Prior masses, centres and inertias: those of the "model", or "none". Their relative uncertainty
-# is estimated from the data without uncertainty, such as 0.3.
+# Prior masses, centres and inertias: those of the "model", or "none". The key uncertainty
+# (such as 0.3) sets their relative uncertainty; left out, it is estimated from the data.
 # source = "model"
 # Example of a prior of a single link, and of a constraint; kinds are "mass", "total_mass",
 # "centre_in_box", "parameter", ...

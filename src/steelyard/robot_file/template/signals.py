@@ -22,7 +22,7 @@ TO_FILL = "?"
 
 KINDS = (
     '"joint_torque": at the joints, with rotors and gears; "link_torque": sensors',
-    'behind the gears (then remove rotor_inertia from terms); "motor_torque": from the',
+    'on the link side (then remove rotor_inertia from terms); "motor_torque": from the',
     'motors; "motor_current"; or "gravity_compensated_torque".',
 )
 """Kinds of efforts, as a comment says them."""

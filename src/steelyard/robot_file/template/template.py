@@ -120,7 +120,7 @@ def _assignable(free: Sequence[Coordinate], columns: Sequence[str], sample: Samp
 
 
 def _behind_the_gears(guess: Guess, robot: str) -> Guess:
-    """The guess, with torques of a known robot as those of sensors behind the gears."""
+    """The guess, with torques of a known robot as those of sensors on the link side."""
     name = link_side(robot, guess.joints)
     if not name or guess.section.effort.kind != "joint_torque":
         return guess

@@ -99,11 +99,11 @@ def main_table(comparison: Comparison) -> PlainTable:
     ]
     return PlainTable(
         "Errors on left-out data",
-        "Mean over joints and runs with its standard error; joints where they move, behind the "
-        "parallel filter. Pooled: norms over all joints together. Bodies: not available "
+        "Mean over joints and runs with its standard error; joints where they move, after the "
+        "parallel filter. Pooled: norms over all joints together. Link inertias: not available "
         "from estimators of base parameters. χ²: squared residuals on all data over the noise "
         "variance by WLS, per degree of freedom.",
-        ("Estimator", "Bodies", "Error", "Pooled", "Time", "Values", "Condition", "χ²"),
+        ("Estimator", "Link inertias", "Error", "Pooled", "Time", "Values", "Condition", "χ²"),
         rows,
         (0, 1),
     )

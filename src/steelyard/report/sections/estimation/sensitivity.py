@@ -68,9 +68,9 @@ def fits_table(found: Sensitivity) -> PlainTable:
         rows.append(Row(cells, v is found.result))
     return PlainTable(
         "Fits with other cut-offs",
-        "The same laws, fields and gains; errors are of the kind and the band of the verdict's "
-        "headline in every row. A result that other cut-offs change by many standard deviations "
-        "depends on the choice of cut-offs, not on the data alone.",
+        "The same laws, nonlinear parameters and gains; errors are of the kind and the band of the "
+        "verdict's headline in every row. A result that other cut-offs change by many standard "
+        "deviations depends on the choice of cut-offs, not on the data alone.",
         (
             "Cut-offs",
             "Motion",

@@ -67,7 +67,7 @@ class BodiesSection(TableSection):
     """One row per link, and their sum."""
 
     name: ClassVar[str] = "bodies"
-    title: ClassVar[str] = "Bodies"
+    title: ClassVar[str] = "Link inertial parameters"
 
     def tables(self, content: ReportContent) -> list[PlainTable]:
         """The table, if the estimate knows all standard parameters."""

@@ -121,13 +121,14 @@ def _still_ok(finding: Finding, diagnosis: Diagnosis) -> str:
     if finding.severity or not finding.answered or others or not declared or rivals[0] is declared:
         return ""
     misfit = (
-        "Ok although another row fits better: the misfit as declared is only "
+        "Ok although another hypothesis fits better: the misfit as declared is only "
         f"{percent(declared.misfit)}"
     )
     if finding.nominal:
         return (
-            f"{misfit}, within the error of a nominal model; a better row may equally fit errors "
-            "of the nominal masses, which a reference (--model) would separate."
+            f"{misfit}, within the error of a nominal model; the other hypothesis may "
+            "compensate errors of the nominal masses. A model from clean runs (--model) would "
+            "decide."
         )
     return (
         f"{misfit}; a hypothesis with more free parameters nearly always fits better, and is "

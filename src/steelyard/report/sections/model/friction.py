@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
 ERROR = (
-    "geometric mean of the error of all joints together and the mean over joints, behind the "
+    "geometric mean of the error of all joints together and the mean over joints, after the "
     "parallel filter; not comparable with the verdict"
 )
 """What an error of a mix is."""
@@ -110,7 +110,7 @@ def _mixes(choice: FrictionChoice) -> PlainTable:
     other, said = without_memory(choice), _chosen(choice)
     return PlainTable(
         "Friction laws compared",
-        f"Error on one {choice.left_out} from a fit to all others, each {choice.left_out} in turn: "
+        f"Cross-validation: each {choice.left_out} is predicted by a fit to all others. Error: "
         f"{ERROR}; "
         "improvement relative to the first row, with its standard error. A simpler combination is "
         "preferred unless the improvement by a better one is significant. Speeds are in rad/s, "
@@ -119,7 +119,7 @@ def _mixes(choice: FrictionChoice) -> PlainTable:
         ("Friction laws", "Error", "Improvement", "Standard error", ""),
         rows,
         (0, 4),
-        f"one {choice.left_out} left out in turn; error: {ERROR}",
+        f"cross-validation, leaving out one {choice.left_out} at a time; error: {ERROR}",
         f"{said[0].upper()}{said[1:]}",
     )
 
@@ -139,10 +139,10 @@ def _fields(findings: tuple[Finding, ...]) -> PlainTable:
         for finding in findings
     ]
     return PlainTable(
-        "Estimated fields",
+        "Estimated nonlinear parameters",
         "Parameters in which the torque is nonlinear, with 95 % intervals, cut at the bounds of "
         "the search.",
-        ("Term", "Field", "Joint", "Value", "Interval", ""),
+        ("Term", "Parameter", "Joint", "Value", "Interval", ""),
         rows,
         (0, 1, 2, 5),
     )

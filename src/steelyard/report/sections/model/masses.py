@@ -22,8 +22,9 @@ PRIOR = {"text": "prior [%]", "standoff": 6}
 WORDS = (
     "Mass of each link in the model file and as identified from data and prior, and the shift of "
     "its centre of mass against the file, in the link's frame. Only sums of these numbers affect "
-    "the torque, so that the prior decides part of every link's share: an estimate with a large "
-    "share of the prior is near the file because it started there, not because the data confirm it."
+    "the torque, so the prior determines how they are divided among links: an estimate with a "
+    "large share of the prior is near the file because it started there, not because the data "
+    "confirm it."
 )
 
 

@@ -14,7 +14,7 @@ from steelyard.report.html import rounded
 from steelyard.report.parts import unseen_samples
 from steelyard.report.sections.section import FigureSection, Numbers
 from steelyard.report.sections.tables import PlainTable, Row
-from steelyard.report.text.words import percent, significant
+from steelyard.report.text.words import NONE, percent, significant
 from steelyard.validation.torque_parts import TorqueParts
 
 if TYPE_CHECKING:
@@ -144,6 +144,8 @@ def _of_joint(parts: TorqueParts, j: int) -> dict[str, Binned]:
 
 def _caption(bins: dict[str, Binned]) -> str:
     """The quantity whose means carry most."""
+    if not any(len(one.centre) for one in bins.values()):
+        return "too few samples in motion"
     most = max(OVER, key=lambda over: bins[over].share)
     return f"most over {most}: {percent(100.0 * bins[most].share)}"
 
@@ -155,7 +157,9 @@ def _table(
     for j, (joint, bins) in enumerate(zip(joints, found, strict=True)):
         residual = _moving(parts, j)[1]
         rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else None
-        shares = (percent(100.0 * bins[over].share) for over in OVER)
+        shares = (
+            percent(100.0 * bins[over].share) if len(bins[over].centre) else NONE for over in OVER
+        )
         rows.append(Row((joint.name, significant(rms), joint.effort_unit, *shares)))
     headings = ("Joint", "Residual RMS", "Unit", *(f"Share by {over}" for over in OVER))
     return PlainTable("", "", headings, rows, (0, 2))

@@ -18,6 +18,7 @@ from steelyard.report.text.score_words import (
     both_words,
     coverage_words,
     rated_words,
+    reference_words,
     relative,
     relative_errors,
     scale_words,
@@ -155,7 +156,7 @@ def _facts(content: ReportContent) -> list[tuple[str, str]]:
         well = sum(row.status in ("identified", "small effect") for row in table)
         condition = significant(content.identified.estimate.condition_normalised, 2)
         left = sum(row.status not in ("removed", "known") for row in table)
-        facts.append((f"{well} of {left}", "base parameters are identified or of small effect"))
+        facts.append((f"{well} of {left}", "base parameters identified or of small effect"))
         facts.append((condition, "normalised condition number"))
     return facts
 
@@ -168,6 +169,7 @@ def _run(score: RunScore) -> dict[str, Any]:
         "band": score.errors.cutoff,
         "figures": _figures(score),
         "basis": basis_words([score]),
+        "raised": reference_words(score.errors.joints),
         "errors": [
             _error(joint)
             | {
@@ -260,7 +262,9 @@ def joints_table(score: RunScore, unseen: bool) -> RenderableType:
     for error, one in zip(errors, unscaled, strict=True):
         name = f"pooled, {error.unit}" if len(errors) > 1 else "pooled"
         _add(table, name, error, logged=one)
-    return Group(Text(f"{score.run}, {again if unseen else 'fitted'} ({basis})"), table)
+    title = Text(f"{score.run}, {again if unseen else 'fitted'} ({basis})")
+    raised = reference_words(score.errors.joints)
+    return Group(title, table, Text(f"of used: {raised}")) if raised else Group(title, table)
 
 
 def _add(
