@@ -163,15 +163,32 @@ def test_a_robot_mounted_sideways_is_found(
     )
 
 
-def test_a_wrong_transmission_leaves_the_robot_file_undecided(
-    tmp_path: Path, command: Command
-) -> None:
+@pytest.fixture
+def thinned(tmp_path: Path) -> Path:
+    """Every tenth row of the log of a TX40."""
     data = os.environ.get("STEELYARD_DATA")
     if not data:
         pytest.skip("STEELYARD_DATA names no folder with the robots' data")
     log = tmp_path / "thinned.parquet"
     pl.read_parquet(Path(data) / "tx40" / "tx40_run1.parquet")[::10].write_parquet(log)
-    right = Path(__file__).parents[2] / "examples" / "tx40.toml"
+    return log
+
+
+def test_reversed_gravity_is_found_beside_joints_that_nothing_explains(
+    thinned: Path, tmp_path: Path, command: Command
+) -> None:
+    text = (Path(__file__).parents[2] / "examples" / "tx40.toml").read_text("utf-8")
+    robot = tmp_path / "tx40.toml"
+    robot.write_text(text.replace("[robot]", "[robot]\ngravity = [0.0, 0.0, 9.81]", 1), "utf-8")
+    printed = json.loads(command("check", robot, thinned, "--quick", "--fix", "--json").stdout)
+    assert printed["severity"] == "wrong"
+    assert load_robot(tmp_path / "tx40-fixed.toml").robot.gravity.tolist() == [0.0, 0.0, -9.81]
+
+
+def test_a_wrong_transmission_leaves_the_robot_file_undecided(
+    thinned: Path, tmp_path: Path, command: Command
+) -> None:
+    log, right = thinned, Path(__file__).parents[2] / "examples" / "tx40.toml"
     done = command("check", right, log, "--quick")
     words = " ".join(done.stdout.split())
     assert done.exit_code == 0 and "Undecided" not in words

@@ -244,6 +244,16 @@ def test_gravity_declared_elsewhere_is_found_whatever_links_weigh(arm, gravity, 
     assert direction @ [0.0, 0.0, -1.0] / np.linalg.norm(direction) > np.cos(np.deg2rad(1.0))
 
 
+def test_reversed_gravity_is_found_beside_an_unknown_gain(arm):
+    gain, table = [*GAINS[:-1].tolist(), "identify"], arm.table.copy()
+    table[:, arm.at(TAU)] /= GAINS
+    text = edited(in_amperes(arm), [Edit(("signals", "effort", "gain"), gain)])
+    text = text.replace("[robot]", "[robot]\ngravity = [0.0, 0.0, 9.81]", 1)
+    found = arm.examined(table, text, known=False)
+    assert wrong(found) == ["mounting"]
+    assert edits(found)["robot.gravity"] == [0.0, 0.0, -9.81]
+
+
 @pytest.mark.parametrize(("factor", "mounted"), [(0.7, ""), (1.5, "\ngravity = [9.81, 0.0, 0.0]")])
 def test_efforts_in_kilonewtonmetres_are_a_unit_not_a_gain(arm, factor, mounted):
     nominal_times(arm, factor)

@@ -137,4 +137,7 @@ def _beside(path: Path) -> str:
     near, alike = names_beside(path)
     if near or alike:
         return advice(path.name, near or alike, "logs there")
-    return f"check the path: no file in '{path.parent}' has a similar name or ends in {path.suffix}"
+    if "*" in path.name or "?" in path.name:
+        return f"check the pattern: no file in '{path.parent}' matches it"
+    ending = f"ends in {path.suffix}" if path.suffix else "has no suffix either"
+    return f"check the path: no file in '{path.parent}' has a similar name or {ending}"

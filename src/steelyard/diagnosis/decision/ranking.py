@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
@@ -17,6 +18,7 @@ from steelyard.diagnosis.hypotheses.hypothesis import AS_DECLARED, Hypothesis, o
 from steelyard.diagnosis.hypotheses.mirrored import efforts_first
 from steelyard.diagnosis.knowledge import Knowledge, knowledge_of
 from steelyard.diagnosis.likelihood.excerpt import excerpt_of
+from steelyard.diagnosis.likelihood.interpretation import Interpretation
 from steelyard.diagnosis.likelihood.likelihood import Likelihood, likelihood_of
 from steelyard.diagnosis.signal_overview import once
 from steelyard.estimation.identified import IdentifiedModel
@@ -134,12 +136,31 @@ def _scales(case: Case, evidence: Evidence) -> Array | float:
 def _with_free_gains(likelihood: Likelihood) -> Likelihood:
     """The log with the gains at which the nominal bodies agree best.
 
-    All of them: where some are to be identified, those that are given may be up to one scale.
+    All of them: where some are to be identified, those that are given may be up to one scale. With
+    gravity in a wrong direction these gains hide it: if gravity along another axis agrees better
+    with the gains that are given, only those that are to be identified are free.
     """
     declared = likelihood.declared
-    sums = likelihood.sums([declared])
-    best = best_factors(likelihood, sums, list(declared.effort), declared.effort_scale)
-    return replace(likelihood, gains=likelihood.gains * best)
+    size, unknown = np.linalg.norm(declared.gravity), np.asarray(likelihood.signals.unknown_gains)
+    free = _with_best_gains(likelihood, declared, np.ones_like(unknown))
+    least = float(free.score(declared).log_likelihood[0]) + DECISIVE
+    for axis in (*np.eye(3), *-np.eye(3)):
+        turned = declared.changed(gravity=size * axis)
+        other = _with_best_gains(likelihood, turned, unknown)
+        agreement = float(other.score(turned).log_likelihood[0])
+        if agreement > least and not np.allclose(turned.gravity, declared.gravity):
+            free, least = other, agreement
+    return free
+
+
+def _with_best_gains(
+    likelihood: Likelihood, interpretation: Interpretation, which: NDArray[np.bool_]
+) -> Likelihood:
+    """The log with those gains of some joints at which an interpretation agrees best."""
+    sums = likelihood.sums([interpretation])
+    scale = interpretation.effort_scale
+    best = best_factors(likelihood, sums, list(interpretation.effort), scale)
+    return replace(likelihood, gains=likelihood.gains * np.where(which, best, 1.0))
 
 
 def _others(likelihood: Likelihood, reference: IdentifiedModel | None) -> tuple[Other, ...]:

@@ -40,6 +40,8 @@ POOR, ROUGH = 10.0, 25.0
 which they are proposed."""
 FAIR = 5.0
 """The same from which on other directions of gravity are tried."""
+ALIKE = 0.1
+"""Relative change of a joint's misfit up to which a direction of gravity does not concern it."""
 KILO = 2.5
 """Factor up to which links may differ from a model file's, and gains from the declared ones, for
 efforts to be in a unit that is a thousand times the declared one, or a thousandth of it."""
@@ -154,10 +156,22 @@ def _order_of(likelihood: Likelihood, interpretation: Interpretation) -> str:
     return f"the columns of positions are those of {_inverse(names, interpretation.position)}"
 
 
-def _worst(bodies: Possible) -> float:
-    """Misfit of the joint that bodies of the log's own fit least [%]."""
+def _worst(bodies: Possible, before: Possible | None = None) -> float:
+    """Misfit of the joint that bodies of the log's own fit least [%].
+
+    Of the joints whose misfit differs from the one before, if there is one.
+    """
     seen = bodies.score.counts > 0.0
+    if before is not None:
+        change = np.abs(bodies.score.misfits - before.score.misfits)
+        seen &= change > ALIKE * before.score.misfits
     return 100.0 * float(np.max(bodies.score.misfits[seen], initial=0.0))
+
+
+def _nominal_gain(likelihood: Likelihood, before: Interpretation, found: Hypothesis) -> float:
+    """Rise of the log-likelihood of the nominal model from one interpretation to another."""
+    then, now = (likelihood.score(x) for x in (before, found.interpretation))
+    return float(now.log_likelihood[0] - then.log_likelihood[0])
 
 
 def _only_factor(interpretation: Interpretation, hypothesis: Hypothesis) -> bool:
@@ -254,7 +268,10 @@ def _combined(
     best, bodies = found[0]
     if not better(bodies, now, best.cost):
         return ()
-    if bodies.percent > ROUGH or (FALL * bodies.percent > now.percent and _worst(bodies) > POOR):
+    worst = _worst(bodies)
+    if best.cause and _nominal_gain(likelihood, interpretation, best) > MARGIN:
+        worst = _worst(bodies, now)
+    if bodies.percent > ROUGH or (FALL * bodies.percent > now.percent and worst > POOR):
         return ()
     near = [r for r, _ in found[1:] if r.log_likelihood > best.log_likelihood - CLOSE]
     sure = not near and bodies.percent <= _enough(best)
