@@ -43,6 +43,11 @@ def identified(seed: int = 0) -> tuple[IdentifiedModel, Truth]:
     return model, truth
 
 
+def whole(run: Run) -> Run:
+    """With its rests: no samples around it."""
+    return replace(run, span=(-np.inf, np.inf))
+
+
 def scored(model: IdentifiedModel, run: Run, cutoff: float | None = None) -> RunScore:
     if cutoff is not None:
         model = replace(model, cutoffs=replace(model.cutoffs, score=cutoff))
@@ -93,7 +98,7 @@ def width(y: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 def test_its_width_is_that_of_the_filtered_columns() -> None:
     model, truth = identified()
-    run = run_of(truth, 300)
+    run = whole(run_of(truth, 300))
     names = model.base.base_names
     seen = [names.index(name) for name in model.estimate.parameters.names]
     y = filtered_columns(model, run)[:, :, seen]
@@ -156,7 +161,7 @@ def test_a_calibration_does_not_make_parameters_surer(factor: float, of_model: f
 
 def test_standard_parameters_bring_their_prior_into_the_band() -> None:
     model, truth = identified()
-    run = run_of(truth, 300)
+    run = whole(run_of(truth, 300))
     values = model.model.prior.values.values if model.model.prior else np.zeros(0)
     covariance = np.diag(np.square(0.1 * np.abs(values) + 0.01))
     known = StandardEstimate(

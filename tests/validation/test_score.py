@@ -9,6 +9,9 @@ from steelyard.motion import Motion
 from steelyard.validation.score import score
 from swinging import GAIN, MODEL, RATE, run_of, valued
 
+WIDE = 0.0225
+"""Half of the length of a jolt [s]."""
+
 
 def test_the_true_model_has_next_to_no_error() -> None:
     run = run_of(lambda motion: valued().torque(motion) / GAIN)
@@ -68,6 +71,24 @@ def test_the_score_begins_with_the_first_motion() -> None:
     run = run_of(lambda motion: valued().torque(motion) / GAIN, rest=4.0)
     found = score(valued(), run, np.array([GAIN]), 5.0)
     assert 4.0 <= found.traces.t[0] < 4.6
+
+
+def test_a_jolt_at_the_first_motion_is_low_passed_with_what_precedes_it() -> None:
+    """At the end of a signal the filter keeps its last value; here the log begins earlier."""
+    first = run_of(lambda motion: valued().torque(motion) / GAIN, rest=4.0).whole().t[0]
+
+    def jolted(motion: Motion) -> np.ndarray:
+        jolt = np.where(np.abs(motion.t[:, None] - first) < WIDE, -20.0, 0.0)
+        return valued().torque(motion) / GAIN + jolt
+
+    run = run_of(jolted, rest=4.0)
+    assert run.whole().t[0] == pytest.approx(first) and first > 4.0
+    found = score(valued(), run, np.array([GAIN]), 5.0)
+    assert found.traces.t[0] == pytest.approx(first)
+    error = (found.traces.measured - found.traces.predicted)[:, 0]
+    jolt = np.where(np.abs(np.arange(2001) - 1000) < WIDE * RATE, 20.0, 0.0)
+    low = sosfiltfilt(butter(4, 5.0, fs=RATE, output="sos"), jolt)
+    assert np.abs(error).max() == pytest.approx(low.max(), rel=0.05)
 
 
 def test_a_joint_without_effort_has_no_finite_relative_error() -> None:

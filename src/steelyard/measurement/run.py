@@ -199,8 +199,19 @@ class Run:
             vars(found)["_kept"] = tuple(replace(b, q=frozen(b.q + change)) for b in self._kept)
         return found
 
+    def around(self, context: float) -> "Run":
+        """The run with that much of its segments before its first and after its last motion [s]."""
+        if context not in self._around:
+            start, stop = self.span
+            self._around[context] = replace(self, span=(start - context, stop + context))
+        return self._around[context]
+
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name != "_kept"}
+        return {name: x for name, x in vars(self).items() if name not in ("_kept", "_around")}
+
+    @cached_property
+    def _around(self) -> "dict[float, Run]":
+        return {}
 
     @property
     def _short(self) -> bool:

@@ -16,7 +16,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.measurement.chunks import apply
-from steelyard.measurement.methods.lowpass import low_pass, require_fitting
+from steelyard.measurement.methods.lowpass import low_pass, require_fitting, settling
 from steelyard.measurement.run import Block, Run
 from steelyard.model import ValuedModel
 from steelyard.regression.gather import Mask, along
@@ -25,6 +25,9 @@ from steelyard.validation.headline import BandErrors, EffortReference, band_erro
 from steelyard.validation.torque_parts import MOST_KEPT, PARTS, TorqueParts, TorqueSplit
 from steelyard.validation.traces import MOST_DRAWN, Signals, Sure, Thinned, traces_of
 from steelyard.validation.traces import Traces as Traces
+
+_Part = tuple[tuple[Array, Mask, Array, Array], Array]
+"""Time, where each joint moves, positions and velocities, and efforts: measured, then predicted."""
 
 
 @dataclass(frozen=True)
@@ -156,7 +159,7 @@ def score(
     thinned, kept = Thinned(MOST_DRAWN), Thinned(MOST_KEPT)
     predictions = _predictions(models, split, gains)
     alone, band = _predictions((valued,), None, gains), band_of(reference, run.rate)
-    blocks = along(run.blocks(), valued.model)
+    blocks = along(_with_context(run, min(cutoff, band)).blocks(), valued.model)
     for _, of_segment in groupby(blocks, key=lambda block: block.segment):
         sure, known = None, np.empty((0, len(gains), 0))
         once, again, *beside = tee(of_segment, 2 if bands is None else 3)
@@ -166,13 +169,15 @@ def score(
         in_band = _filtered(again, alone, band, run.rate)
         for part, banded in zip_longest(own, in_band):
             if banded is not None:
-                fixed.add(_and_unscaled(banded[1], reference.scales), banded[0][1])
+                (t, moving, *_), efforts = _inside(run, banded)
+                fixed.add(_and_unscaled(efforts, reference.scales), moving)
             if part is None:
                 continue
-            (t, moving, q, dq), efforts = part
+            beside_them = known if sure is None else sure.next(len(part[0][0]))
+            beside_them = beside_them[..., _within(run, part[0][0])]
+            (t, moving, q, dq), efforts = _inside(run, part)
             compared = efforts[: 1 + len(models)]
             squares.add(compared, moving)
-            beside_them = known if sure is None else sure.next(len(t))
             thinned.add(t, moving, *compared[:2], beside_them)
             if split is not None:
                 kept.add(t, moving, q, dq, efforts[0], efforts[-len(PARTS) :])
@@ -260,10 +265,32 @@ def filtered_efforts(
     """
     require_fitting(cutoff, run.rate)
     predicted = _predictions((valued,), None, gains)
-    blocks = along(run.blocks(), valued.model)
+    blocks = along(_with_context(run, cutoff).blocks(), valued.model)
     for _, of_segment in groupby(blocks, key=lambda block: block.segment):
-        for (t, moving, _, _), efforts in _filtered(of_segment, predicted, cutoff, run.rate):
-            yield t, moving, efforts
+        for part in _filtered(of_segment, predicted, cutoff, run.rate):
+            (t, moving, _, _), efforts = _inside(run, part)
+            if len(t):
+                yield t, moving, efforts
+
+
+def _with_context(run: Run, cutoff: float) -> Run:
+    """The run with the rests around its motion: the filter knows what follows an abrupt stop."""
+    return run.around(settling(cutoff, run.rate) / run.rate)
+
+
+def _within(run: Run, t: Array) -> slice:
+    """Places of those of some samples that lie between the first and the last motion."""
+    start, stop = run.span
+    least = 1e-6 / run.rate
+    return slice(*np.searchsorted(t, (start - least, stop + least)))
+
+
+def _inside(run: Run, part: _Part) -> _Part:
+    """Samples of one segment, without those around the motion."""
+    signals, efforts = part
+    inside = _within(run, signals[0])
+    t, moving, q, dq = signals
+    return (t[inside], moving[:, inside], q[:, inside], dq[:, inside]), efforts[..., inside]
 
 
 def _predictions(
@@ -281,7 +308,7 @@ def _predictions(
 
 def _filtered(
     blocks: Iterable[Block], predicted: Callable[[Block], Array], cutoff: float, rate: float
-) -> Iterator[tuple[tuple[Array, Mask, Array, Array], Array]]:
+) -> Iterator[_Part]:
     """Samples of one segment in parts, with low-passed efforts.
 
     Yields:
