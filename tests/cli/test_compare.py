@@ -60,7 +60,7 @@ def test_a_single_log_is_divided(command) -> None:
     done = command("compare", ROBOT, LOG, "--json", "--estimators", *SOME)
     assert done.exit_code == 0, done.output
     found = json.loads(done.stdout)
-    assert found["left_out"] == "stretch" and len(found["parts"]) == 5
+    assert found["left_out"] == "segment" and len(found["parts"]) == 5
     assert found["parts"][0].endswith(" s") and found["output"] is None
     assert {one["estimator"] for one in found["estimators"]} == set(SOME)
     sound = [one for one in found["estimators"] if not one["failures"]]

@@ -131,7 +131,7 @@ def test_residuals_are_those_of_the_rows(run: Run) -> None:
 
 def test_too_short_a_run_says_so(run: Run) -> None:
     short = replace(run, span=(1.0, 1.05))
-    with pytest.raises(LogError, match="no stretch of the log is as long as its filter"):
+    with pytest.raises(LogError, match="no segment of the log is as long as its filter"):
         gather_samples(REGRESSOR, short)
 
 

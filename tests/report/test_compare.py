@@ -104,13 +104,13 @@ def test_without_a_comparison_there_is_no_section(usual: ReportContent) -> None:
 def test_nothing_came_through(usual: ReportContent) -> None:
     assert usual.comparison is not None
     none = Comparison(
-        usual.comparison.scores[-1:], ("a", "b", "c"), "stretch", ("shoulder", "elbow")
+        usual.comparison.scores[-1:], ("a", "b", "c"), "segment", ("shoulder", "elbow")
     )
     content = replace(usual, comparison=none)
     page = section(content)
     assert "No estimator succeeded" in page and 'class="picture"' not in page
     assert "No estimator succeeded" in printed(content)
-    assert "all but one stretch of the run" in printed(content)
+    assert "all but one segment of the run" in printed(content)
 
 
 def test_the_terminal_says_the_same(usual: ReportContent) -> None:

@@ -412,7 +412,7 @@ def test_stretches_of_one_run_are_named_by_their_time() -> None:
     run = swing("one", 30.0)
     regressor = base_regressor(Model(single()))
     parts = Parts.of([run], gather(regressor, run, longest=longest_window([run])))
-    assert parts.left_out == "stretch" and len(parts.names) == 5
+    assert parts.left_out == "segment" and len(parts.names) == 5
     starts = [float(name.split()[0]) for name in parts.names]
     np.testing.assert_allclose(np.diff(starts), (run.span[1] - run.span[0]) / 5.0, atol=0.1)
     assert sorted(k for part in parts.windows for k in part) == list(

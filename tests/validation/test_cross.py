@@ -161,7 +161,7 @@ def test_where_a_joint_moves_in_one_run_only_stretches_are_left_out() -> None:
     assert folding(both).left_out == "run"
     still = replace(both[1], quality=replace(both[1].quality, max_speed=np.array([0.01])))
     found = folding([both[0], still])
-    assert found.left_out == "stretch" and found.longest == longest_window([both[0]])
+    assert found.left_out == "segment" and found.longest == longest_window([both[0]])
     regressor = base_regressor(Model(single()))
     moving = gather(regressor, both[0], longest=found.longest)
     moving += gather(regressor, both[1], longest=found.longest)
@@ -177,7 +177,7 @@ def test_stretches_have_as_much_motion_each() -> None:
     run = swing("a", 40.0)
     moving = gather(base_regressor(Model(single())), run, longest=0.5)
     late = moving.of([k for k, w in enumerate(moving.windows) if w.start > 30.0])
-    parts = Folding("stretch", 0.5).parts(late)
+    parts = Folding("segment", 0.5).parts(late)
     counts = per_fold(late, parts).counts[:, 0]
     assert len(parts) == FOLDS and counts.max() < 1.7 * counts.min()
     early = per_fold(moving, parts)

@@ -43,7 +43,7 @@ class LeftOutGain:
         after: The same with it [%].
         confirmed: Whether it is reduced by more than is worth it, and than chance explains over
             parts.
-        left_out: What is left out in turn, `run` or `stretch`.
+        left_out: What is left out in turn, `run` or `segment`.
     """
 
     before: float
@@ -76,7 +76,7 @@ class Parts:
 
     Attributes:
         information: One window per part.
-        left_out: What a part is, `run` or `stretch`.
+        left_out: What a part is, `run` or `segment`.
         weights: One per effort row, those of the fit.
         per_run: Columns whose parameters every run has for itself.
     """

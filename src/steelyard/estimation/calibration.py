@@ -60,7 +60,7 @@ class Calibration:
         """What it rests on, for people to read."""
         if self.kind == "runs":
             return f"calibrated on {self.count} left-out runs"
-        return f"calibrated on {self.count} left-out stretches of one motion"
+        return f"calibrated on {self.count} left-out segments of one motion"
 
     def factor(self, speed: Array, moving: NDArray[np.bool_]) -> Array:
         """Half-width in standard deviations, shape `(n, B)`.

@@ -105,7 +105,7 @@ class GramPass:
         matched = self.accumulator.matched
         need = len(matched.taps) / self.run.rate if matched else 0.0
         return LogError(
-            f"no stretch of the log is as long as its filter ({need:.2f} s)",
+            f"no segment of the log is as long as its filter ({need:.2f} s)",
             where=self.run.name,
             fix="log for longer, or raise matched_cutoff in [processing] of the robot file",
         )

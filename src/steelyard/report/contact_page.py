@@ -260,7 +260,7 @@ def render_contact(content: ContactContent) -> str:
             Key("--vermillion", "contact", "line"),
         ],
         "groups": [Group([_figure(content, j) for j in range(len(content.joints))], columns="one")],
-        "note": f"At most {DRAWN} points a line: the largest residual of each stretch.",
+        "note": f"At most {DRAWN} points a line: the largest residual of each interval.",
     }
     limits = {**empty, "title": "Thresholds", "tables": [thresholds_table(content, relative=True)]}
     sections = [Shown("contacts", "Contacts", fill("figures.html", verdict))]

@@ -45,7 +45,7 @@ class Parts:
     """
 
     names: tuple[str, ...]
-    left_out: Literal["run", "stretch"]
+    left_out: Literal["run", "segment"]
     information: Information
     windows: tuple[tuple[int, ...], ...]
     others: Mapping[Needs, Chosen]
@@ -77,7 +77,7 @@ class Parts:
         several = len(runs) > 1
         return cls(
             tuple(run.name for run in runs) if several else _names(runs[0]),
-            "run" if several else "stretch",
+            "run" if several else "segment",
             information,
             windows,
             others or {},

@@ -187,7 +187,7 @@ class Comparison:
 
     scores: tuple[EstimatorScore, ...]
     parts: tuple[str, ...]
-    left_out: Literal["run", "stretch"]
+    left_out: Literal["run", "segment"]
     joints: tuple[str, ...]
     untried: tuple[str, ...] = ()
     lines: Mapping[str, str] = field(default_factory=dict)
@@ -205,7 +205,7 @@ class Comparison:
     @property
     def words(self) -> str:
         """What was compared, in one sentence."""
-        which = "run" if self.left_out == "run" else "stretch of the run"
+        which = "run" if self.left_out == "run" else "segment of the run"
         return (
             f"Each estimator is fitted to all but one {which} and predicts that one, for each of "
             f"the {len(self.parts)}."

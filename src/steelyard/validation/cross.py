@@ -54,7 +54,7 @@ class Folding:
         longest: Length of windows that parts can be made of [s].
     """
 
-    left_out: Literal["run", "stretch"]
+    left_out: Literal["run", "segment"]
     longest: float
 
     def parts(self, moving: Information) -> tuple[Fold, ...]:
@@ -88,7 +88,7 @@ def folding(runs: Sequence[Run]) -> Folding:
     once = ((speeds > STILL * speeds.max(axis=0)).sum(axis=0) == 1).any()
     if len(runs) > 1 and not once:
         return Folding("run", float("inf"))
-    return Folding("stretch", min(longest_window([run]) for run in runs))
+    return Folding("segment", min(longest_window([run]) for run in runs))
 
 
 def _edges(moving: Information, run: str) -> list[float]:

@@ -141,7 +141,7 @@ def residual_trace(
         found.append((t[at], low, slowest, fastest))
     if not sum(len(one[0]) for one in found):
         raise LogError(
-            "no stretch of the log is long enough for the residual's low-pass",
+            "no segment of the log is long enough for the residual's low-pass",
             where=run.name,
             fix="log for longer, or give a higher cut-off",
         )

@@ -68,7 +68,7 @@ def doctor(as_json: Json = False) -> None:
     else:
         table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
         for line in found:
-            words = Text(line.says)
+            words = Text(line.says, overflow="fold")
             if line.fix:
                 words.append(f"\n{line.fix}", "cyan")
             table.add_row(Text(*line.mark), line.name, words)

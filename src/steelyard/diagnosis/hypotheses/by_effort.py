@@ -21,6 +21,8 @@ LEAST_GAIN = 5e-4
 """Least factor by which a gain may be wrong."""
 LARGEST_GAIN = 2000.0
 GRID = 151
+FAR = 3.0
+"""Factor on a gain from which on it is named."""
 OTHER, WORSE = 1.4, 1.3
 """A gain is identifiable if gains off by the first factor have a misfit larger by the second."""
 
@@ -78,8 +80,15 @@ def effort_hypotheses(
     blind = ", ".join(
         f"'{name}'" for name, known in zip(names, identifiable[0], strict=True) if not known
     )
-    own = "every joint has its own gain" + (f", those of {blind} poorly identified" * bool(blind))
-    every = {own: np.where(identifiable[1], best, 1.0)}
+    factors = np.where(identifiable[1], best, 1.0)
+    far = ", ".join(
+        f"'{name}' times {factor:.3g}"
+        for name, factor, known in zip(names, factors, identifiable[0], strict=True)
+        if known and abs(np.log(factor)) > np.log(FAR)
+    )
+    own = "every joint has its own gain" + (f": effort of {far}" if far else "")
+    own += f"; those of {blind} are poorly identified" if blind else ""
+    every = {own: factors}
     kind = "gain" if "A" in likelihood.signals.effort_units else "effort kind"
     changed = interpretation if kind == "gain" else interpretation.changed(kind="motor_current")
     yield from _factors(likelihood, changed, sums, every, kind, n * OWN, tuple(range(n)))

@@ -188,8 +188,9 @@ def _reasons(case: Case, evidence: Evidence, units: Reading, joint: int, off: Ar
     if off[joint] > OUTSIDE:
         found.append(f"reach {off[joint]:.2g} times its limits")
     if speed > 0.0:
-        known = f" (limit {limit:.2g})" if np.isfinite(limit) else ""
-        found.append(f"move at {speed:.2g}{known}")
+        unit = f"{case.loaded.robot.coordinates[joint].unit}/s"
+        known = f" (limit {limit:.2g} {unit})" if np.isfinite(limit) else ""
+        found.append(f"move at {speed:.2g} {unit}{known}")
     if units.agreement is not None and units.agreement.reliable_joints[joint]:
         scale = abs(float(units.agreement.scale[joint]))
         if abs(np.log(scale)) > np.log(SAME):
@@ -211,6 +212,8 @@ def _facts(case: Case, evidence: Evidence) -> str:
 
 def _value_text(case: Case, off: Array) -> str:
     far = int(np.argmax(off))
+    if off[far] <= OUTSIDE:
+        return "every joint stays within its limits"
     return (
         f"{case.joints[far]} reaches {off[far]:.3g} times its limits, from the middle of its "
         f"range, at most {OUTSIDE:g} times allowed"

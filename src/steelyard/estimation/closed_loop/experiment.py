@@ -148,7 +148,7 @@ class Experiment:
         parts = tuple(part for of_run in stretches for part in of_run)
         if not parts:
             raise DataError(
-                f"no stretch without gaps is as long as {_SHORTEST:g} s",
+                f"no segment without gaps is as long as {_SHORTEST:g} s",
                 where=", ".join(run.name for run in runs),
                 fix="log for longer",
             )

@@ -215,7 +215,8 @@ def scale_words(identified: IdentifiedModel | None, scores: Sequence[RunScore]) 
     listed = identified.effort_scales.words
     return (
         f"efforts divided by the estimated scale: {listed}; as logged: not divided by it. torque() "
-        "of the model predicts the divided efforts, effort() the logged ones"
+        "of the model predicts the divided efforts, effort() the logged ones; without scales: "
+        'effort_scales = "off" in [estimation]'
     )
 
 

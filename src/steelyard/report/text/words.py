@@ -27,11 +27,15 @@ SEAM = re.compile(r"(?<=_)|(?<=[A-Za-z]\.)(?=[A-Za-z])")
 """Where a long name may be broken."""
 
 
+TINY = 1e-13
+"""Size up to which a number is the rounding of a zero, whatever its unit."""
+
+
 def significant(value: float | None, digits: int = 3) -> str:
     """A number with so many significant digits, never in the form `1e+03` below a million."""
     if value is None or not isfinite(value):
         return NONE if value is None or value != value else "inf" if value > 0 else "-inf"
-    if value == 0.0:
+    if abs(value) < TINY:
         return "0"
     if not 1e-4 <= abs(value) < 1e6:
         return f"{value:.{digits - 1}e}"

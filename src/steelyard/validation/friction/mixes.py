@@ -59,7 +59,7 @@ SPRINGS: tuple[tuple[Term, ...], ...] = ((), (Spring(),))
 
 
 def stages_of(
-    model: Model, kind: EffortKind, left_out: Literal["run", "stretch"]
+    model: Model, kind: EffortKind, left_out: Literal["run", "segment"]
 ) -> tuple[tuple[tuple[Term, ...], ...], ...]:
     """The candidates for a model, stage by stage.
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
 
-ASSUMED = "assumed: mean of the others"
+ASSUMED = "assumed: geometric mean of the others"
 """Origin of a gain that the data do not identify."""
 
 

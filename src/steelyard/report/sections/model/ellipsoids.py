@@ -24,6 +24,9 @@ from steelyard.robot.robot import Robot
 MERIDIANS, RINGS = 16, 9
 """Of the surface of an ellipsoid."""
 
+MARGIN = 0.05
+"""Space around the robot, relative to its greatest extent."""
+
 CIRCLE = 25
 """Points of a circle around an ellipsoid."""
 
@@ -101,18 +104,35 @@ def _figure(robot: Robot, links: Sequence[Solid], joints: Array) -> Figure:
     traces += [_centres("identified centres", [(x.name, x.inertia) for x in links], place, True)]
     if before:
         traces += [_wires(before, place), _centres("centres in the file", before, place, False)]
-    axes = {
-        f"{axis}axis": {"title": {"text": f"{axis} [m]"}, "backgroundcolor": "--ground"}
-        for axis in AXES
-    }
-    camera = {"eye": {"x": 1.6, "y": -1.7, "z": 0.9}, "center": {"x": 0.0, "y": 0.0, "z": -0.1}}
+    camera = {"eye": {"x": 1.15, "y": -1.25, "z": 0.6}, "center": {"x": 0.0, "y": 0.0, "z": -0.1}}
     layout = {
-        "scene": {**axes, "aspectmode": "data", "camera": camera},
+        "scene": {**_axes(_extent(sticks(robot, joints), links, place)), "camera": camera},
         "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
         "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom"},
     }
     label = "The robot in space with an ellipsoid for each link, identified and in the model file"
     return Figure("", label, "", "", traces, layout, height=560)
+
+
+def _extent(arm: Array, links: Sequence[Solid], place: Place) -> Array:
+    """The least and the greatest coordinates of arm and ellipsoids, with a margin, `(2, 3)` [m]."""
+    unit, _ = _sphere()
+    solid = [_moved(link.name, link.inertia, unit, place) for link in links]
+    points = np.concatenate([arm, *solid])
+    low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
+    margin = MARGIN * float(np.max(high - low))
+    return np.array([low - margin, high + margin])
+
+
+def _axes(extent: Array) -> dict[str, Any]:
+    """Axes of equal scale, the longest of length 1: slender arms are in view as a whole."""
+    size = extent[1] - extent[0]
+    found: dict[str, Any] = {"aspectmode": "manual"}
+    found["aspectratio"] = dict(zip(AXES, (size / size.max()).tolist(), strict=True))
+    for axis, bounds in zip(AXES, extent.T.tolist(), strict=True):
+        title = {"text": f"{axis} [m]"}
+        found[f"{axis}axis"] = {"title": title, "backgroundcolor": "--ground", "range": bounds}
+    return found
 
 
 Place = dict[str, tuple[Array, Array]]
