@@ -1,9 +1,7 @@
 """A run: clean motion and effort on a uniform clock, read by parts."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,6 +112,22 @@ class RunData:
         return self.motion.t
 
 
+class Kept:
+    """Blocks of a short run that stay in memory, for itself and for runs of another span.
+
+    Attributes:
+        source: What they were made from; empty before the first pass.
+        blocks: The number of each block's first sample in its segment, and the block.
+    """
+
+    def __init__(self) -> None:
+        self.source: tuple[object, ...] = ()
+        self.blocks: tuple[tuple[int, Block], ...] = ()
+
+    def __reduce__(self) -> tuple[type["Kept"], tuple[()]]:
+        return Kept, ()  # another process reads the log itself
+
+
 @dataclass(frozen=True, eq=False)
 class Run:
     """A recording, cleaned when it is read: passes over long logs read anew, in constant memory.
@@ -127,6 +141,7 @@ class Run:
         span: Times of the first and last motion of any joint, from the log's start [s].
         quality: What was found in the log.
         importance: Weights of efforts over time, of a mean over repetitions.
+        kept: Motion and efforts of a short run, for the next pass.
 
     Example:
         >>> (run,) = load_runs("arm.toml", "fit.csv")
@@ -142,6 +157,7 @@ class Run:
     span: tuple[float, float]
     quality: Quality
     importance: Importance | None = None
+    kept: Kept = field(default_factory=Kept)
 
     def __repr__(self) -> str:
         joints = self.recording.channels.joints
@@ -179,11 +195,17 @@ class Run:
         return sum(max(0, b - a) for a, b in map(self._range, self.segments))
 
     def blocks(self, size: int = BLOCK) -> Iterator[Block]:
-        """Samples from first to last motion, in blocks of at most `size`; can be begun anew.
-
-        Those of a short run stay in memory.
-        """
-        yield from self._kept if size == BLOCK and self._short else self._read(size)
+        """Samples from first to last motion, in blocks of at most `size`; can be begun anew."""
+        if not self._short:
+            yield from self._read(size)
+            return
+        segments = {s.number: s for s in self.segments}
+        for start, block in self._whole():
+            first, last = self._range(segments[block.segment])
+            begin, end = max(0, first - start), min(len(block.t), last - start)
+            for at in range(begin, end, size):
+                stop = min(at + size, end)
+                yield block if (at, stop) == (0, len(block.t)) else block.part(at, stop)
 
     def displaced(self, offsets: Array) -> "Run":
         """The run with positions that far from those of the log, shape `(n,)` [rad; m]."""
@@ -193,34 +215,45 @@ class Run:
             position_offset=frozen(offsets),
             unknown_offsets=(False,) * len(offsets),
         )
-        found = replace(self, recording=replace(self.recording, signals=signals))
+        found = replace(self, recording=replace(self.recording, signals=signals), kept=Kept())
         if self._short:
             change = (offsets if given is None else offsets - given)[:, None]
-            vars(found)["_kept"] = tuple(replace(b, q=frozen(b.q + change)) for b in self._kept)
+            whole = [(at, replace(b, q=frozen(b.q + change))) for at, b in self._whole()]
+            found.kept.blocks, found.kept.source = tuple(whole), found._source
         return found
 
     def around(self, context: float) -> "Run":
         """The run with that much of its segments before its first and after its last motion [s]."""
-        if context not in self._around:
-            start, stop = self.span
-            self._around[context] = replace(self, span=(start - context, stop + context))
-        return self._around[context]
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: x for name, x in vars(self).items() if name not in ("_kept", "_around")}
-
-    @cached_property
-    def _around(self) -> "dict[float, Run]":
-        return {}
+        start, stop = self.span
+        return replace(self, span=(start - context, stop + context))
 
     @property
     def _short(self) -> bool:
-        """Whether motion and efforts stay in memory."""
-        return 4 * self.recording.channels.joints * self.n_samples <= KEPT
+        """Whether motion and efforts of all segments stay in memory."""
+        samples = sum(segment.samples for segment in self.segments)
+        return 4 * self.recording.channels.joints * samples <= KEPT
 
-    @cached_property
-    def _kept(self) -> tuple[Block, ...]:
-        return tuple(self._read(BLOCK))
+    @property
+    def _source(self) -> tuple[object, ...]:
+        """What blocks are made from, but for the span."""
+        return self.recording, self.chain, self.segments, self.rest_speed, self.importance
+
+    def _whole(self) -> tuple[tuple[int, Block], ...]:
+        """All samples of all segments, with the number of each block's first one."""
+        kept, source = self.kept, self._source
+        if len(kept.source) != len(source) or any(
+            one is not other for one, other in zip(kept.source, source, strict=True)
+        ):
+            numbered, number, segment = [], 0, None
+            for block in replace(self, span=(-np.inf, np.inf), kept=Kept())._read(BLOCK):
+                if block.segment != segment:
+                    segment = block.segment
+                    mine = next(s for s in self.segments if s.number == segment)
+                    number = round((float(block.t[0]) - mine.start) * self.rate)
+                numbered.append((number, block))
+                number += len(block.t)
+            kept.blocks, kept.source = tuple(numbered), source
+        return kept.blocks
 
     def _read(self, size: int) -> Iterator[Block]:
         segments = {s.number: s for s in self.segments}
