@@ -52,8 +52,8 @@ def test_what_is_kept_is_of_its_own_log(monkeypatch: pytest.MonkeyPatch) -> None
     assert_alike(Block.joined(list(moved.blocks())), read_anew(moved, monkeypatch))
     again = moved.displaced(np.array([-0.2]))
     assert_alike(Block.joined(list(again.blocks())), read_anew(again, monkeypatch))
-    slower = replace(run, chain=replace(run.chain, motion_cutoff=2.0))
-    assert_alike(Block.joined(list(slower.blocks())), read_anew(slower, monkeypatch))
+    still = replace(run, rest_speed=np.array([1e9]))
+    assert not Block.joined(list(still.blocks())).moving.any()
     assert_alike(Block.joined(list(run.blocks())), read_anew(run, monkeypatch))
 
 
