@@ -71,6 +71,15 @@ def test_efforts_are_not_judged_by_a_wrong_clock_or_positions_in_another_unit(
     assert not {f["check"] for f in printed["findings"]} & {check.name for check in OF_MOTION}
 
 
+def test_a_corrected_clock_is_that_of_the_proposed_cut(
+    simulated: tuple[Path, Path], given: Path, command: Command, tmp_path: Path
+) -> None:
+    line = ('"time_s"', '"time_s"\ntime_unit = "ms"')
+    done = command("check", edited(given, tmp_path, line, *CURRENTS), simulated[1], "--fix")
+    (cut,) = re.findall(r"--validate \S+@([\d.]+):", done.stdout.replace("\n", " "))
+    assert 0.5 < float(cut) < 100.0
+
+
 def test_currents_beside_a_model_file_need_a_robot_file(
     simulated: tuple[Path, Path], given: Path, command: Command, tmp_path: Path
 ) -> None:

@@ -109,6 +109,13 @@ def test_scales_of_efforts_are_kept(identified: IdentifiedModel, tmp_path: Path)
     assert steelyard.load_model(path).effort_scales is None
 
 
+def test_a_robot_file_is_named_as_one(tmp_path: Path) -> None:
+    path = tmp_path / "arm.toml"
+    path.write_text('[robot]\nurdf = "arm.urdf"\n')
+    with pytest.raises(ModelError, match="the file is a robot file, not an identified model"):
+        steelyard.load_model(path)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

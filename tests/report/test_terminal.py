@@ -10,6 +10,7 @@ from rich.console import Console
 from report.inspected import contact_content, payload_events
 from steelyard.application.watch.records import summary_record
 from steelyard.application.watch.watcher import StreamSummary
+from steelyard.diagnosis.finding import Finding, Severity
 from steelyard.estimation.known_scales import KnownScales
 from steelyard.report import ReportContent, parameters_csv, render, summary
 from steelyard.report.contact_page import contact_lines
@@ -69,6 +70,15 @@ def test_good_says_for_how_many_joints_and_needs_half_of_them(usual):
     assert judged(shoulder, light, light).line.startswith("FAIR: Predicts")
     resting = replace(light, counted=False)
     assert judged(shoulder, elbow, light, resting).scope == "2 of 3 joints"
+
+
+def test_a_level_that_remarks_lower_says_so(usual):
+    plain = verdict(replace(usual, limitations=()))
+    doubt = Finding("residuals", "", Severity.DOUBTFUL, "residuals", "")
+    limited = verdict(replace(usual, limitations=(doubt,)))
+    assert (plain.level, limited.level) == ("good", "fair")
+    assert limited.detail.endswith("GOOD by this error, FAIR because of the remarks.")
+    assert "because of the remarks" not in plain.detail
 
 
 def test_scales_of_the_efforts_stand_under_the_table(usual):

@@ -63,7 +63,7 @@ def coupling_of(moving: Sequence[Coordinate], ask: Ask) -> tuple[tuple[int, int,
     """Motors that turn with a second joint: motor and joint by number, and ratio; none if none."""
     question = (
         "Motors that turn with a second joint, as MOTOR,JOINT,RATIO, the motor by the joint that "
-        f"it drives ({moving[-1].name},{moving[0].name},32), separated by spaces"
+        f"it drives ({moving[-1].name},{moving[-2:][0].name},32), separated by spaces"
     )
 
     def read(text: str) -> tuple[tuple[int, int, float], ...]:

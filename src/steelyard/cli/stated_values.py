@@ -80,7 +80,8 @@ def coupled(text: str, moving: Sequence[Coordinate], where: str) -> tuple[int, i
         raise ModelError(
             f"'{text}' is not MOTOR,JOINT,RATIO",
             where=where,
-            fix=f"write the motor by the joint that it drives, such as {names[-1]},{names[0]},32",
+            fix="write the motor by the joint that it drives, such as "
+            f"{names[-1]},{names[-2:][0]},32",
         )
     for name in words[:2]:
         if name not in names:

@@ -418,7 +418,8 @@ def load_model(path: str | Path | IdentifiedModel) -> IdentifiedModel:
             fix=_beside(Path(path)) or fix,
         ) from None
     except ValueError:
-        raise ModelError("the file is not JSON", where=str(file), fix=fix) from None
+        wrong = "a robot file, not an identified model" if file.suffix == ".toml" else "not JSON"
+        raise ModelError(f"the file is {wrong}", where=str(file), fix=fix) from None
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:
         raise ModelError("the file is not an identified model", where=str(file), fix=fix)
     if data.get("schema_version") != SCHEMA_VERSION:

@@ -1,5 +1,6 @@
 """Robot files: a model in any format, and with TOML all that a model file cannot say."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -42,6 +43,8 @@ from steelyard.robot_file.transmission import build_transmission
 from steelyard.suggest import advice
 
 STANDARD_GRAVITY = 9.81
+LEAST_GRAVITY, LARGEST_GRAVITY = 1.0, 30.0
+"""Sizes of gravity [m/s²] between which it may be that of a planet or a moon."""
 
 
 @checked_arguments()
@@ -257,7 +260,7 @@ def _limits(name: str, mechanism: Mechanism, section: RobotSection, places: Plac
 def _gravity(section: RobotSection, places: Places) -> Array | None:
     """Gravity in the base frame, if the file says anything about it."""
     if section.mounting is None:
-        return None if section.gravity is None else np.array(section.gravity)
+        return None if section.gravity is None else _of_a_planet(section.gravity, places)
     if section.gravity is not None:
         raise ModelError(
             "gravity and mounting are both given",
@@ -267,6 +270,19 @@ def _gravity(section: RobotSection, places: Places) -> Array | None:
     mounting = section.mounting
     rotation = rpy_rotation(*np.deg2rad([mounting.roll, mounting.pitch, mounting.yaw]))
     return frozen(clean_rotation(rotation)[2] * -STANDARD_GRAVITY + 0.0)
+
+
+def _of_a_planet(gravity: Sequence[float], places: Places) -> Array:
+    """The vector, unless its size shows another unit."""
+    size = float(np.linalg.norm(gravity))
+    if size > 0.0 and not LEAST_GRAVITY <= size <= LARGEST_GRAVITY:
+        raise ModelError(
+            f"gravity has a size of {size:.4g} m/s²",
+            where=places.where("robot", "gravity"),
+            fix="give it in m/s² along the axes of the base frame, such as [0.0, 0.0, -9.81]; "
+            "[0.0, 0.0, 0.0] for none",
+        )
+    return np.array(gravity)
 
 
 def _terms(file: RobotFile, places: Places) -> tuple[TermSpec, ...] | None:

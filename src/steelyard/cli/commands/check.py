@@ -113,8 +113,10 @@ def check(
         found.show(console, verbose)
         given, gains = Parted(tuple(logs)), True
         if not (model or found.last.severity):
+            changed = found.fixed is not None and found.fixed.changes
+            read = found.fixed.subject.path if found.fixed is not None and changed else robot
             try:
-                given = parted(load_robot(robot, base=fixed_base), logs)
+                given = parted(load_robot(read, base=fixed_base), logs)
             except ModelError:  # a model file and currents: no drive gains, as columns are guessed
                 gains = False
         named = [] if model else [robot, *given.logs]

@@ -136,7 +136,10 @@ def verdict(content: ReportContent) -> Verdict:
         for f in content.limitations
     )
     levels = (plain.level, *(LIMITED[f.severity.word] for f in content.limitations if f.severity))
-    return replace(plain, level=max(levels, key=SEVERITY.index), limitations=found)
+    level, detail = max(levels, key=SEVERITY.index), plain.detail
+    if level != plain.level != "none":
+        detail += f" {plain.level.upper()} by this error, {level.upper()} because of the remarks."
+    return replace(plain, level=level, detail=detail, limitations=found)
 
 
 def exit_code(content: ReportContent) -> int:

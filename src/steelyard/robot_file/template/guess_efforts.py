@@ -16,7 +16,8 @@ TORQUE = (
 )
 BEHIND = (
     "torque of sensors on the link side of the gears, by the names of robot and joints ({}): it "
-    "contains no rotor inertia and no gear friction. If it is computed from motor currents, set "
+    "contains no rotor inertia, and little friction of gears. If it is computed from motor "
+    "currents, set "
     'kind = "joint_torque" and add "rotor_inertia" to [model] terms'
 )
 """Why efforts of a known robot are those of sensors on the link side."""
