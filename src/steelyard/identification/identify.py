@@ -29,7 +29,13 @@ from steelyard.identification.descriptions import (
     settings,
 )
 from steelyard.identification.fitting.bootstrap import drawn_again
-from steelyard.identification.fitting.fitting import Fit, Payload, calibrated, fit
+from steelyard.identification.fitting.fitting import (
+    Fit,
+    Payload,
+    calibrated,
+    fit,
+    with_signals,
+)
 from steelyard.identification.fitting.repeated import Repeated, of_each_log
 from steelyard.identification.fitting.sensitivity import varied
 from steelyard.identification.logs import (
@@ -226,6 +232,12 @@ def identify(
     if check:
         refuse_absurd(found.identified, file.reference)
     found = calibrated(found, cores, progress)
+    plain = found.unscaled
+    unscaled = (
+        ()
+        if plain is None or commanded
+        else scored(plain, [with_signals(run, plain.signals) for run in unseen], progress)
+    )
     unseen = tuple(found.alike(run) for run in unseen)
     open_loops = dropped(model, (*clean, *unseen))
     details = (*notes_of((*clean, *unseen)), *found.notes, *open_loops[1:])
@@ -238,6 +250,7 @@ def identify(
         content,
         notes=notes,
         details=details,
+        unscaled=unscaled,
         logs={run.name: log.text for run, log in zip((*clean, *unseen), files, strict=True)},
     )
     content = replace(content, diagnosis=found_out)

@@ -65,6 +65,8 @@ class ReportContent:
         logs: The log of each run, as it was given.
         files: What was written beside the page, and the files' names.
         only_errors: Whether the model's errors on logs are reported, and not its fit.
+        unscaled: Scores on the same runs of the model without scales of the efforts, where they
+            were estimated.
     """
 
     title: str
@@ -97,3 +99,4 @@ class ReportContent:
     logs: Mapping[str, str] = field(default_factory=dict)
     files: Rows = ()
     only_errors: bool = False
+    unscaled: tuple[RunScore, ...] = ()

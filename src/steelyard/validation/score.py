@@ -16,7 +16,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import DataError
 from steelyard.measurement.chunks import apply
-from steelyard.measurement.methods.lowpass import low_pass, require_fitting, settling
+from steelyard.measurement.methods.lowpass import low_pass, require_fitting
 from steelyard.measurement.run import Block, Run
 from steelyard.model import ValuedModel
 from steelyard.regression.gather import Mask, along
@@ -25,6 +25,10 @@ from steelyard.validation.headline import BandErrors, EffortReference, band_erro
 from steelyard.validation.torque_parts import MOST_KEPT, PARTS, TorqueParts, TorqueSplit
 from steelyard.validation.traces import MOST_DRAWN, Signals, Sure, Thinned, traces_of
 from steelyard.validation.traces import Traces as Traces
+
+CONTEXT = 6.0
+"""Of the rests before and after a motion that belong to its filters and to friction with memory
+[s]: with them an abrupt stop is low-passed with what follows it."""
 
 _Part = tuple[tuple[Array, Mask, Array, Array], Array]
 """Time, where each joint moves, positions and velocities, and efforts: measured, then predicted."""
@@ -159,7 +163,7 @@ def score(
     thinned, kept = Thinned(MOST_DRAWN), Thinned(MOST_KEPT)
     predictions = _predictions(models, split, gains)
     alone, band = _predictions((valued,), None, gains), band_of(reference, run.rate)
-    blocks = along(_with_context(run, min(cutoff, band)).blocks(), valued.model)
+    blocks = along(run.around(CONTEXT).blocks(), valued.model)
     for _, of_segment in groupby(blocks, key=lambda block: block.segment):
         sure, known = None, np.empty((0, len(gains), 0))
         once, again, *beside = tee(of_segment, 2 if bands is None else 3)
@@ -265,17 +269,12 @@ def filtered_efforts(
     """
     require_fitting(cutoff, run.rate)
     predicted = _predictions((valued,), None, gains)
-    blocks = along(_with_context(run, cutoff).blocks(), valued.model)
+    blocks = along(run.around(CONTEXT).blocks(), valued.model)
     for _, of_segment in groupby(blocks, key=lambda block: block.segment):
         for part in _filtered(of_segment, predicted, cutoff, run.rate):
             (t, moving, _, _), efforts = _inside(run, part)
             if len(t):
                 yield t, moving, efforts
-
-
-def _with_context(run: Run, cutoff: float) -> Run:
-    """The run with the rests around its motion: the filter knows what follows an abrupt stop."""
-    return run.around(settling(cutoff, run.rate) / run.rate)
 
 
 def _within(run: Run, t: Array) -> slice:

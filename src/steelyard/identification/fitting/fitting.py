@@ -43,6 +43,7 @@ from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot_file.file import LoadedRobot
 from steelyard.robot_file.sections import EstimationSection, PriorSection
+from steelyard.robot_file.signals import Signals
 from steelyard.terms.laws.rigid_body import RigidBody
 from steelyard.validation.calibrate import calibrate
 from steelyard.validation.effort_scales import EffortScales, effort_scales
@@ -69,6 +70,7 @@ class Fit:
         information: What the runs say about the model's columns.
         method: The estimator.
         estimating: Makes it for these runs, or for others of the same model.
+        unscaled: The model with all scales of the efforts 1, where some were estimated.
     """
 
     identified: IdentifiedModel
@@ -83,6 +85,7 @@ class Fit:
     information: Information
     method: Offer
     estimating: EstimatorOf
+    unscaled: IdentifiedModel | None = None
 
     @cached_property
     def estimator(self) -> Estimator[Information]:
@@ -91,7 +94,12 @@ class Fit:
 
     def alike(self, run: Run) -> Run:
         """Another run, with its joint positions and efforts read as those of the fitted ones."""
-        return replace(run, recording=replace(run.recording, signals=self.identified.signals))
+        return with_signals(run, self.identified.signals)
+
+
+def with_signals(run: Run, signals: Signals) -> Run:
+    """The run, its log read by other signals."""
+    return replace(run, recording=replace(run.recording, signals=signals))
 
 
 def fit(
@@ -149,6 +157,7 @@ def fit(
         refused, scales, estimating = NO_SCALES.format(len(zero), every), None, from_runs
         runs, information = declared
         estimate = estimating(runs, information)(information)
+    plain_estimate = None if scales is None else from_runs(*declared)(declared[1])
     beside = offer_of(other, "").make(context) if method.name == plain else least_squares
     reference = beside(information)
     ignored = (*_unused(loaded_robot, method, why, context), *_in_vain(loaded_robot, unscaled))
@@ -177,6 +186,14 @@ def fit(
         provenance=replace(origin, notes=(*origin.notes, *notes, *ignored)),
         effort_scales=None if scales is None else scales.known,
     )
+    plain_model = None
+    if plain_estimate is not None:
+        plain_model = replace(
+            identified,
+            estimate=plain_estimate,
+            signals=declared[0][0].recording.signals,
+            effort_scales=None,
+        )
     return Fit(
         identified,
         tuple(runs),
@@ -190,6 +207,7 @@ def fit(
         information,
         method,
         estimating,
+        plain_model,
     )
 
 

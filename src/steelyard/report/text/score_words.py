@@ -208,15 +208,30 @@ def coverage_words(inside: float, unseen: bool) -> str:
     return f"{percent(inside)} of this log inside{less}"
 
 
-def scale_words(identified: IdentifiedModel | None, scores: Sequence[RunScore]) -> str:
-    """By what measured efforts are divided before they are compared; empty without scales."""
+def scale_words(
+    identified: IdentifiedModel | None,
+    scores: Sequence[RunScore],
+    unscaled: Sequence[RunScore] = (),
+) -> str:
+    """By what measured efforts are divided before they are compared; empty without scales.
+
+    Args:
+        identified: The model.
+        scores: Its scores.
+        unscaled: Those of the model without scales on the same runs, if they are known.
+    """
     if identified is None or identified.effort_scales is None or not scores:
         return ""
     listed = identified.effort_scales.words
+    without = ""
+    if unscaled:
+        pairs = list(zip(unscaled, scores, strict=True))
+        fresh = [one for one, score in pairs if not score.repeats] or unscaled
+        without = f": {error_words(pooled(one.errors for one in fresh))}"
     return (
         f"efforts divided by the estimated scale: {listed}; as logged: not divided by it. torque() "
-        "of the model predicts the divided efforts, effort() the logged ones; without scales: "
-        'effort_scales = "off" in [estimation]'
+        "of the model predicts the divided efforts, effort() the logged ones. Without scales "
+        f'(effort_scales = "off" in [estimation]){without}'
     )
 
 

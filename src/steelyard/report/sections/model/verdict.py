@@ -62,7 +62,9 @@ class VerdictSection(Section):
             "repeated": [_run(score) for score in content.scores if score.repeats],
             "fitted": [_run(score) for score in content.fitted],
             "scaled": any(run.errors.as_logged for run in (*content.scores, *content.fitted)),
-            "scales": scale_words(content.identified, content.scores or content.fitted),
+            "scales": scale_words(
+                content.identified, content.scores or content.fitted, content.unscaled
+            ),
             "good": GOOD,
             "fair": FAIR,
             "most_others": MOST_OTHERS,
@@ -77,6 +79,7 @@ class VerdictSection(Section):
         return {
             "verdict": verdict(content).to_dict(),
             "validation": [score.to_dict() for score in content.scores],
+            "validation_without_scales": [score.to_dict() for score in content.unscaled],
             "identification": [score.to_dict() | {"motion": "fitted"} for score in content.fitted],
             "limitations": [finding_dict(finding) for finding in content.limitations],
             "notes": [*content.notes, *content.details],
@@ -96,7 +99,8 @@ class VerdictSection(Section):
         scores = content.scores or content.fitted
         if not scores:
             return
-        several, scales = len(scores) > 1, scale_words(content.identified, scores)
+        several = len(scores) > 1
+        scales = scale_words(content.identified, scores, content.unscaled)
         shown = (
             _runs_table(scores, bool(content.scores))
             if several
