@@ -244,14 +244,42 @@ def test_gravity_declared_elsewhere_is_found_whatever_links_weigh(arm, gravity, 
     assert direction @ [0.0, 0.0, -1.0] / np.linalg.norm(direction) > np.cos(np.deg2rad(1.0))
 
 
-def test_reversed_gravity_is_found_beside_an_unknown_gain(arm):
-    gain, table = [*GAINS[:-1].tolist(), "identify"], arm.table.copy()
+def with_one_unknown_gain(arm, gains=GAINS):
+    """The text of the robot file and a log in amperes; the last gain is to be identified."""
+    table = arm.table.copy()
     table[:, arm.at(TAU)] /= GAINS
-    text = edited(in_amperes(arm), [Edit(("signals", "effort", "gain"), gain)])
+    gain = [*gains[:-1].tolist(), "identify"]
+    return table, edited(in_amperes(arm), [Edit(("signals", "effort", "gain"), gain)])
+
+
+def test_reversed_gravity_is_found_beside_an_unknown_gain(arm):
+    table, text = with_one_unknown_gain(arm)
     text = text.replace("[robot]", "[robot]\ngravity = [0.0, 0.0, 9.81]", 1)
     found = arm.examined(table, text, known=False)
     assert wrong(found) == ["mounting"]
     assert edits(found)["robot.gravity"] == [0.0, 0.0, -9.81]
+
+
+@pytest.mark.parametrize("turned", [(0,), (1,), (0, 1)])
+def test_a_wrong_sign_is_found_beside_an_unknown_gain(arm, turned):
+    gains = np.where(np.isin(np.arange(3), turned), -GAINS, GAINS)
+    table, text = with_one_unknown_gain(arm, gains)
+    found = arm.examined(table, text, known=False)
+    assert set(wrong(found)) == {"effort sign"}
+    assert edits(found)["signals.effort.gain"] == [*GAINS[:-1].tolist(), "identify"]
+
+
+def test_exchanged_efforts_are_found_beside_an_unknown_gain(arm):
+    table, text = with_one_unknown_gain(arm)
+    first, second, _ = arm.at(TAU)
+    table[:, [first, second]] = table[:, [second, first]]
+    found = arm.examined(table, text, known=False)
+    assert wrong(found) == ["joint order"]
+
+
+def test_a_right_file_with_an_unknown_gain_is_ok(arm):
+    found = arm.examined(*with_one_unknown_gain(arm), known=False)
+    assert not wrong(found)
 
 
 @pytest.mark.parametrize(("factor", "mounted"), [(0.7, ""), (1.5, "\ngravity = [9.81, 0.0, 0.0]")])

@@ -15,6 +15,7 @@ from steelyard.diagnosis.likelihood.likelihood import Likelihood
 from steelyard.errors import ModelError
 from steelyard.robot_file.efforts import MOTOR_KINDS
 from steelyard.robot_file.file import LoadedRobot, load_robot_file
+from steelyard.robot_file.sections import Gain
 
 DIGITS = 4
 """Significant digits of fitted numbers."""
@@ -82,7 +83,9 @@ def _effort(
             return (Edit(("robot", "gravity"), [0.0, 0.0, 0.0]),)
         return kinds
     gains = file_gains(likelihood, loaded) * factors
-    gain = (Edit((*EFFORT, "gain"), rounded(gains), _accuracy(cause, likelihood, after)),)
+    gain = (
+        Edit((*EFFORT, "gain"), _entries(likelihood, gains), _accuracy(cause, likelihood, after)),
+    )
     if after.kind == PERCENT:
         kind = Edit((*EFFORT, "kind"), "motor_torque")
         return (kind, Edit((*EFFORT, "unit"), "%"), *gain)
@@ -97,9 +100,15 @@ def _effort(
         unit = {1.0: "A", 1e-3: "mA"}.get(round(scale, 9))
         if unit is not None and abs(factors[0]) != 1.0:
             edits = (Edit((*EFFORT, "unit"), unit),)
-            signed = Edit((*EFFORT, "gain"), rounded(gains / np.abs(factors)))
+            signed = Edit((*EFFORT, "gain"), _entries(likelihood, gains / np.abs(factors)))
             return edits if np.all(factors > 0.0) else (*edits, signed)
     return gain
+
+
+def _entries(likelihood: Likelihood, gains: Array) -> list[Gain]:
+    """The gains as the robot file states them; those that are to be identified stay so."""
+    unknown = likelihood.signals.unknown_gains or (False,) * len(gains)
+    return ["identify" if left else x for x, left in zip(rounded(gains), unknown, strict=True)]
 
 
 def _ratios(likelihood: Likelihood, after: Interpretation, loaded: LoadedRobot) -> tuple[Edit, ...]:

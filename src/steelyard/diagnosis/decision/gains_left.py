@@ -81,7 +81,8 @@ def gains_of_controller(case: Case, name: str) -> tuple[Finding, ...]:
         f"at most {100.0 * (NEAR - 1.0):.0f} % allowed"
     )
     if not len(joints):
-        says = f"the controller's targets confirm the gains ({source})"
+        what = "the gains" if np.all(signals.gains[both] > 0.0) else "the sizes of the gains"
+        says = f"the controller's targets confirm {what} ({source})"
         if left := ", ".join(case.joints[j] for j in np.flatnonzero(~found.known)):
             says = f"undecided for {left}; {says} of the other joints"
         return (Finding(name, "", Severity.OK, says, figure, answered=not left),)

@@ -33,6 +33,10 @@ LOOSE = 15.0
 """Typical misfit [%] from which on efforts are read in other ways, though no joint is bad."""
 DECISIVE = 20.0
 """Log-likelihood that a winner must gain for what it leaves to be looked at."""
+FITTING = 8.0
+"""Typical misfit [%] up to which free gains leave no doubt about what is declared."""
+READINGS = ("joint order", "position sign", "effort sign", "effort unit", "mounting")
+"""Causes that free gains hide."""
 SUSPECT = 10.0
 """What a hypothesis must gain for the others to be looked at where the interpretation is fine."""
 ALIEN = ("position unit", "clock")
@@ -80,7 +84,7 @@ def ranking(case: Case, evidence: Evidence) -> Ranking | None:
     scales = _scales(case, evidence)
     likelihood = likelihood_of(excerpt, signals, knowledge, case.loaded.robot, gains, scales)
     if any(signals.unknown_gains) and not knowledge.identified:
-        likelihood = _with_free_gains(likelihood)
+        likelihood = _with_free_gains(likelihood, _others(likelihood, case.reference))
     number = case.logs.index(evidence)
     report_progress(case.progress, COMPARING, number, len(case.logs), evidence.name)
     found = ranked(likelihood, _others(likelihood, case.reference))
@@ -133,17 +137,24 @@ def _scales(case: Case, evidence: Evidence) -> Array | float:
     return np.where(signals.unknown_gains or False, 1.0, values) if alike else 1.0
 
 
-def _with_free_gains(likelihood: Likelihood) -> Likelihood:
+def _with_free_gains(likelihood: Likelihood, others: tuple[Other, ...]) -> Likelihood:
     """The log with the gains at which the nominal bodies agree best.
 
-    All of them: where some are to be identified, those that are given may be up to one scale. With
-    gravity in a wrong direction these gains hide it: if gravity along another axis agrees better
+    All of them: where some are to be identified, those that are given may be up to one scale. Free
+    gains hide wrong orders, signs and directions of gravity, though: if one of these agrees better
     with the gains that are given, only those that are to be identified are free.
     """
     declared = likelihood.declared
     size, unknown = np.linalg.norm(declared.gravity), np.asarray(likelihood.signals.unknown_gains)
     free = _with_best_gains(likelihood, declared, np.ones_like(unknown))
     least = float(free.score(declared).log_likelihood[0]) + DECISIVE
+    if not bad(free, _as_declared(free)) and float(free.score(declared).percent[0]) <= FITTING:
+        return free
+    given = _with_best_gains(likelihood, declared, unknown)
+    hypotheses = _rivals(given, _as_declared(given), others)
+    best = max((h.log_likelihood for h in hypotheses if h.cause in READINGS), default=-np.inf)
+    if best > least:
+        free, least = given, best
     for axis in (*np.eye(3), *-np.eye(3)):
         turned = declared.changed(gravity=size * axis)
         other = _with_best_gains(likelihood, turned, unknown)
@@ -151,6 +162,11 @@ def _with_free_gains(likelihood: Likelihood) -> Likelihood:
         if agreement > least and not np.allclose(turned.gravity, declared.gravity):
             free, least = other, agreement
     return free
+
+
+def _as_declared(likelihood: Likelihood) -> Hypothesis:
+    score = one_of(likelihood.score(likelihood.declared), 0)
+    return Hypothesis("", AS_DECLARED, likelihood.declared, 0.0, (), score)
 
 
 def _with_best_gains(
@@ -183,8 +199,7 @@ def _others(likelihood: Likelihood, reference: IdentifiedModel | None) -> tuple[
 
 def ranked(likelihood: Likelihood, others: tuple[Other, ...]) -> Ranking:
     """Rank all explanations, and those of what the best of them leaves."""
-    score = one_of(likelihood.score(likelihood.declared), 0)
-    first = Hypothesis("", AS_DECLARED, likelihood.declared, 0.0, (), score)
+    first = _as_declared(likelihood)
     now, rounds = first, []
     for _ in range(ROUNDS):
         hypotheses = _rivals(likelihood, now, others)

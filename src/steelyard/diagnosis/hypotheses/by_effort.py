@@ -56,7 +56,7 @@ def effort_hypotheses(
     names = likelihood.knowledge.robot.joint_names
     n = len(names)
     effort = list(interpretation.effort)
-    yield from _factors(likelihood, interpretation, sums, _signs(n, names), "effort sign")
+    yield from _factors(likelihood, interpretation, sums, _signs(likelihood), "effort sign")
     yield from unit_hypotheses(likelihood, interpretation, sums)
     for other in others:
         changed = interpretation.changed(kind=other.kind)
@@ -112,14 +112,16 @@ def unit_hypotheses(
     yield from _factors(likelihood, interpretation, sums, units, "effort unit")
 
 
-def _signs(n: int, names: tuple[str, ...]) -> dict[str, Array]:
-    found = {"all efforts have the opposite sign": -np.ones(n)}
-    if n > 1:
-        for j, name in enumerate(names):
-            found[f"effort of '{name}' has the opposite sign"] = np.where(
-                np.arange(n) == j, -1.0, 1.0
-            )
-    return found
+def _signs(likelihood: Likelihood) -> dict[str, Array]:
+    """The opposite sign of all efforts, and of each; without a reference, of those with a gain."""
+    names = likelihood.knowledge.robot.joint_names
+    n, unknown = len(names), likelihood.signals.unknown_gains
+    stated = [likelihood.knowledge.identified or not unknown or not unknown[j] for j in range(n)]
+    found = {"all efforts have the opposite sign": np.where(stated, -1.0, 1.0)}
+    for j in np.flatnonzero(stated if n > 1 else [False]):
+        turned = np.where(np.arange(n) == j, -1.0, 1.0)
+        found[f"effort of '{names[j]}' has the opposite sign"] = turned
+    return found if any(stated) else {}
 
 
 def _factors(
