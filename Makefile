@@ -1,6 +1,6 @@
 # Each target makes its own virtual environment and installs what it needs, pinned.
 PYTHON ?= python3
-VENV := .venv
+VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 

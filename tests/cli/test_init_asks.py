@@ -48,7 +48,7 @@ def test_answers_are_understood() -> None:
     assert ask.effort_of(behind, answers("1")) == Effort("joint_torque")
     gears = ask.gears_of(MOTORS, TWO, answers("100", "100, zero", "100, -50"))
     assert gears is not None and gears.ratios == (100.0, -50.0)
-    coupling = answers("joint2", "joint2,joint9,32", "joint2,joint1,32 joint1,joint2,-3")
+    coupling = answers("joint2", "joint2,joint9,32", "motor_2,joint1,32 joint1,joint2,-3")
     assert ask.coupling_of(TWO, coupling) == ((1, 0, 32.0), (0, 1, -3.0))
     zeros = ask.zeros_of(TWO, answers("90deg", "x,0", "-90deg, 0.5"))
     assert zeros == pytest.approx((-np.pi / 2, 0.5))

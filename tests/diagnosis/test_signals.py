@@ -542,6 +542,14 @@ def test_motor_side_positions_are_recognised(tmp_path: Path) -> None:
     (found,) = Position()(Case(loaded, (evidence,)))
     assert found.severity == Severity.OK
     assert "motor-side signals, ratios 100 100 100" in found.says
+    path.write_text(geared.replace("[100, 100, 100]", "[1, 1, 1]"))
+    loaded = load_robot(path)
+    assert loaded.signals is not None
+    evidence = Evidence(Recording(log, loaded.signals), Processing(), "run")
+    (found,) = Position()(Case(loaded, (evidence,)))
+    assert found.severity == Severity.DOUBTFUL
+    assert found.fix is not None and not found.fix.edits
+    assert "gear ratios" in found.fix.says
 
 
 def test_positions_outside_their_limits_are_doubtful(tmp_path: Path) -> None:

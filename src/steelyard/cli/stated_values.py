@@ -70,6 +70,8 @@ def positions(text: str, moving: Sequence[Coordinate], where: str) -> tuple[floa
 def coupled(text: str, moving: Sequence[Coordinate], where: str) -> tuple[int, int, float]:
     """Motor and second joint by number, and the ratio, of MOTOR,JOINT,RATIO.
 
+    A motor goes by the joint that it drives, or by its number, as `motor_6`.
+
     Raises:
         ModelError: The text is something else.
     """
@@ -83,6 +85,8 @@ def coupled(text: str, moving: Sequence[Coordinate], where: str) -> tuple[int, i
             fix="write the motor by the joint that it drives, such as "
             f"{names[-1]},{names[-2:][0]},32",
         )
+    motors = {f"motor_{k + 1}": name for k, name in enumerate(names)}
+    words[0] = motors.get(words[0], words[0]) if words[0] not in names else words[0]
     for name in words[:2]:
         if name not in names:
             raise ModelError(

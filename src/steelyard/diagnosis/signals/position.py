@@ -164,9 +164,13 @@ def _other_unit(
     clear = max(other, key=gains.__getitem__)
     unit = " and ".join(sorted({units.joints[j].position_unit for j in other}))
     value = unit_value([j.position_unit for j in units.joints], case, POSITION_UNITS)
-    sure = units.sure
+    gears = case.loaded.robot.transmission
+    geared = gears is not None and bool(np.all(np.abs(np.diag(gears.matrix)) == 1.0))
+    sure = units.sure and not geared
     edit = Edit(("signals", "position_unit"), value)
     says = f"declare these positions in {unit}"
+    if geared:
+        says = f"give the gear ratios, which are all 1, under [robot.transmission], or {says}"
     return Finding(
         Position.name,
         evidence.name,
@@ -175,7 +179,9 @@ def _other_unit(
         f"{case.joints[clear]} would {_reasons(case, evidence, units, clear, off)}",
         _value_text(case, off),
         joints=names,
-        fix=Fix(says, (edit,)) if sure else Fix(f"examine the log, and {says} if they are"),
+        fix=Fix(says, (edit,))
+        if sure
+        else Fix(says if geared else f"examine the log, and {says} if they are"),
         picture=picture,
     )
 
