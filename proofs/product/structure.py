@@ -6,9 +6,13 @@
 import ast
 import subprocess
 import sys
+import tempfile
 import time
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
+from types import FrameType
+from typing import TypeVar
 
 from proofs.support.claims import Claim, main_of
 
@@ -17,6 +21,8 @@ LARGEST = 24
 """Files that a folder may hold, so that its list is read at a glance."""
 
 STARTS = 5
+
+T = TypeVar("T")
 
 
 def sizes(package: Path) -> list[tuple[str, int, int]]:
@@ -58,6 +64,52 @@ def fastest(*command: str) -> float:
     return min(times)
 
 
+def met(work: Callable[[], T]) -> tuple[T, int]:
+    """What some work gives, and how many public functions and classes of the package it enters."""
+    names: set[str] = set()
+
+    def watch(frame: FrameType, event: str, argument: object) -> None:
+        code = frame.f_code
+        if event == "call" and code.co_filename.startswith(str(PACKAGE)):
+            parts = code.co_qualname.split(".")
+            if not any(part.startswith(("_", "<")) for part in parts[:1] + parts[-1:]):
+                names.add(f"{code.co_filename}:{code.co_qualname}")
+
+    sys.setprofile(watch)
+    try:
+        return work(), len(names)
+    finally:
+        sys.setprofile(None)
+
+
+def way() -> tuple[int, int, int]:
+    """Names met from a log to information, to the estimate, and to the page."""
+    from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
+    from steelyard.formats import open_log
+    from steelyard.identification.identify import identify
+    from steelyard.measurement import Recording, prepare
+    from steelyard.model import Model
+    from steelyard.regression.gather import gather
+    from steelyard.regression.regressor import base_regressor
+    from steelyard.report import render
+    from steelyard.robot_file.file import load_robot
+    from steelyard.virtual.demo import demo_runs
+
+    with tempfile.TemporaryDirectory() as folder:
+        files = demo_runs(Path(folder))
+        robot = load_robot(files.robot)
+        regressor, signals = base_regressor(Model(robot.robot)), robot.signals
+        assert signals is not None
+        information, first = met(
+            lambda: gather(regressor, prepare(Recording(open_log(files.identification), signals)))
+        )
+        joint = information.scaled(signals.gains, robot.robot.effort_units)
+        _, second = met(lambda: WeightedLeastSquares()(joint))
+        found = identify(files.robot, files.identification, files.validation)
+        _, third = met(lambda: render(found.content))
+    return first, second, third
+
+
 def main() -> list[Claim]:
     """Sizes and times."""
     rooms, hubs = sizes(PACKAGE), fan_out(PACKAGE)
@@ -76,6 +128,12 @@ def main() -> list[Claim]:
         ),
         Claim("modules that import most modules", most, "reported", True),
         Claim("lines of the package", f"{total}", "reported", True),
+        Claim(
+            "public names entered from log to information, to estimate, to page",
+            " ".join(map(str, way())),
+            "reported",
+            True,
+        ),
         Claim(
             "import steelyard, beyond Python's start",
             f"{1e3 * imported:.0f} ms",
