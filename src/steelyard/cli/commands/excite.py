@@ -102,7 +102,7 @@ def excite(
         ),
     ] = None,
     rate: Annotated[
-        float | None, typer.Option(min=1.0, help="Points per second in those files.")
+        float | None, typer.Option(min=1.0, help="Points per second in the files of --format.")
     ] = None,
     fixed_base: FixedBase = None,
     seed: Seed = 0,

@@ -34,7 +34,7 @@ def reduce(
             help="Stopping rule: one_standard_error (smallest model with a left-out error within "
             "one standard error of the least), tolerance=5 (rise of any joint's error in percent), "
             "bic, condition=30 (condition number), ratio=30 (greatest over least relative standard "
-            "deviation), count=25 (parameters), one_fewer or refit (removes nothing more).",
+            "deviation), count=25 (parameters), one_fewer (one more) or refit (none).",
             metavar="RULE",
         ),
     ] = "one_standard_error",

@@ -36,8 +36,8 @@ def wrench(
     bandwidth: Annotated[
         float | None,
         typer.Option(
-            help="Low-pass of external torques in Hz; if unset, the cut-off at which the model's "
-            "prediction errors were computed, or a tenth of the log's rate if that is less.",
+            help="Low-pass of external torques in Hz; if unset, [validation] cutoff of the robot "
+            "file or else the regression cut-off, or a tenth of the log's rate if that is less.",
             metavar="HZ",
         ),
     ] = None,

@@ -42,7 +42,8 @@ SETTINGS = """\
 # upper = 31.0
 
 [validation]
-# Low-pass through which measured and predicted effort are compared [Hz].
+# Low-pass of measured and predicted effort [Hz]; if left out, 5.0 for the headline and
+# matched_cutoff for the other errors.
 # cutoff = 5.0"""
 
 
@@ -67,7 +68,8 @@ def excitation_part(moving: Sequence[Coordinate]) -> str:
     lines += [
         "# Greatest acceleration [rad/s²; m/s²]; models have none: 5 rad/s² (1 m/s²) if left out.",
         f"# acceleration = {toml_text([1.0 if c.kind == 'prismatic' else 5.0 for c in moving])}",
-        "# Floor [m above the origin of the base], boxes and planes that the robot must not leave.",
+        "# Floor [m above the origin of the base]; planes that bound the space of the robot;",
+        "# keep_out: boxes that it must not enter; box: one that the tool's sphere must not leave.",
         "# [excitation.workspace]",
         "# floor = 0.0",
     ]
