@@ -36,7 +36,7 @@ def wrench(
     bandwidth: Annotated[
         float | None,
         typer.Option(
-            help="Low-pass of external torques in Hz; if unset, [validation] cutoff of the robot "
+            help="Low-pass of external torques in Hz; if unset, the validation cutoff of the robot "
             "file or else the regression cut-off, or a tenth of the log's rate if that is less.",
             metavar="HZ",
         ),
