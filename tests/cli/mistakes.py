@@ -119,7 +119,14 @@ USER = (
         ("cannot be read", "model.json"),
     ),
     Mistake("validate, damaged model", ("validate", f"{GIVEN}/damaged.json", LOG), ("damaged",)),
-    Mistake("validate, not JSON", ("validate", ROBOT, LOG), ("not JSON", "demo_arm.toml")),
+    Mistake(
+        "validate, a robot file",
+        ("validate", ROBOT, LOG),
+        ("a robot file, not an identified model", "demo_arm.toml"),
+    ),
+    Mistake(
+        "validate, not JSON", ("validate", f"{GIVEN}/demo_arm.urdf", LOG), ("not JSON", ".urdf")
+    ),
     Mistake(
         "validate, another JSON",
         ("validate", f"{GIVEN}/truth.json", LOG),

@@ -142,8 +142,13 @@ def test_the_terminal_has_the_same_tables(usual: ReportContent) -> None:
     lacking = replace(usual.gains, known=(False, False), assumed=(False, True))
     text = printed(replace(usual, gains=lacking))
     lines = [re.split(r"\s{2,}", line.strip()) for line in text.splitlines()]
-    assert ["elbow", "9.83", "assumed: mean of the others, not identifiable", "Nm/A"] in lines
-    assert "elbow 9.83 Nm/A (assumed: mean of the others)" in " ".join(text.split())
+    assert [
+        "elbow",
+        "9.83",
+        "assumed: geometric mean of the others, not identifiable",
+        "Nm/A",
+    ] in lines
+    assert "elbow 9.83 Nm/A (assumed: geometric mean of the others)" in " ".join(text.split())
 
 
 def test_laws_without_memory_are_named_beside_laws_with_memory(usual: ReportContent) -> None:
@@ -187,7 +192,9 @@ def test_gains_in_the_terminal_have_intervals_or_an_origin(usual: ReportContent)
     assert "drive gains (± 95 %): shoulder 12.0 ± 0.20 Nm/A, elbow 9.83 Nm/A (given)" in words
     assert usual.gains is not None
     lacking = replace(usual.gains, known=(False, False), assumed=(False, True))
-    assert "elbow 9.83 Nm/A (assumed: mean of the others)" in printed(replace(usual, gains=lacking))
+    assert "elbow 9.83 Nm/A (assumed: geometric mean of the others)" in printed(
+        replace(usual, gains=lacking)
+    )
     given = replace(usual, gains=replace(usual.gains, known=(True, True), assumed=(False, False)))
     words = " ".join(printed(given).split())
     assert "drive gains: shoulder 12.0 Nm/A (given), elbow 9.83 Nm/A (given)" in words
