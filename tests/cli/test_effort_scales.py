@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -106,9 +107,16 @@ def test_scales_are_off_where_the_robot_file_says_so(
     given: Path, command: Command, tmp_path: Path, logs: list[Path]
 ) -> None:
     robot = edited(given, tmp_path)
+    arguments = ("identify", robot, logs[0], "--validate", logs[1], "--json", "--no-check", "-o")
+    auto = json.loads(command(*arguments, tmp_path / "auto").stdout)
     robot.write_text(robot.read_text() + '\n[estimation]\neffort_scales = "off"\n')
-    done = command("identify", robot, logs[0], "-o", tmp_path / "out", "--json", "--no-check")
-    assert json.loads(done.stdout)["effort_scales"] is None
+    off = json.loads(command(*arguments, tmp_path / "off").stdout)
+    assert off["effort_scales"] is None and off["validation_without_scales"] == []
+    (plain,), (beside,) = off["validation"], auto["validation_without_scales"]
+    known, found = (one["headline"]["pooled"][0] for one in (plain, beside))
+    assert found["error"] == pytest.approx(known["error"], rel=1e-3)
+    page = (tmp_path / "auto" / "report.html").read_text()
+    assert "Without scales (effort_scales =" in unescape(page)
 
 
 @pytest.mark.parametrize(
