@@ -269,7 +269,7 @@ ROBOTS: list[Mistake] = [
             r'<child link="hand"/>\s+<origin[^>]*>\s+<axis xyz="0 1 0"/>',
             lambda old: old.replace('"0 1 0"', '"1 0 0"'),
         ),
-        LACKS,
+        rf"{LACKS}|headline.*axis of the next joint",
         "joint order|mounting",
     ),
     Mistake("mounted on a wall", gravity("[9.81, 0.0, 0.0]"), "wrong mounting"),

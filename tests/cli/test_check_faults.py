@@ -194,13 +194,13 @@ def test_reversed_gravity_is_found_beside_joints_that_nothing_explains(
     assert load_robot(tmp_path / "tx40-fixed.toml").robot.gravity.tolist() == [0.0, 0.0, -9.81]
 
 
-def test_a_wrong_transmission_leaves_the_robot_file_undecided(
+def test_a_wrong_transmission_leaves_the_check_inconclusive(
     thinned: Path, tmp_path: Path, command: Command
 ) -> None:
     log, right = thinned, Path(__file__).parents[2] / "examples" / "tx40.toml"
     done = command("check", right, log, "--quick")
     words = " ".join(done.stdout.split())
-    assert done.exit_code == 0 and "Undecided" not in words
+    assert done.exit_code == 0 and "Inconclusive" not in words
     assert "Open: the logs do not decide joint order, transmission, gain" in words
     text = right.read_text("utf-8").replace("-48.0", "48.0").partition("  # Rotor")[0]
     _, _, signals = right.read_text("utf-8").partition("\n[signals]")

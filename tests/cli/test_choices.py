@@ -80,7 +80,7 @@ def test_joints_weigh_by_noise_or_alike(identified: Identified, tmp_path: Path) 
     equal = ("[signals]\n", '[estimation]\nweights = "equal"\n\n[signals]\n')
     _, out = identified(equal)
     model = steelyard.load_model(out)
-    assert model.estimate.estimator == "consistent (entropic prior)"
+    assert model.estimate.estimator == "physically consistent (entropic prior)"
     assert [e.estimator for e in model.reference] == ["ordinary least squares"]
 
 

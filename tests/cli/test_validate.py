@@ -95,7 +95,7 @@ def test_validate_does_not_report_on_the_fit(
     for words in ("base parameters", "condition number"):
         assert words not in brief + whole
     assert "cut-offs" not in brief and "note: cut-offs" in whole
-    assert "in the band of the fit" in whole and "in the band of the fit" not in brief
+    assert "in the validation band" in whole and "in the validation band" not in brief
     page = (tmp_path / "out" / "report.html").read_text()
     assert 'id="verdict"' in page and 'id="parameters"' not in page
 

@@ -179,6 +179,7 @@ def test_zeros_that_are_quarter_turns_away_are_found(
     (finding,) = found(loaded, tmp_path, offset=offset)
     assert finding.severity == Severity.DOUBTFUL and finding.fix is not None
     assert "joint zeros other than those of the model file: " in finding.brief
+    assert "or the axis of the next joint is turned by as much" in finding.fix.says
     (edit,) = finding.fix.edits
     assert edit.path == ("signals", "position_offset")
     np.testing.assert_allclose(np.cos(np.subtract(edit.value, offset)), 1.0, atol=1e-6)

@@ -402,7 +402,7 @@ def nasty(usual: ReportContent) -> ReportContent:
         rmse=float("inf"),
         prior_rmse=None,
     )
-    lost = replace(score.errors.joints[0], error=float("nan"), used=0.0, rated=None)
+    lost = replace(score.errors.joints[0], error=float("nan"), used=0.0, limit=None)
     score = replace(
         score,
         joints=(bad, *score.joints[1:]),

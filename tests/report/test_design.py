@@ -243,12 +243,14 @@ def test_a_motion_that_is_not_proven_is_called_so_everywhere(beyond: Designed) -
 
 def test_a_safe_motion_says_what_it_shows_and_that_it_is_proven(designed: Designed) -> None:
     every = len(designed.shown.names)
-    assert headline(designed).startswith(f"The motion identifies all {every} base parameters")
+    assert headline(designed).startswith(
+        f"The motion makes all {every} base parameters identifiable"
+    )
     limits = "every limit is proven to hold at all times"
     assert headline(designed).endswith(f"; {limits}")
     fainter = replace(designed, faint=3)
     assert headline(fainter).startswith(
-        f"The motion identifies {every} of {every + 3} base parameters; "
+        f"The motion makes {every} of {every + 3} base parameters identifiable; "
     )
     assert level(designed) == "good"
     words = text(render(content(designed)))
@@ -298,7 +300,10 @@ def test_parameters_hidden_behind_others_are_no_good_motion(designed: Designed) 
     gram = np.eye(size)
     gram[0, 1] = gram[1, 0] = 0.9999
     told = replace(designed, shown=replace(designed.shown, gram=gram), kind="fourier")
-    assert f"The motion identifies all {size} base parameters, 2 of them poorly; " in headline(told)
+    assert (
+        f"The motion makes all {size} base parameters identifiable, 2 of them poorly; "
+        in headline(told)
+    )
     assert level(told) == "fair"
     assert level(replace(told, chosen=(2, 3))) == "good"
     assert level(replace(told, kind="sweeps")) == "good"

@@ -135,8 +135,12 @@ BASIC = "joint order, effort unit, mounting"
 @pytest.mark.parametrize(
     ("checks", "hidden", "words"),
     [
-        (BASIC, True, "Undecided: 3 of 4 checks could not be decided; the robot file may be wrong"),
-        (f"{BASIC}, gain", True, "Undecided: 4 of 5 checks could not be decided; "),
+        (
+            BASIC,
+            True,
+            "Inconclusive: 3 of 4 checks could not be decided; the robot file may be wrong",
+        ),
+        (f"{BASIC}, gain", True, "Inconclusive: 4 of 5 checks could not be decided; "),
         (BASIC, False, f"Ok, but 3 of 4 checks could not be decided: {BASIC}"),
         ("gain, joint zeros, payload", True, "Ok, but 3 of 4 checks could not be decided: gain"),
         (
@@ -152,8 +156,8 @@ def test_basic_questions_that_a_misfit_leaves_open_are_doubtful(
 ) -> None:
     said = opened(checks, hidden)
     assert headline(said).startswith(words)
-    assert said.undecided == words.startswith("Undecided")
-    assert said.severity == (Severity.DOUBTFUL if said.undecided else Severity.OK)
+    assert said.inconclusive == words.startswith("Inconclusive")
+    assert said.severity == (Severity.DOUBTFUL if said.inconclusive else Severity.OK)
     assert words.split(":")[0] in printed(said) and not said.edits
     assert diagnosis_dict(said)["severity"] == said.severity.word
 
@@ -173,7 +177,7 @@ def test_a_check_counts_once_with_the_worst_that_it_found() -> None:
 
 def test_a_finding_comes_before_open_questions() -> None:
     wrong = Diagnosis((*opened(BASIC).findings, *many(Severity.WRONG, 1).findings))
-    assert not wrong.undecided and headline(wrong) == "Wrong: clock"
+    assert not wrong.inconclusive and headline(wrong) == "Wrong: clock"
 
 
 def test_json_has_stable_keys_and_no_infinity() -> None:
@@ -266,9 +270,7 @@ def test_it_is_said_why_a_finding_is_ok_though_a_rival_fits_better() -> None:
 
     assert still(best) == [""] and still(nominal, wrong) == [""]
     said, reference = still(nominal, known)
-    assert (
-        "misfit as declared is only 7.8\u00a0%" in said and "errors of the nominal masses" in said
-    )
+    assert "misfit as declared is 7.8\u00a0%" in said and "errors of the nominal masses" in said
     assert "nominal" not in reference and "gain is statistically significant" in reference
     content_of = CheckContent("r", "r.toml", ("run",), None, Diagnosis((nominal,)), {}, ())
     page = render_check(content_of)

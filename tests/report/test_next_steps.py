@@ -109,7 +109,7 @@ def test_a_poor_error_without_a_reason_is_to_be_checked(usual):
     assert commands(content) == ["steelyard check arm.toml run1.csv points.csv"]
 
 
-def test_an_undecided_robot_file_is_to_be_checked_first(usual):
+def test_an_inconclusive_robot_file_is_to_be_checked_first(usual):
     names = ("joint order", "effort unit", "mounting")
     findings = [
         Finding(name, "", Severity.OK, "?", "", answered=False, hidden=True) for name in names

@@ -86,10 +86,10 @@ def test_the_headline_is_in_joint_effort_with_its_shares_and_its_band(usual):
         "Predicts unseen motion with an error of 1.3 Nm: 5.0\u00a0% of the effort used"
     )
     assert judged.detail == (
-        "RMS below 5 Hz, pooled over 2 joints, where they move; 2.5\u00a0% of the rated effort."
+        "RMS below 5 Hz, pooled over 2 joints, where they move; 2.5\u00a0% of the effort limit."
     )
     assert judged.others == (
-        "Relative error ‖measured − predicted‖ / ‖measured‖ in the band of the fit, below 8 Hz: "
+        "Relative error ‖measured − predicted‖ / ‖measured‖ in the validation band, below 8 Hz: "
         "5.0\u00a0% over all joints together, where they move; 9.0\u00a0% over all joints "
         "together, whole log; 7.5\u00a0% mean over joints, where they move; 10.0\u00a0% mean over "
         "joints, whole log."
@@ -109,7 +109,7 @@ def test_a_joint_that_carries_nothing_does_not_rule(usual):
 
 def test_plots_of_efforts_state_their_band_and_unit_and_have_the_errors_of_the_verdict(usual):
     html = shown("effort", usual)
-    assert "Lines: efforts in A, the unit of the log, below 8 Hz, the band of the fit. " in html
+    assert "Lines: efforts in A, the unit of the log, below 8 Hz, the validation band. " in html
     assert "those of the verdict, in Nm at the joints, below 5 Hz." in html
     found = BY_NAME["effort"].numbers(usual)["figures"][1]["caption"]
     error = usual.scores[0].errors.joints[1]
@@ -129,12 +129,12 @@ def test_joints_above_ten_percent_stand_in_a_good_headline(usual):
 
 
 def test_efforts_of_different_units_are_not_pooled(usual):
-    judged = verdict(with_errors(usual, 1, unit="N", error=6.0, rated=None))
+    judged = verdict(with_errors(usual, 1, unit="N", error=6.0, limit=None))
     assert (
         "error of 1.0 Nm: 5.0\u00a0% of the effort used; 6.0 N: 20.0\u00a0% of the effort used "
         "(elbow 20.0\u00a0%)" in judged.headline
     )
-    assert judged.detail.endswith("where they move; 2.0\u00a0% of the rated effort.")
+    assert judged.detail.endswith("where they move; 2.0\u00a0% of the effort limit.")
     assert judged.level == "fair" and len(judged.errors) == 2
 
 

@@ -41,7 +41,7 @@ def test_the_summary_says_what_matters(usual):
     assert "Predicts unseen motion with an error of 1.3 Nm" in text
     assert "points, not fitted (RMS below 5 Hz, where each joint moves)" in text
     assert "run1" not in text
-    assert row(text, "joint") == ["joint", "error", "of used", "of rated", "used", "rated"]
+    assert row(text, "joint") == ["joint", "error", "of used", "of limit", "used", "limit"]
     assert row(text, "elbow") == ["elbow", "1.50 Nm", "5.0\u00a0%", "3.0\u00a0%", "30.0", "50.0"]
     assert row(text, "pooled") == ["pooled", "1.27 Nm", "5.0\u00a0%", "2.5\u00a0%"]
     assert "13 base parameters: 9 identified, 1 small effect, 1 poorly identified, 1 from" in text
@@ -128,9 +128,9 @@ def test_the_details_are_printed_on_request(usual):
     content = replace(usual, scores=usual.scores[:1], details=("Hampel threshold 15",))
     text = printed(content, verbose=True)
     assert text.startswith(printed(content).partition("note:")[0])
-    assert "points, in the band of the fit, below 8 Hz" in text
+    assert "points, in the validation band, below 8 Hz" in text
     assert "9.0\u00a0% over all joints together, whole log" in text and "95 % bands" in text
-    line = text.partition("in the band of the fit, below")[2]
+    line = text.partition("in the validation band, below")[2]
     assert row(line, "elbow") == [
         "elbow",
         "10.0\u00a0%",
@@ -153,7 +153,7 @@ def test_names_of_joints_are_whole_at_80_columns(usual):
     score = usual.scores[0]
     joints = tuple(replace(joint, joint=name) for joint in score.joints)
     content = replace(usual, scores=(replace(score, joints=joints),))
-    table = printed(content, 80, verbose=True).partition("in the band of the fit, below")[2]
+    table = printed(content, 80, verbose=True).partition("in the validation band, below")[2]
     assert len(row(table, name)) == 8
 
 

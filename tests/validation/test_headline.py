@@ -62,8 +62,9 @@ def test_with_estimated_scales_the_error_is_that_of_efforts_as_logged_too() -> N
     (alone,) = pooled(as_logged([found]))
     assert alone.error == pytest.approx(logged.error)
     assert found.to_dict()["as_logged"]["pooled"] == [alone.to_dict()]
-    (unknown,) = score(valued(), run, np.ones(1), 5.0, reference=reference).errors.as_logged
-    assert (unknown.unit, unknown.least) == ("A", 250.0), "without a gain in the logged unit"
+    unknown = score(valued(), run, np.ones(1) / scale, 5.0, reference=reference).errors
+    for one in (*unknown.joints, *unknown.as_logged):
+        assert (one.unit, one.least) == ("A", 250.0), "without a gain in the logged unit"
     plain = score(valued(), run, gains, 5.0).errors
     assert plain.as_logged == () and as_logged([plain]) == []
     assert plain.to_dict()["as_logged"] is None
@@ -71,15 +72,17 @@ def test_with_estimated_scales_the_error_is_that_of_efforts_as_logged_too() -> N
 
 def test_without_a_gain_the_error_is_in_the_logged_unit() -> None:
     run = run_of(lambda motion: valued().torque(motion) + 0.5)
-    reference = EffortReference(rated=(50.0,))
+    reference = EffortReference(limit=(50.0,))
     (joint,) = score(valued(), run, np.ones(1), 5.0, reference=reference).errors.joints
-    assert joint.unit == "A" and joint.rated is None and joint.percent_of_rated is None
+    assert joint.unit == "A" and joint.limit is None and joint.percent_of_limit is None
 
 
 def test_a_gain_of_one_is_a_scale_for_all_currents() -> None:
     assert gains_known(("A", "A", "Nm"), np.array([1.0, 0.8, 1.0])) == (False, False, True)
     assert gains_known(("A", "A", "Nm"), np.array([-9.8, 0.8, 1.0])) == (True, True, True)
     assert gains_known(("%", "N"), np.array([-1.0, 1.0])) == (False, True)
+    scaled = np.array([1.0, 9.0]) / [0.97, 1.1]
+    assert gains_known(("A", "A"), scaled, (0.97, 1.1)) == (False, False)
 
 
 def test_rested_time_does_not_count_where_the_joint_moves() -> None:
@@ -99,7 +102,7 @@ TWO = JointError("two", "Nm", 100, True, 1.0, 2.0, 4.0, 50.0)
 
 def test_a_joint_is_related_to_what_it_uses_and_to_its_rating() -> None:
     assert ONE.percent_of_used == pytest.approx(15.0)
-    assert ONE.percent_of_rated == pytest.approx(3.0)
+    assert ONE.percent_of_limit == pytest.approx(3.0)
     assert TWO.percent_of_used == pytest.approx(25.0), "of the least reference, not of 2 Nm"
     assert replace(TWO, used=0.0, least=0.0).percent_of_used == float("inf")
     assert replace(TWO, used=0.0, least=0.0).to_dict()["percent_of_used"] is None
@@ -112,10 +115,10 @@ def test_pooled_errors_are_of_all_samples_that_count() -> None:
     assert both.joints == 2
     assert both.error == pytest.approx(np.sqrt((300 * 9.0 + 100 * 1.0) / 400))
     assert both.reference == pytest.approx(np.sqrt((300 * 400.0 + 100 * 16.0) / 400))
-    assert both.rated == pytest.approx(np.sqrt((300 * 1e4 + 100 * 2500.0) / 400))
+    assert both.limit == pytest.approx(np.sqrt((300 * 1e4 + 100 * 2500.0) / 400))
     (twice,) = pooled([run, run])
     assert twice == both
-    assert pooled([BandErrors(5.0, False, (ONE, replace(TWO, rated=None)))])[0].rated is None
+    assert pooled([BandErrors(5.0, False, (ONE, replace(TWO, limit=None)))])[0].limit is None
 
 
 def test_efforts_of_different_units_are_pooled_apart() -> None:

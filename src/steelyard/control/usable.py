@@ -5,7 +5,7 @@ import numpy as np
 from steelyard.errors import ModelError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.robot.robot import Robot
-from steelyard.validation.headline import gains_known
+from steelyard.validation.headline import known_efforts
 
 
 def refuse_unknown_gains(identified: IdentifiedModel) -> None:
@@ -18,7 +18,7 @@ def refuse_unknown_gains(identified: IdentifiedModel) -> None:
     signals = identified.signals
     unknown = list(signals.unknown_gains)
     if not any(unknown):
-        unknown = [not known for known in gains_known(signals.effort_units, signals.gains)]
+        unknown = [not known for known in known_efforts(identified)]
     if any(unknown):
         joint = identified.joints[unknown.index(True)]
         raise ModelError(

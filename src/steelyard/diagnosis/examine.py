@@ -46,9 +46,9 @@ class Diagnosis:
 
     @property
     def severity(self) -> Severity:
-        """The worst of all; doubtful where no finding is, but the robot file is undecided."""
+        """The worst of all; doubtful where no finding is, but the check is inconclusive."""
         worst = max((f.severity for f in self.findings), default=Severity.OK)
-        return Severity.DOUBTFUL if self.undecided else worst
+        return Severity.DOUBTFUL if self.inconclusive else worst
 
     @property
     def open_checks(self) -> tuple[str, ...]:
@@ -56,7 +56,7 @@ class Diagnosis:
         return tuple(dict.fromkeys(f.check for f in self.findings if not f.answered))
 
     @property
-    def undecided(self) -> bool:
+    def inconclusive(self) -> bool:
         """Whether nothing is suspicious, but a large misfit leaves several basic checks open."""
         names = {check.name for check in BASIC}
         hidden = {f.check for f in self.findings if f.hidden}

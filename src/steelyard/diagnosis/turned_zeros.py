@@ -42,6 +42,12 @@ r"""Fall of $-2 \log L$ that another turned joint must be worth: by chance one o
 NO_EFFECT = 1e-3
 """Change of it up to which the zero of a joint has no effect: as about the direction of gravity."""
 
+IF_CONFIRMED = (
+    "if the robot's zeros confirm it; otherwise the origin or the axis of the next joint is turned "
+    "by as much in the model file: correct it there"
+)
+"""What else has the effect of a turned zero, for people to read."""
+
 MOST_SAMPLES = 20_000
 """Samples that are looked at: every turn of every joint is a pass over them."""
 
@@ -77,7 +83,7 @@ class TurnedZeros:
         """The line of the robot file."""
         values = [round(value, 4) for value in self.offsets]
         return Fix(
-            f"Set position_offset = {values} in [signals], if the robot's zeros confirm it",
+            f"Set position_offset = {values} in [signals], {IF_CONFIRMED}",
             (Edit(("signals", "position_offset"), values),),
         )
 

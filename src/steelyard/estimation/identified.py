@@ -79,7 +79,7 @@ class Cutoffs:
     Attributes:
         motion: Of positions, velocities and accelerations.
         matched: Of regressor and effort alike.
-        score: Of measured and predicted effort in the band of the fit.
+        score: Of measured and predicted effort in the validation band.
         headline: The same for the errors that are compared between models; a fixed number.
     """
 

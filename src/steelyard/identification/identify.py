@@ -258,7 +258,7 @@ def identify(
     before = () if found_out is None else found_out.findings
     limits += (*of_base(file, before), *missing_coupling(before, file.couplings_stated))
     content = replace(
-        content, limitations=(*_undecided(found_out), *turned_joints(before), *limits)
+        content, limitations=(*_inconclusive(found_out), *turned_joints(before), *limits)
     )
     if sensitivity:
         content = varied(content, found, (known, unknown), cores, progress, commanded=commanded)
@@ -335,9 +335,9 @@ def _limitations(
     return examine_fit(case, progress)
 
 
-def _undecided(diagnosis: Diagnosis | None) -> tuple[Finding, ...]:
+def _inconclusive(diagnosis: Diagnosis | None) -> tuple[Finding, ...]:
     """That the check before could not decide whether the robot file describes the logs."""
-    if diagnosis is None or not diagnosis.undecided:
+    if diagnosis is None or not diagnosis.inconclusive:
         return ()
     says = f"check of the logs: {open_words(diagnosis)}"
     return (

@@ -102,8 +102,8 @@ class Scores:
     def table(self) -> "DataFrame":
         """All columns as a Polars data frame, one row per joint of each log.
 
-        `error`, `used` and `rated` are in `unit`, below `band_hz`; the other errors (`rmse`, `mae`
-        ...) are in `logged_unit`, in the band of the fit. Where scales of the efforts were
+        `error`, `used` and `limit` are in `unit`, below `band_hz`; the other errors (`rmse`, `mae`
+        ...) are in `logged_unit`, in the validation band. Where scales of the efforts were
         estimated, `error`, `used` and `percent_of_used` are of the efforts divided by them, and
         `error_as_logged`, `used_as_logged` and `percent_of_used_as_logged` of the efforts as
         logged.
@@ -168,7 +168,7 @@ class Scores:
         return f"<pre>{escape(str(self))}</pre>"
 
 
-PRINTED = ("error", "unit", "percent_of_used", "percent_of_rated", "used", "rated")
+PRINTED = ("error", "unit", "percent_of_used", "percent_of_limit", "used", "limit")
 """Columns of the printed errors, in the order of the terminal."""
 
 

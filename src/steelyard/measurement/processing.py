@@ -79,7 +79,7 @@ class Processing:
     def effort_words(self) -> str:
         """What is done with efforts, in words."""
         if self.effort is None:
-            return "efforts as logged"
+            return "efforts not smoothed"
         at = "" if self.effort_cutoff is None else f" {self.effort_cutoff:g} Hz"
         return f"efforts by {in_words(self.effort)}{at}"
 

@@ -2,7 +2,7 @@ r"""Errors that can be compared between runs and models, in the effort of the jo
 
 Error and measured effort go through one low-pass of fixed cut-off, whatever the model was fitted
 with, and count where the joint moves; in a log in which no joint moves, everywhere. The error of
-a joint is related to its rated effort, and to the effort it used: the root mean square measured in
+a joint is related to its effort limit, and to the effort it used: the root mean square measured in
 the log, but at least a quarter of that in the fitted runs, so that the relative error of a joint
 with hardly any load in this log is not one of noise and stiction alone. Over joints and runs,
 errors and references are pooled as root mean squares of all samples that count.
@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import isclose, sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -52,7 +52,7 @@ class EffortReference:
 
     Attributes:
         cutoff: Of the low-pass on both sides [Hz].
-        rated: Greatest effort of each joint [Nm; N]; `None` where unknown, empty if all are.
+        limit: Greatest effort of each joint [Nm; N]; `None` where unknown, empty if all are.
         fitted: Root mean square effort of each joint in the fitted runs, in the unit of
             `JointError`; empty if unknown.
         scales: Estimated scales that the gains contain, logged over model, one per joint; empty
@@ -60,7 +60,7 @@ class EffortReference:
     """
 
     cutoff: float = BAND
-    rated: tuple[float | None, ...] = ()
+    limit: tuple[float | None, ...] = ()
     fitted: tuple[float, ...] = ()
     scales: tuple[float, ...] = ()
 
@@ -79,7 +79,7 @@ class JointError:
         error: Root mean square of measured minus predicted effort.
         used: Root mean square of the measured effort.
         least: Least reference of the error, from the fitted runs.
-        rated: Greatest effort of the joint; `None` where unknown.
+        limit: Greatest effort of the joint; `None` where unknown.
     """
 
     joint: str
@@ -89,7 +89,7 @@ class JointError:
     error: float
     used: float
     least: float = 0.0
-    rated: float | None = None
+    limit: float | None = None
 
     @property
     def reference(self) -> float:
@@ -102,9 +102,9 @@ class JointError:
         return _percent(self.error, self.reference)
 
     @property
-    def percent_of_rated(self) -> float | None:
-        """The error relative to the rated effort [%]; `None` where that is unknown."""
-        return None if self.rated is None else _percent(self.error, self.rated)
+    def percent_of_limit(self) -> float | None:
+        """The error relative to the effort limit [%]; `None` where that is unknown."""
+        return None if self.limit is None else _percent(self.error, self.limit)
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
@@ -114,9 +114,9 @@ class JointError:
             "moving": self.counted,
             "error": _finite(self.error),
             "used": _finite(self.used),
-            "rated": self.rated,
+            "limit": self.limit,
             "percent_of_used": _finite(self.percent_of_used),
-            "percent_of_rated": _finite(self.percent_of_rated),
+            "percent_of_limit": _finite(self.percent_of_limit),
         }
 
 
@@ -162,14 +162,14 @@ class PooledError:
         joints: Number of joints that count in some run.
         error: Root mean square error.
         reference: Root mean square of the used efforts.
-        rated: Root mean square of the rated efforts; `None` unless all are known.
+        limit: Root mean square of the effort limits; `None` unless all are known.
     """
 
     unit: str
     joints: int
     error: float
     reference: float
-    rated: float | None
+    limit: float | None
 
     @property
     def percent_of_used(self) -> float:
@@ -177,9 +177,9 @@ class PooledError:
         return _percent(self.error, self.reference)
 
     @property
-    def percent_of_rated(self) -> float | None:
-        """The error relative to the rated efforts [%]; `None` where these are unknown."""
-        return None if self.rated is None else _percent(self.error, self.rated)
+    def percent_of_limit(self) -> float | None:
+        """The error relative to the effort limits [%]; `None` where these are unknown."""
+        return None if self.limit is None else _percent(self.error, self.limit)
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
@@ -187,7 +187,7 @@ class PooledError:
             "unit": self.unit,
             "error": _finite(self.error),
             "percent_of_used": _finite(self.percent_of_used),
-            "percent_of_rated": _finite(self.percent_of_rated),
+            "percent_of_limit": _finite(self.percent_of_limit),
         }
 
 
@@ -209,13 +209,13 @@ def _pooled(unit: str, joints: Sequence[JointError]) -> PooledError:
     def root_mean_square(values: Sequence[float]) -> float:
         return float(np.sqrt(np.average(np.square(values), weights=samples)))
 
-    rated = [joint.rated for joint in joints if joint.rated is not None]
+    limits = [joint.limit for joint in joints if joint.limit is not None]
     return PooledError(
         unit,
         len({joint.joint for joint in joints}),
         root_mean_square([joint.error for joint in joints]),
         root_mean_square([joint.reference for joint in joints]),
-        root_mean_square(rated) if len(rated) == len(joints) else None,
+        root_mean_square(limits) if len(limits) == len(joints) else None,
     )
 
 
@@ -247,7 +247,7 @@ def band_errors(
     """
     moving = joints_moving(sums_moving[1])
     at_rest = not moving.any()
-    all_known = gains_known(run.effort_units, gains)
+    all_known = gains_known(run.effort_units, gains, reference.scales)
     joints = []
     for j, (name, unit) in enumerate(names):
         known = all_known[j]
@@ -258,7 +258,7 @@ def band_errors(
             (sums_moving[0][:, j], int(sums_moving[1][j])) if moves else (sums[0][:, j], sums[1])
         )
         error, used = (scale * sqrt(float(x) / samples) for x in squares)
-        rated = reference.rated[j] if known and reference.rated else None
+        limit = reference.limit[j] if known and reference.limit else None
         least = LEAST_USED * unscaled * reference.fitted[j] if reference.fitted else 0.0
         joints.append(
             JointError(
@@ -269,7 +269,7 @@ def band_errors(
                 error,
                 used,
                 least,
-                rated,
+                limit,
             )
         )
     return BandErrors(band_of(reference, run.rate), at_rest, tuple(joints))
@@ -280,33 +280,50 @@ def joints_moving(samples: Array) -> NDArray[np.bool_]:
     return samples > SHORT * float(np.max(samples, initial=0.0))
 
 
-def gains_known(units: Sequence[str], gains: Array) -> tuple[bool, ...]:
+def gains_known(
+    units: Sequence[str], gains: Array, scales: Sequence[float] = ()
+) -> tuple[bool, ...]:
     """Whether each logged effort is known in Nm or N at the joint.
 
     One gain of 1 among those of currents fixes their common scale, which is then unknown.
+
+    Args:
+        units: Of the logged efforts.
+        gains: Joint effort per logged unit, shape `(n,)`.
+        scales: Estimated scales that the gains contain.
     """
     currents = [unit in ("A", "%") for unit in units]
-    relative = any(c and abs(g) == PLACEHOLDER for c, g in zip(currents, gains, strict=True))
+    given = np.abs(gains * np.asarray(scales) if len(scales) else gains)
+    relative = any(c and isclose(g, PLACEHOLDER) for c, g in zip(currents, given, strict=True))
     return tuple(not (current and relative) for current in currents)
 
 
 def effort_reference(identified: IdentifiedModel) -> EffortReference:
     """What errors of an identified model are related to: its robot's limits and fitted runs."""
     signals, robot = identified.signals, identified.model.robot
-    known = gains_known(signals.effort_units, signals.gains)
+    known, scales = known_efforts(identified), _scales(identified)
     fitted: tuple[float, ...] = ()
     if identified.motions:
         efforts = np.concatenate([samples.effort for samples in identified.motions])
         scale = np.where(known, np.abs(signals.gains), 1.0)
         if len(efforts):
             fitted = tuple((scale * np.sqrt(np.mean(np.square(efforts), axis=0))).tolist())
-    limits = [coordinate.limits.effort for coordinate in robot.coordinates]
-    rated = tuple(
-        limit if ok and 0.0 < limit < np.inf else None
-        for limit, ok in zip(limits, known, strict=True)
+    limits = tuple(
+        one.limits.effort if ok and 0.0 < one.limits.effort < np.inf else None
+        for one, ok in zip(robot.coordinates, known, strict=True)
     )
-    scales = () if identified.effort_scales is None else identified.effort_scales.values.tolist()
-    return EffortReference(identified.cutoffs.headline, rated, fitted, tuple(scales))
+    return EffortReference(identified.cutoffs.headline, limits, fitted, scales)
+
+
+def known_efforts(identified: IdentifiedModel) -> tuple[bool, ...]:
+    """Whether each effort that a model was identified from is known in Nm or N at the joint."""
+    signals = identified.signals
+    return gains_known(signals.effort_units, signals.gains, _scales(identified))
+
+
+def _scales(identified: IdentifiedModel) -> tuple[float, ...]:
+    scales = identified.effort_scales
+    return () if scales is None else tuple(scales.values.tolist())
 
 
 def _percent(error: float, reference: float) -> float:

@@ -17,7 +17,7 @@ from steelyard.validation.headline import (
     PooledError,
     band_of,
     effort_reference,
-    gains_known,
+    known_efforts,
     pooled,
 )
 from steelyard.validation.score import RunScore, Traces, score
@@ -172,7 +172,7 @@ def model_errors(
     gains, cutoff = identified.signals.gains, band_of(reference, run.rate)
     found = score(identified.valued, run, gains, cutoff, reference=reference)
     scales = _scales(identified, first)
-    own = np.where(_known(identified), np.abs(gains), 1.0)
+    own = np.where(known_efforts(identified), np.abs(gains), 1.0)
     joints = [
         _rescaled(joint, float(scale), unit)
         for joint, scale, unit in zip(
@@ -196,17 +196,13 @@ def _rescaled(joint: JointError, factor: float, unit: str) -> JointError:
     return replace(joint, unit=unit, error=factor * joint.error, used=factor * joint.used)
 
 
-def _known(identified: IdentifiedModel) -> tuple[bool, ...]:
-    return gains_known(identified.signals.effort_units, identified.signals.gains)
-
-
 def units_of(identified: IdentifiedModel) -> tuple[str, ...]:
     """Units of the errors: those of the joints, or the logged ones where no gain is known."""
     logged = identified.signals.effort_units
     return tuple(
         joint if known else unit
         for joint, unit, known in zip(
-            identified.robot.effort_units, logged, _known(identified), strict=True
+            identified.robot.effort_units, logged, known_efforts(identified), strict=True
         )
     )
 
@@ -214,7 +210,7 @@ def units_of(identified: IdentifiedModel) -> tuple[str, ...]:
 def _scales(identified: IdentifiedModel, first: IdentifiedModel) -> Array:
     """Effort in the unit of the errors per logged unit, of either sign, shape `(n,)`."""
     mine = first if same_efforts(identified, first) else identified
-    return np.where(_known(mine), mine.signals.gains, 1.0)
+    return np.where(known_efforts(mine), mine.signals.gains, 1.0)
 
 
 def same_efforts(one: IdentifiedModel, other: IdentifiedModel) -> bool:

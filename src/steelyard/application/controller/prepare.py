@@ -17,7 +17,7 @@ from steelyard.estimation.residual_peaks import FEWEST
 from steelyard.kernel.quantities.kinematics import frame_of
 from steelyard.robot.robot import Robot
 from steelyard.suggest import advice
-from steelyard.validation.headline import gains_known
+from steelyard.validation.headline import known_efforts
 
 
 def controller_of(
@@ -108,7 +108,7 @@ def origin_of(identified: IdentifiedModel) -> tuple[str, ...]:
 
 def _refuse_unusable(identified: IdentifiedModel) -> None:
     signals, robot = identified.signals, identified.model.robot
-    known = gains_known(signals.effort_units, signals.gains)
+    known = known_efforts(identified)
     unknown = signals.unknown_gains or (False,) * len(known)
     for joint, sure, lacking in zip(robot.joint_names, known, unknown, strict=True):
         if lacking or not sure:

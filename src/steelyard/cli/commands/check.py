@@ -69,8 +69,9 @@ def check(
 ) -> None:
     """Check logs for errors, and propose lines of the robot file that correct them.
 
-    The exit code is 0 if all is ok or open, 1 if something is doubtful or the result is undecided,
-    2 if something is wrong or the command fails; with --fix it is that of the new robot file.
+    The exit code is 0 if all is ok or open, 1 if something is doubtful or the result is
+    inconclusive, 2 if something is wrong or the command fails; with --fix it is that of the new
+    robot file.
 
     Example: steelyard check ur10e.toml run1.csv run2.csv --fix
     """
@@ -162,7 +163,7 @@ def hints(
         lines.append("-o FOLDER   writes a page with the plots")
     file = path_word(used[0] if used else found.content.file)
     steps = gear_side_steps(found.last.findings, file)
-    if found.last.undecided:
+    if found.last.inconclusive:
         steps.insert(0, ("", COMPARE))
     elif "transmission" in found.last.open_checks:
         steps.insert(0, ("", GEARS))

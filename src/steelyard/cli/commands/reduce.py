@@ -33,8 +33,9 @@ def reduce(
         typer.Option(
             help="Stopping rule: one_standard_error (smallest model with a left-out error within "
             "one standard error of the least), tolerance=5 (rise of any joint's error in percent), "
-            "bic, condition=30 (condition number), ratio=30 (greatest over least relative standard "
-            "deviation), count=25 (parameters), one_fewer (one more) or refit (none).",
+            "bic, condition=30 (normalised condition number), ratio=30 (greatest over least "
+            "relative standard deviation), count=25 (parameters), one_fewer (removes one more) or "
+            "refit (removes none).",
             metavar="RULE",
         ),
     ] = "one_standard_error",

@@ -17,7 +17,7 @@ from steelyard.diagnosis.decision.verdict import CLEAN, STRIKING, Verdict, last_
 from steelyard.diagnosis.finding import ComparedHypothesis, Edit, Finding, Fix, Severity
 from steelyard.diagnosis.hypotheses.by_zero import CAUSE, moved
 from steelyard.diagnosis.likelihood.likelihood import Score
-from steelyard.diagnosis.turned_zeros import Turned, turns
+from steelyard.diagnosis.turned_zeros import IF_CONFIRMED, Turned, turns
 
 FALL = 2.0
 """Factor by which the misfit must fall: on logs of five sound robots it falls by 1.02."""
@@ -109,4 +109,4 @@ def _fix(evidence: Evidence, turned: Turned, *, alone: bool) -> Fix:
         offsets[joint] += turn
     values = [round(value, 4) + 0.0 for value in offsets.tolist()]
     line = (Edit(("signals", "position_offset"), values),) if alone else ()
-    return Fix("Set position_offset in [signals], if the robot's zeros confirm it", line)
+    return Fix(f"Set position_offset in [signals], {IF_CONFIRMED}", line)

@@ -41,7 +41,8 @@ class ScaledEfforts:
         brief = (
             f"sensors or gains are off, or a term is missing: estimated scales {listed}"
             if off
-            else "scales of the efforts are estimated together; none differs significantly from 1"
+            else "estimated scales of the efforts are used: together they differ significantly "
+            "from 1, though none does by itself"
         )
         if not wrong:
             return (Finding(self.name, "", Severity.OK, says, "", headline=True, brief=brief),)

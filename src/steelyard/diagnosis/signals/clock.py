@@ -251,7 +251,8 @@ def _facts(steps: _Steps) -> str:
         return words + f"of {_time(steps.step)}, uniform"
     longest = f", the longest {_time(float(forward.max()))}" if forward.max() > 1.5 * high else ""
     spread = _time(steps.jitter * steps.step)
-    return f"{words}{_time(float(low))} to {_time(float(high))}{longest}, jitter {spread}"
+    usual = f"{_time(float(low))} to {_time(float(high))} (98 % of them)"
+    return f"{words}{usual}{longest}, jitter {spread}"
 
 
 def _time(seconds: float) -> str:

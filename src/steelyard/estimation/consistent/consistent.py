@@ -228,7 +228,7 @@ class Consistent:
         solution = _solution(data, lift @ standard, lift @ spread @ lift.T, self.base)
         own = [part.covariance(solution.kept, solution.inverse) for part in solution.locals]
         fit = replace(data.fit, solution=solution)
-        name = f"consistent ({self.form.name} prior)"
+        name = f"physically consistent ({self.form.name} prior)"
         estimate = described(name, fit, Spread(solution.inverse, tuple(own)))
         place = {n: k for k, n in enumerate(self.base.base_names)}
         rows = [place[n] for n in estimate.parameters.names]

@@ -15,7 +15,7 @@ from steelyard.identification.result import frame, paths_of
 from steelyard.measurement import Run
 from steelyard.progress import Progress, silent
 from steelyard.regression.gather import Mask
-from steelyard.validation.headline import band_of, effort_reference, gains_known, joints_moving
+from steelyard.validation.headline import band_of, effort_reference, joints_moving, known_efforts
 from steelyard.validation.score import filtered_efforts
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ def _residuals_of(identified: IdentifiedModel, run: Run, cutoff: float | None) -
             fix="check the loops' points and links, and the zeros and signs of the positions",
         )
     t, moving, efforts = (np.concatenate(some, axis=-1) for some in zip(*parts, strict=True))
-    known = gains_known(run.effort_units, gains)
+    known = known_efforts(identified)
     measured, predicted = efforts * np.where(known, gains, 1.0)[:, None]
     coordinates = identified.model.robot.coordinates
     return Residuals(

@@ -258,10 +258,11 @@ def headline(designed: Designed) -> str:
     """What the motion shows, and whether it is safe, in a line."""
     missing = unseen(designed)
     every = len(designed.shown.names) + designed.faint
-    shows = f"The motion identifies all {every} base parameters"
+    shows = f"The motion makes all {every} base parameters identifiable"
     if missing or designed.faint:
         shows = (
-            f"The motion identifies {every - missing - designed.faint} of {every} base parameters"
+            f"The motion makes {every - missing - designed.faint} of {every} base parameters "
+            "identifiable"
         )
     if designed.absent:
         shows += f" of a model reduced by {len(designed.absent)}"

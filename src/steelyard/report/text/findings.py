@@ -69,8 +69,8 @@ def headline(diagnosis: Diagnosis) -> str:
     worst = diagnosis.severity
     if not diagnosis.findings:
         return "No check applies"
-    if diagnosis.undecided:
-        return f"Undecided: {open_words(diagnosis)}"
+    if diagnosis.inconclusive:
+        return f"Inconclusive: {open_words(diagnosis)}"
     if worst == 0:
         every, left = len(words_of(diagnosis)), diagnosis.open_checks
         verdict = "Ok: no error was found"
@@ -91,7 +91,7 @@ def headline(diagnosis: Diagnosis) -> str:
 
 
 def open_words(diagnosis: Diagnosis) -> str:
-    """How many checks are undecided, where that makes the robot file doubtful."""
+    """How many checks are open, where that makes the robot file doubtful."""
     every = count(len(words_of(diagnosis)), "check")
     return (
         f"{len(diagnosis.open_checks)} of {every} could not be decided; the robot file may be wrong"

@@ -43,7 +43,7 @@ def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, .
     steps = list(fixing(content, str(model), robot))
     robot, folder = path_word(robot), path_word(model)
     logs = " ".join(path_word(log) for log in content.logs.values())
-    if content.diagnosis is not None and content.diagnosis.undecided:
+    if content.diagnosis is not None and content.diagnosis.inconclusive:
         steps.insert(0, (f"steelyard check {robot} {logs}", "open questions about the robot file"))
     steps += gear_side_steps(content.limitations, robot)
     if not content.scores:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 MOVING, WHOLE = "where they move", "whole log"
 
 RATIO = "‖measured − predicted‖ / ‖measured‖"
-"""The relative error in the band of the fit."""
+"""The relative error in the validation band."""
 
 NORMS = {"pooled": "over all joints together", "mean": "mean over joints"}
 """What norms are called in a sentence."""
@@ -86,7 +86,7 @@ def relative_errors(scores: Sequence[RunScore]) -> list[RelativeError]:
 
 
 def band(scores: Sequence[RunScore]) -> str:
-    """Like `below 8 Hz`: the low-pass of both sides of the comparison in the band of the fit."""
+    """Like `below 8 Hz`: the low-pass of both sides of the comparison in the validation band."""
     return below(run.cutoff for run in scores)
 
 
@@ -98,10 +98,10 @@ def error_words(errors: Sequence[PooledError]) -> str:
     )
 
 
-def rated_words(errors: Sequence[PooledError]) -> str:
-    """Like `1.0 % of the rated effort`; empty where that is unknown."""
-    shares = [one.percent_of_rated for one in errors if one.percent_of_rated is not None]
-    return f"{' and '.join(percent(x) for x in shares)} of the rated effort" if shares else ""
+def limit_words(errors: Sequence[PooledError]) -> str:
+    """Like `1.0 % of the effort limit`; empty where that is unknown."""
+    shares = [one.percent_of_limit for one in errors if one.percent_of_limit is not None]
+    return f"{' and '.join(percent(x) for x in shares)} of the effort limit" if shares else ""
 
 
 def both_words(errors: Sequence[PooledError], logged: Sequence[PooledError]) -> str:
@@ -182,9 +182,9 @@ def without_percentage(scores: Sequence[RunScore]) -> list[str]:
 
 
 def other_errors(scores: Sequence[RunScore]) -> str:
-    """The relative errors in the band of the fit, as one sentence."""
+    """The relative errors in the validation band, as one sentence."""
     words = "; ".join(error.words for error in relative_errors(scores))
-    return f"Relative error {RATIO} in the band of the fit, {band(scores)}: {words}."
+    return f"Relative error {RATIO} in the validation band, {band(scores)}: {words}."
 
 
 def reference_words(joints: Sequence[JointError]) -> str:

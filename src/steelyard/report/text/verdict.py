@@ -11,9 +11,9 @@ from steelyard.report.content import ReportContent
 from steelyard.report.text.score_words import (
     basis_words,
     both_words,
+    limit_words,
     named,
     other_errors,
-    rated_words,
     without_percentage,
     worse_joints,
 )
@@ -75,7 +75,7 @@ class Verdict:
         limitations: Everything that was found against the model.
         errors: Errors of the headline, one per unit of effort; none without an unseen run.
         as_logged: The same against the efforts as logged, if scales of the efforts were estimated.
-        others: The relative errors in the band of the fit, as a sentence; or nothing.
+        others: The relative errors in the validation band, as a sentence; or nothing.
         scope: Which share of the joints is good, like `4 of 6 joints`; empty if all are.
     """
 
@@ -249,7 +249,7 @@ def _repeated(scores: Sequence[RunScore]) -> str:
 def _detail(scores: Sequence[RunScore], errors: Sequence[PooledError]) -> str:
     """Over what the error is computed, which motions are repeated, and friction at rest."""
     sentences = (
-        "; ".join(words for words in (basis_words(scores), rated_words(errors)) if words),
+        "; ".join(words for words in (basis_words(scores), limit_words(errors)) if words),
         _repeated(scores),
         AT_REST if any(run.errors.at_rest for run in scores) else "",
     )

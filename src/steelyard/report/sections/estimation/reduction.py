@@ -139,7 +139,7 @@ def _along_path(found: Reduction) -> str:
 
 def measure_of(found: Reduction) -> str:
     """The relative error that models of a path are compared by."""
-    return f"the mean of the joints' relative errors in the band of the fit, {samples_of(found)}"
+    return f"the mean of the joints' relative errors in the validation band, {samples_of(found)}"
 
 
 def samples_of(found: Reduction) -> str:

@@ -28,7 +28,7 @@ HEADINGS = (
     "In the file [kg]",
     "Centre x, y, z ± [m]",
     "Principal moments [kg m²]",
-    "From data",
+    "From data (mean of ten)",
     "Margin",
 )
 

@@ -121,12 +121,12 @@ def _still_ok(finding: Finding, diagnosis: Diagnosis) -> str:
     if finding.severity or not finding.answered or others or not declared or rivals[0] is declared:
         return ""
     misfit = (
-        "Ok although another hypothesis fits better: the misfit as declared is only "
+        "Ok although another hypothesis fits better: the misfit as declared is "
         f"{percent(declared.misfit)}"
     )
     if finding.nominal:
         return (
-            f"{misfit}, within the error of a nominal model; the other hypothesis may "
+            f"{misfit}, which wrong masses of a nominal model can cause; the other hypothesis may "
             "compensate errors of the nominal masses. A model from clean runs (--model) would "
             "decide."
         )

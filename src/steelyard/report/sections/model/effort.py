@@ -120,7 +120,7 @@ def basis_of(scores: Sequence[RunScore]) -> str:
         return (
             f"Lines, and the errors above them, which are those of the verdict: {lines}, {drawn}."
         )
-    fit = "" if drawn == judged else ", the band of the fit"
+    fit = "" if drawn == judged else ", the validation band"
     joint = "" if lines == errors else " at the joints"
     return (
         f"Lines: efforts in {lines}, the unit of the log, {drawn}{fit}. "

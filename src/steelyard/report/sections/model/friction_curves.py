@@ -51,7 +51,7 @@ class FrictionCurvesSection(FigureSection):
             ],
             "groups": [Group(figures)],
             "note": f"Points: at most {POINTS} evenly spaced samples of {runs} in which the joint "
-            f"moves, low-passed at {cutoff:g} Hz, the band of the fit; that rounds off steps "
+            f"moves, low-passed at {cutoff:g} Hz, the validation band; that rounds off steps "
             "at zero speed. Friction "
             "that depends on load is drawn at the sample of median gravity load. The curve is that "
             "of a joint that moves alone: where friction couples joints, points lie beside it.",

@@ -76,7 +76,7 @@ class TorqueSplitSection(FigureSection):
         ]
         return {
             "words": f"Run {score.run} ({kind}). Efforts at the joints below {score.cutoff:g} Hz, "
-            "the band of the fit; the parts add up to the predicted effort. Root mean squares are "
+            "the validation band; the parts add up to the predicted effort. Root mean squares are "
             "of the samples in which the joint moves; of all samples if it rests throughout.",
             "tables": [_table(sizes, joints)],
             "groups": groups,

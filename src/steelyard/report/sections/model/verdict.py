@@ -17,7 +17,7 @@ from steelyard.report.text.score_words import (
     basis_words,
     both_words,
     coverage_words,
-    rated_words,
+    limit_words,
     reference_words,
     relative,
     relative_errors,
@@ -42,7 +42,7 @@ CAPTION = (
 
 
 MOST_OTHERS = 8
-"""Runs whose errors in the band of the fit the page lists."""
+"""Runs whose errors in the validation band the page lists."""
 
 
 class VerdictSection(Section):
@@ -142,7 +142,7 @@ def _usable(content: ReportContent) -> str:
 def _facts(content: ReportContent) -> list[tuple[str, str]]:
     """Values and labels of the key figures."""
     facts = [
-        (percent(error.value), f"error {error.kind}, in the band of the fit")
+        (percent(error.value), f"error {error.kind}, in the validation band")
         for error in relative_errors(content.scores)
     ]
     if content.fitted:
@@ -189,7 +189,7 @@ def _run(score: RunScore) -> dict[str, Any]:
 def _figures(score: RunScore) -> str:
     """The errors over all joints of a run."""
     errors = pooled([score.errors])
-    words = both_words(errors, pooled(as_logged([score.errors]))), rated_words(errors)
+    words = both_words(errors, pooled(as_logged([score.errors]))), limit_words(errors)
     return "; ".join(part for part in words if part)
 
 
@@ -206,7 +206,7 @@ def _error(joint: JointError) -> dict[str, Any]:
     return {
         **vars(joint),
         "share": share,
-        "of_rated": joint.percent_of_rated,
+        "of_limit": joint.percent_of_limit,
         "level": level_of(share) if joint.counted else "none",
         "bar": min(share, 100.0) if share == share else 0.0,
     }
@@ -221,7 +221,7 @@ def _runs_table(scores: Sequence[RunScore], unseen: bool) -> RenderableType:
     scaled = any(score.errors.as_logged for score in scores)
     logged = ["as logged"] if scaled else []
     table = light_table(
-        ("run", "error", "of used", *logged, "of rated", "worst joint"), (0, 4 + len(logged))
+        ("run", "error", "of used", *logged, "of limit", "worst joint"), (0, 4 + len(logged))
     )
     for score in scores:
         unscaled: Sequence[PooledError | None] = pooled(as_logged([score.errors]))
@@ -244,7 +244,7 @@ def _worst(score: RunScore) -> str:
 
 
 def joints_table(score: RunScore, unseen: bool) -> RenderableType:
-    """One row per joint: its error in the fixed band, beside what it uses and is rated for."""
+    """One row per joint: its error in the fixed band, beside what it used and its effort limit."""
     from rich.console import Group
     from rich.text import Text
 
@@ -254,11 +254,11 @@ def joints_table(score: RunScore, unseen: bool) -> RenderableType:
     if not all(joint.counted for joint in score.errors.joints):
         basis += "; joints at rest do not count"
     logged = ["as logged"] if score.errors.as_logged else []
-    headings = ("joint", "error", "of used", *logged, "of rated", "used", "rated", "")
+    headings = ("joint", "error", "of used", *logged, "of limit", "used", "limit", "")
     table = light_table(headings, (0, 6 + len(logged)))
     others = score.errors.as_logged or [None] * len(score.errors.joints)
     for joint, other in zip(score.errors.joints, others, strict=True):
-        effort = significant(joint.used), significant(joint.rated)
+        effort = significant(joint.used), significant(joint.limit)
         note = "" if joint.counted else "at rest"
         _add(table, joint.joint, joint, *effort, note, logged=other)
     errors = pooled([score.errors])
@@ -278,7 +278,7 @@ def _add(
     *more: str,
     logged: JointError | PooledError | None = None,
 ) -> None:
-    """A row: error with its unit, and relative to what is used, as logged too, and rated."""
+    """A row: error with its unit, relative to what was used, as logged too, and to the limit."""
     from rich.text import Text
 
     counted = not isinstance(error, JointError) or error.counted
@@ -288,13 +288,13 @@ def _add(
         Text(name),
         f"{significant(error.error)} {error.unit}",
         *(Text(percent(share), style=style) for share, style in zip(shares, styles, strict=True)),
-        percent(error.percent_of_rated),
+        percent(error.percent_of_limit),
         *(Text(cell) for cell in more),
     )
 
 
 def _fit_table(score: RunScore) -> RenderableType:
-    """Errors in the band of the fit, between its title and the meaning of its columns."""
+    """Errors in the validation band, between its title and the meaning of its columns."""
     from rich.console import Group
     from rich.text import Text
 
@@ -318,5 +318,5 @@ def _fit_table(score: RunScore) -> RenderableType:
         pooled = percent(score.pooled_percent_moving), percent(score.pooled_percent)
         table.add_row("pooled", *pooled)
     table.add_row("mean", percent(score.mean_percent_moving), percent(score.mean_percent))
-    title = f"{score.run}, in the band of the fit, below {score.cutoff:g} Hz"
+    title = f"{score.run}, in the validation band, below {score.cutoff:g} Hz"
     return Group(Text(title), table, Text(CAPTION, style="dim"))
