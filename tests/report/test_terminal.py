@@ -157,6 +157,16 @@ def test_names_of_joints_are_whole_at_80_columns(usual):
     assert len(row(table, name)) == 8
 
 
+def test_numbers_are_whole_beside_long_names(usual):
+    name = "AR5-5_07R-W4C4A2_joint_1"
+    score = usual.scores[0]
+    joints = tuple(replace(joint, joint=name, rmse=0.09671) for joint in score.joints)
+    content = replace(usual, scores=(replace(score, joints=joints),))
+    table = printed(content, 80, verbose=True).partition("in the validation band, below")[2]
+    first, *rest = row(table, "AR5-5")
+    assert name.startswith(first) and first != name and "0.0967" in rest
+
+
 def test_several_runs_have_one_row_each(usual):
     text = printed(usual)
     assert "2 runs, not fitted (RMS below 5 Hz, pooled over 2 joints, where they move)" in text

@@ -64,15 +64,25 @@ class PlainTable:
         return any(len(row.cells[0]) > LONG for row in self.rows)
 
 
-def light_table(headings: Sequence[str], left: Sequence[int] = (0,)) -> Table:
-    """An empty table of the terminal without frame; columns of words are `left`-aligned."""
+def light_table(
+    headings: Sequence[str], left: Sequence[int] = (0,), *, whole: bool = True
+) -> Table:
+    """An empty table of the terminal without frame.
+
+    Args:
+        headings: One per column.
+        left: Columns of words, aligned to the left.
+        whole: In a narrow terminal words are broken, and numbers are not: for short headings.
+    """
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
     table = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
     for number, heading in enumerate(headings):
         side: Literal["left", "right"] = "left" if number in left else "right"
-        table.add_column(heading, justify=side, overflow="fold")
+        unbroken = whole and number not in left
+        overflow: Literal["ellipsis", "fold"] = "ellipsis" if unbroken else "fold"
+        table.add_column(heading, justify=side, overflow=overflow, no_wrap=unbroken)
     return table
 
 
@@ -80,7 +90,7 @@ def text_table(table: PlainTable, title: str) -> Table:
     """The table for the terminal, under its caption, or under `title` if it has none."""
     from rich.text import Text
 
-    shown = light_table(table.headings, table.text)
+    shown = light_table(table.headings, table.text, whole=False)
     shown.title, shown.title_justify = Text(table.caption or title), "left"
     if table.note:
         shown.caption, shown.caption_justify = Text(table.note), "left"

@@ -227,11 +227,12 @@ def scale_words(
     if unscaled:
         pairs = list(zip(unscaled, scores, strict=True))
         fresh = [one for one, score in pairs if not score.repeats] or unscaled
-        without = f": {error_words(pooled(one.errors for one in fresh))}"
+        errors = error_words(pooled(one.errors for one in fresh))
+        without = f'. Without scales (effort_scales = "off" in [estimation]): {errors}'
     return (
         f"efforts divided by the estimated scale: {listed}; as logged: not divided by it. torque() "
-        "of the model predicts the divided efforts, effort() the logged ones. Without scales "
-        f'(effort_scales = "off" in [estimation]){without}'
+        "of the model predicts the divided efforts, effort() the logged ones"
+        f"{without}"
     )
 
 

@@ -300,7 +300,6 @@ def _fit_table(score: RunScore) -> RenderableType:
 
     headings = ("joint", "moving", "all", "RMSE", "MAE", "zero", "nominal", "unit")
     table = light_table(headings, (0, 7))
-    table.columns[0].no_wrap = True
     for joint in score.joints:
         style = COLOURS[level_of(relative(joint))]
         table.add_row(
