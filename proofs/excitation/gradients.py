@@ -32,7 +32,7 @@ from steelyard.robot_file.file import load_robot
 from steelyard.terms.laws.rigid_body import RigidBody
 
 SHARPNESS = 16.0
-SIZES = (0.01, 0.03, 0.1, 0.3, 1.0)
+SIZES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """Motions of which the one that shows a law best is taken: differences need figures."""
 
 BOUND = 1e-6
