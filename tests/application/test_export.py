@@ -20,6 +20,7 @@ from steelyard.errors import ModelError
 from steelyard.estimation.calibration import EDGES, Calibration
 from steelyard.estimation.estimate import Unidentifiable
 from steelyard.estimation.identified import IdentifiedModel
+from steelyard.estimation.known_scales import KnownScales
 from steelyard.measurement.motion_samples import MotionSamples
 from steelyard.model import Model
 from steelyard.motion import Motion
@@ -226,6 +227,17 @@ def test_the_curve_of_both_directions_is_held_by_its_mean() -> None:
     for mine, other in zip(both.joints, mean.joints, strict=True):
         assert mine == pytest.approx(other, rel=1e-9)
     assert any("± trunk_joint 1 Nm" in x and "left_joint 1 Nm" in x for x in both.unsupported)
+
+
+def test_scales_of_efforts_are_reported() -> None:
+    identified = identified_of(tree(), [RigidBody()])
+    rows = identified.model.robot.joint_names
+    scales = np.linspace(0.9, 1.2, len(rows))
+    scaled = replace(identified, effort_scales=KnownScales(rows, scales, np.eye(len(rows))))
+    for form in ("urdf", "mjcf"):
+        (words,) = set(unsupported(scaled, form)) - set(unsupported(identified, form))
+        assert f"logged efforts are {rows[0]} 0.90, " in words
+        assert words in " ".join(exported(scaled, form).text.split())
 
 
 def test_gravity_that_points_elsewhere_is_reported_of_a_urdf() -> None:

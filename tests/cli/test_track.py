@@ -131,6 +131,29 @@ def test_torques_beyond_the_limits_are_reported(
     assert done.exit_code == 0 and f"! {beyond[0].name}: " in done.stdout
 
 
+def test_measured_positions_and_degrees_are_reported(
+    identified: Path, motion: Path, tmp_path: Path
+) -> None:
+    planned = feedforward(identified, motion, rate=100.0)
+    names = [joint.name for joint in planned.joints]
+    rng = np.random.default_rng(0)
+
+    def warnings(q: np.ndarray) -> tuple[str, ...]:
+        columns = {f"q_{n}": column for n, column in zip(names, q.T, strict=True)}
+        table = tmp_path / "table.csv"
+        pl.DataFrame({"time_s": planned.motion.t, **columns}).write_csv(table)
+        return feedforward(identified, table).warnings
+
+    assert warnings(planned.motion.q) == ()
+    noise = np.zeros(planned.motion.q.shape)
+    noise[:, 1] = 3e-4 * rng.standard_normal(len(noise))
+    *_, words = warnings(planned.motion.q + noise)
+    assert words.startswith("do not command these torques: accelerations of")
+    assert names[1] in words and names[0] not in words
+    (words,) = warnings(np.full(planned.motion.q.shape, 90.0))
+    assert "far beyond its limits" in words and words.endswith("convert degrees")
+
+
 def test_a_part_of_a_motion_needs_the_same_torques(
     identified: Path, motion: Path, tmp_path: Path
 ) -> None:

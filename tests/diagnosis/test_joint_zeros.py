@@ -1,5 +1,6 @@
 """Joints that do not count from where the model file says, as `check` finds them."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -144,6 +145,22 @@ def test_with_a_reference_zeros_that_are_not_identifiable_leave_the_question_ope
     (finding,) = JOINT_ZEROS(arm.case(arm.table))
     assert finding.severity == Severity.OK and not finding.answered
     assert finding.says == "undecided: not identifiable from these data: shoulder_lift"
+
+
+def test_a_reference_states_how_far_zeros_may_be_off(arm) -> None:
+    (finding,) = JOINT_ZEROS(arm.case(arm.table))
+    bound = re.search(r"within \(95 %\): shoulder_lift (0\.\d+) rad", finding.says)
+    assert bound and 0.0 < float(bound[1]) < 0.05, finding.says
+    assert finding.says.count("not identifiable: ") == 1
+
+
+def test_a_small_offset_leaves_the_zeros_open(arm) -> None:
+    table = arm.table.copy()
+    table[:, arm.at("q{}_rad")[1]] += 0.02
+    (finding,) = JOINT_ZEROS(arm.case(table))
+    assert finding.severity == Severity.OK and not finding.answered
+    assert "undecided: with a zero offset of shoulder_lift -0.02" in finding.says
+    assert finding.says.endswith("; compare the zeros with the robot")
 
 
 def test_quick_checks_with_a_reference_include_the_zeros_once(arm) -> None:

@@ -440,15 +440,19 @@ def load_model(path: str | Path | IdentifiedModel) -> IdentifiedModel:
 
 
 def _warn_of_degrees(robot: Robot, q: Array) -> None:
-    """Warn of angles beyond two turns and twice the limits of their joint."""
+    """Warn of positions that look like degrees."""
+    if far := far_beyond_limits(robot, q):
+        warnings.warn(f"{far}; positions are in rad: use numpy.radians for degrees", stacklevel=4)
+
+
+def far_beyond_limits(robot: Robot, q: Array) -> str:
+    """That an angle is beyond two turns and twice the limits of its joint; empty if none is."""
     farthest = np.abs(q.reshape(-1, robot.n)).max(axis=0, initial=0.0)
     for joint, angle in zip(robot.coordinates, farthest, strict=True):
         widest = max(abs(joint.limits.lower), abs(joint.limits.upper))
         if joint.unit == "rad" and angle > max(4.0 * pi, 2.0 * widest):
-            message = (
+            return (
                 f"position {angle:.4g} of joint '{joint.name}' is far beyond its limits "
-                f"({joint.limits.lower:.3g} to {joint.limits.upper:.3g} rad); positions are in "
-                "rad: use numpy.radians for degrees"
+                f"({joint.limits.lower:.3g} to {joint.limits.upper:.3g} rad)"
             )
-            warnings.warn(message, stacklevel=4)
-            return
+    return ""

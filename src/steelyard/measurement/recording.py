@@ -120,12 +120,12 @@ class Recording:
         velocity_scale = () if s.velocity_scale is None else (s.velocity_scale,)
         scale = np.concatenate((s.position_scale, *velocity_scale, s.effort_scale))
         last = None if self.middles is None else self.middles.copy()
-        with np.errstate(over="ignore", invalid="ignore"):
-            for part in self.log.parts(s.columns, rows, size):
-                x = self._of_joints(part[:, 1:] * scale)
+        for part in self.log.parts(s.columns, rows, size):
+            with np.errstate(over="ignore", invalid="ignore"):
+                t, x = part[:, 0] * s.time_scale, self._of_joints(part[:, 1:] * scale)
                 if last is not None:
                     x = self._continuous(x, last)
-                yield part[:, 0] * s.time_scale, x
+            yield t, x
 
     def _continuous(self, x: Array, last: Array) -> Array:
         """Channels with wrapped positions made continuous; `last` is where each joint was."""

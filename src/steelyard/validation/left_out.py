@@ -127,7 +127,7 @@ class _Course:
         step = max(1, int(run.rate / (PER_WAVE * run.matched_cutoff)))
         step *= max(1, ceil(run.rate * run.duration / step / most))
         parts = [
-            (block.t[::step], np.concatenate([block.q, block.dq])[:, ::step].T)
+            (block.t[::step].copy(), np.concatenate([block.q[:, ::step], block.dq[:, ::step]]).T)
             for block in run.blocks()
         ]
         empty = (np.zeros(0), np.zeros((0, 1)))

@@ -84,6 +84,7 @@ def content_of(identified: IdentifiedModel, form: Format) -> Content:
         pulls,
         (
             *_of_robot(robot, form),
+            *_of_scales(identified),
             *unsupported,
             *slack,
             *(x for term in terms for x in term.unsupported),
@@ -251,6 +252,14 @@ def _pulls(terms: Sequence[Placed], form: Format) -> tuple[tuple[Pull, ...], tup
                 f"{pull.stiffness:.4g} N/m, preload {pull.preload:.4g} N"
             )
     return tuple(supported), tuple(unsupported)
+
+
+def _of_scales(identified: IdentifiedModel) -> tuple[str, ...]:
+    """That logged efforts differ from those of the model by estimated scales."""
+    scales = identified.effort_scales
+    if scales is None:
+        return ()
+    return (f"scales of the efforts: logged efforts are {scales.words} times as large",)
 
 
 def _of_robot(robot: Robot, form: Format) -> tuple[str, ...]:

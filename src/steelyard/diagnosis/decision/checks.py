@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.diagnosis.case import Case
-from steelyard.diagnosis.decision.decidable import least_mass
+from steelyard.diagnosis.decision.decidable import least_mass, zero_bounds
 from steelyard.diagnosis.decision.findings import agrees, findings
 from steelyard.diagnosis.decision.friction_sign import friction_signs
 from steelyard.diagnosis.decision.gains_left import gains_left, gains_of_controller
 from steelyard.diagnosis.decision.quarter_turns import quarter_turns
 from steelyard.diagnosis.decision.ranking import known_of
-from steelyard.diagnosis.decision.verdict import Verdict, verdict
+from steelyard.diagnosis.decision.verdict import Verdict, last_of, verdict
 from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.diagnosis.hypotheses.by_zero import CAUSE
 from steelyard.diagnosis.hypotheses.hypothesis import Hypothesis
@@ -138,6 +138,13 @@ def _no_load(decision: Verdict) -> str:
     )
 
 
+def _same_zeros(decision: Verdict) -> str:
+    likelihood, same = decision.ranking.likelihood, "joint zeros are those of the reference"
+    if likelihood.knowledge.identified:
+        same += f", {zero_bounds(likelihood, last_of(decision).interpretation)}"
+    return agrees(decision, same)
+
+
 JOINT_ORDER = HypothesisCheck(
     "joint order",
     "Does every column belong to its joint?",
@@ -186,7 +193,7 @@ EFFORT_DELAY = HypothesisCheck(
 JOINT_ZEROS = HypothesisCheck(
     CAUSE,
     "Are the joint zeros those of the reference?",
-    "joint zeros are those of the reference",
+    _same_zeros,
     "set it as position_offset, if the robot's zeros confirm it",
     _of_reference,
 )

@@ -10,7 +10,7 @@ can be there, given the masses. A question with alternatives (signs, orders, uni
 each of them agrees clearly worse.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -31,14 +31,19 @@ from steelyard.diagnosis.hypotheses.alternatives import FACTORS
 from steelyard.diagnosis.hypotheses.by_effort import poorly_identified
 from steelyard.diagnosis.hypotheses.by_position import Draft, judged
 from steelyard.diagnosis.hypotheses.by_surroundings import NEAR, SHARP, payload_fit
-from steelyard.diagnosis.hypotheses.by_zero import CAUSE, zero_offsets
+from steelyard.diagnosis.hypotheses.by_zero import CAUSE, Zero, moved, zero_offsets
 from steelyard.diagnosis.likelihood.interpretation import Interpretation
 from steelyard.diagnosis.likelihood.likelihood import Likelihood, Score, regressors
 from steelyard.diagnosis.likelihood.possible import Possible, possible
 from steelyard.diagnosis.zero_offset import without_effect
+from steelyard.estimation.estimate import Z95
 
 SHOWN = 3
 """Alternatives that are named."""
+
+NOTICED = 8.0
+"""Rise of the log-likelihood by a zero offset from which on zeros are not called those of the
+reference: by chance less than once in a thousand logs, and on logs of a UR10e up to 4.4."""
 
 UNKNOWN_GAINS = {
     "gain": 'undecided: unknown gains (gain = "identify") are not compared with the model file',
@@ -80,6 +85,8 @@ def undecided(decision: Verdict, cause: str) -> str:
 def _zeros(likelihood: Likelihood, interpretation: Interpretation) -> str:
     """That zeros of some joints are not identifiable, though other motion would identify them."""
     zeros = zero_offsets(likelihood, interpretation)
+    if moved_zeros := _moved_zeros(likelihood, interpretation, zeros):
+        return moved_zeros
     never = without_effect(likelihood.knowledge.robot)
     left = [z.name for z in zeros if not z.identifiable and not never[z.joint]]
     if not left:
@@ -87,6 +94,43 @@ def _zeros(likelihood: Likelihood, interpretation: Interpretation) -> str:
     rest = ", ".join(zero.name for zero in zeros if zero.identifiable)
     says = f"undecided: not identifiable from these data: {', '.join(left)}"
     return f"{says}; no significant zero offset of {rest}" if rest else says
+
+
+def _moved_zeros(
+    likelihood: Likelihood, interpretation: Interpretation, zeros: Sequence[Zero]
+) -> str:
+    """Zero offsets that fit better, though the misfit without them is small."""
+    scores = {
+        zero: likelihood.score(moved(interpretation, zero.joint, zero.value))
+        for zero in zeros
+        if zero.identifiable
+    }
+    before = likelihood.score(interpretation)
+    rises = {z: float((s.log_likelihood - before.log_likelihood)[0]) for z, s in scores.items()}
+    best = max(rises, key=lambda zero: rises[zero], default=None)
+    if best is None or rises[best] < NOTICED:
+        return ""
+    least = max(rises[best] - DECISIVE, NOTICED)
+    alike = [z.words for z, r in rises.items() if z is not best and r > least]
+    others = f" (or of {', '.join(alike)})" if alike else ""
+    return (
+        f"undecided: with a zero offset of {best.words}{others} the misfit falls from "
+        f"{float(before.percent[0]):.2g} to {float(scores[best].percent[0]):.2g} %; compare the "
+        "zeros with the robot"
+    )
+
+
+def zero_bounds(likelihood: Likelihood, interpretation: Interpretation) -> str:
+    """How far zeros may be off in spite of a log, like `elbow 0.012 rad`, and which are unknown."""
+    zeros = zero_offsets(likelihood, interpretation)
+    bounds = [
+        f"{zero.name} {abs(zero.value) + Z95 * zero.std:.2g} {zero.unit}"
+        for zero in zeros
+        if zero.identifiable
+    ]
+    left = [zero.name for zero in zeros if not zero.identifiable]
+    says = f"within (95 %): {', '.join(bounds)}" if bounds else ""
+    return "; ".join(x for x in (says, f"not identifiable: {', '.join(left)}" if left else "") if x)
 
 
 def misfit_hides(decision: Verdict) -> bool:

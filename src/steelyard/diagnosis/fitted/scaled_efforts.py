@@ -34,12 +34,12 @@ class ScaledEfforts:
         beyond = np.abs(np.log(scales.found.values)) - Z95 * scales.found.std > np.log(WRONG)
         wrong = tuple(j for j, is_wrong in zip(scales.joints, beyond, strict=True) if is_wrong)
         says = (
-            f"a scale of the efforts is estimated per joint ({listed}): sensors or gains are off "
-            "by these factors, or a missing term has the same effect. Masses are as uncertain as "
-            f"the scales{_term_instead(case, scales.found.distance)}"
+            f"a scale of the efforts is estimated per joint ({listed}): sensors or gains may be "
+            "off by these factors, or a missing term may have the same effect. Masses are as "
+            f"uncertain as the scales{_term_instead(case, scales.found.distance)}"
         )
         brief = (
-            f"sensors or gains are off, or a term is missing: estimated scales {listed}"
+            f"sensors or gains may be off, or a term missing: estimated scales {listed}"
             if off
             else "estimated scales of the efforts are used: together they differ significantly "
             "from 1, though none does by itself"

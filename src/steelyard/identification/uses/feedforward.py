@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.arguments import checked
 from steelyard.arrays import Array
@@ -13,7 +14,7 @@ from steelyard.control.feedforward import SMOOTHING, feedforward_torque
 from steelyard.control.joint_order import ordered
 from steelyard.control.usable import refuse_unknown_gains, remarks
 from steelyard.errors import DataError
-from steelyard.estimation.identified import IdentifiedModel, load_model
+from steelyard.estimation.identified import IdentifiedModel, far_beyond_limits, load_model
 from steelyard.excitation.export.points import grid_times
 from steelyard.excitation.trajectories.files import read_named, read_table
 from steelyard.files import write_table
@@ -22,6 +23,9 @@ from steelyard.robot.robot import Coordinate, Robot
 
 RATE = 250.0
 """Rows a second of the table, if none is given."""
+FEWEST_ROWS, LEAST_NOISE = 20, 1.0
+"""Rows of a table from which on noise is sought, and the least RMS of its accelerations that
+matters [rad/s²; m/s²]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -33,7 +37,8 @@ class FeedforwardTorques:
         motion: The desired motion, `N` samples.
         torque: Shape `(N, n)` [Nm; N].
         notes: What the torques leave out.
-        warnings: Torques beyond the limits of their joints, and what to do.
+        warnings: What speaks against commanding them: torques beyond the limits of their joints,
+            accelerations that are noise, angles far beyond the limits; and what to do.
     """
 
     joints: tuple[Coordinate, ...]
@@ -139,17 +144,31 @@ def feedforward(
     identified = load_model(model)
     refuse_unknown_gains(identified)
     robot = identified.model.robot
-    samples = _samples(motion, joints, robot, rate)
+    samples, measured = _samples(motion, joints, robot, rate)
     torque = feedforward_torque(identified.valued, samples, smoothing)
     if as_logged and identified.effort_scales is not None:
         torque = torque * identified.effort_scales.values
         identified = replace(identified, effort_scales=None)
-    warnings = tuple(beyond_limits(robot.coordinates, samples, torque))
+    far = far_beyond_limits(robot, samples.q)
+    warnings = (
+        (f"{far}: do not command these torques; positions are in rad, convert degrees",)
+        if far
+        else tuple(beyond_limits(robot.coordinates, samples, torque, measured))
+    )
     return FeedforwardTorques(robot.coordinates, samples, torque, remarks(identified), warnings)
 
 
-def beyond_limits(joints: Sequence[Coordinate], motion: Motion, torque: Array) -> Iterator[str]:
-    """One sentence for each joint whose torque is beyond its limit, and what to do."""
+def beyond_limits(
+    joints: Sequence[Coordinate], motion: Motion, torque: Array, measured: Sequence[str] = ()
+) -> Iterator[str]:
+    """What speaks against commanding the torques, and what to do.
+
+    Args:
+        joints: The joints.
+        motion: The motion.
+        torque: Along it, shape `(N, n)` [Nm; N].
+        measured: Joints whose positions in the table are measured ones with noise.
+    """
     found = False
     for joint, column, ddq in zip(joints, torque.T, motion.ddq.T, strict=True):
         above = np.abs(column) > joint.limits.effort
@@ -161,19 +180,22 @@ def beyond_limits(joints: Sequence[Coordinate], motion: Motion, torque: Array) -
                 f"beyond its limit of {joint.limits.effort:.4g} (acceleration {ddq[k]:.3g}; "
                 f"{above.sum()} of {len(column)} samples)"
             )
-    if found:
+    if measured:
         yield (
-            "do not command these torques: accelerations of measured positions are noise; smooth "
-            "the positions, or give a planned motion"
+            f"do not command these torques: accelerations of {', '.join(measured)} reverse from "
+            "row to row, as those of measured positions, whose noise they contain; smooth the "
+            "positions, or give a planned motion"
         )
+    elif found:
+        yield "do not command these torques: give a slower motion, or smooth measured positions"
 
 
 def _samples(
     motion: str | Path | Motion, joints: Sequence[str] | None, robot: Robot, rate: float
-) -> Motion:
-    """The motion of the robot's joints, in their order."""
+) -> tuple[Motion, tuple[str, ...]]:
+    """The motion of the robot's joints, in their order; joints whose table has noise."""
     if isinstance(motion, Motion):
-        return ordered(motion, joints, robot, "samples of the motion")
+        return ordered(motion, joints, robot, "samples of the motion"), ()
     if joints is not None:
         raise DataError(
             "names of joints are given together with a file, which has its own",
@@ -184,7 +206,29 @@ def _samples(
     if path.suffix != ".json":
         table = read_table(path, robot)
         found = table.unstopped.sample(grid_times(table.motion.duration, rate))
-        return Motion(table.start + found.t, found.q, found.dq, found.ddq)
+        samples = Motion(table.start + found.t, found.q, found.dq, found.ddq)
+        noisy = _noisy(table.motion.t, table.motion.q)
+        return samples, tuple(
+            joint.name for joint, is_noisy in zip(robot.coordinates, noisy, strict=True) if is_noisy
+        )
     trajectory, names = read_named(path)
     found = trajectory.sample(grid_times(trajectory.duration, rate))
-    return ordered(found, names, robot, str(path))
+    return ordered(found, names, robot, str(path)), ()
+
+
+def _noisy(t: Array, q: Array) -> NDArray[np.bool_]:
+    """Whether second differences of each joint are mostly noise, shape `(n,)`.
+
+    Those of white noise have a correlation of -2/3 from row to row, those of a motion that the rows
+    resolve a positive one.
+
+    Args:
+        t: Times of the rows, shape `(N,)` [s].
+        q: Positions, shape `(N, n)` [rad; m].
+    """
+    if len(t) < FEWEST_ROWS:
+        return np.zeros(q.shape[1], dtype=np.bool_)
+    step = np.diff(t)[:, None]
+    acceleration = np.diff(np.diff(q, axis=0) / step, axis=0) / (0.5 * (step[1:] + step[:-1]))
+    large = np.sqrt(np.mean(np.square(acceleration), axis=0)) > LEAST_NOISE
+    return np.asarray(large & (np.sum(acceleration[1:] * acceleration[:-1], axis=0) < 0.0))

@@ -21,6 +21,11 @@ ERROR = (
     "parallel filter; not comparable with the verdict"
 )
 """What an error of a mix is."""
+ONE_CURVE = (
+    "Their coefficients describe one friction curve per joint together, and hold beside these laws "
+    "only: quote the curve (report), not a coefficient"
+)
+"""What coefficients of chosen laws mean."""
 
 
 class FrictionSection(TableSection):
@@ -75,7 +80,7 @@ def _chosen(choice: FrictionChoice) -> str:
         return f"friction laws: {best.name} ({compared}, none is significantly better)"
     return (
         f"friction laws: {best.name} ({compared}; error on motion left out {best.error:.2f} %, "
-        f"with {first.name} {first.error:.2f} %)"
+        f"with {first.name} {first.error:.2f} %). {ONE_CURVE}"
     )
 
 
