@@ -22,6 +22,7 @@ from steelyard.diagnosis.signals.repeats import Repeats
 from steelyard.diagnosis.signals.rests import Rests
 from steelyard.diagnosis.signals.rows import Rows
 from steelyard.diagnosis.signals.saturation import Saturation
+from steelyard.diagnosis.signals.signed import Signed
 from steelyard.diagnosis.signals.unit_costs import JointFacts
 from steelyard.diagnosis.signals.units import _named, reading
 from steelyard.diagnosis.signals.velocity import Velocity
@@ -40,6 +41,7 @@ OWN = (
     Repeats(),
     Noise(),
     Saturation(),
+    Signed(),
     Rests(),
     Excitation(),
     Position(),
@@ -202,6 +204,11 @@ def still(table: Array) -> Array:
     return table
 
 
+def absolute(table: Array) -> Array:
+    table[:, 7:] = np.abs(table[:, 7:] - 18.0)
+    return table
+
+
 SIGNALS = "signals"
 DEGREES = 180.0 / np.pi
 WITHOUT = {"velocity": None, "velocity_unit": None, "velocity_sign": None}
@@ -219,6 +226,7 @@ FAULTS: dict[str, tuple[Change, str, Severity, dict[str, Any], tuple[int, ...]]]
     "constant": (constant, "noise", WRONG, {}, (2,)),
     "noise": (noisy, "noise", DOUBTFUL, {}, (1,)),
     "cut off": (clipped, "saturation", DOUBTFUL, {}, (3,)),
+    "absolute": (absolute, "signed efforts", DOUBTFUL, {}, (1, 2, 3)),
     "mostly rest": (resting, "rests", DOUBTFUL, {}, ()),
     "one joint still": (still, "excitation", DOUBTFUL, {}, (2,)),
     "degrees": (scaled(Q, DEGREES), "position", WRONG, {"position_unit": "deg"}, (1, 2, 3)),

@@ -29,6 +29,7 @@ from steelyard.diagnosis.signals.rests import Rests
 from steelyard.diagnosis.signals.rows import Rows
 from steelyard.diagnosis.signals.saturation import Saturation
 from steelyard.diagnosis.signals.set_points import SetPoints
+from steelyard.diagnosis.signals.signed import Signed
 from steelyard.diagnosis.signals.velocity import Velocity
 
 OF_SIGNALS: tuple[Check, ...] = (
@@ -39,6 +40,7 @@ OF_SIGNALS: tuple[Check, ...] = (
     SetPoints(),
     ComputedEfforts(),
     Saturation(),
+    Signed(),
     Rests(),
     Excitation(),
     Position(),
