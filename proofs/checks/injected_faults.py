@@ -1,4 +1,4 @@
-"""The detective finds faults that are put into clean logs, and corrects them.
+"""The checks find faults that are put into clean logs, and correct them.
 
 Real logs of three robots, each against a model identified from other clean stretches, and the
 simulated demo arm. Every draw runs all checks. A verdict is right if a check that should

@@ -1,4 +1,4 @@
-"""Faults put into clean logs and robot files, for the proof of the detective."""
+"""Faults put into clean logs and robot files, for the proof of the checks."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -84,7 +84,7 @@ class Faulty:
 
 
 def diagnosis(clean: Clean, text: str, table: np.ndarray) -> Diagnosis:
-    """Everything that the detective says of a log."""
+    """Everything that the checks say of a log."""
     loaded = load_robot(clean.path, text)
     if loaded.signals is None:
         raise ValueError(f"{clean.path} says nothing about logs")

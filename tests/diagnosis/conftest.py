@@ -74,7 +74,7 @@ class Arm:
     reference: IdentifiedModel
 
     def case(self, table: Array, text: str | None = None, known: bool = True) -> Case:
-        """A log before the detective, as a robot file of that text reads it."""
+        """A log to be checked, as a robot file of that text reads it."""
         text = self.text if text is None else text
         self.path.write_text(text)
         loaded = load_robot(self.path)

@@ -1,4 +1,4 @@
-"""What the detective found, in the terminal, in JSON, and as a page in a real browser."""
+"""What the checks found, in the terminal, in JSON, and as a page in a real browser."""
 
 import io
 import json
@@ -8,11 +8,12 @@ from rich.console import Console
 
 from report.conftest import EVIL, diagnosis
 from steelyard.diagnosis import Diagnosis, Finding, Severity
-from steelyard.diagnosis.finding import ComparedHypothesis
+from steelyard.diagnosis.finding import ComparedHypothesis, Edit, Fix
+from steelyard.identification.checks.precheck import refusal
 from steelyard.report.check_page import CheckContent, render_check
 from steelyard.report.sections.model.check import CheckSection, findings_of
 from steelyard.report.terminal.findings import notes, show
-from steelyard.report.text.findings import diagnosis_dict, groups, headline, tally
+from steelyard.report.text.findings import by_edits, diagnosis_dict, groups, headline, tally
 
 
 def content(name: str = "arm", most: float = 1.0) -> CheckContent:
@@ -300,3 +301,24 @@ def test_the_report_shows_the_check_if_there_was_one(usual) -> None:
     numbers = CheckSection().numbers(usual)
     assert numbers is not None and all(one["picture"] is None for one in numbers["fine"])
     assert "Wrong: unit arm" in CheckSection().show(numbers)
+
+
+def test_logs_that_need_the_same_lines_are_stated_once() -> None:
+    def finding(log: str, unit: str) -> Finding:
+        fix = Fix(f"they are in {unit}", (Edit(("signals", "position_unit"), unit),))
+        return Finding("position", log, Severity.WRONG, f"{log} in {unit}", f"5 of {log}", fix=fix)
+
+    wrong = (finding("a", "deg"), finding("b", "deg"), finding("c", "mm"))
+    assert [[f.log for f in alike] for alike in by_edits(wrong)] == [["a", "b"], ["c"]]
+    bare = (
+        Finding("rows", "a", Severity.WRONG, "x", ""),
+        Finding("rows", "b", Severity.WRONG, "x", ""),
+    )
+    assert len(by_edits(bare)) == 2
+    error = refusal(Diagnosis(wrong), "arm.toml")
+    assert (
+        error is not None and "a in deg; c in mm" in error.wrong and "b in deg" not in error.wrong
+    )
+    assert "5 of a" in error.where and "5 of b" in error.where
+    text = printed(Diagnosis(wrong))
+    assert "the same in b (5 of b)" in text and "b in deg" not in text

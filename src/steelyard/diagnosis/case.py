@@ -1,4 +1,4 @@
-"""What the detective has before it: a robot, logs of it, and perhaps a model from clean runs."""
+"""What is checked: a robot, logs of it, and perhaps a model from clean runs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

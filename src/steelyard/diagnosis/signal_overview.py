@@ -1,6 +1,6 @@
 """What can be seen of a log without trusting its units: its good rows, and stretches of them.
 
-The filters of `measurement` know how fast a joint can be, in SI units. A detective must not believe
+The filters of `measurement` know how fast a joint can be, in SI units. A check must not trust
 the units yet, so rows are judged here by the log's own steps and ranges only.
 """
 

@@ -1,4 +1,4 @@
-"""Logs named on the command line to the case that the detective looks at."""
+"""Logs named on the command line to the case that is checked."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

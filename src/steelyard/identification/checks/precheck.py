@@ -10,7 +10,7 @@ from steelyard.identification.checks.check_case import Subject, diagnosed
 from steelyard.identification.logs import LogArgument
 from steelyard.progress import Progress
 from steelyard.report.terminal.findings import notes
-from steelyard.report.text.findings import lines, place
+from steelyard.report.text.findings import by_edits, lines, place
 from steelyard.robot_file.file import LoadedRobot, robot_text
 
 
@@ -68,7 +68,7 @@ def refusal(diagnosis: Diagnosis, robot: str) -> DataError | None:
         advice += f"; `steelyard check {robot} LOG...` shows the evidence; "
     return DataError(
         f"failed check, {', '.join(dict.fromkeys(f.check for f in wrong))}: "
-        + "; ".join(dict.fromkeys(f.says for f in wrong)),
+        + "; ".join(dict.fromkeys(alike[0].says for alike in by_edits(wrong))),
         where="; ".join(dict.fromkeys(places)),
         fix=f"{advice}--no-check continues anyway",
     )

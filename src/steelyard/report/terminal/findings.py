@@ -1,4 +1,4 @@
-"""What the detective found, in a terminal: a table, the lines that correct it, the verdict."""
+"""What the checks found, in a terminal: a table, the lines that correct it, the verdict."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from steelyard.report.text.findings import (
     LEVELS,
     OPEN,
     Group,
+    by_edits,
     fixes,
     groups,
     headline,
@@ -155,7 +156,10 @@ def _found(group: Group) -> Text:
     first, others = group.findings[0], {finding.log for finding in group.findings[1:]}
     if not group.severity:
         return Text.assemble((_speaks(group, first, others - {first.log}), "dim"), first.says)
-    shown = [_one(finding) for finding in group.findings[:SHOWN]]
+    shown = []
+    for one, *same in by_edits(group.findings[:SHOWN]):
+        alike = ", ".join(f"{place(other)} ({other.figure})" for other in same)
+        shown += [_one(one), *([Text(f"the same in {alike}")] if same else [])]
     rest = _others(group, SHOWN)
     return Text("\n").join([*shown, Text(rest, style="dim")] if rest else shown)
 

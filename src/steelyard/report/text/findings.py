@@ -1,8 +1,9 @@
-"""What the detective found, as the terminal, the page and the file show it."""
+"""What the checks found, as the terminal, the page and the file show it."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING, Any
@@ -48,6 +49,17 @@ class Group:
     def level(self) -> Level:
         """The severity as a colour."""
         return LEVELS[self.severity.word]
+
+
+def by_edits(findings: Iterable[Finding]) -> tuple[tuple[Finding, ...], ...]:
+    """The findings of one check that need the same lines of the robot file, together."""
+    found: dict[object, list[Finding]] = {}
+    for finding in findings:
+        edits = () if finding.fix is None else finding.fix.edits
+        found.setdefault((finding.check, lines(edits)) if edits else id(finding), []).append(
+            finding
+        )
+    return tuple(map(tuple, found.values()))
 
 
 def groups(diagnosis: Diagnosis) -> tuple[Group, ...]:

@@ -1,4 +1,4 @@
-"""What the detective found in the logs before anything was identified, with the evidence."""
+"""What the checks found in the logs before anything was identified, with the evidence."""
 
 from __future__ import annotations
 
