@@ -289,7 +289,7 @@ def test_efforts_that_change_are_preferred_and_others_listed() -> None:
     guess = guess_columns(TWO, ["t", *numbered("q#"), *columns], sample)
     assert guess.section.effort.columns == "TorqueCur{}" and guess.section.effort.unit == "Nm"
     reason = next(reason for reason in guess.reasons if reason.startswith("efforts are"))
-    assert "other columns that may be efforts: Torque1, Torque2, Cur1, Cur2" in reason
+    assert "other columns that may be efforts: Torque{}, Cur{}: use them" in reason
     both = guess_columns(TWO, ["t", *numbered("q#", "current#", "tau#")])
     assert both.section.effort.columns == "tau{}"
     plain = guess_columns(TWO, ["t", *numbered("q#", "tau#")])

@@ -119,8 +119,11 @@ def changes(name: str, values: Mapping[str, Array]) -> bool:
 
 
 def others(effort: Sequence[Column], every: Sequence[Column]) -> str:
-    """Effort-like columns that were not chosen, in words; empty if there are none."""
-    left = [c.name for c in every if c not in effort]
+    """Effort-like columns that were not chosen, by pattern; empty if there are none."""
+    patterns: dict[str, list[str]] = {}
+    for name in (c.name for c in every if c not in effort):
+        patterns.setdefault(re.sub(r"\d+(?=\D*$)", "{}", name), []).append(name)
+    left = [x for p, names in patterns.items() for x in ([p] if len(names) > 1 else names)]
     if not left:
         return ""
     shown = ", ".join(left[:OTHERS]) + f" and {len(left) - OTHERS} more" * (len(left) > OTHERS)
