@@ -117,10 +117,11 @@ def advice(tested: Sequence[tuple[Cause, LeftOutGain | None]], scaled: bool) -> 
             return f"{falls}{AS_LOGGED}"
         return f"{falls}. {ADD if cause.of_friction else ADVICE.get(cause.kind, GEOMETRY)}"
     (cause, found), *_ = tested
-    most = f"Of single causes {cause.says} would explain most, {100.0 * cause.share:.0f} %"
+    most = f"Of single causes {cause.says} would explain most, {100.0 * cause.share:.0f} % of χ²"
     if found is None:
         return f"{most}: not tested on left-out motion, the logs are too short"
-    return f"{most}: not confirmed on left-out motion (error {found.change})"
+    chance = ", as by chance" if found.after < found.before else ""
+    return f"{most}: not confirmed on left-out motion (error {found.change}{chance})"
 
 
 def _not_looked_at(case: FittedCase, runs: Sequence[Run]) -> tuple[Finding, ...]:
