@@ -166,3 +166,13 @@ def test_without_a_scale_no_prior_is_compared(folder: Path, method: str, fitted:
     offer, why = _method(replace(loaded, estimation=section), "WLS", cast(Any, gains))
     assert offer.name == (fitted or method)
     assert why.startswith("because a prior") == bool(fitted)
+
+
+def test_runs_too_short_for_a_choice_have_coulomb_and_viscous_friction(folder: Path) -> None:
+    robot = '[model]\nterms = ["rigid_body", "rotor_inertia", "offset"]\nfriction = "auto"\n'
+    path = folder / "short.toml"
+    path.write_text(f'[robot]\nurdf = "arm.urdf"\n{robot}')
+    result = steelyard.identify(path, f"{log(folder)}@0:2.2", check=False)
+    laws = [term.law for term in result.model.model.terms]
+    assert laws == ["rigid_body", "rotor_inertia", "offset", "coulomb", "viscous"]
+    assert any("too short to compare friction laws" in note for note in result.content.notes)

@@ -25,9 +25,16 @@ from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot_file.file import LoadedRobot
 from steelyard.terms.open_fields import finds_of
+from steelyard.validation.cross import TooShortError
 from steelyard.validation.friction.friction import FrictionChoice, choose_friction, refuse_listed
 from steelyard.validation.friction.mix_errors import ConsistentOf
-from steelyard.validation.friction.mixes import remembers
+from steelyard.validation.friction.mixes import PLAIN, remembers
+
+TOO_SHORT = (
+    "the runs are too short to compare friction laws on motion that is left out: coulomb + viscous "
+    "are used; log longer or several runs"
+)
+"""What a robot file with `friction = "auto"` does not have then."""
 
 _NOT_CONVERGED = (
     "the reference of load-dependent friction has not converged after three passes: "
@@ -56,7 +63,7 @@ class Ground:
         model: The model.
         runs: The runs to be fitted, with the gains that were found.
         information_of: What they say about a regressor; every call is a pass.
-        choice: How the friction laws were chosen, if they were.
+        choice: How the friction laws were chosen; `None` if they were not, or could not be.
         findings: Fields that were found.
         gains: Drive gains that were found, if any.
         offsets: Zero offsets that were estimated, if any.
@@ -107,16 +114,20 @@ def grounded(
     choice = None
     if loaded_robot.friction:
         judge = _judge(loaded_robot, model, runs, gains)
-        choice = choose_friction(
-            model,
-            runs,
-            estimator,
-            judge,
-            memory=loaded_robot.friction == "auto",
-            threads=threads,
-            progress=progress,
-        )
-        model = replace(model, terms=(*model.terms, *choice.terms))
+        try:
+            choice = choose_friction(
+                model,
+                runs,
+                estimator,
+                judge,
+                memory=loaded_robot.friction == "auto",
+                threads=threads,
+                progress=progress,
+            )
+        except TooShortError:
+            pass  # a note says so
+        laws = PLAIN if choice is None else choice.terms
+        model = replace(model, terms=(*model.terms, *laws))
     information_of = information_from(
         runs, rests=remembers(model.terms), threads=threads, progress=progress
     )

@@ -134,9 +134,13 @@ def per_fold(information: Information, folds: Sequence[Fold]) -> Information:
     return information.grouped(groups)
 
 
-def too_short(information: Information) -> DataError:
+class TooShortError(DataError):
+    """There is nothing in a part of a run that is to be left out."""
+
+
+def too_short(information: Information) -> TooShortError:
     """What to say where nothing can be left out."""
-    return DataError(
+    return TooShortError(
         "the run is too short to leave a part of it out",
         where=", ".join(dict.fromkeys(w.run for w in information.windows)),
         fix='log longer or several runs, or name the friction laws instead of "auto"',

@@ -120,8 +120,8 @@ def advice(tested: Sequence[tuple[Cause, LeftOutGain | None]], scaled: bool) -> 
     most = f"Of single causes {cause.says} would explain most, {100.0 * cause.share:.0f} % of χ²"
     if found is None:
         return f"{most}: not tested on left-out motion, the logs are too short"
-    chance = ", as by chance" if found.after < found.before else ""
-    return f"{most}: not confirmed on left-out motion (error {found.change}{chance})"
+    unsure = ", not significantly" if found.after < found.before else ""
+    return f"{most}: not confirmed on left-out motion (error {found.change}{unsure})"
 
 
 def _not_looked_at(case: FittedCase, runs: Sequence[Run]) -> tuple[Finding, ...]:

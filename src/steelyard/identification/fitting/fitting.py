@@ -32,7 +32,7 @@ from steelyard.identification.method import (
     on_information,
     own_of,
 )
-from steelyard.identification.prepare_model import Ground, grounded
+from steelyard.identification.prepare_model import TOO_SHORT, Ground, grounded
 from steelyard.identification.prepare_model import Payload as Payload
 from steelyard.measurement import Run
 from steelyard.measurement.motion_samples import motion_samples
@@ -160,7 +160,11 @@ def fit(
     plain_estimate = None if scales is None else from_runs(*declared)(declared[1])
     beside = offer_of(other, "").make(context) if method.name == plain else least_squares
     reference = beside(information)
-    ignored = (*_unused(loaded_robot, method, why, context), *_in_vain(loaded_robot, unscaled))
+    ignored = (
+        *_unused(loaded_robot, method, why, context),
+        *_in_vain(loaded_robot, unscaled),
+        *([TOO_SHORT] if loaded_robot.friction and ground.choice is None else []),
+    )
     notes = (
         *ground.notes,
         *_chosen(method, why, estimate),

@@ -32,6 +32,7 @@ from steelyard.validation.friction.mix_errors import ConsistentOf, FrictionMixEr
 from steelyard.validation.friction.mixes import (
     DIRECTION,
     LOAD,
+    PLAIN,
     SPEED,
     mix_name,
     remembers,
@@ -160,7 +161,7 @@ def choose_friction(
             tuple(mix for mix in stage if not remembers(mix)) for stage in considered
         )
     information_of = information_from(runs, threads=threads, progress=progress)
-    plain = replace(model, terms=(*model.terms, *DIRECTION[0], *SPEED[0]))
+    plain = replace(model, terms=(*model.terms, *PLAIN))
     loaded = any(t.needs_reference for stage in considered for mix in stage for t in mix)
     reference = reference_of(plain, information_of, estimator) if loaded else {}
     stages = tuple(

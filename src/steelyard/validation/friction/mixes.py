@@ -45,6 +45,9 @@ SPEED: tuple[tuple[Term, ...], ...] = (
 )
 """How friction grows with speed."""
 
+PLAIN: tuple[Term, ...] = (*DIRECTION[0], *SPEED[0])
+"""Coulomb and viscous friction, with which all others are compared."""
+
 LOADED = ("motor_current", "motor_torque")
 """Kinds of effort that gears stand behind: their friction grows with the load."""
 
