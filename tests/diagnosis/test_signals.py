@@ -21,8 +21,7 @@ from steelyard.diagnosis.signals.position import Position
 from steelyard.diagnosis.signals.repeats import Repeats
 from steelyard.diagnosis.signals.rests import Rests
 from steelyard.diagnosis.signals.rows import Rows
-from steelyard.diagnosis.signals.saturation import Saturation
-from steelyard.diagnosis.signals.signed import Signed
+from steelyard.diagnosis.signals.saturation import Saturation, Signed
 from steelyard.diagnosis.signals.unit_costs import JointFacts
 from steelyard.diagnosis.signals.units import _named, reading
 from steelyard.diagnosis.signals.velocity import Velocity

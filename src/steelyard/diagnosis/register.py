@@ -27,9 +27,8 @@ from steelyard.diagnosis.signals.position import Position
 from steelyard.diagnosis.signals.repeats import Repeats
 from steelyard.diagnosis.signals.rests import Rests
 from steelyard.diagnosis.signals.rows import Rows
-from steelyard.diagnosis.signals.saturation import Saturation
+from steelyard.diagnosis.signals.saturation import Saturation, Signed
 from steelyard.diagnosis.signals.set_points import SetPoints
-from steelyard.diagnosis.signals.signed import Signed
 from steelyard.diagnosis.signals.velocity import Velocity
 
 OF_SIGNALS: tuple[Check, ...] = (

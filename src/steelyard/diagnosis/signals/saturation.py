@@ -1,4 +1,4 @@
-"""Do efforts stay at an extreme, as if something were cut off?"""
+"""Extremes of efforts: are they cut off there, and do they change their sign?"""
 
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.finding import Finding, Fix, Picture, Severity
-from steelyard.diagnosis.pictures import trace
-from steelyard.diagnosis.signal_overview import SignalOverview, look, with_rows
+from steelyard.diagnosis.pictures import of_joints, trace
+from steelyard.diagnosis.signal_overview import MOVED, SignalOverview, look, with_rows
 from steelyard.measurement.rows.outliers import stretches
 
 STAYS = 5
@@ -27,6 +27,11 @@ REACH = BESIDE + 0.5
 """The same with room for rounding."""
 GAP = 0.15
 """Distance to the next level over the range, from which on an effort is switched, not cut off."""
+FEWEST = 2
+"""Joints whose effort touches zero and keeps its sign, from which on chance does not explain it."""
+TOUCHING = 0.05
+"""Share of an effort's greatest size that the least must come below. One that carries a weight
+throughout stays away from zero."""
 
 
 @dataclass(frozen=True)
@@ -120,3 +125,40 @@ def _picture(case: Case, evidence: Evidence, overview: SignalOverview, joint: in
     unit = evidence.recording.signals.effort_units[joint]
     effort = trace(case.joints[joint], overview.t - overview.t[0], overview.effort[:, joint])
     return Picture("time [s]", f"effort [{unit}]", (effort,))
+
+
+@dataclass(frozen=True)
+class Signed:
+    """Efforts of all joints keep one sign, and those of some touch zero."""
+
+    name: ClassVar[str] = "signed efforts"
+    question: ClassVar[str] = "Do efforts change their sign?"
+    quick: ClassVar[bool] = True
+
+    def __call__(self, case: Case) -> tuple[Finding, ...]:
+        """One finding per log that has rows."""
+        return tuple(self._look(case, evidence) for evidence in with_rows(case))
+
+    def _look(self, case: Case, evidence: Evidence) -> Finding:
+        overview = look(case, evidence)
+        effort, size = overview.effort, np.abs(overview.effort)
+        low, high = effort.min(axis=0), effort.max(axis=0)
+        moves = (np.ptp(overview.q, axis=0) > MOVED) & (high > low)
+        one_sign = moves & ((low >= 0.0) | (high <= 0.0))
+        touching = one_sign & (size.min(axis=0) <= TOUCHING * size.max(axis=0))
+        unsigned = bool(touching.sum() >= FEWEST and (one_sign == moves).all())
+        joints = tuple(j for j, is_one in zip(case.joints, one_sign, strict=True) if is_one)
+        figure = f"{len(joints)} of {int(moves.sum())} joints that move have efforts of one sign"
+        if not unsigned:
+            says = "efforts change their sign, or carry a weight"
+            return Finding(self.name, evidence.name, Severity.OK, says, figure)
+        return Finding(
+            self.name,
+            evidence.name,
+            Severity.DOUBTFUL,
+            "efforts of all joints that move keep one sign and touch zero, as absolute values do",
+            figure,
+            joints,
+            Fix("log torques or currents with their sign"),
+            of_joints("logged effort", [("least", low, "points"), ("greatest", high, "points")]),
+        )
