@@ -5,12 +5,13 @@ that of the identified model against the hidden truth, on another motion and wit
 """
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from proofs.support.mistakes import Arm, Job
 
+from steelyard.arrays import Array
 from steelyard.diagnosis import Diagnosis
 from steelyard.errors import SteelyardError
 from steelyard.identification.checks.check_case import diagnosed, subject_of
@@ -21,6 +22,7 @@ from steelyard.identification.validate import validate
 from steelyard.progress import silent
 from steelyard.report import ReportContent
 from steelyard.report.text.verdict import verdict
+from steelyard.robot_file.file import load_robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,9 +71,11 @@ def outcome_of(arm: Arm, job: Job, folder: Path, *, validated: bool = True) -> O
         error = None
     else:
         lines += sentences(content, "headline")
-        error = true_error(arm, content)
+        error = true_error(arm, content, zeros(arm, job, robot))
         lines += validation(folder / "model", logs[-1]) if validated else []
-    both, changes = fix_of(arm, robot, logs, diagnosis, folder) if diagnosis.edits else (None, ())
+    both, changes = (None, ())
+    if diagnosis.edits:
+        both, changes = fix_of(arm, job, (robot, logs), diagnosis, folder)
     return Outcome(tuple(lines), error, both, changes)
 
 
@@ -127,25 +131,45 @@ def sentences(content: ReportContent, place: str) -> list[str]:
     return lines + [f"note: {note}" for note in notes]
 
 
-def true_error(arm: Arm, content: ReportContent) -> float:
-    """Mean over joints of the identified model's relative error against the truth [%]."""
+def zeros(arm: Arm, job: Job, robot: str) -> Array:
+    """Positions of the model file's joints where the arm's own are zero, shape `(n,)` [rad].
+
+    Logs with moved zeros are led back to the arm's own by `position_offset`; in a model file whose
+    axes were turned it leads to the joints of that file.
+    """
+    if job.urdf == arm.urdf or not job.robot_file:
+        return np.zeros(arm.robot.n)
+    offset = load_robot(robot).signals.position_offset
+    return np.zeros(arm.robot.n) if offset is None else offset
+
+
+def true_error(arm: Arm, content: ReportContent, zero: Array) -> float:
+    """Mean over joints of the identified model's relative error against the truth [%].
+
+    Args:
+        arm: The arm as it really is.
+        content: With the identified model.
+        zero: Positions of the model's joints where the arm's are zero, shape `(n,)` [rad].
+    """
     if content.identified is None:
         raise ValueError("nothing was identified")
     valued = content.identified.valued
     motion = arm.motion(7)
     truth = arm.torque(motion)
-    error = np.linalg.norm(valued.torque(motion) - truth, axis=0) / np.linalg.norm(truth, axis=0)
+    predicted = valued.torque(replace(motion, q=motion.q + zero))
+    error = np.linalg.norm(predicted - truth, axis=0) / np.linalg.norm(truth, axis=0)
     return 100.0 * float(np.mean(error))
 
 
 def fix_of(
-    arm: Arm, robot: str, logs: list[str], diagnosis: Diagnosis, folder: Path
+    arm: Arm, job: Job, files: tuple[str, list[str]], diagnosis: Diagnosis, folder: Path
 ) -> tuple[tuple[float, float] | None, tuple[str, ...]]:
     """True errors without and with what `check --fix` writes, and what it writes."""
-    files = log_files(logs)
-    subject, target = subject_of(robot, files[0]), folder / "fixed.toml"
+    robot, logs = files
+    every = log_files(logs)
+    subject, target = subject_of(robot, every[0]), folder / "fixed.toml"
     try:
-        corrected = fixed(subject, target, diagnosis, files, None, silent, quick=False)
+        corrected = fixed(subject, target, diagnosis, every, None, silent, quick=False)
     except SteelyardError as error:
         return None, (str(error),)
     if not corrected.changes:
@@ -156,5 +180,5 @@ def fix_of(
     before = identified(robot, logs, folder / "without", check=False)
     if isinstance(after, str):
         return None, changes
-    unfixed = np.inf if isinstance(before, str) else true_error(arm, before)
-    return (unfixed, true_error(arm, after)), changes
+    unfixed = np.inf if isinstance(before, str) else true_error(arm, before, zeros(arm, job, robot))
+    return (unfixed, true_error(arm, after, zeros(arm, job, str(target)))), changes

@@ -10,7 +10,12 @@ from closed_chains import five_bar
 from invented import ROBOTS, tree, turned
 from oracles import body_map, body_positions, pinocchio_model
 from steelyard.errors import DataError, ModelError
-from steelyard.kernel.quantities.kinematics import frame_kinematics, frame_of, points_on
+from steelyard.kernel.quantities.kinematics import (
+    frame_kinematics,
+    frame_of,
+    points_on,
+    positions_of,
+)
 from steelyard.robot.robot import Frame, Robot
 
 PLACE = np.array([0.2, -0.1, 0.3])
@@ -63,6 +68,8 @@ def test_points_and_their_slopes() -> None:
             pose, jacobian = oracle(robot, Frame("p", body, np.eye(3), place), row)
             np.testing.assert_allclose(positions[k, number], pose.translation, atol=1e-12)
             np.testing.assert_allclose(slopes[k, number], jacobian[:3], atol=1e-12)
+    again = positions_of(robot, points.carriers, points.places, q)
+    np.testing.assert_allclose(again, positions, rtol=0.0, atol=1e-15)
     np.testing.assert_array_equal(points.positions(q)[:, 2], np.tile(PLACE, (5, 1)))
     np.testing.assert_array_equal(points.jacobian(q)[:, 2], 0.0)
 

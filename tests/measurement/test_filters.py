@@ -10,11 +10,20 @@ from steelyard.errors import LogError
 from steelyard.measurement.chunks import apply
 from steelyard.measurement.convolve import Bank, fast_length
 from steelyard.measurement.methods.derivative import derivatives, smooth_derivatives
+from steelyard.measurement.methods.kaiser import kaiser_lowpass
 from steelyard.measurement.methods.lowpass import butterworth, low_pass, settling, zero_phase
 
 
 def split(x: np.ndarray, cuts: list[int]) -> list[np.ndarray]:
     return np.split(x, sorted(c % (x.shape[-1] + 1) for c in cuts), axis=-1)
+
+
+@pytest.mark.parametrize("suppression", [20.0, 35.0, 50.0, 80.0, 120.0])
+@pytest.mark.parametrize(("width", "cutoff"), [(0.05, 0.1), (0.4, 0.5), (0.013, 0.9)])
+def test_the_kaiser_window_is_scipys(suppression: float, width: float, cutoff: float) -> None:
+    length, beta = signal.kaiserord(suppression, width)
+    expected = signal.firwin(length + 1 - length % 2, cutoff, window=("kaiser", beta))
+    np.testing.assert_allclose(kaiser_lowpass(suppression, width, cutoff), expected, atol=1e-15)
 
 
 @pytest.mark.parametrize("order", [2, 4, 5])

@@ -203,9 +203,9 @@ def _settling(t: Array, tau: float) -> Array:
 
 def _chance(statistic: float, parameters: int, count: int) -> float:
     """Probability that chance alone makes a sum of squares fall that much."""
-    from scipy.stats import f
+    from scipy.special import fdtrc
 
-    return float(f.sf(statistic / parameters, parameters, max(count - parameters - 1, 1)))
+    return float(fdtrc(parameters, max(count - parameters - 1, 1), statistic / parameters))
 
 
 def _within(

@@ -251,13 +251,13 @@ def changes_of(windows: PayloadWindows) -> Changes:
     are those of the greatest likelihood between their neighbours; those that explain no more than
     the threshold are left out again.
     """
-    from scipy.stats import chi2
+    from scipy.special import chdtri
 
     windows = windows.damped()
     values, expected, of_mass = windows.statistic()
     tested = values > 0.0
     freedom = float(np.median(expected[tested])) if tested.any() else 10.0
-    surprise = float(chi2.isf(ALARMS * STEP / 3600.0, freedom))
+    surprise = float(chdtri(freedom, ALARMS * STEP / 3600.0))
     ratios, beside, places = values / expected, tested, []
     for levels in (FIRST, LEVELS):
         inflation = _inflation(ratios[beside], levels, freedom)
@@ -306,11 +306,11 @@ def _improved(windows: PayloadWindows, places: list[int], numbers: range) -> lis
 
 def _inflation(ratios: Array, levels: Sequence[float], freedom: float) -> float:
     """How many times larger the statistic is than by normal, white residuals, at least one."""
-    from scipy.stats import chi2
+    from scipy.special import gammaincinv
 
     if not len(ratios):
         return 1.0
-    expected = chi2.ppf(levels, freedom) / freedom
+    expected = 2.0 * gammaincinv(0.5 * freedom, levels) / freedom
     return max(1.0, float(np.max(np.quantile(ratios, levels) / expected)))
 
 

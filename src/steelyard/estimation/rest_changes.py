@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
+from steelyard.kernel.native.recurrence import recurrence
 
 CREEP = 2.0
 """Time constant of the slow mean [s]."""
@@ -31,10 +32,11 @@ def low_passed(signals: Array, cutoff: float, rate: float) -> Array:
         cutoff: [Hz].
         rate: Samples per second.
     """
-    from scipy.signal import lfilter
-
     keep = np.exp(-2.0 * np.pi * cutoff / rate)
-    return np.asarray(lfilter([1.0 - keep], [1.0, -keep], signals, zi=keep * signals[..., :1])[0])
+    rows = signals.reshape(-1, signals.shape[-1])
+    decay, unbounded = np.full(rows.shape, keep), np.full(rows.shape, np.inf)
+    slow, _ = recurrence(decay, (1.0 - keep) * rows, unbounded, rows[:, 0])
+    return slow.reshape(signals.shape)
 
 
 def rests(t: Array, ranges: NDArray[np.intp], step: float) -> list[tuple[int, int]]:

@@ -34,7 +34,7 @@ from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.excitation.trajectories.holds import holds_note
 from steelyard.excitation.uncovered import Gap
 from steelyard.excitation.workspace_tables import tool_of
-from steelyard.kernel.quantities.kinematics import points_on
+from steelyard.kernel.quantities.kinematics import positions_of
 from steelyard.model import Model
 from steelyard.progress import Progress, silent
 from steelyard.regression.base import base_parameters, clear_map
@@ -273,9 +273,9 @@ def _cell(loaded: LoadedRobot, trajectory: ExactTrajectory) -> tuple[str, ...]:
     if limits_links or robot.passive or (collision is not None and collision.world is not None):
         return ()
     moving = [frame for frame in robot.frames if frame.body >= 0]
-    origins = points_on(robot, [f.body for f in moving], [f.position for f in moving])
     q = trajectory.derivative(np.linspace(0.0, trajectory.duration, _LOOKS), 0)
-    heights = origins.positions(q)[:, :, 2]
+    carriers, places = [f.body for f in moving], [f.position for f in moving]
+    heights = positions_of(robot, carriers, places, q)[:, :, 2]
     lowest = int(heights.min(axis=0).argmin())
     floor = "HEIGHT, in metres from the base's origin," if loaded.floats else "0.0"
     return (

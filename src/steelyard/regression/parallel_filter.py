@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from steelyard.arrays import Array, frozen
+from steelyard.measurement.methods.kaiser import kaiser_lowpass
 
 SUPPRESSION = 60.0
 """Attenuation above twice the cut-off [dB]."""
@@ -41,11 +42,7 @@ class ParallelFilter:
             cutoff: [Hz], below a quarter of the rate.
             rate: [Hz].
         """
-        from scipy.signal import firwin, kaiserord
-
-        length, beta = kaiserord(SUPPRESSION, 2.0 * cutoff / rate)
-        length += 1 - length % 2
-        taps = firwin(length, cutoff, window=("kaiser", beta), fs=rate)
+        taps = kaiser_lowpass(SUPPRESSION, 2.0 * cutoff / rate, 2.0 * cutoff / rate)
         return cls(cutoff, rate, frozen(taps), max(1, int(rate / (4.0 * cutoff))))
 
     @property

@@ -134,9 +134,9 @@ def effort_scales(
 
 def _significant(scales: Scales) -> bool:
     """Whether scales of 1 are further away than chance explains."""
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
-    return bool(chi2.sf(scales.distance, len(scales.values)) < CHANCE)
+    return bool(chdtrc(len(scales.values), scales.distance) < CHANCE)
 
 
 def _errors(left_out: Information, scales: Scales, sizes: Array) -> float:

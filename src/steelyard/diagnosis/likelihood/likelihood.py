@@ -11,7 +11,8 @@ joint, $m_j$; with $N_j$ independent samples its likelihood is $-\frac{N_j}{2} \
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,6 +124,9 @@ class Likelihood:
     size: Array
     sweeps: int = SWEEPS
     scales: Array | float = 1.0
+    _scores: "WeakKeyDictionary[Interpretation, Score]" = field(
+        default_factory=WeakKeyDictionary, init=False, repr=False
+    )
 
     def into_logged(self, interpretation: Interpretation) -> Array:
         """$A^{-1}$: joint efforts to logged base units, shape `(n, n)`."""
@@ -214,9 +218,11 @@ class Likelihood:
         return score_of(squares, scale**2 * ee, sums.count, nuisances)
 
     def score(self, interpretation: Interpretation) -> Score:
-        """The score of one interpretation."""
-        sums = self.sums([interpretation])
-        return self.scored(sums, np.array([interpretation.effort]), interpretation.effort_scale)
+        """The score of one interpretation, which several checks ask for."""
+        if interpretation not in self._scores:
+            sums, effort = self.sums([interpretation]), np.array([interpretation.effort])
+            self._scores[interpretation] = self.scored(sums, effort, interpretation.effort_scale)
+        return self._scores[interpretation]
 
     def compared(self, interpretation: Interpretation, joint: int) -> tuple[Array, Array, Array]:
         """Time, measured effort and what it should be, friction included, each `(B,)`."""

@@ -1,8 +1,16 @@
 """What differs from day to day: friction and offsets within bounds, fitted from products alone."""
 
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.kernel.equations.dynamics import Scalar
+from steelyard.kernel.native.compiled import Code, compiled
+from steelyard.kernel.program.program import Array as Input
+from steelyard.kernel.program.program import Program
 
 DRIFT = (0.5, 1.8)
 """Range of a log's friction relative to the reference's."""
@@ -54,15 +62,38 @@ def least_squares(
 
 def _by_coordinates(h: Array, b: Array, lower: Array, upper: Array, sweeps: int) -> Array:
     r"""The least $\theta^T H\theta - 2 b^T\theta$ within bounds, shape `(..., 4)`."""
-    rows = np.ascontiguousarray(np.moveaxis(h, (-2, -1), (0, 1)))
-    wanted = np.ascontiguousarray(np.moveaxis(b, -1, 0))
-    diagonal = [np.maximum(rows[k, k], 1e-300) for k in range(NUISANCES)]
-    theta = list(np.moveaxis(np.clip(np.zeros_like(b), lower, upper), -1, 0))
-    for _ in range(sweeps):
-        for k in range(NUISANCES):
-            one, two, three = (j for j in range(NUISANCES) if j != k)
-            others = rows[k, one] * theta[one] + rows[k, two] * theta[two]
-            others += rows[k, three] * theta[three]
-            free = (wanted[k] - others) / diagonal[k]
-            theta[k] = np.minimum(np.maximum(free, lower[..., k]), upper[..., k])
-    return np.stack(theta, axis=-1)
+    shape = b.shape
+    bounds = (np.broadcast_to(side, shape).reshape(-1, NUISANCES).T for side in (lower, upper))
+    rows, wanted = h.reshape(-1, NUISANCES**2).T, b.reshape(-1, NUISANCES).T
+    return np.ascontiguousarray(_coordinates(sweeps)([rows, wanted, *bounds]).T).reshape(shape)
+
+
+@cache
+def _coordinates(sweeps: int) -> Code:
+    """The coordinates' sweeps as machine code: inputs $H$, $b$ and the bounds, output theta."""
+
+    def build() -> tuple[Program, dict[str, Any]]:
+        from steelyard.kernel.program.trace import symbolic
+
+        def swept(
+            h: Sequence[Scalar],
+            b: Sequence[Scalar],
+            lower: Sequence[Scalar],
+            upper: Sequence[Scalar],
+        ) -> Sequence[Scalar]:
+            diagonal = [np.maximum(h[(NUISANCES + 1) * k], 1e-300) for k in range(NUISANCES)]
+            theta = [np.minimum(np.maximum(0.0, x), y) for x, y in zip(lower, upper, strict=True)]
+            for _ in range(sweeps):
+                for k in range(NUISANCES):
+                    one, *rest = (j for j in range(NUISANCES) if j != k)
+                    others = h[NUISANCES * k + one] * theta[one]
+                    for j in rest:
+                        others = others + h[NUISANCES * k + j] * theta[j]
+                    free = (b[k] - others) / diagonal[k]
+                    theta[k] = np.minimum(np.maximum(free, lower[k]), upper[k])
+            return theta
+
+        sizes = {"h": NUISANCES**2} | dict.fromkeys(("b", "lower", "upper"), NUISANCES)
+        return symbolic(swept, [Input(name, size) for name, size in sizes.items()]), {}
+
+    return compiled(["friction within bounds", sweeps], build)

@@ -208,30 +208,33 @@ class _Problem:
         """
         whole = np.maximum(np.sum(np.square(measured), axis=1), 1e-30)
         misfits = np.full(len(efforts), 0.3)
+        # squares of a joint's residual need the triangle of its rows alone
+        rows = np.concatenate((self._columns, efforts[..., None]), axis=-1)
+        rows = np.asarray(np.linalg.qr(rows, mode="r"))
         near: Array | None = None
         try:
             for _ in range(PASSES):
                 weights = 1.0 / np.sqrt(whole / np.maximum(counts, 1.0) * (misfits**2 + FLOOR**2))
-                u = self.solved(efforts, weights, near)
+                u = self.solved(rows, weights, near)
                 near = self.scale @ u
-                left = efforts - self._columns @ near
+                left = rows[..., -1] - rows[..., :-1] @ near
                 score = score_of(np.sum(np.square(left), axis=1), whole, counts, np.zeros((0,)))
                 misfits = score.misfits
         except DataError:
             return None
         return u, score
 
-    def solved(self, efforts: Array, weights: Array, near: Array | None) -> Array:
+    def solved(self, rows: Array, weights: Array, near: Array | None) -> Array:
         """The unknowns, rows of joint j times `weights[j]`.
 
         Args:
-            efforts: As of `agreeing`.
+            rows: Columns of bodies and nuisances, and the efforts last, shape `(n, N, k + 1)`.
             weights: Shape `(n,)`.
             near: Numbers of bodies and nuisances with other weights, if there are any.
         """
         scaled = weights * np.sqrt(self._worth)
-        rows = (self._columns * scaled[:, None, None]).reshape(-1, self._columns.shape[-1])
-        right = (efforts * scaled[:, None]).reshape(-1)
+        rows = (rows * scaled[:, None, None]).reshape(-1, rows.shape[-1])
+        rows, right = rows[:, :-1], rows[:, -1]
         size = np.linalg.norm(right)
         strength = np.linalg.norm(rows[:, self._places], axis=0)
         sizes = size / np.where(strength > 1e-9 * size, strength, size)

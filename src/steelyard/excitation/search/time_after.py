@@ -11,7 +11,7 @@ import numpy as np
 
 from steelyard.excitation.problem import Problem
 
-RESERVE = 1.1
+RESERVE = 1.4
 """What the certificate, the report and the files take of the processor's time [s]."""
 
 LOOKS = 50.0

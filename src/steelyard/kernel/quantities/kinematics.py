@@ -27,6 +27,7 @@ from steelyard.kernel.equations.dynamics import (
 )
 from steelyard.kernel.native.compiled import Code, compiled
 from steelyard.kernel.program.json import program_from_json, program_to_json
+from steelyard.kernel.program.numpy_backend import run
 from steelyard.kernel.program.program import Array as Input
 from steelyard.kernel.program.program import Program
 from steelyard.kernel.quantities.passive_joints import passive_positions
@@ -226,6 +227,30 @@ def points_on(robot: Robot, carriers: Sequence[int], places: ArrayLike) -> Point
     code = compiled(["points", robot_to_dict(robot), list(carriers), points.tolist()], build)
     flow, bend = (program_from_json(code.about[name]) for name in ("flow", "bend"))
     return Points(robot, tuple(carriers), points, code, flow, bend)
+
+
+def positions_of(robot: Robot, carriers: Sequence[int], places: ArrayLike, q: Array) -> Array:
+    """Positions of points along one motion, where compiling `points_on` would take longer.
+
+    Args:
+        robot: The robot.
+        carriers: Per point the index of its body; -1 is the base.
+        places: Shape `(m, 3)` [m], each in its body's frame.
+        q: Shape `(N, n)` [rad; m].
+
+    Returns:
+        Shape `(N, m, 3)` [m].
+    """
+    from steelyard.kernel.program.trace import symbolic
+
+    points = frozen(places, (len(carriers), 3))
+
+    def outputs(q: Sequence[Scalar]) -> list[Scalar]:
+        found = zip(carriers, points, strict=True)
+        return [x for body, point in found for x in carried_point(robot, q, body, point)[0]]
+
+    program = symbolic(outputs, [Input("q", robot.n)])
+    return run(program, [q.T]).T.reshape(len(q), len(carriers), 3)
 
 
 def _moving_points(robot: Robot, carriers: Sequence[int], points: Array) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from steelyard.arrays import Array
 from steelyard.errors import LogError, ModelError
 from steelyard.measurement.convolve import Bank, Single
 from steelyard.measurement.methods.butterworth import Differentiating
+from steelyard.measurement.methods.kaiser import kaiser_lowpass
 from steelyard.measurement.methods.passes import (
     check_passes,
     repeated_response,
@@ -77,8 +78,6 @@ class FIR:
         Raises:
             LogError: The transition ends above half the rate.
         """
-        from scipy.signal import firwin, kaiserord
-
         width = self.transition * cutoff
         if cutoff + 0.5 * width >= 0.5 * rate:
             raise LogError(
@@ -87,7 +86,4 @@ class FIR:
                 where="method 'fir' of [processing]",
                 fix=f"choose a lower motion_cutoff, or a transition below {rate / cutoff - 2:.2g}",
             )
-        length, beta = kaiserord(self.suppression, 2.0 * width / rate)
-        length += 1 - length % 2
-        taps: Array = firwin(length, cutoff, window=("kaiser", beta), fs=rate)
-        return taps
+        return kaiser_lowpass(self.suppression, 2.0 * width / rate, 2.0 * cutoff / rate)

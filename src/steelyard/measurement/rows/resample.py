@@ -14,6 +14,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.measurement.chunks import apply
 from steelyard.measurement.convolve import Bank
+from steelyard.measurement.methods.kaiser import kaiser_lowpass
 from steelyard.measurement.rows.interpolation import CUBIC, Interpolation
 
 SUPPRESSION = 80.0
@@ -109,12 +110,9 @@ class Thinning:
     @classmethod
     def design(cls, factor: int, flags: int = 0) -> "Thinning":
         """Kaiser-windowed low-pass for a clock `factor` times slower."""
-        from scipy.signal import firwin, kaiserord
-
         middle = 0.5 * (PASSED + 0.5)
-        length, beta = kaiserord(SUPPRESSION, 2.0 * (0.5 - PASSED) / factor)
-        length += 1 - length % 2
-        taps = firwin(length, 2.0 * middle / factor, window=("kaiser", beta))
+        width = 2.0 * (0.5 - PASSED) / factor
+        taps = kaiser_lowpass(SUPPRESSION, width, 2.0 * middle / factor)
         return cls(factor, Bank.of(taps[None]), flags)
 
     @property

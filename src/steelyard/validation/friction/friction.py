@@ -267,8 +267,8 @@ def _ratio(logarithms: Array) -> float:
 
 def worse(error: Array, best: Array, sure: float = SURE) -> bool:
     """Whether a mix loses more to the best than chance explains, and any worth."""
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     loss = error - best
-    times = float(t.ppf(sure, len(loss) - 1)) if len(loss) > 1 else 0.0
+    times = float(stdtrit(len(loss) - 1, sure)) if len(loss) > 1 else 0.0
     return bool(loss.mean() > max(times * standard_error(loss), LEAST))
