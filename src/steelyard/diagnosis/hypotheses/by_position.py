@@ -74,7 +74,12 @@ def judged(likelihood: Likelihood, drafts: Sequence[Draft]) -> Iterator[Hypothes
         interpretations = [d.interpretation for d in part]
         efforts = np.array([r.effort for r in interpretations])
         scales = np.array([r.effort_scale for r in interpretations])
-        score = likelihood.scored(likelihood.sums(interpretations), efforts, scales)
+        motions = {r.of_motion: r for r in interpretations}
+        places = {motion: k for k, motion in enumerate(motions)}
+        sums = likelihood.sums(list(motions.values()))
+        score = likelihood.scored(
+            sums.of([places[r.of_motion] for r in interpretations]), efforts, scales
+        )
         for k, d in enumerate(part):
             yield Hypothesis(d.cause, d.says, d.interpretation, d.cost, d.joints, one_of(score, k))
 

@@ -43,6 +43,12 @@ class Interpretation:
     payload: Array | None = None
     zeros: Array | None = None
 
+    @property
+    def of_motion(self) -> tuple[Any, ...]:
+        """All that the joints' motion depends on."""
+        arrays = (self.position_scale, self.ratios, self.zeros)
+        return (self.position, self.time, *(None if x is None else x.tobytes() for x in arrays))
+
     def changed(self, **fields: Any) -> "Interpretation":
         """The same with some of its attributes replaced."""
         return replace(self, **fields)

@@ -63,6 +63,11 @@ class Sums:
     ee: Array
     count: Array
 
+    def of(self, which: Sequence[int]) -> "Sums":
+        """Those of some interpretations, by number; one may be there several times."""
+        rows = list(which)
+        return Sums(self.yy[rows], self.ye[rows], self.ee[rows], self.count[rows])
+
 
 @dataclass(frozen=True, eq=False)
 class Score:
