@@ -112,7 +112,7 @@ def test_a_friction_law_that_lacks_is_a_remark(
     assert f"(term {term.law})" in causes.split(",")[0]
     assert "geometry" not in causes  # many columns explain anything; single causes are named
     assert f"(term {term.law}) the error on left-out motion falls from " in finding.brief
-    assert finding.brief.endswith(" % (least squares). Add it to [model] terms")
+    assert finding.brief.endswith(" % (least squares, fitted logs). Add it to [model] terms")
     assert finding.says.endswith(
         ". Errors on left-out motion: least squares without prior, cross-validation over runs"
     )
@@ -188,7 +188,8 @@ def test_zeros_that_are_quarter_turns_away_are_found(
 def test_errors_of_models_with_scales_are_to_be_compared_as_logged() -> None:
     spring = Cause("spring", "", "a spring", ("spring.a",), 100.0, 0.5)
     tested = ((spring, LeftOutGain(3.0, 2.0, True, "run")),)
-    falls = "With a spring the error on left-out motion falls from 3 to 2 % (least squares)"
+    falls = "With a spring the error on left-out motion falls from 3 to 2 % "
+    falls += "(least squares, fitted logs)"
     assert model_error.advice(tested, False) == f"{falls}. Add it to [model] terms"
     assert model_error.advice(tested, True).startswith(f"{falls} at the present effort scales")
     assert model_error.advice(tested, True).endswith("only if the error as logged then falls")

@@ -148,7 +148,7 @@ def test_precision_is_the_second_derivative_of_the_penalty(form: Form) -> None:
 
 def test_a_stated_uncertainty_is_taken_and_reported() -> None:
     estimate = Consistent(REGRESSOR.base, known(uncertainty=0.2))(information_of(0.05))
-    assert "prior uncertainty 20 % (as stated)" in estimate.notes[-1]
+    assert "prior uncertainty of link inertias 20 % (as stated)" in estimate.notes[-1]
     found = Consistent(REGRESSOR.base, known())(information_of(0.05))
     assert "estimated from the data in" in found.notes[-1]
 

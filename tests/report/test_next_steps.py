@@ -48,7 +48,7 @@ def test_friction_is_to_be_chosen_where_residuals_are_no_noise_and_it_was_not(us
     remarks = [
         remark for _, remark in next_steps(replace(content, friction=None), "arm.toml", MODEL)
     ]
-    assert remarks[0].endswith('in arm.toml, [model], without "coulomb", "viscous" in terms')
+    assert remarks[0].endswith('in arm.toml, [model], and no "coulomb", "viscous" in terms')
 
 
 def test_rotor_inertias_at_zero_propose_sensors_behind_the_gears(usual):

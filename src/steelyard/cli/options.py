@@ -15,7 +15,9 @@ Details = Annotated[
 DesignDetails = Annotated[
     bool,
     typer.Option(
-        "--verbose", "-v", help="Print all tight limits, all useful additional motions and notes."
+        "--verbose",
+        "-v",
+        help="Print all tight limits, all motions that would reduce uncertainty, and notes.",
     ),
 ]
 Threads = Annotated[

@@ -42,7 +42,8 @@ def check(
     model: Annotated[
         str | None,
         typer.Option(
-            help="Reference model identified from clean runs: model.json or its folder.",
+            help="Reference model, identified from runs without payload, contact or wrong signals: "
+            "model.json or its folder.",
             metavar="MODEL",
         ),
     ] = None,
@@ -69,9 +70,9 @@ def check(
 ) -> None:
     """Check logs for errors, and propose lines of the robot file that correct them.
 
-    The exit code is 0 if all is ok or open, 1 if something is doubtful or the result is
-    inconclusive, 2 if something is wrong or the command fails; with --fix it is that of the new
-    robot file.
+    The exit code is 0 if all is ok or open (not decidable from these logs), 1 if something is
+    doubtful or the result is inconclusive (the misfit is too large for most checks), 2 if something
+    is wrong or the command fails; with --fix it is that of the new robot file.
 
     Example: steelyard check ur10e.toml run1.csv run2.csv --fix
     """

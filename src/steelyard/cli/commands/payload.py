@@ -35,7 +35,8 @@ def payload(
             min=0.0,
             max=0.5,
             help="Relative standard deviation of each gain of the efforts; if unset 0.02 for "
-            "efforts of motors, or 0 if scales of the efforts were identified with the model.",
+            "motor currents and motor torques; 0 for joint torques, and where scales of the "
+            "efforts were identified with the model.",
             metavar="SHARE",
         ),
     ] = None,

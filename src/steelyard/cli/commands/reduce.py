@@ -32,10 +32,10 @@ def reduce(
         str,
         typer.Option(
             help="Stopping rule: one_standard_error (smallest model with a left-out error within "
-            "one standard error of the least), tolerance=5 (rise of any joint's error in percent), "
-            "bic, condition=30 (normalised condition number), ratio=30 (greatest over least "
-            "relative standard deviation), count=25 (parameters), one_fewer (removes one more) or "
-            "refit (removes none).",
+            "one standard error of the least), tolerance=5 (greatest relative rise of a joint's "
+            "error in percent), bic, condition=30 (normalised condition number), ratio=30 "
+            "(greatest over least relative standard deviation), count=25 (parameters), one_fewer "
+            "(removes one more) or refit (removes none).",
             metavar="RULE",
         ),
     ] = "one_standard_error",

@@ -30,7 +30,8 @@ def wrench(
         Literal["smoothed", "weighted", "inverse"],
         typer.Option(
             help="smoothed over time, with errors of the model estimated from the same log; "
-            "weighted, each sample by itself; inverse of the transposed Jacobian."
+            "weighted by the uncertainty of the model and the expected wrench, each sample by "
+            "itself; inverse of the transposed Jacobian."
         ),
     ] = "smoothed",
     bandwidth: Annotated[

@@ -66,7 +66,8 @@ def undecided(decision: Verdict, cause: str) -> str:
     if open_factor and cause in (*FACTORS, "payload"):
         return f"undecided until '{open_factor[-1]}' is decided"
     score = likelihood.score(last.interpretation)
-    misfit = f"the nominal model has a misfit of {float(score.percent[0]):.1f} %"
+    percent = float(score.percent[0])
+    misfit = f"the nominal model with fitted friction has a misfit of {percent:.1f} %"
     if cause in UNKNOWN_GAINS and any(likelihood.signals.unknown_gains):
         return UNKNOWN_GAINS[cause]
     if cause in ("payload", "mounting"):

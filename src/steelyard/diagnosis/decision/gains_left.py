@@ -70,7 +70,7 @@ def gains_of_controller(case: Case, name: str) -> tuple[Finding, ...]:
     ratios = np.where(both, values, declared) / declared
     factor = np.exp(np.abs(np.log(ratios)))
     joints = np.flatnonzero(factor > NEAR)
-    source = f"{found.columns[0]} over {found.columns[1]}, friction removed"
+    source = f"{found.columns[0]} over {found.columns[1]}, friction fitted beside it"
     if unit := _other_unit(float(np.median(ratios[both])), float(signals.effort_scale[0])):
         says = f"by the controller's targets ({source}) efforts are in {unit}"
         figure = f"gains are {np.median(ratios[both]):.4g} times the declared ones"

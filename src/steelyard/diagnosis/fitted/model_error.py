@@ -72,13 +72,17 @@ class ModelError:
 def _remark(case: FittedCase, ranked: Ranked) -> Finding:
     """What stands beside the headline where no single error is to blame."""
     worst, tested = _worst(ranked.beside), case.tested
-    says = f"{residuals(ranked.beside)}: the model is incomplete, which the intervals do not cover"
+    says = (
+        f"{residuals(ranked.beside)}: the model is incomplete, which the intervals of parameters "
+        "do not cover"
+    )
     if not tested:
         says += ", or the noise varies slowly"
         brief = f"model incomplete, or the noise varies slowly: residuals {worst}"
     else:
         named = ", ".join(_share(cause, gain) for cause, gain in tested)
-        says += f". Share explained by each candidate alone (not additive): {named}{_how(tested)}"
+        says += ". Share of the residuals above noise that each candidate alone explains "
+        says += f"(not additive): {named}{_how(tested)}"
         brief = f"model incomplete: residuals {worst}. {advice(tested, case.scales is not None)}"
     return Finding(ModelError.name, "", Severity.OK, says, "", headline=True, brief=brief)
 
@@ -111,13 +115,16 @@ def advice(tested: Sequence[tuple[Cause, LeftOutGain | None]], scaled: bool) -> 
         _, cause, gain = min(sure, key=lambda one: one[0])
         falls = (
             f"With {cause.says} the error on left-out motion falls from {gain.before:.2g} to "
-            f"{gain.after:.2g} % (least squares)"
+            f"{gain.after:.2g} % (least squares, fitted logs)"
         )
         if cause.of_friction and scaled:
             return f"{falls}{AS_LOGGED}"
         return f"{falls}. {ADD if cause.of_friction else ADVICE.get(cause.kind, GEOMETRY)}"
     (cause, found), *_ = tested
-    most = f"Of single causes {cause.says} would explain most, {100.0 * cause.share:.0f} % of χ²"
+    most = (
+        f"Of single causes {cause.says} would explain most, {100.0 * cause.share:.0f} % of the "
+        "residuals above noise"
+    )
     if found is None:
         return f"{most}: not tested on left-out motion, the logs are too short"
     unsure = ", not significantly" if found.after < found.before else ""
@@ -146,7 +153,7 @@ def _doubtful(ranked: Ranked, zeros: tuple[str, Fix] | None) -> Finding:
     fix = Fix(ADVICE.get(first.kind, GEOMETRY))
     if zeros is not None:
         words, fix = zeros
-    says = "a model error that the intervals do not cover"
+    says = "a model error that the intervals of parameters do not cover"
     return Finding(
         ModelError.name,
         "",

@@ -140,8 +140,9 @@ def _value_text(case: Case, done: _Motion) -> str:
     share = [r / LITTLE[c.kind] for r, c in zip(done.range, coordinates, strict=True)]
     least = int(np.argmin(share))
     c = coordinates[least]
-    return f"{case.joints[least]} moves least: {done.range[least]:.2g} {c.unit}, at least " + (
-        f"{LITTLE[c.kind]:g} {c.unit} required"
+    return (
+        f"{case.joints[least]} moves least: range {done.range[least]:.2g} {c.unit}, at least "
+        + (f"{LITTLE[c.kind]:g} {c.unit} required")
     )
 
 

@@ -80,8 +80,8 @@ def _says(rests: NDArray[np.bool_], t: Array, duration: float) -> str:
     start = float(t[moves[0]]) if rests[0] else 0.0
     stop = duration - float(t[moves[-1]]) if rests[-1] else 0.0
     return (
-        f"{100.0 * float(rests.mean()):.1f} % of the time no joint moves: {start:.1f} s at the "
-        f"start, {stop:.1f} s at the end"
+        f"{100.0 * float(rests.mean()):.1f} % of the time no joint moves, {start:.1f} s of it at "
+        f"the start and {stop:.1f} s at the end"
     )
 
 

@@ -369,6 +369,6 @@ def _weight_note(found: Weighed, estimator: Consistent, rank: int, priors: bool)
     if estimator.gamma is None and estimator.knowledge.uncertainty is None:
         how = f"estimated from the data in {found.solves} iterations"
     return (
-        f"prior uncertainty {100.0 * gamma**-0.5:.3g} % ({how}); prior and constraints raise χ² "
-        f"by {found.tried.rise:.3g} (up to {rank} is within noise)",
+        f"prior uncertainty of link inertias {100.0 * gamma**-0.5:.3g} % ({how}); prior and "
+        f"constraints raise χ² by {found.tried.rise:.3g} (up to {rank} is within noise)",
     )

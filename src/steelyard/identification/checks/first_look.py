@@ -142,5 +142,6 @@ def _source(gains: ControllerGains, names: Sequence[str]) -> str:
     shown = ", ".join(f"{name} {g:.4g} ± {w:.2g}" for name, g, w, known in pairs if known)
     return (
         "the controller's target torque over its target current "
-        f"({gains.columns[0]} over {gains.columns[1]}, ..., friction removed; 95 %): {shown}"
+        f"({gains.columns[0]} over {gains.columns[1]}, ..., friction fitted beside it; "
+        f"95 %): {shown}"
     )

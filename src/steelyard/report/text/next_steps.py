@@ -56,8 +56,8 @@ def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, .
         steps.append(
             (
                 "",
-                f'friction laws chosen from the logs: friction = "auto" in {robot}, [model], '
-                'without "coulomb", "viscous" in terms',
+                f'to have friction laws chosen from the logs: friction = "auto" in {robot}, '
+                '[model], and no "coulomb", "viscous" in terms',
             )
         )
     if weak > MANY or (weak and judged.level == "good" and judged.scope):
