@@ -153,6 +153,15 @@ def test_a_stated_uncertainty_is_taken_and_reported() -> None:
     assert "estimated from the data in" in found.notes[-1]
 
 
+def test_a_wide_prior_leaves_the_intervals_of_least_squares() -> None:
+    """Base parameters are sums of standard ones that the data leave unknown."""
+    information = information_of(0.01)
+    found = Consistent(REGRESSOR.base, known(uncertainty=1e4))(information)
+    plain = WeightedLeastSquares()(information)
+    expected = dict(zip(plain.parameters.names, plain.std, strict=True))
+    np.testing.assert_allclose(found.std, [expected[n] for n in found.parameters.names], rtol=1e-5)
+
+
 def test_a_wrong_prior_is_given_less_weight() -> None:
     def weight(knowledge: Knowledge) -> float:
         consistent = Consistent(REGRESSOR.base, knowledge)

@@ -142,7 +142,7 @@ def _value_text(case: Case, done: _Motion) -> str:
     c = coordinates[least]
     return (
         f"{case.joints[least]} moves least: range {done.range[least]:.2g} {c.unit}, at least "
-        + (f"{LITTLE[c.kind]:g} {c.unit} required")
+        f"{LITTLE[c.kind]:g} {c.unit} required"
     )
 
 

@@ -220,19 +220,19 @@ class Consistent:
     def _described(self, data: Whitened, program: Program, found: Weighed) -> Estimate:
         """The estimate: base parameters as the data see them, and all standard ones."""
         known = program.unknowns
-        covariance, before = _covariances(data, program, found.tried)
-        at = active_bounds(program, found.tried.u, covariance)
+        after, before = _spreads(data, program, found.tried)
+        at = active_bounds(program, found.tried.u, after @ after.T)
         standard = known.standard(at.u)
-        spread = known.scale @ covariance @ known.scale.T
-        lift = self.base.lift
-        solution = _solution(data, lift @ standard, lift @ spread @ lift.T, self.base)
+        lift, free = self.base.lift, program.constraints.free
+        spread = lift @ (known.scale @ after)
+        solution = _solution(data, lift @ standard, spread @ spread.T, self.base)
         own = [part.covariance(solution.kept, solution.inverse) for part in solution.locals]
         fit = replace(data.fit, solution=solution)
         name = f"physically consistent ({self.form.name} prior)"
         estimate = described(name, fit, Spread(solution.inverse, tuple(own)))
         place = {n: k for k, n in enumerate(self.base.base_names)}
         rows = [place[n] for n in estimate.parameters.names]
-        learned = _share(lift @ known.scale, program.constraints.free, covariance, before)[rows]
+        learned = _share(lift @ known.scale, free, after, before)[rows]
         learned[[n in self.per_run for n in estimate.parameters.names]] = 1.0
         alone = {n for n, row in zip(self.base.base_names, lift, strict=True) if _alone(row)}
         return replace(
@@ -240,8 +240,8 @@ class Consistent:
             standard=self._standard(
                 estimate,
                 standard,
-                spread,
-                _share(known.scale, program.constraints.free, covariance, before),
+                known.scale @ after,
+                _share(known.scale, free, after, before),
             ),
             learned=frozen(learned),
             at_bound=tuple(n for n in estimate.parameters.names if n in at.names and n in alone),
@@ -258,7 +258,7 @@ class Consistent:
                 self.knowledge,
                 found,
                 self._tried,
-                lambda some, tried: _covariances(data, some, tried)[0],
+                lambda some, tried: _covariance(data, some, tried),
             ),
         )
 
@@ -267,18 +267,16 @@ class Consistent:
     ) -> StandardEstimate:
         """All standard parameters; what every run has for itself is as a new run is expected."""
         learned = share.copy()
-        full, covariance = values.copy(), spread.copy()
+        full, covariance = values.copy(), spread @ spread.T
         place = {name: k for k, name in enumerate(self.base.names)}
         for name in self.per_run:
             if name in estimate.parameters.names:
                 k, own = place[name], estimate.parameters.names.index(name)
                 full[k], learned[k] = estimate.parameters.values[own], 1.0
                 covariance[k, k] = estimate.covariance[own, own]
-        # what the constraints determine has no variance, but for rounding
-        np.fill_diagonal(covariance, np.maximum(np.diag(covariance), 0.0))
         return StandardEstimate(
             Parameters(self.base.names, self.base.units, full),
-            frozen(0.5 * (covariance + covariance.T)),
+            frozen(covariance),
             frozen(learned),
         )
 
@@ -289,19 +287,28 @@ def units_of(unknowns: Unknowns) -> tuple[float, ...]:
     return tuple(unit for unit in (*UNITS, whole) if 1.0 < unit <= whole)
 
 
-def _covariances(data: Whitened, program: Program, tried: Tried) -> tuple[Array, Array]:
-    """Covariance of the unknowns with the data and without, within the constraints' equations.
+def _covariance(data: Whitened, program: Program, tried: Tried) -> Array:
+    """Covariance of the unknowns with the data."""
+    root = _spreads(data, program, tried)[0]
+    return root @ root.T
 
-    Where rows do not weigh by their noise, that of the data is between the inverses.
+
+def _spreads(data: Whitened, program: Program, tried: Tried) -> tuple[Array, Array]:
+    r"""Roots $R$ of the unknowns' covariances $R R^T$ with the data and without, each `(m, k)`.
+
+    Within the constraints' equations. Sums of unknowns of which each is hardly known have a small
+    variance that rounding would take from $R R^T$, not from their rows of $R$. Where rows do not
+    weigh by their noise, that of the data is between the inverses.
     """
     known, free = program.unknowns, program.constraints.free
     prior = program.stated_precision(tried.u, tried.gamma)
     after, before = (
-        free @ inverse_of(free.T @ precision @ free) @ free.T
+        free @ _root_of_inverse(free.T @ precision @ free)
         for precision in (prior + known.matrix.T @ known.matrix, prior)
     )
     if not np.array_equal(data.noise, np.eye(len(data.noise))):
-        after = after @ (known.matrix.T @ data.noise @ known.matrix + prior) @ after
+        values, vectors = np.linalg.eigh(known.matrix.T @ data.noise @ known.matrix + prior)
+        after = after @ (after.T @ (vectors * np.sqrt(np.maximum(values, 0.0))))
     return after, before
 
 
@@ -312,9 +319,14 @@ def _alone(row: Array) -> bool:
 
 def inverse_of(precision: Array) -> Array:
     """Inverse of a precision; of what nothing is known, a large variance."""
+    root = _root_of_inverse(precision)
+    return root @ root.T
+
+
+def _root_of_inverse(precision: Array) -> Array:
     values, vectors = np.linalg.eigh(precision)
     floor = 1e-14 * max(float(values.max(initial=0.0)), 1.0)
-    return np.asarray((vectors / np.maximum(values, floor)) @ vectors.T)
+    return np.asarray(vectors / np.sqrt(np.maximum(values, floor)))
 
 
 def _share(parameters: Array, free: Array, after: Array, before: Array) -> Array:
@@ -323,13 +335,10 @@ def _share(parameters: Array, free: Array, after: Array, before: Array) -> Array
     Args:
         parameters: As sums of the unknowns, shape `(p, m)`.
         free: Directions of the unknowns that the equations leave, shape `(m, k)`.
-        after: Covariance of the unknowns with the data.
+        after: Root of the unknowns' covariance with the data, see `_spreads`.
         before: The same without.
     """
-    taught, guessed = (
-        np.einsum("pm,mn,pn->p", parameters, covariance, parameters)
-        for covariance in (after, before)
-    )
+    taught, guessed = (np.sum(np.square(parameters @ root), axis=1) for root in (after, before))
     lengths = np.linalg.norm(parameters, axis=1)
     given = np.linalg.norm(parameters @ free, axis=1) <= 1e-9 * lengths
     ratio = taught / np.where(given | (guessed <= 0.0), 1.0, guessed)

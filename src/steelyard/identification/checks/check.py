@@ -108,7 +108,7 @@ def check(
     Args:
         robot: Robot file (TOML), URDF, xacro or MJCF.
         logs: The logs; `run.csv@5:20` is a window in seconds.
-        model: Reference model identified from clean runs.
+        model: Reference model, identified from runs without payload, contact or wrong signals.
         fix: Path of a corrected robot file; if empty, beside the given one. It is checked
             again, and written by `CheckResult.fixed.save()`. `None` for none.
         quick: Whether to make only the checks that `identify` makes before the fit.
