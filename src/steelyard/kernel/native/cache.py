@@ -26,6 +26,7 @@ SOURCES = (
     "dynamics",
     "estimation/closed_loop",
     "estimation/external",
+    "diagnosis/likelihood/nuisance.py",
     "virtual/laws.py",
     "model.py",
 )
