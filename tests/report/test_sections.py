@@ -89,7 +89,8 @@ def test_the_headline_is_in_joint_effort_with_its_shares_and_its_band(usual):
         "RMS below 5 Hz, pooled over 2 joints, where they move; 2.5\u00a0% of the RMS effort limit."
     )
     assert judged.others == (
-        "Relative error ‖measured − predicted‖ / ‖measured‖ in the validation band, below 8 Hz: "
+        "Relative error ‖measured − predicted‖ / ‖measured‖ in logged units, in the validation "
+        "band, below 8 Hz: "
         "5.0\u00a0% over all joints together, where they move; 9.0\u00a0% over all joints "
         "together, whole log; 7.5\u00a0% mean over joints, where they move; 10.0\u00a0% mean over "
         "joints, whole log."

@@ -184,7 +184,8 @@ def without_percentage(scores: Sequence[RunScore]) -> list[str]:
 def other_errors(scores: Sequence[RunScore]) -> str:
     """The relative errors in the validation band, as one sentence."""
     words = "; ".join(error.words for error in relative_errors(scores))
-    return f"Relative error {RATIO} in the validation band, {band(scores)}: {words}."
+    where = f"in logged units, in the validation band, {band(scores)}"
+    return f"Relative error {RATIO} {where}: {words}."
 
 
 def reference_words(joints: Sequence[JointError]) -> str:
