@@ -82,7 +82,7 @@ def pressed(function: str, arguments: tuple[str, ...], work: Path) -> tuple[int,
         cwd=work,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=600,
     )
     return done.returncode, done.stderr, report.read_text().splitlines()
 
@@ -195,7 +195,7 @@ def test_ctrl_c_that_a_callback_swallows_is_not_lost(work: Path) -> None:
         cwd=work,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=600,
     )
     assert (done.returncode, done.stderr) == (130, "stopped: nothing was written\n")
     assert leftovers(work) == []

@@ -202,7 +202,7 @@ def test_ctrl_c_ends_with_a_summary(
         with pytest.raises(SystemExit) as end:
             main()
     finally:
-        sys.setprofile(None)
+        sys.settrace(None)
         signal.signal(signal.SIGINT, before)
     assert end.value.code in (0, None)
     shown = capsys.readouterr().out
