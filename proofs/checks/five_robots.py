@@ -91,7 +91,7 @@ def _clock() -> Claim:
 
 def _rests() -> Claim:
     sentence = finding(good("ur10e")[1], "rests").says
-    ends = [float(x) for x in re.findall(r"([\d.]+) s at", sentence)]
+    ends = [float(x) for x in re.findall(r"([\d.]+) s (?:of it )?at", sentence)]
     holds = len(ends) == 2 and all(2.0 <= x <= 6.0 for x in ends)
     return Claim("rests of UR10e", sentence, "2 to 6 s at both ends", holds)
 
