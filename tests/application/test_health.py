@@ -48,6 +48,16 @@ def test_constant_quantities_are_not_named(stated: float) -> None:
     assert false <= 1
 
 
+def test_levels_that_are_equal_have_no_change() -> None:
+    rng = np.random.default_rng(6)
+    for windows in range(1, 13):
+        values = rng.standard_normal(windows)
+        same = replace(series([values, values], noise=0.0), std=np.full(2 * windows, 0.7))
+        steps = [change for change in changes_of([same], NAMES) if change.shape == "steps"]
+        assert all(change.p == 1.0 for change in steps)
+        assert all(change.p >= 0.0 for change in changes_of([same], NAMES))
+
+
 def test_settling_within_a_log_has_its_time_constant() -> None:
     t = 20.0 * np.arange(32)
     one = series([-0.3 * (1.0 - np.exp(-t / 150.0)), np.full(32, -0.3)], seed=1)

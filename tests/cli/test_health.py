@@ -1,6 +1,7 @@
 """`steelyard health`: what it prints, writes and refuses."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -73,6 +74,14 @@ def test_wear_is_named_and_nothing_else(arm: Path, command: Command, tmp_path: P
     assert len(printed["windows"]) == len(joints) * len(QUANTITIES)
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "1 of 3 joints drifted in 2 logs" in page and "between before and after" in page
+
+
+def test_a_log_beside_its_copy_has_not_drifted(arm: Path, command: Command, tmp_path: Path) -> None:
+    copy = shutil.copy(arm / "before.npz", tmp_path / "copy.npz")
+    done = command("health", arm / "model", arm / "before.npz", copy, "--json")
+    assert done.exit_code == 0, done.output
+    printed = json.loads(done.stdout, parse_constant=pytest.fail)
+    assert printed["drifts"] == []
 
 
 def test_gains_and_offsets_are_named(arm: Path) -> None:

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from steelyard.diagnosis.signals.saturation import Saturation, Signed
 from steelyard.diagnosis.signals.unit_costs import JointFacts
 from steelyard.diagnosis.signals.units import _named, reading
 from steelyard.diagnosis.signals.velocity import Velocity
+from steelyard.formats.cut import Cut
 from steelyard.formats.log import Log
 from steelyard.formats.numbered import Numbered
 from steelyard.measurement import Processing, Recording
@@ -676,3 +678,41 @@ def test_other_effort_columns_are_named(tmp_path: Path) -> None:
     (finding,) = Noise()(replace(case, logs=(replace(evidence, recording=recording),)))
     assert finding.severity == WRONG and finding.joints == ("joint_2",)
     assert finding.fix is not None and finding.fix.says.endswith("has 'current{}_A' too")
+
+
+def windowed(folder: Path, table: Array, seconds: tuple[float, float]) -> Case:
+    """The robot file and a window of one log."""
+    case = case_of(folder, table)
+    (evidence,) = case.logs
+    recording = replace(evidence.recording, cut=Cut(seconds=seconds))
+    return replace(case, logs=(replace(evidence, recording=recording),))
+
+
+@pytest.mark.parametrize("seconds", [(-inf, 8.0), (8.0, inf)])
+def test_a_window_in_seconds_is_checked_by_its_own_rows(
+    seconds: tuple[float, float], tmp_path: Path
+) -> None:
+    table = sound()
+    t = table[:, 0] - table[0, 0]
+    alone = table[(t >= seconds[0]) & (t < seconds[1])]
+    found = examine(windowed(tmp_path, table, seconds), checks=OWN)
+    assert of(found, "rows").figure.startswith(f"0 of {len(alone)} rows")
+    expected = diagnosis(tmp_path, alone).findings
+    assert [(f.says, f.figure) for f in found.findings] == [(f.says, f.figure) for f in expected]
+
+
+def test_broken_stamps_do_not_widen_a_window(tmp_path: Path) -> None:
+    table = sound()
+    table[[300, 1500], 0] = table[900, 0]
+    start, stop = np.searchsorted(sound()[:, 0] - sound()[0, 0], (8.0, 12.0))
+    assert windowed(tmp_path, table, (8.0, 12.0)).logs[0].window == (start, stop)
+
+
+def test_a_window_with_few_rows_is_the_whole_log_as_its_clock_may_be_misread(
+    tmp_path: Path,
+) -> None:
+    table = sound()
+    table[:, 0] *= 1000.0
+    found = examine(windowed(tmp_path, table, (0.0, 400.0)), checks=OWN)
+    assert of(found, "clock").severity is Severity.WRONG
+    assert of(found, "rows").figure.startswith("0 of 2000 rows")

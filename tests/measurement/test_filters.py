@@ -26,6 +26,12 @@ def test_the_kaiser_window_is_scipys(suppression: float, width: float, cutoff: f
     np.testing.assert_allclose(kaiser_lowpass(suppression, width, cutoff), expected, atol=1e-15)
 
 
+@pytest.mark.parametrize("cutoff", [-0.1, 0.0, 1.0, 1.2, np.nan])
+def test_a_cutoff_outside_the_band_is_refused(cutoff: float) -> None:
+    with pytest.raises(ValueError, match="is not between 0 and 1"):
+        kaiser_lowpass(60.0, 0.5, cutoff)
+
+
 @pytest.mark.parametrize("order", [2, 4, 5])
 @pytest.mark.parametrize(("cutoff", "rate"), [(8.0, 100.0), (2.0, 1000.0), (24.9, 100.0), (20, 50)])
 def test_inside_it_is_scipys_filter(order: int, cutoff: float, rate: float) -> None:

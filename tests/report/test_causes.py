@@ -161,9 +161,9 @@ def test_laws_without_memory_are_named_beside_laws_with_memory(usual: ReportCont
     choice = replace(choice, terms=dahl, table=table)
     content = replace(usual, friction=choice)
     words = (
-        'or controllers without state: friction = "auto_memoryless", laws without memory such as '
-        "coulomb (smoothing 0.02) + "
-        "viscous (error on motion left out 22 % larger in this comparison)"
+        'or controllers that keep no state between samples: friction = "auto_memoryless", laws '
+        "without memory such as coulomb (smoothing 0.02) + viscous (error on motion left out "
+        "22 % larger in this comparison)"
     )
     assert "auto_memoryless" not in " ".join(str(part) for part in section.printed(content))
     assert f"f{words}" in " ".join(str(part) for part in section.detailed(content))
@@ -182,7 +182,9 @@ def test_given_laws_with_memory_are_a_detail(usual: ReportContent) -> None:
     content = replace(given, identified=replace(usual.identified, model=model))
     *tables, line = section.detailed(content)
     assert len(tables) == usual_parts
-    assert str(line).startswith("friction laws with memory (dahl): for controllers without state")
+    assert str(line).startswith(
+        "friction laws with memory (dahl): for controllers that keep no state"
+    )
     chosen = section.detailed(replace(content, friction=usual.friction))
     assert not any("with memory" in str(part) for part in chosen)
 

@@ -50,7 +50,7 @@ def test_the_page_has_the_level_and_what_parameters_are_good_for(usual: ReportCo
     assert "13 base parameters: 9 identified, 1 small effect" in words
     assert "<dt>base parameters identified or of small effect</dt>" in words
     assert ">10 of 13<" in words
-    assert "rely on single values only if identified." in words
+    assert "rely on single values only if identified, and" in words
     alone = shown("verdict", replace(usual, only_errors=True))
     assert "as single values" not in alone and "9 identified" not in alone
 
@@ -217,7 +217,7 @@ def test_what_is_not_seen_is_named_with_its_twin(usual):
     assert "not distinguishable from mx.link of shoulder" in html
     estimate = replace(usual.identified.estimate, blind=())
     clear = replace(usual, identified=replace(usual.identified, estimate=estimate))
-    assert "These motions excite every base parameter;" in shown("unseen", clear)
+    assert "every base parameter has an effect that differs" in shown("unseen", clear)
 
 
 def test_conditioning_says_what_trades_against_what(usual):

@@ -202,10 +202,11 @@ def _settling(t: Array, tau: float) -> Array:
 
 
 def _chance(statistic: float, parameters: int, count: int) -> float:
-    """Probability that chance alone makes a sum of squares fall that much."""
+    """Probability that chance alone makes a sum of squares fall that much; by rounding, below 0."""
     from scipy.special import fdtrc
 
-    return float(fdtrc(parameters, max(count - parameters - 1, 1), statistic / parameters))
+    freedom = max(count - parameters - 1, 1)
+    return float(fdtrc(parameters, freedom, max(statistic, 0.0) / parameters))
 
 
 def _within(

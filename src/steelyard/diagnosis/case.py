@@ -9,14 +9,18 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import LogError
 from steelyard.estimation.identified import IdentifiedModel
-from steelyard.formats.log import Log
+from steelyard.formats.log import Log, Rows
 from steelyard.measurement import Processing, Recording, Run, prepare
 from steelyard.measurement.recording import Channels, Samples
+from steelyard.measurement.rows.clock import rows_between
 from steelyard.progress import Progress, silent
 from steelyard.robot_file.file import LoadedRobot
 
 EXCERPT = 100_000
 """Rows of a log that are looked at one by one."""
+FEWEST = 50
+"""Rows of the shortest window in seconds that is looked at alone. If there are fewer, the clock may
+be misread, which only the whole log shows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,14 +48,29 @@ class Evidence:
         return self.recording.channels
 
     @cached_property
+    def window(self) -> tuple[int, int]:
+        """Start and stop of the rows that are looked at one by one; the log may end before."""
+        start, stop = self._cut_rows()
+        return start, start + EXCERPT if stop is None else min(stop, start + EXCERPT)
+
+    def _cut_rows(self) -> Rows:
+        """The cut in rows."""
+        cut = self.recording.cut
+        if not np.isfinite(cut.seconds).any():
+            return cut.rows
+        try:
+            start, stop = rows_between(self.recording, cut.seconds)
+        except LogError:
+            return cut.rows
+        return (start, stop) if stop - start >= FEWEST else cut.rows
+
+    @cached_property
     def rows(self) -> tuple[Array, Array]:
-        """Time `(N,)` [s] and channels `(N, C)` of the window's first `EXCERPT` rows.
+        """Time `(N,)` [s] and channels `(N, C)` of the rows of `window`.
 
         In the SI units that the robot file declares, broken rows included.
         """
-        start, stop = self.recording.cut.rows
-        stop = start + EXCERPT if stop is None else min(stop, start + EXCERPT)
-        parts = list(self.recording.raw((start, stop)))
+        parts = list(self.recording.raw(self.window))
         if not parts:
             return np.zeros(0), np.zeros((0, self.channels.count))
         return np.concatenate([t for t, _ in parts]), np.concatenate([x for _, x in parts])

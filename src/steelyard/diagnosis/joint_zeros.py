@@ -99,7 +99,7 @@ def _by_derivatives(robot: Robot, ranked: Ranked, offsets: ZeroOffsets | None) -
     if not far.any():
         says = f"no significant zero offset{_of(offsets)}{_hidden(offsets)}"
         answered = bool(np.all(known | without_effect(robot)))
-        says += "" if answered else "; a model from clean runs (--model) tests more"
+        says += "" if answered else "; a model from runs known to be correct (--model) tests more"
         return Finding(
             JointZeros.name, "", Severity.OK, says, _value_text(offsets), answered=answered
         )

@@ -28,14 +28,16 @@ def low_passed(signals: Array, cutoff: float, rate: float) -> Array:
     """First-order low-pass along the last axis, started from the first sample.
 
     Args:
-        signals: Shape `(..., N)`.
+        signals: Shape `(..., N)`, finite.
         cutoff: [Hz].
         rate: Samples per second.
     """
     keep = np.exp(-2.0 * np.pi * cutoff / rate)
-    rows = signals.reshape(-1, signals.shape[-1])
-    decay, unbounded = np.full(rows.shape, keep), np.full(rows.shape, np.inf)
-    slow, _ = recurrence(decay, (1.0 - keep) * rows, unbounded, rows[:, 0])
+    decay, unbounded = (np.full((1, signals.shape[-1]), value) for value in (keep, np.inf))
+    rows = signals.reshape(-1, 1, signals.shape[-1])
+    slow = np.empty(rows.shape)
+    for one, row in zip(slow, rows, strict=True):
+        one[:] = recurrence(decay, (1.0 - keep) * row, unbounded, row[:, 0])[0]
     return slow.reshape(signals.shape)
 
 

@@ -266,18 +266,19 @@ def _offsets(
 
 
 def _gain_note(gains: GainEstimate) -> str:
-    found, assumed = [], []
+    found, assumed, joints = [], [], []
     for joint, gain, half, unit, known, is_assumed in gains.each:
         if is_assumed:
             assumed.append(f"{joint} {gain:.4g} {unit}")
+            joints.append(joint)
         elif not known:
             found.append(f"{joint} {gain:.4g} ± {half:.2g} {unit}")
     sentences = [f"drive gains identified: {', '.join(found)}"] if found or not assumed else []
     if assumed:
         sentences.append(
             f"drive gain of {', '.join(assumed)}: not identifiable from these data, assumed to be "
-            "the geometric mean of the others. Efforts in Nm, friction and rotor inertia of these "
-            "joints are relative to it"
+            "the geometric mean of the others. Efforts in Nm, friction and rotor inertia of "
+            f"{', '.join(joints)} are relative to this assumption"
         )
     return ". ".join(
         f"{text[0].upper() if k else text[0]}{text[1:]}" for k, text in enumerate(sentences)

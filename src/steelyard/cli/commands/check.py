@@ -30,7 +30,7 @@ GEARS = (
 
 LOADED = (
     "gains: a log with a load of known mass (identify --loaded); payload: a log without it, and "
-    "--model from clean runs"
+    "--model from runs known to be correct"
 )
 """What decides gains and payload where the nominal model does not."""
 

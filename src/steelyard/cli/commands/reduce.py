@@ -35,7 +35,7 @@ def reduce(
             "one standard error of the least), tolerance=5 (greatest relative rise of a joint's "
             "error in percent), bic, condition=30 (normalised condition number), ratio=30 "
             "(greatest over least relative standard deviation), count=25 (parameters), one_fewer "
-            "(removes one more) or refit (removes none).",
+            "(removes one besides those of --drop) or refit (none besides those).",
             metavar="RULE",
         ),
     ] = "one_standard_error",
@@ -50,7 +50,11 @@ def reduce(
     ] = None,
     drop: Annotated[
         list[str] | None,
-        typer.Option("--drop", help="Base parameters that are removed first.", metavar="NAME..."),
+        typer.Option(
+            "--drop",
+            help="Base parameters that are removed first, whatever the stopping rule.",
+            metavar="NAME...",
+        ),
     ] = None,
     robot: Annotated[
         str | None,

@@ -40,12 +40,12 @@ UNEXPLAINED = "effort kind"
 """The check that says so where nothing explains the efforts."""
 NO_HYPOTHESIS = (
     "no single hypothesis explains these efforts: check columns, kind, unit, gains, and locked "
-    "joints with their positions, or the model file is of another robot; a model from clean runs "
-    "(--model) allows more conclusions"
+    "joints with their positions, or the model file is of another robot; a model from runs "
+    "known to be correct (--model) allows more conclusions"
 )
 OF_NOMINAL = (
     ", with the masses of the model file, which may be wrong: take the ratio from the data sheet, "
-    "or give a model from clean runs (--model)"
+    "or give a model from runs known to be correct (--model)"
 )
 UNKNOWN = "undecided: the robot's model gives no masses; give --model"
 
@@ -211,7 +211,11 @@ def value_text(decision: Verdict, cause: str) -> str:
     ranked = decision.ranking
     mine = [r for r in ranked.rounds[0] if r.cause == cause]
     text = f"misfit {ranked.declared.percent:.1f} %"
-    return f"{text}; best alternative ({mine[0].says}): {mine[0].percent:.1f} %" if mine else text
+    return (
+        f"{text}; best alternative of this check ({mine[0].says}): {mine[0].percent:.1f} %"
+        if mine
+        else text
+    )
 
 
 def picture(decision: Verdict, before: Hypothesis, after: Hypothesis) -> Picture:

@@ -34,12 +34,13 @@ def ways(case: Case, hypothesis: Hypothesis, *, sure: bool) -> Fix:
     if hypothesis.cause == "payload":
         return Fix(
             f"{hypothesis.says}, or the link inertias differ from the model file: identify it with "
-            "steelyard payload, against a model from clean runs, or give that here (--model)"
+            "steelyard payload, against a model from runs known to be correct, or give that "
+            "here (--model)"
         )
     if hypothesis.cause not in FACTORS:
         return Fix(
             f"{hypothesis.says}, or the link inertias differ from the model file: the log alone "
-            "cannot decide; examine both, or give a model from clean runs (--model)"
+            "cannot decide; examine both, or give a model from runs known to be correct (--model)"
         )
     if unit := _of_names(case, hypothesis):
         return unit

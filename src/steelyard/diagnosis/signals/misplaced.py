@@ -85,7 +85,7 @@ def _correlations(
     sign of the former counts. Zero where positions are of motors behind coupled gears, or nothing
     moves.
     """
-    overview, start = look(case, evidence), evidence.recording.cut.rows[0]
+    overview, start = look(case, evidence), evidence.window[0]
     none = np.zeros(len(others)), np.zeros(len(others))
     if not others or evidence.recording.signals.position_map is not None:
         return none

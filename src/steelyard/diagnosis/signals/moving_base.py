@@ -96,8 +96,8 @@ def _columns(evidence: Evidence, kinds: set[str]) -> tuple[str, ...]:
 
 def _values(evidence: Evidence, columns: Sequence[str]) -> Array:
     """Rows without gaps, shape `(N, columns)`."""
-    start, stop = evidence.recording.cut.rows
-    last = start + ROWS if stop is None else min(stop, start + ROWS)
+    start, stop = evidence.window
+    last = min(stop, start + ROWS)
     x = np.concatenate([*evidence.log.parts(columns, (start, last)), np.zeros((0, len(columns)))])
     return np.asarray(x[np.isfinite(x).all(axis=1)])
 

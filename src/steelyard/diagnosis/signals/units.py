@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.diagnosis.case import EXCERPT, Case, Evidence
+from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.signal_overview import SignalOverview, look, once
 from steelyard.diagnosis.signals.agreement import Agreement, agreement
 from steelyard.diagnosis.signals.rate import rate_by_velocities
@@ -95,9 +95,7 @@ def velocities(case: Case, evidence: Evidence) -> tuple[tuple[str, ...], Array] 
         or signals.position_map is not None
     ):
         return None
-    start, stop = evidence.recording.cut.rows
-    stop = start + EXCERPT if stop is None else min(stop, start + EXCERPT)
-    parts = list(evidence.log.parts(columns, (start, stop)))
+    parts = list(evidence.log.parts(columns, evidence.window))
     if not parts:
         return None
     values = np.concatenate(parts)[overview.kept]

@@ -14,7 +14,12 @@ def kaiser_lowpass(suppression: float, width: float, cutoff: float) -> Array:
         suppression: Of the stop band [dB], 8 or more.
         width: Of the transition, relative to half the sampling rate.
         cutoff: Half-amplitude frequency, likewise.
+
+    Raises:
+        ValueError: The cut-off is not between 0 and 1.
     """
+    if not 0.0 < cutoff < 1.0:
+        raise ValueError(f"cut-off {cutoff:g} is not between 0 and 1")
     length = int(np.ceil((suppression - 7.95) / (2.285 * np.pi * width) + 1.0))
     length += 1 - length % 2
     if suppression > 50.0:

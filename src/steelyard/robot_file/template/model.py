@@ -73,8 +73,9 @@ def _friction_lines(known: Known) -> str:
     if known.auto:
         why = f"Friction laws are chosen from the logs by cross-validation: {known.friction}."
         instead = (
-            'For C code and other exports without state: "auto_memoryless". For fixed laws remove '
-            'this line and add "coulomb", "viscous" to terms.'
+            "For ROS 2 packages and other controllers that keep no state between samples: "
+            '"auto_memoryless". For fixed laws remove this line and add "coulomb", "viscous" to '
+            "terms."
         )
         return f'{comment(why)}\n{comment(instead)}\nfriction = "auto"'
     why = f" Not used: {known.friction}." if known.friction else ""

@@ -127,8 +127,8 @@ def _still_ok(finding: Finding, diagnosis: Diagnosis) -> str:
     if finding.nominal:
         return (
             f"{misfit}, which wrong masses of a nominal model can cause; the other hypothesis may "
-            "compensate errors of the nominal masses. A model from clean runs (--model) would "
-            "decide."
+            "compensate errors of the nominal masses. A model from runs known to be correct "
+            "(--model) would decide."
         )
     return (
         f"{misfit}; a hypothesis with more free parameters nearly always fits better, and is "

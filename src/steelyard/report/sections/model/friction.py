@@ -22,8 +22,8 @@ ERROR = (
 )
 """What an error of a mix is."""
 ONE_CURVE = (
-    "Their coefficients describe one friction curve per joint together, and hold beside these laws "
-    "only: quote the curve (report), not a coefficient"
+    "Their coefficients describe one friction curve per joint together and are valid only "
+    "together: quote the curve (report), not a coefficient"
 )
 """What coefficients of chosen laws mean."""
 
@@ -49,7 +49,7 @@ class FrictionSection(TableSection):
             yield Text(_chosen(content.friction))
 
     def detailed(self, content: ReportContent) -> Iterable[RenderableType]:
-        """The tables; laws for controllers without state, where the chosen ones need one."""
+        """The tables; laws for controllers that keep no state, where the chosen ones need one."""
         from rich.text import Text
 
         yield from super().detailed(content)
@@ -60,8 +60,9 @@ class FrictionSection(TableSection):
             laws = [term.law for term in terms if isinstance(term, StatefulTerm)]
             if laws:
                 yield Text(
-                    f"friction laws with memory ({', '.join(laws)}): for controllers without "
-                    'state choose laws without; friction = "auto" compares them'
+                    f"friction laws with memory ({', '.join(laws)}): for controllers that keep no "
+                    "state between samples choose laws without memory; friction = "
+                    '"auto" compares them'
                 )
 
     def to_dict(self, content: ReportContent) -> dict[str, Any]:
@@ -92,8 +93,8 @@ def without_memory(choice: FrictionChoice) -> str:
     best = next(mix for mix in choice.table if mix.chosen)
     more = 100.0 * (other.error / best.error - 1.0)
     return (
-        'for controllers without state: friction = "auto_memoryless", laws without memory such as '
-        f"{other.name} (error on motion left out {abs(more):.0f} % "
+        'for controllers that keep no state between samples: friction = "auto_memoryless", laws '
+        f"without memory such as {other.name} (error on motion left out {abs(more):.0f} % "
         f"{'larger' if more >= 0.0 else 'smaller'} in this comparison)"
     )
 

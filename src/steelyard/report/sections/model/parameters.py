@@ -34,7 +34,10 @@ ORDER: tuple[Status, ...] = (
 GOOD: tuple[Status, ...] = ("identified", "small effect", "known", "removed")
 """Parameters of which another motion would change little."""
 
-ONE_BY_ONE = "For predictions use the whole model; rely on single values only if identified."
+ONE_BY_ONE = (
+    "For predictions use the whole model; rely on single values only if identified, and on several "
+    "friction laws of a joint only as one curve."
+)
 """What a small error does not say."""
 
 NAMED = 8
