@@ -716,3 +716,10 @@ def test_a_window_with_few_rows_is_the_whole_log_as_its_clock_may_be_misread(
     found = examine(windowed(tmp_path, table, (0.0, 400.0)), checks=OWN)
     assert of(found, "clock").severity is Severity.WRONG
     assert of(found, "rows").figure.startswith("0 of 2000 rows")
+
+
+def test_a_window_of_a_log_without_stamps_counts_rows(tmp_path: Path) -> None:
+    text = ROBOT.replace('time = "time"', "rate = 100.0")
+    case = case_of(tmp_path, sound(), text)
+    recording = replace(case.logs[0].recording, cut=Cut(seconds=(5.0, 15.0)))
+    assert replace(case.logs[0], recording=recording).window == (500, 1500)

@@ -59,7 +59,7 @@ class Evidence:
         if not np.isfinite(cut.seconds).any():
             return cut.rows
         try:
-            start, stop = rows_between(self.recording, cut.seconds)
+            start, stop = rows_between(self.recording, cut.seconds, EXCERPT)
         except LogError:
             return cut.rows
         return (start, stop) if stop - start >= FEWEST else cut.rows

@@ -286,7 +286,7 @@ def time_span(recording: Recording) -> tuple[float, int]:
     return max(last - first, 0.0), rows
 
 
-def rows_between(recording: Recording, seconds: tuple[float, float]) -> tuple[int, int]:
+def rows_between(recording: Recording, seconds: tuple[float, float], most: int) -> tuple[int, int]:
     """First row of a span of time from the log's start, and the row after its last one.
 
     A row counts if the next one is in the span as well: stamps of broken rows may be anything.
@@ -294,20 +294,23 @@ def rows_between(recording: Recording, seconds: tuple[float, float]) -> tuple[in
     Args:
         recording: The log.
         seconds: Start and stop [s].
+        most: Rows from the first one on that are of interest; later ones are not looked for.
 
     Raises:
         LogError: Time does not increase.
     """
-    signals, origin = recording.signals, learn_clock(recording).origin
+    origin = learn_clock(recording).origin
     first, after, row, before = None, 0, 0, False
-    for part in recording.log.parts(signals.columns[:1], (0, None)):
-        t = part[:, 0] * signals.time_scale - origin
-        inside = np.concatenate(([before], (t >= seconds[0]) & (t < seconds[1])))
+    for t, _ in recording.raw((0, None)):
+        there = (t - origin >= seconds[0]) & (t - origin < seconds[1])
+        inside = np.concatenate(([before], there))
         pairs = row + np.flatnonzero(inside[:-1] & inside[1:])
         if len(pairs):
             first = int(pairs[0]) - 1 if first is None else first
             after = int(pairs[-1]) + 1
         before, row = bool(inside[-1]), row + len(t)
+        if first is not None and row >= first + most:
+            break
     return (0, 0) if first is None else (first, after)
 
 
