@@ -3,6 +3,7 @@
 import ctypes
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -56,10 +57,10 @@ def controller(model: IdentifiedModel) -> Controller:
     return replace(found, observer=ObserverNumbers(BANDWIDTH, thresholds_of(model.robot.n)))
 
 
-def samples(robot: Robot, count: int) -> tuple[Array, Array, Array, Array]:
+def samples(robot: Robot, count: int, step: float = 0.002) -> tuple[Array, ...]:
     """Times with jitter and two gaps, positions that rest now and then, velocities, efforts."""
     rng = np.random.default_rng(4)
-    t = np.cumsum(0.002 * rng.uniform(0.8, 1.2, count))
+    t = np.cumsum(step * rng.uniform(0.8, 1.2, count))
     t[count // 3 :] += 0.5
     t[count // 2 :] += 0.1
     rates = 1.0 + 0.37 * np.arange(robot.n)
@@ -79,6 +80,14 @@ def in_python(model: IdentifiedModel, given: tuple[Array, ...]) -> tuple[Array, 
         efforts.append(observer.torque)
         contact.append(observer.contact)
     return np.array(efforts), np.array(contact)
+
+
+@cache
+def observed(name: str) -> tuple[IdentifiedModel, tuple[Array, ...], Array, Array]:
+    """A model, samples of 4 s in which all ranges of speed and rests are, and what Python finds."""
+    model = model_of(name)
+    given = samples(model.robot, 500, step=0.008)
+    return model, given, *in_python(model, given)
 
 
 def in_c(
@@ -110,9 +119,7 @@ def in_c(
 
 @pytest.mark.parametrize("name", CASES)
 def test_c_observes_what_python_observes(name: str, tmp_path: Path) -> None:
-    model = model_of(name)
-    given = samples(model.robot, 2_000)
-    efforts, contact = in_python(model, given)
+    model, given, efforts, contact = observed(name)
     code = CCode(controller(model), "double", ())
     found, joints, results = in_c(code, tmp_path, "double", given)
     assert apart(found, efforts) < 1e-12
@@ -164,9 +171,7 @@ def test_the_self_test_passes_strictly_in_c_and_cpp(
 
 @pytest.mark.parametrize("name", CASES)
 def test_python_files_observe_too(name: str) -> None:
-    model = model_of(name)
-    given = samples(model.robot, 2_000)
-    efforts, contact = in_python(model, given)
+    model, given, efforts, contact = observed(name)
     names: dict[str, object] = {}
     exec(python_code(controller(model), ()), names)
     observer = names["Observer"]()  # type: ignore[operator]
