@@ -33,15 +33,21 @@ def identified(given: Path, tmp_path: Path, command: Command) -> Identified:
     return run
 
 
+@pytest.fixture(scope="module")
+def longer(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Two logs that are long enough to compare friction laws."""
+    folder = tmp_path_factory.mktemp("longer")
+    short_logs(folder, period=3.0)
+    return folder / "identification.csv", folder / "validation.csv"
+
+
 @pytest.mark.parametrize("selection", ["auto", "auto_memoryless"])
 def test_friction_is_chosen_and_reported(
-    selection: str, given: Path, tmp_path: Path, command: Command
+    selection: str, given: Path, longer: tuple[Path, Path], tmp_path: Path, command: Command
 ) -> None:
     terms = TERMS.replace('"coulomb", "viscous", ', "") + f'\nfriction = "{selection}"'
     robot, out = edited(given, tmp_path, (TERMS, terms)), tmp_path / "out"
-    short_logs(tmp_path, period=6.0)
-    logs = tmp_path / "identification.csv", tmp_path / "validation.csv"
-    done = command("identify", robot, *logs, "--no-check", "-o", out, "--json")
+    done = command("identify", robot, *longer, "--no-check", "-o", out, "--json")
     assert done.exit_code == 0, done.output
     chosen = json.loads(done.stdout)
     table = chosen["friction"]["table"]
@@ -144,6 +150,7 @@ def test_a_poor_prediction_is_called_poor(given: Path, tmp_path: Path, command: 
         ('velocity = "dq{}_rad_s"', f"velocity = [{velocities}]"),
     )
     logs = given / "identification.csv", "--validate", given / "validation.csv"
-    robot = edited(given, tmp_path, *changes)
+    plain = ("[signals]\n", '[estimation]\nmethod = "least_squares"\n\n[signals]\n')
+    robot = edited(given, tmp_path, *changes, plain)
     done = command("identify", robot, *logs, "-o", tmp_path / "out", "--no-check")
     assert done.exit_code == 1 and done.stdout.startswith("POOR: "), done.output

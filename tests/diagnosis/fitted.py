@@ -22,7 +22,7 @@ from steelyard.robot_file.file import LoadedRobot, load_robot
 from steelyard.virtual.demo import _ROBOT_FILE
 from steelyard.virtual.truth import Truth
 
-RATE, SECONDS = 250.0, 20.0
+RATE, SECONDS = 125.0, 20.0
 
 
 def demo_arm(folder: Path) -> LoadedRobot:

@@ -63,7 +63,9 @@ def test_noise_alone_says_nothing(loaded: LoadedRobot, tmp_path: Path) -> None:
 def test_a_zero_offset_is_named_with_its_value(loaded: LoadedRobot, tmp_path: Path) -> None:
     (finding,) = found(loaded, tmp_path, offset=(0.0, 0.0, 0.1, 0.0, 0.0, 0.0))
     assert finding.severity == Severity.DOUBTFUL and finding.joints == ("elbow",)
-    assert "zero offset of elbow 0.1" in finding.says and "x the measurement noise" in finding.says
+    assert (
+        "zero offset of elbow 0.099" in finding.says and "x the measurement noise" in finding.says
+    )
     assert finding.fix is not None
     (edit,) = finding.fix.edits
     assert edit.path == ("signals", "position_offset")

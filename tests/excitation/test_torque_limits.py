@@ -165,7 +165,7 @@ def test_a_payload_adds_to_the_body_that_carries_it() -> None:
 def test_proofs_hold_and_are_near(make, power: bool) -> None:
     motion = make(np.random.default_rng(4))
     arm = valued(dh_arm(), LAWS["plain"])
-    t = np.linspace(0.0, motion.duration, 100_000)
+    t = np.linspace(0.0, motion.duration, 20_000)
     states = np.array([motion.derivative(t, order) for order in range(3)])
     ample = np.full(3, 1e6)
     probe = power_limit({"arm": arm}, ample) if power else torque_limit({"arm": arm}, ample)
@@ -182,7 +182,7 @@ def test_every_law_can_be_proven(laws: str) -> None:
     arm = valued(tree(), LAWS[laws])
     rng = np.random.default_rng(6)
     motion = FourierMotion.from_free(np.zeros(4), 0.1 * rng.standard_normal((4, 6)), 8.0)
-    t = np.linspace(0.0, 8.0, 100_000)
+    t = np.linspace(0.0, 8.0, 20_000)
     states = np.array([motion.derivative(t, order) for order in range(3)])
     limit = torque_limit({"arm": arm}, np.full(4, 100.0))
     proven, sampled = limit.proven(motion), limit.margins(*states).values.min(axis=0)

@@ -79,7 +79,7 @@ def test_a_model_comes_of_every_estimator(folder: Path, offer, tmp_path: Path) -
 
 def test_whole_runs_calibrate_what_simulates(folder: Path) -> None:
     robot = folder / "arm.toml"
-    steelyard.simulate(robot, folder / "drawn", seed=2)
+    steelyard.simulate(robot, folder / "drawn", period=5.0, seed=2)
     motion = folder / "drawn" / "trajectory.json"
     steelyard.simulate(robot, folder / "other", motion, seed=1)
     logs = [log(folder), folder / "other" / "log.csv"]

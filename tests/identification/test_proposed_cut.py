@@ -5,11 +5,11 @@ from pathlib import Path
 import polars as pl
 import pytest
 
+from short_arm import without_wrist
 from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.identification.proposed_cut import Parted, parted
 from steelyard.motion import run
 from steelyard.robot.robot import Robot
-from steelyard.virtual.demo import write_demo_arm
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.robot import VirtualRobot
 from steelyard.virtual.simulate import customary_sensors
@@ -27,7 +27,7 @@ def recorded(robot: Robot, period: float, periods: int, folder: Path) -> Path:
 def test_the_second_part_ends_with_the_first_round(
     period: float, periods: int, tmp_path: Path
 ) -> None:
-    robot = write_demo_arm(tmp_path)
+    robot = without_wrist(tmp_path)
     log = recorded(robot.robot, period, periods, tmp_path)
     found = parted(robot, [str(log)])
     first, second = found.logs
@@ -42,13 +42,13 @@ def test_the_second_part_ends_with_the_first_round(
 
 
 def test_a_log_whose_motion_repeats_early_is_left_whole(tmp_path: Path) -> None:
-    robot = write_demo_arm(tmp_path)
+    robot = without_wrist(tmp_path)
     log = recorded(robot.robot, 2.0, 5, tmp_path)
     assert parted(robot, [str(log)]) == Parted((str(log),))
 
 
 def test_a_long_rest_before_the_motion_counts_for_neither_part(tmp_path: Path) -> None:
-    robot = write_demo_arm(tmp_path)
+    robot = without_wrist(tmp_path)
     log = recorded(robot.robot, 9.0, 1, tmp_path)
     rows = pl.read_csv(log)
     later = rows.with_columns(pl.col("time_s") + 30.0)
