@@ -70,6 +70,16 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
         yield tab
 
 
+@pytest.fixture(scope="session")
+def small_arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with an arm of two joints, two logs and its model; tests work in copies of it."""
+    from small_arm import made
+
+    place = tmp_path_factory.mktemp("small_arm")
+    made(place)
+    return place
+
+
 @pytest.fixture
 def searches_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Motions are searched in this process: one of its own loads all packages, in 0.8 s."""

@@ -6,7 +6,7 @@ import re
 import types
 from dataclasses import replace
 from pathlib import Path
-from shutil import copyfile
+from shutil import copytree
 
 import numpy as np
 import pytest
@@ -15,39 +15,14 @@ import steelyard
 from steelyard import terms
 from steelyard.kernel.equations.dynamics import inverse_dynamics
 
-URDF = """<robot name="arm">
-  <link name="base"/>
-  <link name="upper"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>
-    <inertia ixx="0.01" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <link name="lower"><inertial><origin xyz="0.15 0 0"/><mass value="1.5"/>
-    <inertia ixx="0.01" iyy="0.03" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="joint1" type="revolute"><parent link="base"/><child link="upper"/>
-    <axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="3" effort="80"/></joint>
-  <joint name="joint2" type="revolute"><parent link="upper"/><child link="lower"/>
-    <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
-    <limit lower="-2" upper="2" velocity="3" effort="40"/></joint>
-</robot>
-"""
-
-
 pytestmark = pytest.mark.usefixtures("searches_here")
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(small_arm: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the arm, two logs of it, and its identified model."""
     place = tmp_path_factory.mktemp("interface")
-    (place / "arm.urdf").write_text(URDF)
-    short = "[excitation.motion]\nperiod = 5.0\n"
-    (place / "arm.toml").write_text(f'[robot]\nurdf = "arm.urdf"\n{short}')
-    robot = place / "arm.toml"
-    steelyard.simulate(robot, place / "fit", seed=1)
-    steelyard.simulate(robot, place / "random", seed=2)
-    motion = place / "random" / "trajectory.json"
-    steelyard.simulate(robot, place / "other", motion, seed=1)
-    for name in ("fit", "other"):
-        copyfile(place / name / "log.csv", place / f"{name}.csv")
-    steelyard.identify(robot, place / "fit.csv").save(place / "arm-model")
+    copytree(small_arm, place, dirs_exist_ok=True)
     return place
 
 

@@ -17,6 +17,8 @@ from identification.test_method import ARM
 from steelyard.cli import interrupt
 from steelyard.cli.app import app
 from steelyard.cli.main import main
+from steelyard.excitation.trajectories.files import write_motion
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 
 DRIVER = Path(__file__).parent / "interrupted_at.py"
 SMALL, FIRST, SECOND = "../given/arm.toml", "../given/first.csv", "../given/second.csv"
@@ -33,8 +35,10 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "arm.toml").write_text('[robot]\nurdf = "arm.urdf"\n')
     robot = folder / "arm.toml"
     steelyard.simulate(robot, folder / "first", period=3.0, seed=0)
-    steelyard.simulate(robot, folder / "drawn", period=3.0, seed=1)
-    steelyard.simulate(robot, folder / "second", folder / "drawn/trajectory.json", seed=0)
+    arm, motion = steelyard.load_robot(robot).robot, folder / "drawn" / "trajectory.json"
+    motion.parent.mkdir()
+    write_motion(motion, random_fourier(arm, seed=1, period=3.0), arm)
+    steelyard.simulate(robot, folder / "second", motion, seed=0)
     for name in ("first", "second"):
         (folder / name / "log.csv").rename(folder / f"{name}.csv")
     drafted = folder / "arm_ms.toml"

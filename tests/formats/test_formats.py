@@ -22,6 +22,8 @@ MESSAGES = {".mcap", ".active", ".bag", ".db3", ".zstd"}
 """Logs of messages have laws of their own."""
 
 SUFFIXES = sorted(set(FORMATS) - MESSAGES)
+OPENERS = sorted({FORMATS[suffix]: suffix for suffix in SUFFIXES}.values())
+"""One suffix of each opener."""
 
 
 def write(path: Path) -> None:
@@ -54,6 +56,7 @@ def test_columns_are_named(log: Log) -> None:
     assert log.columns == COLUMNS
 
 
+@pytest.mark.parametrize("log", OPENERS, indirect=True)
 @settings(
     suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=10
 )

@@ -10,6 +10,8 @@ import pytest
 import steelyard
 from steelyard.errors import ModelError, SteelyardError
 from steelyard.estimation.register import ESTIMATORS
+from steelyard.excitation.trajectories.files import write_motion
+from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.identification.fitting.fitting import _method
 from steelyard.identification.identify import Identification
 from steelyard.identification.method import Sources
@@ -79,8 +81,8 @@ def test_a_model_comes_of_every_estimator(folder: Path, offer, tmp_path: Path) -
 
 def test_whole_runs_calibrate_what_simulates(folder: Path) -> None:
     robot = folder / "arm.toml"
-    steelyard.simulate(robot, folder / "drawn", period=5.0, seed=2)
-    motion = folder / "drawn" / "trajectory.json"
+    arm, motion = steelyard.load_robot(robot).robot, folder / "drawn.json"
+    write_motion(motion, random_fourier(arm, seed=2, period=5.0), arm)
     steelyard.simulate(robot, folder / "other", motion, seed=1)
     logs = [log(folder), folder / "other" / "log.csv"]
     result = steelyard.identify(robot, logs, check=False, method="didim")
