@@ -157,7 +157,7 @@ def _log(robot: Robot, truth: Truth, seed: int) -> tuple[Array, Motion]:
     """Time, positions, velocities and torques along a random motion."""
     rng = np.random.default_rng(seed)
     trajectory = random_fourier(robot, seed=seed, period=10.0, periods=2)
-    t = np.arange(0.0, trajectory.duration, 0.01)
+    t = np.arange(0.0, trajectory.duration, 0.005)
     motion = trajectory.sample(t)
     torque = truth.model.at(truth.values).torque(motion)
     torque = torque + 0.01 * torque.std(axis=0) * rng.standard_normal(torque.shape)

@@ -18,7 +18,7 @@ from steelyard.measurement.recording import LogInMemory
 from steelyard.regression.regressor import base_regressor
 from steelyard.robot.inertia import Inertia
 
-HALF = 1150
+HALF = 2300
 """Row at which something changes: in the middle of a window, after 11.5 of 20 s."""
 
 
