@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import steelyard
 from cli.interrupted_at import press_at
 from cli.mistakes import LOG, ROBOT, leftovers
-from identification.test_method import ARM
+from small_arm import URDF
 from steelyard.cli import interrupt
 from steelyard.cli.app import app
 from steelyard.cli.main import main
@@ -31,7 +31,7 @@ SIMULATE = ("simulate", SMALL, "--period", "1")
 def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A robot with two joints, a robot file for it with a wrong unit, and two short logs."""
     folder = tmp_path_factory.mktemp("small")
-    (folder / "arm.urdf").write_text(ARM)
+    (folder / "arm.urdf").write_text(URDF)
     (folder / "arm.toml").write_text('[robot]\nurdf = "arm.urdf"\n')
     robot = folder / "arm.toml"
     steelyard.simulate(robot, folder / "first", period=3.0, seed=0)

@@ -8,6 +8,7 @@ from typing import Any, cast
 import pytest
 
 import steelyard
+from small_arm import URDF
 from steelyard.errors import ModelError, SteelyardError
 from steelyard.estimation.register import ESTIMATORS
 from steelyard.excitation.trajectories.files import write_motion
@@ -18,19 +19,6 @@ from steelyard.identification.method import Sources
 from steelyard.progress import silent
 from steelyard.regression.regressor import base_regressor
 
-ARM = """<robot name="arm">
-  <link name="base"/>
-  <link name="upper"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>
-    <inertia ixx="0.01" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <link name="lower"><inertial><origin xyz="0.15 0 0"/><mass value="1.5"/>
-    <inertia ixx="0.01" iyy="0.03" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="joint1" type="revolute"><parent link="base"/><child link="upper"/>
-    <axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="3" effort="80"/></joint>
-  <joint name="joint2" type="revolute"><parent link="upper"/><child link="lower"/>
-    <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
-    <limit lower="-2" upper="2" velocity="3" effort="40"/></joint>
-</robot>
-"""
 BODIES = {"consistent", "pullback", "SDP", "log-Cholesky"}
 """Estimators that give values of all standard parameters."""
 
@@ -38,7 +26,7 @@ BODIES = {"consistent", "pullback", "SDP", "log-Cholesky"}
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("method")
-    (place / "arm.urdf").write_text(ARM)
+    (place / "arm.urdf").write_text(URDF)
     (place / "arm.toml").write_text('[robot]\nurdf = "arm.urdf"\n')
     steelyard.simulate(place / "arm.toml", place / "run", period=5.0, seed=1)
     return place
