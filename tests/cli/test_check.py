@@ -248,6 +248,16 @@ def test_what_has_no_line_is_named(
     assert "gain: no line of the robot file is known to correct it" in words(done.stdout)
 
 
+def test_stamps_that_cannot_be_read_are_no_empty_window(
+    robot: Path, given: Path, command: Command, tmp_path: Path
+) -> None:
+    log = tmp_path / "log.csv"
+    rows = pl.read_csv(given / "identification.csv")
+    rows.with_columns(pl.lit(None, pl.Float64).alias(rows.columns[0])).write_csv(log)
+    done = command("check", robot, f"{log}@1:3")
+    assert done.exit_code == 2 and "never increases: it is not a clock" in words(done.stdout)
+
+
 def test_nothing_to_correct_writes_no_file(
     slow: Slow, robot: Path, command: Command, given: Path
 ) -> None:

@@ -723,3 +723,11 @@ def test_a_window_of_a_log_without_stamps_counts_rows(tmp_path: Path) -> None:
     case = case_of(tmp_path, sound(), text)
     recording = replace(case.logs[0].recording, cut=Cut(seconds=(5.0, 15.0)))
     assert replace(case.logs[0], recording=recording).window == (500, 1500)
+
+
+def test_stamps_that_are_all_missing_make_every_row_corrupt(tmp_path: Path) -> None:
+    table = sound()
+    table[:, 0] = np.nan
+    found = diagnosis(tmp_path, table)
+    assert of(found, "rows").figure.startswith("2000 of 2000 rows (100 %)")
+    assert of(found, "clock").severity is Severity.WRONG

@@ -130,3 +130,9 @@ class Finding:
     hidden: bool = False
     headline: bool = False
     brief: str = ""
+
+
+def percent_of(share: float) -> str:
+    """A share in percent, like `0.52 %` or `100 %`."""
+    percent = 100.0 * share
+    return f"{percent:.2g} %" if percent < 99.5 else f"{percent:.0f} %"

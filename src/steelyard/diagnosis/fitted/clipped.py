@@ -2,7 +2,7 @@
 
 from typing import ClassVar
 
-from steelyard.diagnosis.finding import Finding, Severity
+from steelyard.diagnosis.finding import Finding, Severity, percent_of
 from steelyard.diagnosis.fitted.fitted_case import FittedCase
 
 SHARE = 0.002
@@ -22,7 +22,7 @@ class Clipped:
             values = run.quality.rows * len(run.recording.signals.effort_units)
             if count > SHARE * values:
                 says = (
-                    f"{count} efforts ({100.0 * count / values:.2g} %) are saturated: the "
+                    f"{count} efforts ({percent_of(count / values)}) are saturated: the "
                     "error includes them, though the required effort was not measured there"
                 )
                 remark = Finding(self.name, run.name, Severity.OK, says, "", headline=True)

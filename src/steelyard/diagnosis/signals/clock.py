@@ -7,7 +7,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.finding import Edit, Finding, Fix, Picture, Severity
+from steelyard.diagnosis.finding import Edit, Finding, Fix, Picture, Severity, percent_of
 from steelyard.diagnosis.pictures import histogram, trace
 from steelyard.diagnosis.signal_overview import JITTER, LATE, look, once
 from steelyard.diagnosis.signals.missing_rows import Leaps, leaps
@@ -123,7 +123,7 @@ def _out_of_order(evidence: Evidence, stamps: Array) -> Finding:
         evidence.name,
         Severity.WRONG,
         f"rows are not in the order of time: it decreases at {backward} of {len(steps)} steps",
-        f"{100.0 * backward / len(steps):.2g} % of the steps backward, at most "
+        f"{percent_of(backward / len(steps))} of the steps backward, at most "
         f"{100.0 * BACKWARD:g} % allowed",
         fix=Fix(f"sort the rows by '{evidence.recording.signals.time}'"),
     )
@@ -151,7 +151,7 @@ def _leaps(evidence: Evidence, found: Leaps, step: float) -> Finding:
         f"joints jump ahead simultaneously, by {typical:.2g} rows typically; "
         f"{_time(step * found.missing.sum())} "
         "in all. Time stamps were made uniform after rows were lost",
-        f"{100.0 * share:.2g} % of the rows in motion are missing (at most "
+        f"{percent_of(share)} of the rows in motion are missing (at most "
         f"{100.0 * MISSING:g} % allowed)",
         fix=Fix("log the controller's own time stamps, and do not change them"),
     )
@@ -204,7 +204,7 @@ def _judged(steps: _Steps) -> tuple[Severity, str, str, str | None]:
     count = max(len(steps.steps), 1)
     backward = int(np.count_nonzero(steps.steps < 0.0))
     repeats = int(np.count_nonzero(steps.steps == 0.0))
-    jitter = f"jitter {100.0 * steps.jitter:.2g} % of the step"
+    jitter = f"jitter {percent_of(steps.jitter)} of the step"
     facts = _facts(steps)
     if backward:
         return (
@@ -234,7 +234,7 @@ def _judged(steps: _Steps) -> tuple[Severity, str, str, str | None]:
         return (
             Severity.DOUBTFUL,
             f"{repeats} rows have the stamp of the row before; {facts}",
-            f"{100.0 * repeats / count:.2g} % of the stamps repeat, at most "
+            f"{percent_of(repeats / count)} of the stamps repeat, at most "
             f"{100.0 * REPEATS:g} % allowed",
             "log stamps with more digits; rows that repeat a stamp are dropped",
         )

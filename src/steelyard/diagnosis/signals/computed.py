@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.finding import Finding, Fix, Severity
+from steelyard.diagnosis.finding import Finding, Fix, Severity, percent_of
 from steelyard.diagnosis.identifiability import clean_runs, customary_model
 from steelyard.diagnosis.signal_overview import look, with_rows
 from steelyard.diagnosis.signals.other_efforts import with_others
@@ -66,8 +66,8 @@ def _found(case: Case, evidence: Evidence) -> Finding:
     residual = _unexplained(case, evidence)
     if residual is not None:
         figure += (
-            f"; residual of a fit {_percent(residual)} of the effort, at least "
-            f"{_percent(EXPLAINED)} required"
+            f"; residual of a fit {percent_of(residual)} of the effort, at least "
+            f"{percent_of(EXPLAINED)} required"
         )
     if residual is None or residual > EXPLAINED:
         return _smooth(evidence, figure, measured)
@@ -112,10 +112,6 @@ def _computed(evidence: Evidence, figure: str, measured: bool) -> Finding:
         figure,
         fix=with_others(MEASURE, evidence),
     )
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.2g} %"
 
 
 def noise_shares(case: Case, evidence: Evidence) -> tuple[Array, Array]:

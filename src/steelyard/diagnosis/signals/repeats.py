@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.finding import Edit, Finding, Fix, Picture, Severity, Trace
+from steelyard.diagnosis.finding import Edit, Finding, Fix, Picture, Severity, Trace, percent_of
 from steelyard.diagnosis.signal_overview import SignalOverview, look
 from steelyard.diagnosis.signals.hold import Hold, hold, mean_age, old_rows
 from steelyard.measurement.rows.stale import LONGEST_STALE
@@ -132,7 +132,7 @@ class Repeats:
             f"{count} rows in motion repeat the positions of the row before"
             if count
             else "no row in motion repeats the previous one",
-            f"{count} of {total} rows in motion ({100.0 * share:.2g} %), at most "
+            f"{count} of {total} rows in motion ({percent_of(share)}), at most "
             f"{100.0 * OFTEN:g} % allowed",
             fix=Fix(f"log at the update rate of positions, about {1.0 - share:.2g} of this one")
             if often

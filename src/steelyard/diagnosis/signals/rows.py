@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.finding import Finding, Fix, Picture, Severity, Trace
+from steelyard.diagnosis.finding import Finding, Fix, Picture, Severity, Trace, percent_of
 from steelyard.diagnosis.signal_overview import look
 from steelyard.diagnosis.signals.clock import irregular
 from steelyard.diagnosis.signals.units import reading
@@ -56,7 +56,7 @@ class Rows:
             evidence.name,
             severity,
             says,
-            f"{count} of {total} rows ({100.0 * share:.2g} %), at most {100.0 * FEW:g} % allowed",
+            f"{count} of {total} rows ({percent_of(share)}), at most {100.0 * FEW:g} % allowed",
             fix=fix,
             picture=_picture(broken) if broken.any() else None,
             brief=f"{count} corrupt rows dropped" if count else "",

@@ -141,7 +141,7 @@ def _refuse_empty(evidence: Evidence) -> None:
     """
     recording = evidence.recording
     start = recording.cut.seconds[0]
-    if isfinite(start) and start > time_span(recording)[0]:
+    if isfinite(start) and 0.0 < time_span(recording)[0] < start:
         raise no_row(recording)
     if len(evidence.rows[0]) > 0:
         return
