@@ -76,5 +76,5 @@ def _facts(designed: Designed) -> list[tuple[str, str]]:
         (significant(shown.normalised), "condition number, columns of unit length"),
         (f"{designed.trajectory.duration:.4g} s", "duration"),
         (f"{total - unseen(designed)} of {total}", "base parameters identifiable"),
-        (NONE if top is None else f"{100.0 * top[1]:.3g} %", "use of the closest limit of a joint"),
+        (NONE if top is None else f"{100.0 * top[1]:.3g} %", "use of the closest joint limit"),
     ]
