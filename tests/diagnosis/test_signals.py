@@ -13,7 +13,7 @@ import pytest
 from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.examine import Diagnosis, examine
-from steelyard.diagnosis.finding import Finding, Severity
+from steelyard.diagnosis.finding import Finding, Severity, percent_of
 from steelyard.diagnosis.register import CHECKS
 from steelyard.diagnosis.signals.clock import Clock
 from steelyard.diagnosis.signals.excitation import Excitation
@@ -731,3 +731,11 @@ def test_stamps_that_are_all_missing_make_every_row_corrupt(tmp_path: Path) -> N
     found = diagnosis(tmp_path, table)
     assert of(found, "rows").figure.startswith("2000 of 2000 rows (100 %)")
     assert of(found, "clock").severity is Severity.WRONG
+
+
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [(0.0, "0 %"), (1e-13, "below 0.01 %"), (0.0052, "0.52 %"), (0.994, "99 %"), (1.0, "100 %")],
+)
+def test_shares_are_printed_in_percent(share: float, words: str) -> None:
+    assert percent_of(share) == words

@@ -7,6 +7,10 @@ from typing import Any, Literal
 from steelyard.arrays import Array
 
 
+LEAST = 0.01
+"""Least share that is printed [%]."""
+
+
 class Severity(IntEnum):
     """How bad it is; the worst one is the exit code of `steelyard check`."""
 
@@ -133,6 +137,8 @@ class Finding:
 
 
 def percent_of(share: float) -> str:
-    """A share in percent, like `0.52 %` or `100 %`."""
+    """A share in percent, like `0.52 %`, `below 0.01 %` or `100 %`."""
     percent = 100.0 * share
+    if 0.0 < percent < LEAST:
+        return f"below {LEAST} %"
     return f"{percent:.2g} %" if percent < 99.5 else f"{percent:.0f} %"
