@@ -6,7 +6,6 @@ from typing import Any, Literal
 
 from steelyard.arrays import Array
 
-
 LEAST = 0.01
 """Least share that is printed [%]."""
 
