@@ -35,7 +35,7 @@ def robot(work: Path) -> Path:
 def brief(robot: Path) -> Path:
     """The robot file with a short motion to be designed."""
     text = robot.read_text()
-    for usual, short in (("period = 20.0", "period = 3.0"), ("harmonics = 16", "harmonics = 3")):
+    for usual, short in (("period = 20.0", "period = 5.0"), ("harmonics = 16", "harmonics = 4")):
         assert usual in text
         text = text.replace(usual, short)
     robot.write_text(text)
