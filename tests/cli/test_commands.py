@@ -330,7 +330,7 @@ def test_simulate_draws_by_its_seed(command: Command, tmp_path: Path) -> None:
 @pytest.mark.usefixtures("searches_here")
 def test_demo(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = demonstration._ROBOT_FILE
-    for usual, quick in (("period = 20.0", "period = 4.0"), ("harmonics = 16", "harmonics = 4")):
+    for usual, quick in (("period = 20.0", "period = 6.0"), ("harmonics = 16", "harmonics = 4")):
         assert usual in text
         text = text.replace(usual, quick)
     monkeypatch.setattr(demonstration, "_ROBOT_FILE", text)
@@ -352,4 +352,4 @@ def test_demo(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     again = tmp_path / "demo" / "robot" / "demo_arm.toml"
     log = tmp_path / "demo" / "robot" / "validation.csv"
     quick = ("--no-check", "-o", tmp_path / "o")
-    assert command("identify", again, f"{log}@0:4", *quick).exit_code == 0
+    assert command("identify", again, f"{log}@0:6", *quick).exit_code == 0
