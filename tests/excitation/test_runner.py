@@ -59,15 +59,7 @@ def _nobody_stays() -> Iterator[None]:
 
 
 def test_the_seed_alone_decides(tmp_path: Path) -> None:
-    """One process shows its progress, of eight that may search no more than two are started."""
-    seen, together = list[Event](), list[int]()
-    one = harvest(tmp_path, SearchBudget(600.0, 2, 1), lambda event: seen.append(event) or True)
-    two = harvest(
-        tmp_path, SearchBudget(60.0, 2, 8), lambda _: together.append(len(workers())) or True
-    )
-    assert 1 <= max(together) <= 2
-    assert all(event.done >= 300.0 for event in seen if event.note.endswith("of 1"))
-    assert seen[-1].done >= 300.0 and {event.total for event in seen} == {600.0}
+    one, two = (harvest(tmp_path, SearchBudget(60.0, 2, processes)) for processes in (1, 2))
     with patch.object(parallel_search, "_workers", searching_here):
         other = harvest(tmp_path, SearchBudget(60.0, searches=1, seed=1))
     assert one.searches == two.searches == 2 and not one.stopped
@@ -77,6 +69,24 @@ def test_the_seed_alone_decides(tmp_path: Path) -> None:
     assert other.best[0].criterion_value != one.best[0].criterion_value
     figures = [figure for _, figure in two.course]
     assert figures == sorted(figures, reverse=True) and figures[-1] == two.best[0].criterion_value
+
+
+def test_no_more_processes_than_searches(tmp_path: Path) -> None:
+    seen = []
+
+    def watch(event: Event) -> bool:
+        seen.append(len(workers()))
+        return True
+
+    found = harvest(tmp_path, SearchBudget(60.0, searches=1, processes=8), watch)
+    assert found.searches == 1 and max(seen) == 1
+
+
+def test_progress_counts_searches_as_well_as_seconds(tmp_path: Path) -> None:
+    seen = list[Event]()
+    harvest(tmp_path, SearchBudget(600.0, searches=2), lambda event: seen.append(event) or True)
+    assert all(event.done >= 300.0 for event in seen if event.note.endswith("of 1"))
+    assert seen[-1].done >= 300.0 and {event.total for event in seen} == {600.0}
 
 
 def test_time_ends_it_and_keeps_what_there_is(tmp_path: Path) -> None:
