@@ -436,13 +436,15 @@ def story(loop: tuple[float, float], removed: int) -> Text:
             "270 ms, the columns of the regressor do not: at 1 Hz the torques are 11 % too low. "
             "The loop is to end at a condition number of 100 and is ended at 503.4.",
             f"The reduced model of the paper's loop has an error on the true torques of the circle "
-            f"that is {abs(loop[0]):.3f} ± {loop[1]:.3f} % of the torques "
+            f"that is {abs(loop[0]):.3f} ± {loop[1]:.3f} % (mean over the seeds and its standard "
+            f"error) of the torques "
             f"{'larger' if loop[0] > 0.0 else 'smaller'} than that of the full model. That a model "
             f"without the {removed} parameters of least contribution predicts better {verdict} on "
             "this leg: a small contribution does not mean that a parameter is insignificant. Ours "
             "is the consistent estimate of the full model (valid bodies, friction >= 0, joints "
-            "weighted, smoothing chosen from the data) from the logs of the better motion; the "
-            "default reduction of it removes what is not significant on left-out data.",
+            "weighted, smoothing chosen from the data) from the logs of the better motion, which "
+            "16 searches designed for the full model (in the loop 2); the default reduction of it "
+            "removes what is not significant on left-out data.",
             "Against measured torques ours is no better than least squares: most of that error is "
             "noise, and at reversals of the slow joints, where friction changes its sign, least "
             "squares on averaged torques has made friction smaller than it is. The last table "

@@ -692,7 +692,7 @@ def motion_table(found: Sequence[Found]) -> Table:
             ("largest speed over its limit, first seed", "fig. 5", "–", f"{speed.max():.2f}"),
             ("largest acceleration over its limit", "fig. 5", "–", f"{push.max():.2f}"),
             ("base parameters, without rotors", "57", f"{first.sizes[0]}", f"{first.sizes[0]}"),
-            ("standard parameters of that model (96 with c and the speed)", "96",
+            ("standard parameters of that model (96 with c and speed of each friction curve)", "96",
              f"{first.sizes[1]}", f"{first.sizes[1]}"),
             ("base parameters with rotors", "left out", "left out", f"{first.sizes[2]}"),
             ("largest Stribeck column, Coulomb's being 1", "not examined",

@@ -82,6 +82,15 @@ class Claim:
 
 Part = Text | Code | Table | Picture
 
+OF_SEEDS = Text(
+    "",
+    (
+        "Where the seeds differ, tables give the median and in brackets the least and the greatest "
+        "value.",
+    ),
+)
+"""How tables sum up the seeds, after the first text of every page."""
+
 
 @dataclass(frozen=True)
 class Page:
@@ -101,7 +110,8 @@ class Page:
     def shown(self) -> tuple[Part, ...]:
         """All parts, and the claims as a table."""
         rows = tuple((c.name, c.value, c.bound, "yes" if c.holds else "NO") for c in self.claims)
-        return (*self.parts, Table("Bounds", rows, ("", "measured", "bound", "holds")))
+        bounds = Table("Bounds", rows, ("", "measured", "bound", "holds"))
+        return (*self.parts[:1], OF_SEEDS, *self.parts[1:], bounds)
 
     def lines(self) -> str:
         """The tables for a terminal."""

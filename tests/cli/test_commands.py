@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+import typer
 
 import steelyard
 from cli.conftest import Command
 from cli.mistakes import LOG, ROBOT
 from short_arm import without_wrist
-from steelyard.cli.app import expanded
+from steelyard.cli.app import app, expanded
 from steelyard.virtual import demo as demonstration
 
 URDF = "../given/demo_arm.urdf"
@@ -52,6 +53,16 @@ def test_help_shows_an_example(name: str, command: Command) -> None:
 def test_help_names_the_default_folder(command: Command) -> None:
     words = " ".join(command("identify", "--help").stdout.replace("│", " ").split())
     assert "If unset steelyard-ROBOT, or steelyard-ROBOT-2 and so on if that exists." in words
+
+
+def test_no_word_of_a_help_text_is_cut_at_80_columns(
+    command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    names = list(typer.main.get_command(app).commands)
+    texts = {name: command(name, "--help").stdout for name in names}
+    assert max(map(len, texts["track"].splitlines())) == 80
+    assert [name for name in names if "…" in texts[name]] == [] and len(names) > 20
 
 
 def test_help_does_not_swallow_brackets(command: Command) -> None:

@@ -177,9 +177,18 @@ def test_first_joints_along_gravity_and_last_ones_have_no_identifiable_zero(arm)
     assert without_effect(arm.robot.changed(gravity=(9.81, 0.0, 0.0))) == (False, False, True)
 
 
-@pytest.mark.parametrize("line", ['position_offset = "identify"'])
-def test_what_is_to_be_identified_is_not_reported(line: str, tmp_path: Path) -> None:
-    assert JointZeros()(case(tmp_path, (0.0,) * 6, line)) == ()
+def test_what_is_to_be_identified_is_not_reported(tmp_path: Path) -> None:
+    assert JointZeros()(case(tmp_path, (0.0,) * 6, 'position_offset = "identify"')) == ()
+
+
+def test_unknown_gains_leave_the_question_open(tmp_path: Path) -> None:
+    given = case(tmp_path, (0.0,) * 6)
+    log = given.logs[0]
+    signals = replace(log.recording.signals, unknown_gains=(False,) * 5 + (True,))
+    unknown = replace(log, recording=replace(log.recording, signals=signals))
+    (finding,) = JointZeros()(replace(given, logs=(unknown,)))
+    assert finding.check == "joint zeros" and not finding.answered and not finding.severity
+    assert finding.says == 'not tested while gains are unknown (gain = "identify")'
 
 
 def test_an_offset_that_other_errors_explain_as_well_is_open(

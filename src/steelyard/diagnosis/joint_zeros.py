@@ -5,8 +5,10 @@ from typing import ClassVar
 import numpy as np
 
 from steelyard.diagnosis.case import Case
+from steelyard.diagnosis.decision.decidable import UNKNOWN_GAINS
 from steelyard.diagnosis.decision.ranking import known_of
 from steelyard.diagnosis.finding import Finding, Severity
+from steelyard.diagnosis.hypotheses.by_zero import CAUSE
 from steelyard.diagnosis.identifiability import clean_runs, customary_model
 from steelyard.diagnosis.ranked_causes import (
     Ranked,
@@ -38,7 +40,7 @@ from steelyard.validation.friction.mixes import remembers
 class JointZeros:
     """Zero offsets that explain the residuals of a fit better than anything else."""
 
-    name: ClassVar[str] = "joint zeros"
+    name: ClassVar[str] = CAUSE
     question: ClassVar[str] = "Are the joint zeros those of the model file?"
     quick: ClassVar[bool] = False
 
@@ -51,8 +53,10 @@ class JointZeros:
         if signals is None or any(signals.unknown_offsets):
             return ()
         known = known_of(case)
-        if any(signals.unknown_gains) or (known is not None and known.identified):
+        if known is not None and known.identified:
             return ()
+        if any(signals.unknown_gains):
+            return (Finding(self.name, "", Severity.OK, UNKNOWN_GAINS[CAUSE], "", answered=False),)
         try:
             runs, model = clean_runs(case), customary_model(case)
             if not runs or not can_be_ranked(model):

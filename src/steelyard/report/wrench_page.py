@@ -195,8 +195,8 @@ class WrenchContent:
                     "There the inverse multiplies errors, and gives zero with too narrow an "
                     "interval where the Jacobian has no inverse"
                     if inverse
-                    else "There the estimate stays near zero, with an interval about as wide as "
-                    "the expected size"
+                    else "There the estimate stays near zero, with an interval of 1.4 to 2 times "
+                    "the expected size on either side"
                 )
             )
         elif found.partly_unobservable > 0.0:

@@ -19,7 +19,11 @@ def simulate(
     ] = None,
     period: Annotated[
         float | None,
-        typer.Option(min=0.5, help="Seconds of random motion without --motion; 10 if unset."),
+        typer.Option(
+            min=0.5,
+            metavar="SECONDS",
+            help="Duration of random motion without --motion; 10 if unset.",
+        ),
     ] = None,
     periods: Annotated[
         int, typer.Option(min=1, help="Number of periods, without a stop between them.")
@@ -33,21 +37,29 @@ def simulate(
     ] = 1.0,
     noise: Annotated[
         float,
-        typer.Option(min=0.0, max=1e3, help="Sensor noise, relative to that of a typical arm."),
+        typer.Option(
+            min=0,
+            max=1000,
+            metavar="FACTOR",
+            help="Sensor noise, relative to that of a typical arm.",
+        ),
     ] = 1.0,
     payload_mass: Annotated[
         float | None,
-        typer.Option(min=1e-3, help="Mass of the payload in kg, a steel sphere."),
+        typer.Option(min=1e-3, metavar="KG", help="Mass of the payload, a steel sphere."),
     ] = None,
     payload_frame: Annotated[
         str | None, typer.Option(help="Frame of the payload; that of the last link if unset.")
     ] = None,
     attach: Annotated[
-        float, typer.Option(min=0.0, help="Time in seconds at which the payload is attached.")
+        float,
+        typer.Option(min=0, metavar="SECONDS", help="Time at which the payload is attached."),
     ] = 0.0,
     release: Annotated[
         float,
-        typer.Option(min=0.0, help="Time in seconds at which it is released; never if unset."),
+        typer.Option(
+            min=0, metavar="SECONDS", help="Time at which it is released; never if unset."
+        ),
     ] = float("inf"),
     truth: Annotated[
         Path | None,
@@ -56,7 +68,13 @@ def simulate(
         ),
     ] = None,
     friction_drift: Annotated[
-        float, typer.Option(min=0.0, max=1e3, help="Factor on the true friction, such as 1.2.")
+        float,
+        typer.Option(
+            min=0,
+            max=1000,
+            metavar="FACTOR",
+            help="Factor on the true friction, such as 1.2.",
+        ),
     ] = 1.0,
     rate: Annotated[
         float | None,

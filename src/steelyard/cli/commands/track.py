@@ -42,11 +42,17 @@ def track(
         ),
     ] = None,
     friction_drift: Annotated[
-        float, typer.Option(min=0.0, max=1e3, help="Factor on the true friction, such as 1.2.")
+        float,
+        typer.Option(
+            min=0,
+            max=1000,
+            metavar="FACTOR",
+            help="Factor on the true friction, such as 1.2.",
+        ),
     ] = 1.0,
     lag: Annotated[
         float,
-        typer.Option(min=0.0, max=1.0, help="Time constant of the drives' torque in seconds."),
+        typer.Option(min=0, max=1, metavar="SECONDS", help="Time constant of the drives' torque."),
     ] = 0.002,
     tool: Annotated[
         str | None,

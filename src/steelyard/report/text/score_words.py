@@ -99,9 +99,10 @@ def error_words(errors: Sequence[PooledError]) -> str:
 
 
 def limit_words(errors: Sequence[PooledError]) -> str:
-    """Like `1.0 % of the RMS effort limit`; empty where that is unknown."""
+    """Like `1.0 % of the joints' effort limits`; empty where that is unknown."""
     shares = [one.percent_of_limit for one in errors if one.percent_of_limit is not None]
-    return f"{' and '.join(percent(x) for x in shares)} of the RMS effort limit" if shares else ""
+    words = " and ".join(map(percent, shares))
+    return f"{words} of the joints' effort limits" if shares else ""
 
 
 def both_words(errors: Sequence[PooledError], logged: Sequence[PooledError]) -> str:
