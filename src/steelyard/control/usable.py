@@ -69,7 +69,7 @@ def remarks(identified: IdentifiedModel) -> tuple[str, ...]:
             "torques are those on the link side: inertia and friction of the motors are not in them"
         )
     if identified.model.n_channels > len(identified.model.robot.passive):
-        found.append("friction with memory begins relaxed, as after a long rest")
+        found.append("friction with memory begins at zero, without elastic deformation")
     if identified.effort_scales is not None:
         factors = identified.effort_scales.words
         found.append(

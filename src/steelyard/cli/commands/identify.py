@@ -86,7 +86,8 @@ def identify(
 ) -> None:
     """Identify a robot's dynamics from logs of its motion.
 
-    The exit code is 1 if the verdict is poor: the model is written, but should not be used.
+    The exit code is 1 if the verdict is poor, by the model or by a log of --validate: the model is
+    written, but should not be used before the headline's reason is corrected.
 
     Example: steelyard identify ur10e.toml run1.csv run2.csv --validate run3.csv
     """

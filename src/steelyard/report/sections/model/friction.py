@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
 ERROR = (
-    "geometric mean of the error of all joints together and the mean over joints, after the "
-    "parallel filter; not comparable with the verdict"
+    "geometric mean of two errors, that of all joints together and the geometric mean over joints, "
+    "after the parallel filter; not comparable with the verdict"
 )
 """What an error of a mix is."""
 ONE_CURVE = (
