@@ -430,7 +430,7 @@ def story(loop: tuple[float, float], removed: int) -> Text:
             "over 1 s. Ten periods at 30 ms are used (one is simulated, as each begins and ends at "
             "rest; each has noise of its own), torques averaged over 9 points and "
             "accelerations over 5, as in the paper. The parameters are base parameters of our own "
-            "choice, so that they compare with p1 to p12 by number only.",
+            "choice, so that only their number, not their values, compares with that of p1 to p12.",
             "Errors of the paper. Eq. 14 divides by 5, while the values of table I are population "
             "standard deviations (division by √5): both are below. The torques pass a mean over "
             "270 ms, the columns of the regressor do not: at 1 Hz the torques are 11 % too low. "

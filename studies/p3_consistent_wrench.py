@@ -299,7 +299,7 @@ def one(folder: Path, seed: int, quick: bool) -> Found:
     return Found(
         found["condition"],
         found["certified"],
-        sizes(files["convex"], arm),
+        sizes(files["convex"], files["ours"]),
         {
             (method, motion, kind): errors(model, signals[log])
             for (method, motion), model in models.items()
@@ -368,13 +368,13 @@ def standard_values(model: steelyard.IdentifiedModel) -> dict[str, float]:
     return standard.parameters.as_dict()
 
 
-def sizes(paper: Path, arm: Path) -> tuple[int, int, int]:
-    """Base parameters of the paper's model, its standard ones, and base ones with rotors."""
+def sizes(paper: Path, ours: Path) -> tuple[int, int, int]:
+    """Base parameters of the paper's model, its standard ones, and base ones of our model."""
     model = steelyard.model_of(paper)
     return (
         len(steelyard.base_parameters(model)),
         len(model.names),
-        len(steelyard.base_parameters(steelyard.model_of(arm))),
+        len(steelyard.base_parameters(steelyard.model_of(ours))),
     )
 
 
@@ -568,7 +568,8 @@ def page(found: Sequence[Found]) -> Page:
               all(one.sizes[0] == 58 for one in found)),
         Claim("force at the tool, RMS over that of eq. 8 with our model, regular postures",
               over_seeds(forces), "< 1", max(forces) < 1.0),
-        Claim("force at the tool, RMS, near-singular postures as well, every seed",
+        Claim("force at the tool, RMS, pushes or load (the larger), near-singular postures as "
+              "well, every seed",
               over_seeds(largest, "N"), f"<= {0.2 * PUSH:g} N", max(largest) <= 0.2 * PUSH),
         Claim("load found within 0.5 s and 10 %, nothing else found",
               f"{sum(load_found(one) for one in found)} of {len(found)} seeds", "all",
@@ -692,9 +693,10 @@ def motion_table(found: Sequence[Found]) -> Table:
             ("largest speed over its limit, first seed", "fig. 5", "–", f"{speed.max():.2f}"),
             ("largest acceleration over its limit", "fig. 5", "–", f"{push.max():.2f}"),
             ("base parameters, without rotors", "57", f"{first.sizes[0]}", f"{first.sizes[0]}"),
-            ("standard parameters of that model (96 with c and speed of each friction curve)", "96",
+            ("standard parameters (96 with the constants of each friction curve)", "96",
              f"{first.sizes[1]}", f"{first.sizes[1]}"),
-            ("base parameters with rotors", "left out", "left out", f"{first.sizes[2]}"),
+            ("base parameters with rotors, without Stribeck friction", "–", "–",
+             f"{first.sizes[2]}"),
             ("largest Stribeck column, Coulomb's being 1", "not examined",
              f"{stribeck_share():.3f}", "left out"),
         ),
@@ -767,7 +769,14 @@ def body_table(found: Sequence[Found]) -> Table:
         least = (over_seeds([f.least[m, motion] for f in found], digits=2) for m in USED)
         rows.append((f"least eigenvalue, {motion} motion", "see below", *least, "> 0"))
         shares = (over_seeds([100.0 * f.indefinite[m, motion] for f in found], "%") for m in USED)
-        rows.append((f"indefinite mass matrix, {motion} motion", "–", *shares, "0"))
+        rows.append(
+            (
+                f"postures of the test motion with an indefinite mass matrix, {motion} motion",
+                "–",
+                *shares,
+                "0",
+            )
+        )
         own = over_seeds([100.0 * f.indefinite["OLS", motion] for f in found], "%")
         rows.append((f"the same of least squares, {motion} motion", "–", own, "–", "0"))
     columns = ("", "paper, convex", "the paper's method here", "ours", "truth")

@@ -309,6 +309,16 @@ def test_what_a_log_shows(arm):
     assert "shoulder_turn" in found.fix.says
 
 
+def test_what_a_log_shows_is_stated_of_the_friction_that_was_assumed(arm):
+    text = arm.text.replace('"coulomb", "viscous", "offset"]', '"offset"]\nfriction = "auto"')
+    (found,) = Identifiability()(arm.case(arm.table, text, known=False))
+    assert "base parameters (of the model with Coulomb and viscous friction) identifiable" in (
+        found.says
+    )
+    (found,) = Identifiability()(arm.case(arm.table, text))
+    assert "base parameters identifiable" in found.says
+
+
 def test_bounded_friction_against_scipy():
     rng = np.random.default_rng(0)
     y, e = rng.normal(size=(5, 300)), rng.normal(size=300)

@@ -101,6 +101,15 @@ def test_many_logs_that_are_ok_are_one_row() -> None:
     assert "clock  steps scatter" in printed(many(Severity.OK, 1))
 
 
+def test_of_logs_that_are_ok_in_different_ways_the_first_is_quoted() -> None:
+    findings = [Finding("clock", f"run{k}", Severity.OK, f"{k} Hz", "") for k in (125, 126)]
+    whole = Finding("clock", "", Severity.OK, "125 Hz", "")
+    (line,) = printed(Diagnosis(tuple(findings))).splitlines()[:1]
+    assert line.split()[2:] == "2 logs alike; run125: 125 Hz".split()
+    (line,) = printed(Diagnosis((*findings, whole))).splitlines()[:1]
+    assert line.split()[2:] == "2 logs and all logs together alike; run125: 125 Hz".split()
+
+
 def test_of_many_that_are_not_some_are_told_and_the_others_named() -> None:
     text = printed(many(Severity.DOUBTFUL, 9))
     assert text.count("steps scatter") == 3 and "run2: steps scatter" in text

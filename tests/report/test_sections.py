@@ -57,7 +57,10 @@ def test_the_page_has_the_level_and_what_parameters_are_good_for(usual: ReportCo
 
 def test_errors_of_fitted_runs_are_shares_of_the_effort_used(usual: ReportContent) -> None:
     words = shown("verdict", usual)
-    assert "<dt>error on the fitted runs, of the effort used</dt>" in words
+    assert (
+        "<dt>error of the fitted runs, of the effort used, in the band of the headline</dt>"
+        in words
+    )
     assert "the fitted runs, Nm" not in words
 
 

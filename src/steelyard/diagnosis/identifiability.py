@@ -50,13 +50,17 @@ class Identifiability:
             says = f"undecided: {error.wrong}"
             fix = Fix(error.fix)
             return (Finding(self.name, "", Severity.DOUBTFUL, says, "none", fix=fix),)
-        return (_finding(self.name, estimate),)
+        left_open = case.loaded.friction and (
+            case.reference is None or model is not case.reference.model
+        )
+        of = " (of the model with Coulomb and viscous friction)" if left_open else ""
+        return (_finding(self.name, estimate, of),)
 
 
-def _finding(name: str, estimate: Estimate) -> Finding:
+def _finding(name: str, estimate: Estimate, of: str) -> Finding:
     seen, blind = len(estimate.parameters.names), estimate.blind
     whole = seen + len(blind)
-    says = f"the motion makes {seen} of {whole} base parameters identifiable"
+    says = f"the motion makes {seen} of {whole} base parameters{of} identifiable"
     if blind:
         listed = ", ".join(b.name for b in blind[:SHOWN])
         says += f"; not {listed}" + (" and more" if len(blind) > SHOWN else "")

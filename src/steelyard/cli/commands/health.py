@@ -23,7 +23,7 @@ def health(
 ) -> None:
     """Detect drift of friction, offsets and effort scales from logs of normal operation.
 
-    Exit code 0: no drift. 1: something drifted, or differs by far from the model. 2: error.
+    Exit code 0: no drift. 1: something drifted, or may have (drift not proven). 2: error.
 
     Example: steelyard health steelyard-ur10e monday.csv tuesday.csv -o health
     """

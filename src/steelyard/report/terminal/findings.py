@@ -170,12 +170,12 @@ def _speaks(group: Group, first: Finding, others: set[str]) -> str:
         return ""
     logs = count(len(others - {""}) + bool(first.log), "log")
     together = ["all logs together"] if "" in others else []
+    every = " and ".join([logs, *together])
     if all(finding.says == first.says for finding in group.findings):
-        return f"{', '.join([logs, *together])}: "
+        return f"{every}: "
     if len(others) == len(together):
         return f"{first.log} (and all logs together): "
-    more = ", ".join([f"the first of {logs}", *(f"and {one}" for one in together)])
-    return f"{first.log or 'all logs together'} ({more}): "
+    return f"{every} alike; {first.log or 'all logs together'}: "
 
 
 def _one(finding: Finding) -> Text:

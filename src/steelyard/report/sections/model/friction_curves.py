@@ -19,9 +19,10 @@ POINTS = 400
 
 WORDS = (
     "Curve: friction of the model while the joint moves at constant speed. Points: measured effort "
-    "minus everything else in the model. Points near zero speed leave the curve where friction "
-    "depends on the motion before or on the load. Elsewhere, points that leave it show what the "
-    "friction law lacks: a curvature, a difference between the directions."
+    "minus everything else in the model. Points leave the curve near zero speed where the friction "
+    "law depends on the motion before, and at any speed where it depends on the load. Otherwise "
+    "they show what it lacks: a bend near zero speed, a curvature, a difference between the "
+    "directions."
 )
 
 

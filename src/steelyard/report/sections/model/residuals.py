@@ -34,9 +34,9 @@ OVER = ("position", "speed", "effort")
 
 WORDS = (
     "Mean residual (measured minus predicted effort) of samples with similar position, speed or "
-    "measured effort. A complete model has a mean of zero everywhere. A trend over position points "
-    "to masses, springs or cables; over speed to friction; over effort to drive gains or friction "
-    "that depends on load."
+    "measured effort. A complete model has a mean of zero, over effort as far as that is large "
+    "against its noise. A trend over position points to masses, springs or cables; over speed to "
+    "friction; over effort to drive gains or friction that depends on load."
 )
 
 

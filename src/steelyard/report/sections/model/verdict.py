@@ -151,7 +151,7 @@ def _facts(content: ReportContent) -> list[tuple[str, str]]:
         facts += [
             (
                 percent(error.percent_of_used),
-                "error on the fitted runs, of the effort used"
+                "error of the fitted runs, of the effort used, in the band of the headline"
                 + (f" (joints in {error.unit})" if len(errors) > 1 else ""),
             )
             for error in errors
