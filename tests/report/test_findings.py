@@ -105,9 +105,9 @@ def test_of_logs_that_are_ok_in_different_ways_the_first_is_quoted() -> None:
     findings = [Finding("clock", f"run{k}", Severity.OK, f"{k} Hz", "") for k in (125, 126)]
     whole = Finding("clock", "", Severity.OK, "125 Hz", "")
     (line,) = printed(Diagnosis(tuple(findings))).splitlines()[:1]
-    assert line.split()[2:] == "2 logs alike; run125: 125 Hz".split()
+    assert line.split()[2:] == "2 logs; the first, run125: 125 Hz".split()
     (line,) = printed(Diagnosis((*findings, whole))).splitlines()[:1]
-    assert line.split()[2:] == "2 logs and all logs together alike; run125: 125 Hz".split()
+    assert line.split()[2:] == "2 logs and all logs together; the first, run125: 125 Hz".split()
 
 
 def test_of_many_that_are_not_some_are_told_and_the_others_named() -> None:

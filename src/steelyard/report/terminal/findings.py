@@ -175,7 +175,7 @@ def _speaks(group: Group, first: Finding, others: set[str]) -> str:
         return f"{every}: "
     if len(others) == len(together):
         return f"{first.log} (and all logs together): "
-    return f"{every} alike; {first.log or 'all logs together'}: "
+    return f"{every}; the first, {first.log or 'all logs together'}: "
 
 
 def _one(finding: Finding) -> Text:
