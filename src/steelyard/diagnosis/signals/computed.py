@@ -58,7 +58,10 @@ def _found(case: Case, evidence: Evidence) -> Finding:
         says = "the noise of efforts is below their resolution, or nothing moves for long enough"
         return Finding(ComputedEfforts.name, evidence.name, Severity.OK, says, "", answered=False)
     worst = float(np.nanmax(effort))
-    figure = f"noise up to {worst:.1g} of the effort's variation, at least {NOISE_FREE:g} required"
+    figure = (
+        f"noise in motion up to {percent_of(worst)} of the effort's variation, at least "
+        f"{percent_of(NOISE_FREE)} required"
+    )
     if worst > NOISE_FREE:
         says = "efforts have measurement noise"
         return Finding(ComputedEfforts.name, evidence.name, Severity.OK, says, figure)
