@@ -689,9 +689,9 @@ def story() -> Text:
             "them, because residuals are model errors and not white noise of torque. Joint 4 does "
             "not move on the square, so its friction cannot be identified, and f_v4 = −4340.9 of "
             "table IV is no value. Here the other joints push it by some hundredths of a degree, "
-            "so that hardly a rank check names it, and least squares returns such a value as well. "
-            "The consistent estimate keeps friction >= 0; it is no usable value either, and its "
-            "standard deviation, some sixty times the true value, says so. The appendix lists "
+            "so that hardly any rank check names it, and least squares returns such a value as "
+            "well. The consistent estimate keeps friction >= 0; it is no usable value either, and "
+            "its standard deviation, some sixty times the true value, says so. The appendix lists "
             "fewer entries of θ than the 35 of the tables.",
             "Ours is the consistent estimate (valid bodies, friction >= 0, the same symmetries) of "
             "all parameters from the same log, without a reduction. Where it is not better, the "

@@ -251,7 +251,7 @@ class Found:
 
     condition: float
     certified: bool
-    sizes: tuple[int, int, int]
+    sizes: tuple[int, int, int, int]
     errors: dict[tuple[str, str, str], Errors]
     least: dict[tuple[str, str], float]
     indefinite: dict[tuple[str, str], float]
@@ -368,13 +368,14 @@ def standard_values(model: steelyard.IdentifiedModel) -> dict[str, float]:
     return standard.parameters.as_dict()
 
 
-def sizes(paper: Path, ours: Path) -> tuple[int, int, int]:
-    """Base parameters of the paper's model, its standard ones, and base ones of our model."""
-    model = steelyard.model_of(paper)
+def sizes(paper: Path, ours: Path) -> tuple[int, int, int, int]:
+    """Base and standard parameters of the paper's model, and of ours."""
+    model, own = steelyard.model_of(paper), steelyard.model_of(ours)
     return (
         len(steelyard.base_parameters(model)),
         len(model.names),
-        len(steelyard.base_parameters(steelyard.model_of(ours))),
+        len(steelyard.base_parameters(own)),
+        len(own.names),
     )
 
 
@@ -692,11 +693,10 @@ def motion_table(found: Sequence[Found]) -> Table:
              f"proven, {sum(one.certified for one in found)} of {len(found)} seeds"),
             ("largest speed over its limit, first seed", "fig. 5", "–", f"{speed.max():.2f}"),
             ("largest acceleration over its limit", "fig. 5", "–", f"{push.max():.2f}"),
-            ("base parameters, without rotors", "57", f"{first.sizes[0]}", f"{first.sizes[0]}"),
+            ("base parameters (ours: with rotors, without Stribeck friction)", "57",
+             f"{first.sizes[0]}", f"{first.sizes[2]}"),
             ("standard parameters (96 with the constants of each friction curve)", "96",
-             f"{first.sizes[1]}", f"{first.sizes[1]}"),
-            ("base parameters with rotors, without Stribeck friction", "–", "–",
-             f"{first.sizes[2]}"),
+             f"{first.sizes[1]}", f"{first.sizes[3]}"),
             ("largest Stribeck column, Coulomb's being 1", "not examined",
              f"{stribeck_share():.3f}", "left out"),
         ),

@@ -249,7 +249,7 @@ def test_friction_with_memory_is_noted(identified: Path) -> None:
     model = steelyard.load_model(identified)
     terms = (*model.model.terms, Dahl(length=1e-3))
     (note,) = remarks(replace(model, model=steelyard.Model(model.robot, terms)))
-    assert "begins at zero" in note
+    assert "is zero at first from rest" in note
 
 
 def test_a_random_true_robot_is_stated(command: Command, motion: Path, tmp_path: Path) -> None:

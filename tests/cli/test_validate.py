@@ -46,6 +46,21 @@ def test_a_limit_needs_a_run_that_was_not_fitted(identified: Path, command: Comm
     assert "No error on unseen motion to compare with --max-error 50 %" in done.stdout
 
 
+def test_a_repeated_motion_is_below_no_limit(
+    identified: Path, command: Command, tmp_path: Path
+) -> None:
+    table = pl.read_csv(LOG)
+    efforts = [name for name in table.columns if name.startswith("tau")]
+    noise = np.random.default_rng(0).normal(scale=0.01, size=(len(table), len(efforts)))
+    again = table.with_columns(table[name] + noise[:, k] for k, name in enumerate(efforts))
+    again.write_csv(tmp_path / "again.csv")
+    done = command("validate", identified, tmp_path / "again.csv", "--max-error", 50)
+    words = " ".join(done.stdout.split())
+    assert done.exit_code == 1 and "no validation on other motions" in words
+    assert "No error on unseen motion to compare with --max-error 50 %" in words
+    assert command("validate", identified, tmp_path / "again.csv").exit_code == 0
+
+
 def test_an_error_has_a_reason_and_the_command_that_shows_it(
     identified: Path, given: Path, command: Command
 ) -> None:

@@ -186,9 +186,13 @@ def test_unknown_gains_leave_the_question_open(tmp_path: Path) -> None:
     log = given.logs[0]
     signals = replace(log.recording.signals, unknown_gains=(False,) * 5 + (True,))
     unknown = replace(log, recording=replace(log.recording, signals=signals))
-    (finding,) = JointZeros()(replace(given, logs=(unknown,)))
+    case_of_unknown = replace(given, logs=(unknown,))
+    (finding,) = JointZeros()(case_of_unknown)
     assert finding.check == "joint zeros" and not finding.answered and not finding.severity
-    assert finding.says == 'not tested while gains are unknown (gain = "identify")'
+    assert finding.says == 'not tested by a fit while gains are unknown (gain = "identify")'
+    terms = tuple(t for t in given.loaded.terms if t.description != "rigid_body")
+    bodiless = replace(given.loaded, terms=terms)
+    assert JointZeros()(replace(case_of_unknown, loaded=bodiless)) == ()
 
 
 def test_an_offset_that_other_errors_explain_as_well_is_open(

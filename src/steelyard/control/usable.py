@@ -69,7 +69,10 @@ def remarks(identified: IdentifiedModel) -> tuple[str, ...]:
             "torques are those on the link side: inertia and friction of the motors are not in them"
         )
     if identified.model.n_channels > len(identified.model.robot.passive):
-        found.append("friction with memory begins at zero, without elastic deformation")
+        found.append(
+            "friction with memory is zero at first from rest; a motion that begins moving is "
+            "taken to have moved at that speed before"
+        )
     if identified.effort_scales is not None:
         factors = identified.effort_scales.words
         found.append(

@@ -55,12 +55,13 @@ class JointZeros:
         known = known_of(case)
         if known is not None and known.identified:
             return ()
-        if any(signals.unknown_gains):
-            return (Finding(self.name, "", Severity.OK, UNKNOWN_GAINS[CAUSE], "", answered=False),)
         try:
             runs, model = clean_runs(case), customary_model(case)
             if not runs or not can_be_ranked(model):
                 return ()
+            if any(signals.unknown_gains):
+                says = UNKNOWN_GAINS[CAUSE]
+                return (Finding(self.name, "", Severity.OK, says, "", answered=False),)
             return (_found(model, beginnings(runs)),)
         except SteelyardError as error:
             says = f"not estimated: {error.wrong}"

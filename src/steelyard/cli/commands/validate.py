@@ -33,9 +33,9 @@ def validate(
 ) -> None:
     """Score an identified model on logs that it was not fitted to.
 
-    Exit code 0: done, and the error is not too large. 1: the error is above --max-error, or no log
-    has unseen motion to judge it by; or the verdict is poor: an error above 30 %, or something
-    wrong with these logs. 2: error.
+    Exit code 0: done, and the error is not too large. 1: the verdict is poor (an error above 30 %,
+    or something wrong with these logs), or with --max-error: the error is above it, or no log has
+    unseen motion. 2: error.
 
     Example: steelyard validate steelyard-ur10e other_motion.csv
     """

@@ -48,7 +48,7 @@ reference: by chance less than once in a thousand logs, and on logs of a UR10e u
 UNKNOWN_GAINS = {
     "gain": 'undecided: unknown gains (gain = "identify") are not compared with the model file',
     "payload": 'undecided: unknown gains (gain = "identify") would have a similar effect',
-    CAUSE: 'not tested while gains are unknown (gain = "identify")',
+    CAUSE: 'not tested by a fit while gains are unknown (gain = "identify")',
 }
 """Why a question has no answer where gains are unknown."""
 

@@ -59,8 +59,8 @@ def _found(case: Case, evidence: Evidence) -> Finding:
         return Finding(ComputedEfforts.name, evidence.name, Severity.OK, says, "", answered=False)
     worst = float(np.nanmax(effort))
     figure = (
-        f"noise in motion up to {percent_of(worst)} of the effort's variation, at least "
-        f"{percent_of(NOISE_FREE)} required"
+        f"noise in motion {percent_of(worst)} of the effort's variation in the noisiest joint, at "
+        f"least {percent_of(NOISE_FREE)} required"
     )
     if worst > NOISE_FREE:
         says = "efforts have measurement noise"

@@ -132,8 +132,8 @@ class Repeats:
             f"{count} rows in motion repeat the positions of the row before"
             if count
             else "no row in motion repeats the previous one",
-            f"{count} of {total} rows that move by {FAR:g} sensor steps or more "
-            f"({percent_of(share)}), at most "
+            f"{count} of {total} rows around which a joint moves by more than {FAR:g} sensor "
+            f"steps a row ({percent_of(share)}), at most "
             f"{100.0 * OFTEN:g} % allowed",
             fix=Fix(f"log at the update rate of positions, about {1.0 - share:.2g} of this one")
             if often

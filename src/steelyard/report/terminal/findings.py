@@ -169,7 +169,7 @@ def _speaks(group: Group, first: Finding, others: set[str]) -> str:
     if not others:
         return ""
     logs = count(len(others - {""}) + bool(first.log), "log")
-    together = ["all logs together"] if "" in others else []
+    together = ["all logs together"] if "" in others or not first.log else []
     every = " and ".join([logs, *together])
     if all(finding.says == first.says for finding in group.findings):
         return f"{every}: "

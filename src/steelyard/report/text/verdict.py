@@ -77,6 +77,7 @@ class Verdict:
         as_logged: The same against the efforts as logged, if scales of the efforts were estimated.
         others: The relative errors in the validation band, as a sentence; or nothing.
         scope: Which share of the joints is good, like `4 of 6 joints`; empty if all are.
+        unseen: Whether the errors are of motion that was not fitted.
     """
 
     headline: str
@@ -87,6 +88,7 @@ class Verdict:
     as_logged: tuple[PooledError, ...] = ()
     others: str = ""
     scope: str = ""
+    unseen: bool = True
 
     @property
     def percent_of_used(self) -> float | None:
@@ -150,12 +152,12 @@ def exit_code(content: ReportContent) -> int:
 def over(judged: Verdict, most: float | None) -> str:
     """That an error is above a limit [% of the effort used]; empty if it is not.
 
-    Without an error nothing is below the limit either.
+    Without an error on unseen motion nothing is below the limit either.
     """
     if most is None:
         return ""
     error = judged.percent_of_used
-    if error is None:
+    if error is None or not judged.unseen:
         return f"No error on unseen motion to compare with --max-error {most:g} %"
     if error <= most:
         return ""
@@ -182,7 +184,8 @@ def _of_scores(content: ReportContent) -> Verdict:
     errors = pooled(run.errors for run in scores)
     logged = pooled(as_logged(run.errors for run in scores))
     detail = _detail(scores, errors)
-    plain = Verdict("", detail, "none", (), errors, logged, other_errors(scores))
+    others, unseen = other_errors(scores), not scores[0].repeats
+    plain = Verdict("", detail, "none", (), errors, logged, others, unseen=unseen)
     motion = _motion(scores)
     worst = plain.percent_of_used
     scaled = max((one.percent_of_used for one in errors), default=0.0)
@@ -203,7 +206,7 @@ def _of_scores(content: ReportContent) -> Verdict:
         return replace(plain, headline=headline, level="poor")
     limited: Level = "good" if worst <= GOOD and 2 * len(worse) <= moving else "fair"
     level = max(level_of(scaled), limited, key=SEVERITY.index)
-    if scores[0].repeats:
+    if not unseen:
         level = max(level, "none", key=SEVERITY.index)
     headline = f"Predicts {motion} with an error of {error}"
     return replace(plain, headline=headline, level=level, scope=scope)
