@@ -77,8 +77,8 @@ def test_a_level_that_remarks_lower_says_so(usual):
     doubt = Finding("residuals", "", Severity.DOUBTFUL, "residuals", "")
     limited = verdict(replace(usual, limitations=(doubt,)))
     assert (plain.level, limited.level) == ("good", "fair")
-    assert limited.detail.endswith("GOOD by this error, FAIR because of the remarks.")
-    assert "because of the remarks" not in plain.detail
+    assert limited.detail.endswith("GOOD by this error, FAIR because of what checks found.")
+    assert "because of what checks found" not in plain.detail
 
 
 def test_scales_of_the_efforts_stand_under_the_table(usual):

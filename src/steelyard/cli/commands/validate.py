@@ -33,9 +33,9 @@ def validate(
 ) -> None:
     """Score an identified model on logs that it was not fitted to.
 
-    Exit code 0: done, and the error is not too large. 1: the verdict is poor (an error above 30 %,
-    or something wrong with these logs), or with --max-error: the error is above it, or no log has
-    unseen motion. 2: error.
+    Exit code 0: done, and the error is not too large. 1: the verdict is poor (the headline's error
+    is above 30 %, or something is wrong with these logs), or with --max-error: that error is above
+    it, or no log has unseen motion. 2: not done.
 
     Example: steelyard validate steelyard-ur10e other_motion.csv
     """

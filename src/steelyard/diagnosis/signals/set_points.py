@@ -39,7 +39,7 @@ def _found(case: Case, evidence: Evidence) -> Finding:
         fix = Fix("declare the columns that hold measurements under [signals]" + instead)
         return Finding(SetPoints.name, evidence.name, Severity.DOUBTFUL, says, "", fix=fix)
     if not look(case, evidence).moves:
-        says = "no column is called a set-point; nothing moves"
+        says = "no declared column is called a set-point; nothing moves"
         return Finding(SetPoints.name, evidence.name, Severity.OK, says, "")
     effort, position = noise_shares(case, evidence)
     worst = float(np.nanmax(position, initial=0.0))
@@ -53,7 +53,7 @@ def _found(case: Case, evidence: Evidence) -> Finding:
             "positions, low-passed ones, or those of a simulation"
         )
         return Finding(SetPoints.name, evidence.name, Severity.OK, says, figure, answered=False)
-    says = "no column is called a set-point, and positions have measurement noise"
+    says = "no declared column is called a set-point, and positions have measurement noise"
     return Finding(SetPoints.name, evidence.name, Severity.OK, says, figure)
 
 

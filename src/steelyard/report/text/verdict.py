@@ -140,7 +140,9 @@ def verdict(content: ReportContent) -> Verdict:
     levels = (plain.level, *(LIMITED[f.severity.word] for f in content.limitations if f.severity))
     level, detail = max(levels, key=SEVERITY.index), plain.detail
     if level != plain.level != "none":
-        detail += f" {plain.level.upper()} by this error, {level.upper()} because of the remarks."
+        detail += (
+            f" {plain.level.upper()} by this error, {level.upper()} because of what checks found."
+        )
     return replace(plain, level=level, detail=detail, limitations=found)
 
 
