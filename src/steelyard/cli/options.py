@@ -24,6 +24,12 @@ Threads = Annotated[
     int | None, typer.Option(min=1, help="Threads for the pass over the data; all cores if unset.")
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")]
+FrictionDrift = Annotated[
+    float,
+    typer.Option(
+        min=0, max=1000, metavar="FACTOR", help="Factor on the true friction, such as 1.2."
+    ),
+]
 
 
 def output_folder(default: str) -> Any:

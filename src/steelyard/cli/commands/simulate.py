@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import FixedBase, Json, RobotArgument, Seed, output_folder
+from steelyard.cli.options import FixedBase, FrictionDrift, Json, RobotArgument, Seed, output_folder
 
 
 @guarded
@@ -67,15 +67,7 @@ def simulate(
             help="truth.json of another simulation: the same robot again.", metavar="FILE"
         ),
     ] = None,
-    friction_drift: Annotated[
-        float,
-        typer.Option(
-            min=0,
-            max=1000,
-            metavar="FACTOR",
-            help="Factor on the true friction, such as 1.2.",
-        ),
-    ] = 1.0,
+    friction_drift: FrictionDrift = 1.0,
     rate: Annotated[
         float | None,
         typer.Option(help="Rows per second of the log; 250 if unset, or as the robot file says."),

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from steelyard.cli.guard import guarded
-from steelyard.cli.options import FixedBase, Json, RobotArgument, Seed, output_folder
+from steelyard.cli.options import FixedBase, FrictionDrift, Json, RobotArgument, Seed, output_folder
 
 
 @guarded
@@ -41,15 +41,7 @@ def track(
             metavar="FILE",
         ),
     ] = None,
-    friction_drift: Annotated[
-        float,
-        typer.Option(
-            min=0,
-            max=1000,
-            metavar="FACTOR",
-            help="Factor on the true friction, such as 1.2.",
-        ),
-    ] = 1.0,
+    friction_drift: FrictionDrift = 1.0,
     lag: Annotated[
         float,
         typer.Option(min=0, max=1, metavar="SECONDS", help="Time constant of the drives' torque."),
