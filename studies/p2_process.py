@@ -871,7 +871,7 @@ def tracking_table(found: Sequence[Found]) -> Table:
     return Table("Table VII: tracking errors in pick and place (RMS)", tuple(rows), columns)
 
 
-SHOWN = {
+PRINTED_OVERSHOOT = {
     "none": "fig. 4, no number",
     "A": "similar to the reduced model's",
     "B": "similar to the reduced model's",
@@ -885,7 +885,7 @@ def overshoot_table(found: Sequence[Found]) -> Table:
     rows = tuple(
         (
             {"none": "no model", "reduced": "process model, reduced"}.get(name, name),
-            SHOWN.get(name, "–"),
+            PRINTED_OVERSHOOT.get(name, "–"),
             over_seeds([1e3 * f.overshoots[name] for f in found], "mm"),
         )
         for name in TRACKED
