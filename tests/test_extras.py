@@ -13,7 +13,7 @@ from steelyard.extras import available
 from steelyard.files import write_table
 from steelyard.formats import open_log
 from steelyard.formats.writers import writer_for
-from steelyard.identification.result import frame
+from steelyard.identification.job_result import frame
 from steelyard.processes import module_command
 
 COLUMNS = {"time_s": np.array([0.0, 0.1, 0.2]), "q1_rad": np.array([1e-7, np.nan, -1.5])}

@@ -11,7 +11,7 @@ from proofs.support.claims import Claim, data_folder, main_of
 from steelyard.diagnosis import Case, Diagnosis, Finding, Severity, examine
 from steelyard.diagnosis.signals.units import reading
 from steelyard.identification.checks.check_case import case_of, subject_of
-from steelyard.identification.logs import log_files
+from steelyard.identification.named_logs import log_files
 from steelyard.progress import silent
 from steelyard.robot_file.edits import edited
 

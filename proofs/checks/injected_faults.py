@@ -24,8 +24,9 @@ from steelyard.diagnosis.hypotheses.by_surroundings import delay_fit
 from steelyard.estimation.identified import IdentifiedModel, Provenance
 from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.formats import open_log, parse_log_argument
+from steelyard.identification.described_model import model_with_open_friction, with_friction
 from steelyard.identification.fitting.fitting import Payload, fit
-from steelyard.identification.logs import model_of, prepared, with_friction
+from steelyard.identification.named_logs import prepared
 from steelyard.measurement import Processing, Recording
 from steelyard.measurement.recording import LogInMemory
 from steelyard.progress import silent
@@ -84,7 +85,7 @@ def reference_of(loaded: LoadedRobot, recordings: list[Recording]) -> Identified
     )
     runs = prepared(recordings, wanted, silent)
     plain = replace(loaded, friction=False)
-    model = with_friction(model_of(loaded), loaded)
+    model = with_friction(model_with_open_friction(loaded), loaded)
     origin = Provenance("", {}, (), ())
     return fit(model, plain, runs, [], Payload(), origin, 1, silent).identified
 

@@ -27,8 +27,8 @@ from steelyard.control.protocol import Control
 from steelyard.control.torque_feedforward import TorqueFeedforward
 from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.excitation.trajectories.sampled import SampledMotion
+from steelyard.identification.described_model import model_of
 from steelyard.identification.identify import identify
-from steelyard.identification.parts import model_of
 from steelyard.identification.reduction.reduce import reduce
 from steelyard.kernel.quantities.kinematics import frame_of, last_frame
 from steelyard.motion import run

@@ -24,8 +24,8 @@ from steelyard.diagnosis.signals.differences import one_sided
 from steelyard.estimation.consistent.program import Program
 from steelyard.estimation.estimate import Z95
 from steelyard.estimation.identified import Provenance
+from steelyard.identification.described_model import model_with_open_friction
 from steelyard.identification.fitting.fitting import Fit, Payload, calibrated, fit
-from steelyard.identification.logs import model_of
 from steelyard.progress import silent
 from steelyard.validation.bands import Bands
 from steelyard.validation.score import score
@@ -89,7 +89,9 @@ def fitted(row: Row, seed: int) -> tuple[Case, Fit]:
     """The runs of one draw, and their fit."""
     case, loaded = case_of(row, seed), robot_file()
     origin = Provenance("proof", {}, (), ())
-    return case, fit(model_of(loaded), loaded, case.fitted, (), Payload(), origin, 1, silent)
+    return case, fit(
+        model_with_open_friction(loaded), loaded, case.fitted, (), Payload(), origin, 1, silent
+    )
 
 
 def errors(case: Case, found: Fit) -> Array:

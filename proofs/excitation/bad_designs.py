@@ -121,13 +121,13 @@ def designed(tables: str, folder: Path) -> tuple[float, bool]:
     """Figure of the best motion of one search, and whether all is proven."""
     from steelyard.excitation.design import design
     from steelyard.excitation.search.parallel_search import SearchBudget
-    from steelyard.identification.logs import model_of
+    from steelyard.identification.described_model import model_with_open_friction
     from steelyard.robot_file.file import load_robot
 
     path = folder / "panda.toml"
     path.write_text(HEAD + tables, encoding="utf-8")
     loaded = load_robot(path)
-    found = design(loaded, model_of(loaded), SearchBudget(60.0, searches=1))
+    found = design(loaded, model_with_open_friction(loaded), SearchBudget(60.0, searches=1))
     return found.shown.criterion_value, found.certificate.holds
 
 

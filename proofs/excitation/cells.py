@@ -36,7 +36,7 @@ from steelyard.excitation.search.feasibility import refuse_impossible
 from steelyard.excitation.search.finish import finished
 from steelyard.excitation.search.methods import Gradient, seeded
 from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.identification.logs import model_of
+from steelyard.identification.described_model import model_with_open_friction
 from steelyard.report.text.design_words import headline, level
 from steelyard.robot_file.file import load_robot
 
@@ -89,7 +89,7 @@ def cell_found(seed: int) -> Found:
         cell = random_cell(seed, Path(place))
         try:
             loaded = load_robot(cell.file)
-            problem = build(loaded, model_of(loaded))
+            problem = build(loaded, model_with_open_friction(loaded))
             refuse_impossible(problem, loaded)
             x = Gradient(SCREENED).search(problem, seeded(0, seed), lambda x: None)
             best = finished(problem, [x], time.monotonic())

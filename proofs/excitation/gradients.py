@@ -131,10 +131,10 @@ def composed(problem: Problem, x: np.ndarray) -> float:
 
 def recipe() -> Recipe:
     """The Panda's problem."""
-    from steelyard.identification.logs import model_of
+    from steelyard.identification.described_model import model_with_open_friction
 
     loaded = load_robot(PROBLEMS / "panda.toml")
-    return Recipe.of(loaded, model_of(loaded))
+    return Recipe.of(loaded, model_with_open_friction(loaded))
 
 
 def differences(objective: Objective, x: np.ndarray) -> np.ndarray:

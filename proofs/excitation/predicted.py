@@ -24,7 +24,8 @@ from steelyard.excitation.search.parallel_search import SearchBudget
 from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.formats import open_log
-from steelyard.identification.logs import model_of, wanted_by
+from steelyard.identification.described_model import model_with_open_friction
+from steelyard.identification.named_logs import wanted_by
 from steelyard.measurement import Recording, prepare
 from steelyard.motion import run
 from steelyard.regression.gather import gather
@@ -45,7 +46,7 @@ Log = Callable[[Truth, ExactTrajectory, int], Recording]
 
 def compared(loaded: LoadedRobot, seed: int, log: Log) -> tuple[np.ndarray, np.ndarray]:
     """Predicted std over that of the repetitions, and over their whole error, by parameter."""
-    truth, model = random_truth(loaded.robot, seed), model_of(loaded)
+    truth, model = random_truth(loaded.robot, seed), model_with_open_friction(loaded)
     regressor = base_regressor(model)
     first = prepare(
         log(truth, random_fourier(loaded.robot, seed=seed, periods=2), seed), wanted_by(loaded)

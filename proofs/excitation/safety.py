@@ -32,7 +32,7 @@ from steelyard.excitation.search.feasibility import refuse_impossible
 from steelyard.excitation.search.finish import finished
 from steelyard.excitation.search.methods import Gradient, seeded
 from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.identification.logs import model_of
+from steelyard.identification.described_model import model_with_open_friction
 from steelyard.robot.inertia import INERTIAL_NAMES
 from steelyard.robot_file.file import load_robot
 
@@ -92,7 +92,7 @@ def problem_of(case: Case) -> Problem:
         noise = np.ones(loaded.robot.n)
         known = standard | case.standard
         earlier = Earlier(noise, 5.0, (), np.zeros(0), np.zeros((0, 0)), known)
-    problem = build(loaded, model_of(loaded), earlier)
+    problem = build(loaded, model_with_open_friction(loaded), earlier)
     refuse_impossible(problem, loaded)
     return problem
 

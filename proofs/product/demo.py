@@ -24,7 +24,8 @@ from steelyard.excitation.search.starts import nearest_free
 from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.excitation.trajectories.files import read_motion
 from steelyard.formats import open_log
-from steelyard.identification.logs import model_of, wanted_by
+from steelyard.identification.described_model import model_with_open_friction
+from steelyard.identification.named_logs import wanted_by
 from steelyard.measurement import Recording, prepare
 from steelyard.motion import run
 from steelyard.regression.gather import gather
@@ -47,7 +48,7 @@ def sines(loaded: LoadedRobot, frequency: float, seconds: float) -> ExactTraject
     Phases are spread over the joints: with one phase for all, many parameters do not show at all.
     Quintic blends lead in and out.
     """
-    problem = build(loaded, model_of(loaded))
+    problem = build(loaded, model_with_open_friction(loaded))
     n, limits = loaded.robot.n, problem.limits
     periods = round((seconds - 2.0 * BLEND) * frequency)
     basis = BlendedFourier(n, (seconds - 2.0 * BLEND) / periods, 1, periods, BLEND)
@@ -64,7 +65,7 @@ def errors(loaded: LoadedRobot, motion: ExactTrajectory, seed: int, folder: Path
     log = folder / f"{seed}_{id(motion)}.parquet"
     run(VirtualRobot(loaded.robot, truth, sensors, seed=seed), motion, log)
     prepared = prepare(Recording(open_log(log), loaded.signals), wanted_by(loaded))
-    regressor = base_regressor(model_of(loaded))
+    regressor = base_regressor(model_with_open_friction(loaded))
     known = WeightedLeastSquares()(gather(regressor, prepared)).parameters.as_dict()
     found = np.array([known.get(name, 0.0) for name in regressor.base.base_names])
     return (found - true_values(loaded, seed)) / sizes(loaded)
@@ -72,7 +73,7 @@ def errors(loaded: LoadedRobot, motion: ExactTrajectory, seed: int, folder: Path
 
 def true_values(loaded: LoadedRobot, seed: int) -> np.ndarray:
     """The base parameters that a seed invents."""
-    regressor = base_regressor(model_of(loaded))
+    regressor = base_regressor(model_with_open_friction(loaded))
     known = random_truth(loaded.robot, seed).values.as_dict()
     return regressor.base.base_values([known.get(n, 0.0) for n in regressor.model.names])
 
@@ -105,7 +106,7 @@ def demo(folder: Path) -> tuple[float, dict]:
 def predicted_deviations(robot: Path, folder: Path) -> Claim:
     """Predicted deviations over the parameters' sizes, RMS, of designs by three criteria."""
     loaded = load_robot(robot)
-    names = base_regressor(model_of(loaded)).base.base_names
+    names = base_regressor(model_with_open_friction(loaded)).base.base_names
     ratios = []
     for kind in ("d_optimal", "condition", "normalised_condition"):
         command = [str(Path(sys.executable).with_name("steelyard")), "excite", str(robot)]

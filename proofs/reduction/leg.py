@@ -28,7 +28,8 @@ from drawn import samples_of
 from steelyard.arrays import Array
 from steelyard.estimation.least_squares.least_squares import OrdinaryLeastSquares
 from steelyard.estimation.reduction.reduce import reduce
-from steelyard.identification.parts import model_of, read_trajectory
+from steelyard.excitation.trajectories.files import read_trajectory
+from steelyard.identification.described_model import model_of
 from steelyard.identification.reduction.reduction_loop import Round, reduction_loop
 from steelyard.motion import Trajectory
 from steelyard.regression.information import Information

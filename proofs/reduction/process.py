@@ -29,7 +29,7 @@ from steelyard.estimation.reduction.state import State
 from steelyard.excitation.from_tables import limits_of
 from steelyard.excitation.planned.plans import planned
 from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.identification.parts import model_of
+from steelyard.identification.described_model import model_of
 from steelyard.regression.regressor import Regressor, base_regressor
 from steelyard.regression.samples import Samples
 from steelyard.robot.inertia import INERTIAL_NAMES, Inertia

@@ -18,7 +18,8 @@ from proofs.support.claims import Claim, data_folder, main_of
 from steelyard.estimation.payload.bilinear import Bilinear
 from steelyard.estimation.payload.gains import GainEstimate, identified_gains
 from steelyard.estimation.payload.load_case import carrier, load_case
-from steelyard.identification.logs import log_files, model_of, prepared, recording_of, wanted_by
+from steelyard.identification.described_model import model_with_open_friction
+from steelyard.identification.named_logs import log_files, prepared, recording_of, wanted_by
 from steelyard.model import Model
 from steelyard.progress import silent
 from steelyard.regression.base import base_parameters
@@ -90,7 +91,7 @@ def information_of(pair: tuple[str, str]) -> tuple[Model, Information, Informati
     """What an unloaded and a loaded run say, efforts as logged."""
     loaded = loaded_robot()
     assert loaded.signals is not None
-    regressor = base_regressor(model_of(loaded))
+    regressor = base_regressor(model_with_open_friction(loaded))
     files = log_files([log(name) for name in pair])
     recordings = [recording_of(file, loaded.signals) for file in files]
     runs = prepared(recordings, wanted_by(loaded), silent)

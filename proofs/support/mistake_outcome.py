@@ -17,7 +17,7 @@ from steelyard.errors import SteelyardError
 from steelyard.identification.checks.check_case import diagnosed, subject_of
 from steelyard.identification.checks.fix import fixed
 from steelyard.identification.identify import identify
-from steelyard.identification.logs import log_files
+from steelyard.identification.named_logs import log_files
 from steelyard.identification.validate import validate
 from steelyard.progress import silent
 from steelyard.report import ReportContent

@@ -15,13 +15,9 @@ from steelyard.estimation.estimate import Estimate, StandardEstimate
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
 from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.files import write_table
-from steelyard.identification.logs import (
-    log_files,
-    model_of,
-    prepared,
-    processing_of,
-    recording_of,
-)
+from steelyard.identification.described_model import model_with_open_friction
+from steelyard.identification.logs import processing_of
+from steelyard.identification.named_logs import log_files, prepared, recording_of
 from steelyard.kernel.quantities.kinematics import last_frame
 from steelyard.measurement import Run
 from steelyard.motion import run
@@ -86,7 +82,7 @@ class Arm:
 def arm_of(problem: str, seed: int) -> Arm:
     """The arm of a problem, such as `ur10`, with invented bodies and friction."""
     loaded = load_robot(FILES[problem])
-    truth = random_truth(loaded.robot, seed, terms=model_of(loaded).terms)
+    truth = random_truth(loaded.robot, seed, terms=model_with_open_friction(loaded).terms)
     n = loaded.robot.n
     q, dq, tau = ([f"{kind}_{j + 1}" for j in range(n)] for kind in ("q", "dq", "tau"))
     ones = np.ones(n)

@@ -21,7 +21,7 @@ from steelyard.excitation.from_tables import build
 from steelyard.excitation.problem import Problem
 from steelyard.excitation.search.finish import finished
 from steelyard.excitation.search.methods import Gradient, seeded
-from steelyard.identification.logs import model_of
+from steelyard.identification.described_model import model_with_open_friction
 from steelyard.robot_file.file import load_robot
 
 MARGIN = 0.02
@@ -38,7 +38,7 @@ def problem_of(bodies: bool) -> Problem:
     wanted = f"bodies = true\nmargin = {MARGIN}" if bodies else "bodies = false"
     text = path.read_text().replace("bodies = false", wanted)
     loaded = load_robot(path, text)
-    return build(loaded, model_of(loaded))
+    return build(loaded, model_with_open_friction(loaded))
 
 
 class Clearances:

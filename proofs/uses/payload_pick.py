@@ -18,8 +18,8 @@ from steelyard.application.payload_events import PayloadEvents
 from steelyard.arrays import Array
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.identification.described_model import model_with_open_friction
 from steelyard.identification.identify import identify
-from steelyard.identification.logs import model_of
 from steelyard.identification.uses.payload import payload_events
 from steelyard.identification.uses.wrench import MethodName, external_wrench
 from steelyard.kernel.quantities.kinematics import frame_kinematics
@@ -43,7 +43,7 @@ def logs(folder: Path) -> tuple[Path, ...]:
     """Logs of the arm: two to identify it, the pick, and ten minutes without payload."""
     loaded = load_robot(ROBOT)
     robot = loaded.robot
-    truth = random_truth(robot, 1, terms=model_of(loaded).terms)
+    truth = random_truth(robot, 1, terms=model_with_open_friction(loaded).terms)
     sensors = customary_sensors(robot, truth)
     carried = Payload(LOAD, robot.bodies[-1].name, PICK, RELEASE)
     paths = []

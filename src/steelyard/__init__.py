@@ -18,28 +18,28 @@ from steelyard.errors import SteelyardError as SteelyardError
 
 if TYPE_CHECKING:
     from steelyard import terms as terms
+    from steelyard.application.controller.export import export_code as export_code
+    from steelyard.application.export.export import export as export
     from steelyard.dynamics.dynamics import Dynamics as Dynamics
     from steelyard.dynamics.stepper import Stepper as Stepper
     from steelyard.estimation.estimate import Estimate as Estimate
+    from steelyard.estimation.fields.fields import information as information
     from steelyard.estimation.identified import IdentifiedModel as IdentifiedModel
     from steelyard.estimation.identified import load_model as load_model
     from steelyard.estimation.register import estimators as estimators
+    from steelyard.excitation.trajectories.files import read_trajectory as read_trajectory
     from steelyard.formats.register import open_log as open_log
     from steelyard.identification.checks.check import check as check
     from steelyard.identification.comparison.compare import compare as compare
     from steelyard.identification.comparison.compare_models import compare_models as compare_models
+    from steelyard.identification.described_model import model_of as model_of
     from steelyard.identification.fitting.repeated import repeated as repeated
     from steelyard.identification.identify import Identification as Identification
     from steelyard.identification.identify import identify as identify
     from steelyard.identification.motion.design import design_excitation as design_excitation
     from steelyard.identification.motion.simulate import simulate as simulate
     from steelyard.identification.motion.track import track as track
-    from steelyard.identification.parts import export as export
-    from steelyard.identification.parts import export_code as export_code
-    from steelyard.identification.parts import information as information
-    from steelyard.identification.parts import load_runs as load_runs
-    from steelyard.identification.parts import model_of as model_of
-    from steelyard.identification.parts import read_trajectory as read_trajectory
+    from steelyard.identification.named_logs import load_runs as load_runs
     from steelyard.identification.reduction.reduce import reduce as reduce
     from steelyard.identification.reduction.reduction_loop import reduction_loop as reduction_loop
     from steelyard.identification.result import parameter_table as parameter_table
@@ -85,22 +85,22 @@ _HOMES = {
     "contact": "identification.uses.contact",
     "design_excitation": "identification.motion.design",
     "estimators": "estimation.register",
-    "export": "identification.parts",
-    "export_code": "identification.parts",
+    "export": "application.export.export",
+    "export_code": "application.controller.export",
     "external_wrench": "identification.uses.wrench",
     "feedforward": "identification.uses.feedforward",
     "health": "identification.uses.health",
     "identify": "identification.identify",
     "identify_payload": "identification.uses.payload",
-    "information": "identification.parts",
+    "information": "estimation.fields.fields",
     "load_model": "estimation.identified",
     "load_robot": "robot_file.file",
-    "load_runs": "identification.parts",
-    "model_of": "identification.parts",
+    "load_runs": "identification.named_logs",
+    "model_of": "identification.described_model",
     "open_log": "formats.register",
     "parameter_table": "identification.result",
     "payload_events": "identification.uses.payload",
-    "read_trajectory": "identification.parts",
+    "read_trajectory": "excitation.trajectories.files",
     "reduce": "identification.reduction.reduce",
     "reduction_loop": "identification.reduction.reduction_loop",
     "repeated": "identification.fitting.repeated",

@@ -4,6 +4,7 @@ import json
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -134,3 +135,22 @@ def explained(path: Path) -> Iterator[None]:
             where=str(path),
             fix="check the path, its permissions and the space left",
         ) from error
+
+
+def new_folder(output: Path | None, default: str) -> Path:
+    """The folder to make: the one that is given, or `default`, with a number if that exists.
+
+    Raises:
+        OutputError: A folder is given that is there already.
+    """
+    if output is None:
+        names = chain([default], (f"{default}-{number}" for number in count(2)))
+        return next(folder for folder in map(Path, names) if not folder.exists())
+    if output.exists():
+        raise OutputError(
+            "the output folder exists already",
+            where=str(output),
+            fix="name another one with --output, or remove it"
+            + ("; without --output folders are numbered" if default else ""),
+        )
+    return output

@@ -12,7 +12,7 @@ import steelyard
 from cli.conftest import Command
 from cli.river_files import edited
 from steelyard.errors import ModelError
-from steelyard.identification.logs import model_of
+from steelyard.identification.described_model import model_with_open_friction
 from steelyard.robot_file.file import load_robot
 from steelyard.terms.laws.rotor_inertia import RotorInertia
 
@@ -130,13 +130,13 @@ def test_a_log_of_coupled_motors_identifies_the_same(
 def test_behind_the_gears_no_rotor_is_felt(edit: Edit) -> None:
     kind = ('kind = "joint_torque"', 'kind = "link_torque"')
     listed = '["rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"]'
-    usual = model_of(load_robot(edit((f"[model]\nterms = {listed}\n", ""), kind)))
+    usual = model_with_open_friction(load_robot(edit((f"[model]\nterms = {listed}\n", ""), kind)))
     assert not any(isinstance(term, RotorInertia) for term in usual.terms)
     assert {term.law for term in usual.terms} >= {"rigid_body", "coulomb", "viscous"}
-    usual = model_of(load_robot(edit((f"[model]\nterms = {listed}\n", ""))))
+    usual = model_with_open_friction(load_robot(edit((f"[model]\nterms = {listed}\n", ""))))
     assert any(isinstance(term, RotorInertia) for term in usual.terms)
     with pytest.raises(ModelError, match="'rotor_inertia' acts on the motors' side") as caught:
-        model_of(load_robot(edit(kind)))
+        model_with_open_friction(load_robot(edit(kind)))
     assert "terms[2]" in caught.value.where and "leave it out" in caught.value.fix
 
 
@@ -145,14 +145,16 @@ def test_behind_the_gears_nothing_of_motors_is_felt(edit: Edit) -> None:
     gears = ("[model]\n", TRANSMISSION)
     wanted = ('"rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"', terms)
     with pytest.raises(ModelError, match="'viscous' acts on the motors' side") as caught:
-        model_of(load_robot(edit(gears, wanted, ('"joint_torque"', '"link_torque"'))))
+        model_with_open_friction(
+            load_robot(edit(gears, wanted, ('"joint_torque"', '"link_torque"')))
+        )
     assert "terms[2]" in caught.value.where and "joint_torque" in caught.value.fix
-    assert len(model_of(load_robot(edit(gears, wanted))).terms) == 2
+    assert len(model_with_open_friction(load_robot(edit(gears, wanted))).terms) == 2
 
 
 def test_friction_to_be_chosen_is_left_out(edit: Edit) -> None:
     listed = 'terms = ["rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"]\n'
-    model = model_of(load_robot(edit((listed, 'friction = "auto"\n'))))
+    model = model_with_open_friction(load_robot(edit((listed, 'friction = "auto"\n'))))
     assert {term.law for term in model.terms} == {"rigid_body", "rotor_inertia", "offset"}
 
 
@@ -164,7 +166,7 @@ def test_compensated_gravity_is_not_modelled(edit: Edit) -> None:
     assert np.array_equal(plain.robot.gravity, [0.0, 0.0, -9.81])
     still = steelyard.Motion(np.arange(3.0), *np.random.default_rng(0).normal(size=(1, 3, N)),
                              np.zeros((3, N)), np.zeros((3, N)))  # fmt: skip
-    prior = model_of(loaded).prior
+    prior = model_with_open_friction(loaded).prior
     assert prior is not None and np.all(prior.torque(still) == 0.0)
 
 

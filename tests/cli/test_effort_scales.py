@@ -17,9 +17,9 @@ from steelyard.estimation.consistent.consistent import Consistent
 from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.identified import load_model
 from steelyard.estimation.prior.prior import default_knowledge
+from steelyard.identification.described_model import model_with_open_friction
 from steelyard.identification.fitting import fitting
 from steelyard.identification.fitting.fitting import _unscaled_because
-from steelyard.identification.logs import model_of
 from steelyard.regression.base import base_parameters
 from steelyard.robot_file.file import load_robot
 
@@ -141,7 +141,7 @@ def test_scales_that_are_requested_in_vain_are_reported(
 
 def test_scales_are_of_motors_behind_coupled_gears(given: Path, tmp_path: Path) -> None:
     loaded = load_robot(edited(given, tmp_path))
-    model = model_of(loaded)
+    model = model_with_open_friction(loaded)
     estimator = Consistent(base_parameters(model), default_knowledge(model))
     assert loaded.signals is not None
     for gears, words in ((None, ""), (np.eye(3), "with coupled gears")):

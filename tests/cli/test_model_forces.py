@@ -7,7 +7,7 @@ import pytest
 
 from cli.conftest import Command
 from steelyard.excitation.from_tables import build
-from steelyard.identification.logs import model_of
+from steelyard.identification.described_model import model_with_open_friction
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.robot_file.file import load_robot
 
@@ -62,7 +62,7 @@ def test_torques_are_limited_by_the_range_of_forces(mjcf: Path) -> None:
             "[excitation.collision]\nbodies = false\n"
         )
         loaded = load_robot(toml)
-        problem = build(loaded, model_of(loaded))
+        problem = build(loaded, model_with_open_friction(loaded))
         (torque,) = problem.constraints
         assert torque.limits.tolist() == limits
         assert [note for note in problem.notes if "torque is not limited" in note] == notes
@@ -81,7 +81,7 @@ def test_limited_torques_hold_the_springs_that_terms_stand_for(mjcf: Path) -> No
             f'terms = ["rigid_body"{term}]\n[excitation.collision]\nbodies = false\n'
         )
         loaded = load_robot(toml)
-        model = model_of(loaded)
+        model = model_with_open_friction(loaded)
         (torque,) = build(loaded, model).constraints
         (values,) = torque.cases
         assert model.torque_of(still, values)[0] == pytest.approx(sprung)

@@ -14,8 +14,9 @@ from steelyard.application.export.export import exported
 from steelyard.application.payload import identify_payload
 from steelyard.cli.app import app
 from steelyard.errors import ModelError, SteelyardError
+from steelyard.estimation.fields.fields import information
 from steelyard.estimation.identified import load_model
-from steelyard.identification.parts import information, load_runs
+from steelyard.identification.named_logs import load_runs
 from steelyard.identification.reduction.reduce import matching, reduce
 from steelyard.report.sections.register import SECTIONS
 from steelyard.robot_file.file import load_robot

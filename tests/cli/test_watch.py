@@ -19,7 +19,7 @@ from cli.test_contact import PUSH, changed, columns
 from steelyard.cli import interrupt
 from steelyard.cli.app import app
 from steelyard.cli.main import main
-from steelyard.identification.logs import log_files
+from steelyard.identification.named_logs import log_files
 from steelyard.identification.uses.watch import start_watch, stream_trace
 
 AT_ONCE = ("--timeout", "0")

@@ -12,7 +12,8 @@ from steelyard.diagnosis.fitted.fitted_case import FittedCase
 from steelyard.estimation.fields.fields import information_from
 from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.identification.logs import log_files, model_of, runs_of
+from steelyard.identification.described_model import model_with_open_friction
+from steelyard.identification.named_logs import log_files, runs_of
 from steelyard.measurement import Run
 from steelyard.motion import Motion
 from steelyard.regression.base import base_parameters
@@ -64,7 +65,7 @@ def log(path: Path, truth: Truth, seed: int, offset: Sequence[float] = (0.0,)) -
 
 def case(loaded: LoadedRobot, paths: Sequence[Path]) -> FittedCase:
     """A plain fit of some logs."""
-    signals, model = loaded.signals, model_of(loaded)
+    signals, model = loaded.signals, model_with_open_friction(loaded)
     assert signals is not None
     runs: Sequence[Run] = runs_of(
         loaded, signals, log_files([str(p) for p in paths]), (), lambda _: True

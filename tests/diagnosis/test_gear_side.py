@@ -14,7 +14,7 @@ from steelyard.diagnosis.fitted.rotors_at_zero import RotorsAtZero
 from steelyard.diagnosis.gear_side import SEPARABLE, GearSide, rotors_of
 from steelyard.identification.checks.check import CheckResult
 from steelyard.identification.checks.check_case import Subject, case_of
-from steelyard.identification.logs import log_files
+from steelyard.identification.named_logs import log_files
 from steelyard.parameters import Parameters
 from steelyard.progress import silent
 from steelyard.report.check_page import CheckContent

@@ -18,7 +18,7 @@ from steelyard.diagnosis.hypotheses.by_zero import zero_offsets
 from steelyard.diagnosis.joint_zeros import JointZeros
 from steelyard.diagnosis.zero_offset import without_effect
 from steelyard.identification.checks.check_case import Subject, case_of
-from steelyard.identification.logs import log_files
+from steelyard.identification.named_logs import log_files
 from steelyard.progress import silent
 from steelyard.robot_file.edits import edited
 from steelyard.robot_file.file import load_robot

@@ -12,7 +12,7 @@ from steelyard.diagnosis import Diagnosis, examine
 from steelyard.diagnosis.finding import Finding, Severity
 from steelyard.diagnosis.signals.moving_base import MovingBase, of_base
 from steelyard.identification.checks.check_case import case_of, subject_of
-from steelyard.identification.logs import log_files
+from steelyard.identification.named_logs import log_files
 from steelyard.progress import silent
 from steelyard.report.text.findings import headline
 

@@ -22,7 +22,7 @@ from steelyard.diagnosis.decision.transmission import (
 from steelyard.diagnosis.decision.verdict import verdict
 from steelyard.identification.checks.check import CheckResult
 from steelyard.identification.checks.check_case import case_of, subject_of
-from steelyard.identification.logs import log_files
+from steelyard.identification.named_logs import log_files
 from steelyard.progress import silent
 from steelyard.report.check_page import CheckContent
 from steelyard.robot.robot import Transmission

@@ -25,8 +25,10 @@ from steelyard.excitation.search.parallel_search import SearchBudget
 from steelyard.excitation.search.starts import NoMotion, random_starts
 from steelyard.excitation.search.widening import explained
 from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.identification.logs import model_of as model_with_rigid_bodies
-from steelyard.identification.logs import with_friction
+from steelyard.identification.described_model import (
+    model_with_open_friction as model_with_rigid_bodies,
+)
+from steelyard.identification.described_model import with_friction
 from steelyard.model import Model
 from steelyard.robot_file.file import LoadedRobot, load_robot
 
@@ -54,7 +56,7 @@ def arm(folder: Path, tables: str = "", terms: str = '"rigid_body", "viscous"') 
     return load_robot(written(folder, head + tables, "arm.toml"))
 
 
-def model_of(loaded: LoadedRobot) -> Model:
+def model_with_open_friction(loaded: LoadedRobot) -> Model:
     """Its model."""
     return with_friction(model_with_rigid_bodies(loaded), loaded)
 
@@ -62,7 +64,7 @@ def model_of(loaded: LoadedRobot) -> Model:
 def problem_of(folder: Path, tables: str = "", earlier: Earlier | None = None) -> Problem:
     """The problem of tables."""
     loaded = arm(folder, tables)
-    return build(loaded, model_of(loaded), earlier)
+    return build(loaded, model_with_open_friction(loaded), earlier)
 
 
 @contextmanager
@@ -91,13 +93,15 @@ def designed(
     loaded = arm(folder, tables)
     effort = SearchBudget(seconds, searches=1, processes=1, seed=seed)
     with patch.object(parallel_search, "_workers", searching_here):
-        return design(loaded, model_of(loaded), effort, earlier=earlier, start=start)
+        return design(
+            loaded, model_with_open_friction(loaded), effort, earlier=earlier, start=start
+        )
 
 
 def some_motion(folder: Path, tables: str) -> Finished:
     """The first motion that a search would begin with, proven; whatever refuses it is raised."""
     loaded = arm(folder, tables)
-    problem = build(loaded, model_of(loaded))
+    problem = build(loaded, model_with_open_friction(loaded))
     refuse_impossible(problem, loaded)
     try:
         starts = random_starts(problem.inequalities, np.random.default_rng(0), 3)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from steelyard.errors import OutputError
-from steelyard.identification.logs import new_folder
+from steelyard.files import new_folder
 
 
 def test_default_folders_are_numbered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

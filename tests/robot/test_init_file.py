@@ -7,7 +7,7 @@ import pytest
 
 from steelyard.errors import ModelError
 from steelyard.estimation.identified import BAND
-from steelyard.identification.logs import model_of
+from steelyard.identification.described_model import model_with_open_friction
 from steelyard.robot.robot import Limits
 from steelyard.robot_file.file import LoadedRobot, load_robot
 from steelyard.robot_file.sections import PriorSection, ProcessingSection
@@ -236,9 +236,9 @@ def test_the_side_of_torque_columns_is_left_to_be_checked(tmp_path: Path) -> Non
     behind = (tmp_path / "r.toml").read_text().replace('"joint_torque"\n', '"link_torque"\n')
     (tmp_path / "r.toml").write_text(behind)
     with pytest.raises(ModelError, match="'rotor_inertia' acts on the motors' side"):
-        model_of(load_robot(tmp_path / "r.toml"))
+        model_with_open_friction(load_robot(tmp_path / "r.toml"))
     (tmp_path / "r.toml").write_text(behind.replace('"rotor_inertia", "coulomb"', '"coulomb"'))
-    assert len(model_of(load_robot(tmp_path / "r.toml")).terms) == 4
+    assert len(model_with_open_friction(load_robot(tmp_path / "r.toml")).terms) == 4
 
 
 def test_mjcf_is_named_as_such(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from steelyard.errors import LogError, ModelError
-from steelyard.identification.logs import model_of
+from steelyard.identification.described_model import model_with_open_friction
 from steelyard.robot.robot import Coordinate, Limits
 from steelyard.robot_file.file import LoadedRobot, load_robot
 from steelyard.robot_file.template.guess_columns import Guess, guess_columns
@@ -75,7 +75,7 @@ def test_a_template_for_motors_loads_once_it_is_filled_in(tmp_path: Path) -> Non
         output.write_text(draft_text)
     loaded = load_robot(output)
     _compare(loaded, R)
-    assert len(model_of(loaded).terms) == 8
+    assert len(model_with_open_friction(loaded).terms) == 8
 
 
 def _compare(loaded: LoadedRobot, matrix: np.ndarray) -> None:
@@ -92,7 +92,7 @@ def test_gears_from_positions_of_both_sides(tmp_path: Path) -> None:
     _compare(loaded, R)
     assert loaded.signals is not None and loaded.signals.position == ("q1", "q2")
     assert "CHECK: by regression" in draft.text
-    assert len(model_of(loaded).terms) == 8
+    assert len(model_with_open_friction(loaded).terms) == 8
 
 
 def test_gears_are_not_regressed_from_noise_or_a_resting_joint() -> None:

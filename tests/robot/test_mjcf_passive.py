@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from steelyard.identification.logs import model_of
+from steelyard.identification.described_model import model_with_open_friction
 from steelyard.kernel.equations.dynamics import JointState
 from steelyard.robot.model_notes import Listed
 from steelyard.robot_file.file import LoadedRobot, load_robot
@@ -72,7 +72,7 @@ def test_springs_that_init_proposes_pull_as_mujocos(tmp_path: Path, case: str) -
     path = written(tmp_path, **SPRUNG[case])
     loaded = proposed(path)
     robot, springs = loaded.robot, loaded.springs
-    (term,) = [term for term in model_of(loaded).terms if isinstance(term, Spring)]
+    (term,) = [term for term in model_with_open_friction(loaded).terms if isinstance(term, Spring)]
     stiffness = np.array([springs[name].stiffness for name in term.joints or ()])
     model = mujoco.MjModel.from_xml_path(str(path))
     data = mujoco.MjData(model)

@@ -79,8 +79,7 @@ def computed(
     import typer
     from rich.console import Console
 
-    from steelyard.files import whole_folder
-    from steelyard.identification.logs import new_folder
+    from steelyard.files import new_folder, whole_folder
 
     folder = None if output is None else new_folder(output, "")
     with progress_bar() as progress:

@@ -14,7 +14,7 @@ from steelyard.measurement import Processing, Recording, Run, prepare
 from steelyard.measurement.recording import Channels, Samples
 from steelyard.measurement.rows.clock import rows_between
 from steelyard.progress import Progress, silent
-from steelyard.robot_file.file import LoadedRobot
+from steelyard.robot_file.loaded import LoadedRobot
 
 EXCERPT = 100_000
 """Rows of a log that are looked at one by one."""

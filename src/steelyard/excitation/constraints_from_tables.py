@@ -29,7 +29,7 @@ from steelyard.parameters import Parameters
 from steelyard.robot.inertia import INERTIAL_NAMES
 from steelyard.robot.robot import Robot
 from steelyard.robot_file.excitation_sections import ExcitationSection
-from steelyard.robot_file.file import LoadedRobot
+from steelyard.robot_file.loaded import LoadedRobot
 from steelyard.terms.term import StatefulTerm
 
 

@@ -38,7 +38,7 @@ from steelyard.kernel.quantities.kinematics import positions_of
 from steelyard.model import Model
 from steelyard.progress import Progress, silent
 from steelyard.regression.base import base_parameters, clear_map
-from steelyard.robot_file.file import LoadedRobot
+from steelyard.robot_file.loaded import LoadedRobot
 
 NOISE = 0.01
 """Noise that is assumed without an earlier log, over the joint's greatest effort."""

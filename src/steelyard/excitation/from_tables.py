@@ -33,7 +33,8 @@ from steelyard.robot_file.excitation_sections import (
     LoadSection,
     MotionLimitsSection,
 )
-from steelyard.robot_file.file import LoadedRobot, load_robot
+from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.loaded import LoadedRobot
 from steelyard.suggest import advice
 from steelyard.terms.register import description_of, term_of
 from steelyard.terms.term import StatefulTerm

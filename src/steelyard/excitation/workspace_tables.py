@@ -19,9 +19,10 @@ from steelyard.excitation.shapes.solids import Box
 from steelyard.excitation.uncovered import Gap
 from steelyard.kernel.quantities.kinematics import frame_of, last_frame
 from steelyard.robot.robot import Robot
-from steelyard.robot_file.excitation_sections import BoxSpans, WorkspaceSection
-from steelyard.robot_file.file import LoadedRobot
+from steelyard.robot_file.excitation_sections import WorkspaceSection
+from steelyard.robot_file.loaded import LoadedRobot
 from steelyard.robot_file.model_source import beside
+from steelyard.robot_file.motion_sections import BoxSpans
 
 _AXES = "xyz"
 

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from importlib.metadata import version
 
 from steelyard.estimation.identified import IdentifiedModel, Provenance
-from steelyard.identification.logs import LogArgument, sha256
+from steelyard.identification.named_logs import LogArgument, sha256
 from steelyard.measurement import Run
 from steelyard.measurement.closure_failures import open_stretches
 from steelyard.model import Model
-from steelyard.robot_file.file import LoadedRobot
+from steelyard.robot_file.loaded import LoadedRobot
 from steelyard.validation.score import RunScore
 
 LISTED = 5

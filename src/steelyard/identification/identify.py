@@ -14,11 +14,13 @@ from steelyard.diagnosis import Diagnosis, Finding, Severity
 from steelyard.diagnosis.decision.quarter_turns import turned_joints
 from steelyard.diagnosis.decision.transmission import missing_coupling
 from steelyard.diagnosis.fitted.absurd import refuse_absurd
-from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
+from steelyard.diagnosis.fitted.fitted_case import FittedCase
+from steelyard.diagnosis.fitted.post_fit import examine_fit
 from steelyard.diagnosis.signals.moving_base import of_base
 from steelyard.errors import LogError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.identification.checks.precheck import passed, prechecked
+from steelyard.identification.described_model import model_with_open_friction
 from steelyard.identification.descriptions import (
     commanded_note,
     dropped,
@@ -29,34 +31,23 @@ from steelyard.identification.descriptions import (
     settings,
 )
 from steelyard.identification.fitting.bootstrap import drawn_again
-from steelyard.identification.fitting.fitting import (
-    Fit,
-    Payload,
-    calibrated,
-    fit,
-    with_signals,
-)
+from steelyard.identification.fitting.fitting import Fit, calibrated, fit, with_signals
 from steelyard.identification.fitting.repeated import Repeated, of_each_log
 from steelyard.identification.fitting.sensitivity import varied
-from steelyard.identification.logs import (
+from steelyard.identification.job_result import Result
+from steelyard.identification.logs import scored, scored_from_commanded
+from steelyard.identification.method import method_of
+from steelyard.identification.named_logs import (
     LogArgument,
     log_files,
-    model_of,
+    paths_of,
     refuse_overlaps,
     runs_of,
-    scored,
-    scored_from_commanded,
     signals_of,
 )
-from steelyard.identification.method import method_of
+from steelyard.identification.prepare_model import Payload
 from steelyard.identification.repeated_rows import marked_repeats, refuse_same_rows
-from steelyard.identification.result import (
-    Result,
-    Scores,
-    parameter_table,
-    paths_of,
-    result_line,
-)
+from steelyard.identification.result import Scores, parameter_table, result_line
 from steelyard.measurement import Run
 from steelyard.parameters import Parameters
 from steelyard.progress import Progress, silent
@@ -215,7 +206,7 @@ def identify(
     signals, reasons = signals_of(file, known[0])
     if commanded:
         _refuse_uncommanded(signals, unknown)
-    model = model_of(file)
+    model = model_with_open_friction(file)
     found_out = None
     if check:
         given = replace(file, signals=signals)

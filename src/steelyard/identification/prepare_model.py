@@ -13,7 +13,7 @@ from steelyard.estimation.payload.gains import GainEstimate, identified_gains
 from steelyard.estimation.per_run import own_columns
 from steelyard.estimation.prior.register import knowledge_of
 from steelyard.estimation.zero_offset import ZeroOffsets, find_offsets, with_offsets
-from steelyard.identification.logs import with_friction
+from steelyard.identification.described_model import with_friction
 from steelyard.identification.method import method_of
 from steelyard.measurement import Run
 from steelyard.measurement.run import fastest_of
@@ -23,7 +23,7 @@ from steelyard.regression.base import base_parameters, refuse_twins
 from steelyard.regression.gather import gather
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
-from steelyard.robot_file.file import LoadedRobot
+from steelyard.robot_file.loaded import LoadedRobot
 from steelyard.terms.open_fields import finds_of
 from steelyard.validation.cross import TooShortError
 from steelyard.validation.friction.friction import FrictionChoice, choose_friction, refuse_listed

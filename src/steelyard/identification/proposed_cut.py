@@ -8,7 +8,7 @@ import numpy as np
 
 from steelyard.errors import SteelyardError
 from steelyard.formats import Cut, parse_log_argument
-from steelyard.identification.logs import log_files, recording_of, runs_of, signals_of
+from steelyard.identification.named_logs import log_files, recording_of, runs_of, signals_of
 from steelyard.measurement import Recording, Run
 from steelyard.measurement.rows.clock import learn_clock
 from steelyard.progress import silent

@@ -1,8 +1,7 @@
 """What the results of all jobs have in common: a page, a text, files, and a view in notebooks."""
 
 import io
-from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -10,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from steelyard.errors import DataError, LogError
+from steelyard.errors import DataError
 from steelyard.estimation.identified import IdentifiedModel, load_model
-from steelyard.extras import require
-from steelyard.files import whole_folder
+from steelyard.identification.job_result import TEXT_WIDTH, frame
 from steelyard.report import ReportContent
 from steelyard.report.sections.model.verdict import joints_table
 from steelyard.report.text.score_words import both_words
@@ -26,56 +24,6 @@ if TYPE_CHECKING:
     from polars import DataFrame, Series
 
     from steelyard.validation.headline import JointError
-
-TEXT_WIDTH = 120
-"""Columns of the text that `print` shows."""
-
-
-class Result(ABC):
-    """A result: `print` it, `save` it, or look at it in a notebook."""
-
-    @abstractmethod
-    def report(self) -> str:
-        """The report as one self-contained HTML page."""
-
-    @abstractmethod
-    def to_dict(self) -> dict[str, Any]:
-        """The numbers as JSON values, as the command's `--json` prints them."""
-
-    @abstractmethod
-    def write(self, folder: Path) -> None:
-        """Write the result's files into a folder that is there."""
-
-    @abstractmethod
-    def show(self, console: Console) -> None:
-        """Print the result for people."""
-
-    def save(self, folder: str | Path) -> Path:
-        """Make a folder with the page and the numbers, whole or not at all.
-
-        Args:
-            folder: Where; it must not exist yet, or be empty.
-
-        Returns:
-            The folder.
-
-        Raises:
-            OutputError: It is there and not empty, or cannot be written.
-        """
-        with whole_folder(Path(folder)) as part:
-            self.write(part)
-        return Path(folder)
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}(print it, or write its files with save(FOLDER))"
-
-    def __str__(self) -> str:
-        text = io.StringIO()
-        self.show(Console(file=text, width=TEXT_WIDTH))
-        return text.getvalue()
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(str(self))}</pre>"
 
 
 def result_line(kind: str, content: ReportContent) -> str:
@@ -210,32 +158,3 @@ def _ends_first(table: "DataFrame", first: Sequence[str], last: Sequence[str]) -
     """The same columns in an order of which `print` shows those that matter."""
     between = [name for name in table.columns if name not in (*first, *last)]
     return table.select(*first, *between, *last)
-
-
-def frame(records: Sequence[Mapping[str, Any]] | Mapping[str, Any], where: str) -> "DataFrame":
-    """A data frame of rows that have the same keys, or of columns by name.
-
-    Raises:
-        PackageError: Polars is not installed.
-    """
-    require("polars", "polars", "data frames", where)
-    from polars import DataFrame
-
-    return DataFrame(records, infer_schema_length=None)
-
-
-def paths_of(logs: str | Path | Iterable[str | Path], least: int = 0) -> list[str]:
-    """One log or several as texts.
-
-    Raises:
-        LogError: One is no path, or there are fewer than `least`.
-    """
-    given = [logs] if isinstance(logs, str | Path) else list(logs)
-    strange = next((log for log in given if not isinstance(log, str | Path)), None)
-    if strange is not None or len(given) < least:
-        raise LogError(
-            "no log is given" if strange is None else f"a {type(strange).__name__} is no log",
-            where="list of logs",
-            fix="give the paths of log files",
-        )
-    return [str(log) for log in given]

@@ -9,7 +9,8 @@ from rich.console import Console
 
 from steelyard.arguments import checked
 from steelyard.diagnosis import Finding
-from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
+from steelyard.diagnosis.fitted.fitted_case import FittedCase
+from steelyard.diagnosis.fitted.post_fit import examine_fit
 from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.identification.descriptions import (
     commanded_note,
@@ -19,17 +20,16 @@ from steelyard.identification.descriptions import (
     notes_of,
     settings,
 )
+from steelyard.identification.job_result import Result
 from steelyard.identification.logs import (
     fitted_before,
-    log_files,
-    prepared,
     processing_of,
-    recording_of,
     scored,
     scored_from_commanded,
 )
+from steelyard.identification.named_logs import log_files, paths_of, prepared, recording_of
 from steelyard.identification.repeated_rows import holds_fitted_rows, marked_repeats
-from steelyard.identification.result import Result, Scores, paths_of, result_line
+from steelyard.identification.result import Scores, result_line
 from steelyard.measurement import Run
 from steelyard.progress import Progress, silent
 from steelyard.report import ReportContent, render, summary

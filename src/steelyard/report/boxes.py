@@ -14,7 +14,8 @@ from steelyard.excitation.workspace_tables import up_of
 
 if TYPE_CHECKING:
     from steelyard.robot.robot import Robot
-    from steelyard.robot_file.excitation_sections import BoxSpans, WorkspaceSection
+    from steelyard.robot_file.excitation_sections import WorkspaceSection
+    from steelyard.robot_file.motion_sections import BoxSpans
 
 AXES = "xyz"
 

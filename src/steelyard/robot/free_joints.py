@@ -8,7 +8,8 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from steelyard.errors import ModelError, OpenModelError
-from steelyard.robot.mechanism import Joint, Mechanism
+from steelyard.robot.links import Joint
+from steelyard.robot.mechanism import Mechanism
 from steelyard.robot.model_notes import Listed
 
 

@@ -13,8 +13,9 @@ from steelyard.robot.free_joints import without_free_joints
 from steelyard.robot.from_mechanism_notes import reduction_notes
 from steelyard.robot.geometry import Placement
 from steelyard.robot.inertia import LEAST, Inertia
+from steelyard.robot.links import Joint, Link
 from steelyard.robot.loop_closures import Closing, closed_robot, passive_joints
-from steelyard.robot.mechanism import Joint, Link, Mechanism
+from steelyard.robot.mechanism import Mechanism
 from steelyard.robot.mimic import (
     Drive,
     drive_of,

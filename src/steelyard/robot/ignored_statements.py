@@ -2,7 +2,8 @@
 
 from collections.abc import Collection, Iterator
 
-from steelyard.robot.mechanism import Joint, Mechanism
+from steelyard.robot.links import Joint
+from steelyard.robot.mechanism import Mechanism
 from steelyard.robot.model_notes import Answer, JointSpring, ModelNote
 from steelyard.robot.robot import Robot
 

@@ -8,8 +8,9 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import ModelError
 from steelyard.robot.loop_equations import CLOSED, checked_equations
-from steelyard.robot.mechanism import Mechanism, Pin
+from steelyard.robot.mechanism import Mechanism
 from steelyard.robot.robot import Coordinate, Frame, Loop, OpenLoops, Robot
+from steelyard.robot.ties import Pin
 from steelyard.suggest import advice
 
 

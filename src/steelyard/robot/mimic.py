@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from steelyard.robot.mechanism import Joint, Mechanism
+from steelyard.robot.links import Joint
+from steelyard.robot.mechanism import Mechanism
 from steelyard.robot.robot import Limits, Robot
 
 

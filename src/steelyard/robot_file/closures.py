@@ -2,7 +2,8 @@
 
 from steelyard.errors import ModelError
 from steelyard.robot.loop_closures import Closing
-from steelyard.robot.mechanism import Mechanism, Pin
+from steelyard.robot.mechanism import Mechanism
+from steelyard.robot.ties import Pin
 from steelyard.robot_file.sections import RobotSection
 from steelyard.robot_file.toml_check import Places
 from steelyard.suggest import advice

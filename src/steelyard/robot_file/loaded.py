@@ -11,9 +11,9 @@ from steelyard.robot.model_notes import JointSpring
 from steelyard.robot.robot import Robot
 from steelyard.robot.xacro.read import joined_reference, stem_of
 from steelyard.robot_file.efforts import Locate
+from steelyard.robot_file.excitation_sections import ExcitationSection
 from steelyard.robot_file.sections import (
     EstimationSection,
-    ExcitationSection,
     FrictionSelection,
     PriorSection,
     ProcessingSection,

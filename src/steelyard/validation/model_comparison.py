@@ -20,7 +20,8 @@ from steelyard.validation.headline import (
     known_efforts,
     pooled,
 )
-from steelyard.validation.score import RunScore, Traces, score
+from steelyard.validation.score import RunScore, score
+from steelyard.validation.traces import Traces
 
 if TYPE_CHECKING:
     from steelyard.estimation.identified import IdentifiedModel

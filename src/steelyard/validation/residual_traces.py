@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.errors import LogError
+from steelyard.errors import DataError, LogError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.estimation.residual_peaks import (
+    FEWEST,
     HOLD,
     SETTLED,
     ResidualPeaks,
@@ -25,6 +26,7 @@ from steelyard.estimation.residual_peaks import (
 )
 from steelyard.estimation.rest_changes import changes_at_rest, low_passed
 from steelyard.measurement.run import Run
+from steelyard.motion import Motion
 from steelyard.regression.gather import along
 from steelyard.validation.friction.mixes import remembers
 from steelyard.validation.torque_parts import PARTS, TorqueSplit
@@ -154,3 +156,48 @@ def greatest(values: Array, samples: int) -> Array:
     from scipy.ndimage import maximum_filter1d
 
     return np.asarray(maximum_filter1d(values, samples, axis=1, origin=(samples - 1) // 2))
+
+
+SLID = 0.1
+"""Travel after which friction with memory slides, at least [rad; m]."""
+
+
+def sliding_friction(identified: IdentifiedModel, speed: Array) -> Array:
+    """Largest predicted friction of each joint at a low speed, shape `(n,)` [Nm; N].
+
+    Args:
+        identified: The model.
+        speed: Of each joint, shape `(n,)` [rad/s; m/s].
+    """
+    t = np.linspace(0.0, SLID / float(np.min(speed)), 400)
+    there = np.concatenate([t, t[::-1]])[:, None] * speed
+    dq = np.repeat([1.0, -1.0], len(t))[:, None] * speed
+    along = Motion(np.arange(len(there)) * t[1], there, dq, np.zeros_like(there))
+    return np.asarray(np.abs(identified.friction(along)).max(axis=0))
+
+
+def supported_rate(peaks: ResidualPeaks, wanted: float | None, usual: float = 1.0) -> float:
+    """False alarms per hour to use: those wanted, or the usual, or the least that is supported.
+
+    Raises:
+        DataError: Fewer are wanted than this much free motion supports.
+    """
+    least = peaks.lowest_rate
+    if not (peaks.visits >= FEWEST).any():
+        raise DataError(
+            f"{peaks.duration:.3g} s of free motion are too short to calibrate thresholds with",
+            where="calibration of contact thresholds",
+            fix="give longer logs of motion without contact with --calibrate",
+        )
+    if wanted is None:
+        return max(usual, least)
+    if wanted < least:
+        minutes = peaks.duration / 60.0
+        raise DataError(
+            f"{wanted:.3g} false alarms per hour cannot be claimed from {minutes:.1f} min of free "
+            f"motion: it supports {least:.2g} per hour or more",
+            where="--rate",
+            fix=f"ask for {least:.2g} or more, or calibrate with "
+            f"{minutes * least / wanted:.0f} min of free motion",
+        )
+    return wanted

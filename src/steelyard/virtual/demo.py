@@ -18,7 +18,8 @@ from steelyard.files import whole_folder, write_json
 from steelyard.motion import run
 from steelyard.parameters import Parameters
 from steelyard.progress import Progress, silent
-from steelyard.robot_file.file import LoadedRobot, load_robot
+from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.loaded import LoadedRobot
 from steelyard.virtual.invent import random_truth
 from steelyard.virtual.robot import VirtualRobot
 from steelyard.virtual.simulate import customary_sensors

@@ -15,8 +15,9 @@ from steelyard.application.controller.python_code import python_code
 from steelyard.application.controller.ros2 import FUNCTIONS as OF_ROS2
 from steelyard.application.controller.ros2 import ros2_files
 from steelyard.application.controller.simulink import simulink_files
+from steelyard.arguments import checked
 from steelyard.errors import OutputError
-from steelyard.estimation.identified import IdentifiedModel
+from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.files import refuse_existing, whole_file, whole_folder
 from steelyard.kernel.native.c99 import Precision
 
@@ -153,3 +154,39 @@ def _renamed(controller: Controller) -> dict[str, str]:
     pairs = {robot.name: identifier(robot.name, "robot")}
     pairs |= dict(zip(robot.joint_names, identifiers(robot.joint_names, "joint"), strict=True))
     return {name: plain for name, plain in pairs.items() if name != plain}
+
+
+@checked()
+def export_code(
+    model: str | Path | IdentifiedModel,
+    path: str | Path,
+    to: CodeFormat = "c",
+    *,
+    precision: Precision = "double",
+    functions: Sequence[str] = (),
+    frames: Sequence[str] = (),
+) -> tuple[str, ...]:
+    """Write an identified model as code for controllers.
+
+    Args:
+        model: The model, its `model.json`, or the folder that holds it.
+        path: File (Python, FMU) or folder (others) to make; it must not exist.
+        to: `c`; `python`, a file that needs NumPy alone; `fmu`, co-simulation by FMI 2.0; `ros2`,
+            a package with a plugin of `inverse_dynamics_solver`; or `simulink`, an S-function.
+        precision: Type of numbers in C.
+        functions: Names of functions, such as `torque` and `mass`; the usual ones if empty.
+        frames: Names of frames whose pose and Jacobian are wanted; those at the ends if empty.
+
+    Returns:
+        Names of the functions.
+
+    Raises:
+        SteelyardError: Drive gains are unknown, the model lacks the weight, there is no such
+            function or frame, or the path exists.
+
+    Example:
+        >>> export_code(load_model("arm-model"), "arm-c", functions=["torque"])
+        ('torque', 'pose', 'jacobian')
+    """
+    written = write_code(load_model(model), Path(path), to, precision, functions, frames)
+    return written.functions

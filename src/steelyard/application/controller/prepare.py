@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-from steelyard.application.contact import sliding_friction, supported_rate
 from steelyard.application.controller.functions import (
     FUNCTIONS,
     OBSERVER,
@@ -18,6 +17,7 @@ from steelyard.kernel.quantities.kinematics import frame_of
 from steelyard.robot.robot import Robot
 from steelyard.suggest import advice
 from steelyard.validation.headline import known_efforts
+from steelyard.validation.residual_traces import sliding_friction, supported_rate
 
 
 def controller_of(

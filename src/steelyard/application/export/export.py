@@ -12,9 +12,11 @@ from steelyard.application.export.mjcf import mjcf_of
 from steelyard.application.export.origin import impossible_kept, mass_shares, unseen
 from steelyard.application.export.urdf import urdf_of
 from steelyard.application.export.xml import document, head_of
+from steelyard.arguments import checked
 from steelyard.arrays import Array
-from steelyard.errors import ModelError
-from steelyard.estimation.identified import IdentifiedModel
+from steelyard.errors import ModelError, OutputError
+from steelyard.estimation.identified import IdentifiedModel, load_model
+from steelyard.files import whole_file
 from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.mechanism import Mechanism
 from steelyard.robot.robot import Body, Robot
@@ -171,3 +173,41 @@ def _place(body: Body) -> Array:
 
 def _alike(one: Array, other: Array) -> bool:
     return bool(np.abs(one - other).max() <= CLOSE * np.abs(one).max())
+
+
+@checked()
+def export(
+    model: str | Path | IdentifiedModel, path: str | Path, original: str | Path | None = None
+) -> tuple[str, ...]:
+    """Write an identified model as URDF (`.urdf`) or MJCF (`.xml`).
+
+    Args:
+        model: The model, its `model.json`, or the folder that holds it.
+        path: File to make; it must not exist.
+        original: The robot's own URDF, to put the numbers into; a file of the moving bodies alone
+            is made if `None`.
+
+    Returns:
+        What the format cannot represent, one sentence each.
+
+    Raises:
+        SteelyardError: The file exists, its name ends otherwise, or the model lacks parameters.
+
+    Example:
+        >>> lost = export(load_model("arm-model"), "identified.urdf")
+        >>> print(lost[0].split(":")[0])
+        rotor inertia
+    """
+    target = Path(path)
+    form = {".urdf": "urdf", ".xml": "mjcf"}.get(target.suffix.lower())
+    if form is None or target.exists():
+        raise OutputError(
+            "the file exists already" if form else f"no format of files '{target.suffix}' is known",
+            where=str(target),
+            fix="give the name of a new file that ends in .urdf or .xml",
+        )
+    made = exported(load_model(model), "urdf" if form == "urdf" else "mjcf", original)
+    with whole_file(target) as part:
+        part.write_text(made.text, encoding="utf-8", newline="")
+        refuse_changed(part, made)
+    return tuple(made.unsupported)

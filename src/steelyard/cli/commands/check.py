@@ -82,9 +82,8 @@ def check(
     from steelyard.cli import interrupt
     from steelyard.cli.show import progress_bar
     from steelyard.errors import ModelError
-    from steelyard.files import whole_file, whole_folder
+    from steelyard.files import new_folder, whole_file, whole_folder
     from steelyard.identification.checks.check import check as checked
-    from steelyard.identification.logs import new_folder
     from steelyard.identification.proposed_cut import Parted, parted
     from steelyard.robot_file.file import load_robot
 

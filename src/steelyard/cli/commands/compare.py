@@ -53,9 +53,8 @@ def compare(
     from rich.console import Console
 
     from steelyard.cli.show import progress_bar
-    from steelyard.files import whole_folder
+    from steelyard.files import new_folder, whole_folder
     from steelyard.identification.comparison.compare import compare as compared
-    from steelyard.identification.logs import new_folder
 
     folder = None if output is None else new_folder(output, "")
     with progress_bar() as progress, ExitStack() as parts:

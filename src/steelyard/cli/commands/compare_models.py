@@ -43,9 +43,8 @@ def compare_models(
 
     from steelyard.cli import interrupt
     from steelyard.cli.show import progress_bar
-    from steelyard.files import whole_folder
+    from steelyard.files import new_folder, whole_folder
     from steelyard.identification.comparison.compare_models import compare_models as compared
-    from steelyard.identification.logs import new_folder
 
     folder = None if output is None else new_folder(output, "")
     with progress_bar() as progress, ExitStack() as parts:

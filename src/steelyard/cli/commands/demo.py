@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from steelyard.excitation.trajectories.exact import ExactTrajectory
     from steelyard.identification.identify import Identification
     from steelyard.identification.motion.design import DesignedMotion
-    from steelyard.robot_file.file import LoadedRobot
+    from steelyard.robot_file.loaded import LoadedRobot
 
 SEARCHES = 2
 """Searches after which the design of the motion ends, on a busy machine as well."""
@@ -41,9 +41,9 @@ def demo(
     from steelyard.cli import interrupt
     from steelyard.cli.show import progress_bar
     from steelyard.excitation.search.parallel_search import SearchBudget
-    from steelyard.files import whole_folder
+    from steelyard.files import new_folder, whole_folder
+    from steelyard.identification.described_model import model_with_open_friction
     from steelyard.identification.identify import identify
-    from steelyard.identification.logs import model_of, new_folder
     from steelyard.identification.motion.design import DesignedMotion, DesignTask
     from steelyard.virtual.demo import demo_runs, true_parameters
 
@@ -53,7 +53,7 @@ def demo(
 
         def designed(loaded: "LoadedRobot") -> "ExactTrajectory":
             effort = SearchBudget(DESIGN, SEARCHES, os.cpu_count() or 1, seed)
-            task = DesignTask(loaded, model_of(loaded), None, ("csv",), None)
+            task = DesignTask(loaded, model_with_open_friction(loaded), None, ("csv",), None)
             found.append(task.done(effort, progress=progress))
             (part / "motion").mkdir()
             found[0].write(part / "motion")

@@ -126,7 +126,7 @@ def excite(
     from rich.console import Console
 
     from steelyard.excitation.search.parallel_search import SearchBudget
-    from steelyard.identification.logs import new_folder
+    from steelyard.files import new_folder
     from steelyard.identification.motion.design import design_task
     from steelyard.report.text.design_words import level
     from steelyard.robot.xacro.read import stem_of

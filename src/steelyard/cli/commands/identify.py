@@ -131,9 +131,8 @@ def run_identify(
 ) -> "tuple[Identification, Path]":
     """Identify into a new folder, whole or not at all; once written, nothing stops the command."""
     from steelyard.cli import interrupt
-    from steelyard.files import whole_folder
+    from steelyard.files import new_folder, whole_folder
     from steelyard.identification.identify import identify
-    from steelyard.identification.logs import new_folder
     from steelyard.robot.xacro.read import stem_of
 
     folder = new_folder(output, f"steelyard-{stem_of(robot)}")

@@ -14,7 +14,7 @@ from steelyard.cli.options import ARGUMENTS, FixedBase, Json
 
 if TYPE_CHECKING:
     from steelyard.cli.stated import Stated
-    from steelyard.identification.logs import LogArgument
+    from steelyard.identification.named_logs import LogArgument
     from steelyard.identification.proposed_cut import Parted
     from steelyard.robot_file.template.known import Known
     from steelyard.robot_file.template.proposal import Proposal
@@ -105,7 +105,7 @@ def init(
     from steelyard.cli.stated import Stated
     from steelyard.errors import ModelError, OutputError
     from steelyard.files import whole_file
-    from steelyard.identification.logs import log_files
+    from steelyard.identification.named_logs import log_files
     from steelyard.identification.proposed_cut import Parted, parted
     from steelyard.robot_file.file import load_robot
     from steelyard.robot_file.template.proposal import proposed
@@ -155,7 +155,7 @@ def examined(
     """Joints with their columns, and what else logs and answers contain."""
     from steelyard.cli import ask as questions
     from steelyard.identification.checks.first_look import looked_at, refuse_other_columns
-    from steelyard.identification.logs import sample_of
+    from steelyard.identification.named_logs import sample_of
     from steelyard.robot_file.template.known import Known, with_effort
     from steelyard.robot_file.template.template import assigned, gears_of
 

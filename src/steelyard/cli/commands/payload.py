@@ -91,8 +91,7 @@ def payload(
     from steelyard.cli import interrupt
     from steelyard.cli.show import progress_bar
     from steelyard.estimation.payload.load import PayloadEstimate
-    from steelyard.files import whole_folder, write_json
-    from steelyard.identification.logs import new_folder
+    from steelyard.files import new_folder, whole_folder, write_json
     from steelyard.identification.uses.payload import known_of, payload_inputs
     from steelyard.report.payload_page import render_payload_events
     from steelyard.report.terminal.payload import event_lines, payload_lines

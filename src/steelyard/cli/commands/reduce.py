@@ -104,8 +104,7 @@ def reduce(
 
     from steelyard.cli import interrupt
     from steelyard.cli.show import progress_bar
-    from steelyard.files import whole_folder
-    from steelyard.identification.logs import new_folder
+    from steelyard.files import new_folder, whole_folder
     from steelyard.identification.motion.design import design_excitation
     from steelyard.identification.reduction.reduce import reduce as reduced
     from steelyard.report.text.verdict import exit_code

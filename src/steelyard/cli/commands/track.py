@@ -70,8 +70,7 @@ def track(
 
     from steelyard.cli import interrupt
     from steelyard.cli.show import progress_bar
-    from steelyard.files import whole_folder
-    from steelyard.identification.logs import new_folder
+    from steelyard.files import new_folder, whole_folder
     from steelyard.identification.motion.track import track as tracked
     from steelyard.robot.xacro.read import stem_of
 

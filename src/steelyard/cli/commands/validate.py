@@ -43,8 +43,7 @@ def validate(
 
     from steelyard.cli import interrupt
     from steelyard.cli.show import progress_bar
-    from steelyard.files import whole_folder
-    from steelyard.identification.logs import new_folder
+    from steelyard.files import new_folder, whole_folder
     from steelyard.identification.validate import validate as validated
     from steelyard.report.text.next_steps import fixing, path_word, robot_file, step_lines
     from steelyard.report.text.verdict import exit_code, over

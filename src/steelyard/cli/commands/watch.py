@@ -99,8 +99,8 @@ def watch(
     from steelyard.cli import interrupt
     from steelyard.cli.show import progress_bar
     from steelyard.errors import DataError
+    from steelyard.files import new_folder
     from steelyard.formats.streams.source import STANDARD_INPUT, rows_of
-    from steelyard.identification.logs import new_folder
     from steelyard.identification.uses.watch import start_watch, watch_rows
     from steelyard.identification.uses.watch_files import StreamFiles
     from steelyard.report.terminal.watch import state_line

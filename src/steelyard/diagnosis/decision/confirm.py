@@ -12,7 +12,7 @@ from steelyard.diagnosis.finding import Edit
 from steelyard.diagnosis.likelihood.excerpt import excerpt_of
 from steelyard.diagnosis.likelihood.likelihood import likelihood_of
 from steelyard.errors import SteelyardError
-from steelyard.robot_file.file import LoadedRobot
+from steelyard.robot_file.loaded import LoadedRobot
 
 CLOSE = 1.05
 """Typical misfit over that of the winner up to which the edits do what they should."""

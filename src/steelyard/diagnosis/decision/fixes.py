@@ -14,7 +14,8 @@ from steelyard.diagnosis.likelihood.interpretation import Interpretation
 from steelyard.diagnosis.likelihood.likelihood import Likelihood
 from steelyard.errors import ModelError
 from steelyard.robot_file.efforts import MOTOR_KINDS
-from steelyard.robot_file.file import LoadedRobot, load_robot_file
+from steelyard.robot_file.file import load_robot_file
+from steelyard.robot_file.loaded import LoadedRobot
 from steelyard.robot_file.sections import Gain
 
 DIGITS = 4

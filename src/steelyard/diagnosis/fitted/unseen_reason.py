@@ -21,7 +21,7 @@ from steelyard.diagnosis.hypotheses.by_zero import CAUSE
 from steelyard.diagnosis.likelihood.likelihood import Likelihood
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.measurement.run import Run
-from steelyard.robot_file.file import LoadedRobot
+from steelyard.robot_file.loaded import LoadedRobot
 from steelyard.robot_file.sections import EstimationSection, ProcessingSection, ValidationSection
 from steelyard.validation.score import RunScore
 

@@ -13,7 +13,7 @@ from steelyard.arrays import Array
 from steelyard.diagnosis.case import Case, Evidence
 from steelyard.diagnosis.finding import Finding, Fix, Severity
 from steelyard.robot_file.column_names import words_of
-from steelyard.robot_file.file import LoadedRobot
+from steelyard.robot_file.loaded import LoadedRobot
 
 TURNS = {"gyro", "gyroscope", "omega", "angular"}
 PULLS = {"acc", "accel", "accelerometer", "acceleration"}

@@ -8,6 +8,7 @@ elsewhere; a quadratic through the last one gives the values, and the rise of th
 by 3.84 their 95 % intervals.
 """
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
@@ -16,6 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from steelyard.arguments import checked
+from steelyard.errors import DataError
 from steelyard.estimation.fields.passes import (
     WIDEST,
     InformationOf,
@@ -33,9 +36,10 @@ from steelyard.model import Model
 from steelyard.progress import Progress, silent
 from steelyard.regression.gather import gather
 from steelyard.regression.information import Information
-from steelyard.regression.regressor import Regressor
+from steelyard.regression.regressor import Regressor, base_regressor
 from steelyard.terms.open_fields import finds_of
 from steelyard.terms.term import Term
+from steelyard.validation.friction.mixes import remembers
 
 ROUNDS = 12
 """Most searches per term where terms are searched one after another."""
@@ -226,3 +230,35 @@ def _groups(model: Model, unknowns: Sequence[Unknown]) -> list[tuple[int, ...]]:
             groups.append((term,))
             room = WIDEST - width
     return groups
+
+
+@checked(threads=1)
+def information(
+    model: Model,
+    runs: Sequence[Run],
+    *,
+    threads: int | None = None,
+    progress: Progress = silent,
+) -> Information:
+    """What runs say about the base parameters of a model, in one pass over their samples.
+
+    Args:
+        model: The model.
+        runs: The runs.
+        threads: Native threads; as many as the machine has cores if `None`.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Example:
+        >>> info = information(model_of("arm.toml"), load_runs("arm.toml", "fit.csv"))
+        >>> info.normal()[0].shape == (len(info.layout.columns),) * 2
+        True
+    """
+    if not runs:
+        raise DataError(
+            "there is no run", where="list of runs", fix="give those that load_runs returns"
+        )
+    cores = threads or os.cpu_count() or 1
+    information_of = information_from(
+        runs, rests=remembers(model.terms), threads=cores, progress=progress
+    )
+    return information_of(base_regressor(model))

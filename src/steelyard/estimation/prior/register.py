@@ -27,7 +27,7 @@ from steelyard.estimation.prior.prior_given import given_knowledge
 from steelyard.model import Model
 from steelyard.robot.inertia import INERTIAL_NAMES
 from steelyard.robot_file.described import Kinds
-from steelyard.robot_file.file import LoadedRobot
+from steelyard.robot_file.loaded import LoadedRobot
 from steelyard.terms.register import TERMS
 
 CONSTRAINTS: dict[str, type[Any]] = {

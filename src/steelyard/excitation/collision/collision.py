@@ -20,7 +20,7 @@ from steelyard.excitation.shapes.shapes import Geometry, Shape
 from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.progress import Progress, silent
 from steelyard.robot.robot import Robot
-from steelyard.robot_file.file import LoadedRobot
+from steelyard.robot_file.loaded import LoadedRobot
 
 MARGIN = 0.01
 """Distance that is kept by default [m]."""

@@ -16,7 +16,7 @@ from steelyard.excitation.shapes.solids import Ball, Capsule, HalfSpace
 from steelyard.excitation.uncovered import Declined, Gap
 from steelyard.kernel.quantities.kinematics import frame_of, last_frame
 from steelyard.robot.robot import Robot
-from steelyard.robot_file.file import LoadedRobot
+from steelyard.robot_file.loaded import LoadedRobot
 from steelyard.robot_file.model_source import read_mechanism
 from steelyard.suggest import advice
 

@@ -37,9 +37,9 @@ from steelyard.excitation.trajectories.slowed import SlowedMotion
 from steelyard.excitation.workspace_tables import tool_of
 from steelyard.kernel.quantities.kinematics import frame_of
 from steelyard.robot.robot import Frame, Robot
-from steelyard.robot_file.excitation_sections import BoxSpans
-from steelyard.robot_file.file import LoadedRobot
+from steelyard.robot_file.loaded import LoadedRobot
 from steelyard.robot_file.model_source import beside
+from steelyard.robot_file.motion_sections import BoxSpans
 
 WHERE = "[excitation.motion]"
 

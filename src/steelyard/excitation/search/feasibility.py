@@ -15,7 +15,7 @@ from steelyard.excitation.problem import Problem
 from steelyard.excitation.search.starts import Standing, nearest_free, postures, standing
 from steelyard.excitation.search.widening import SIZE, lacking, names, rounded_up, widen
 from steelyard.robot.robot import Robot
-from steelyard.robot_file.file import LoadedRobot
+from steelyard.robot_file.loaded import LoadedRobot
 
 LEAST_SWING = {"revolute": 2e-3, "prismatic": 5e-4}
 """Amplitude [rad; m] of the highest harmonic below which a series shows next to nothing."""

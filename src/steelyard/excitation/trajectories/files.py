@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from steelyard.arguments import checked
 from steelyard.arrays import Array
 from steelyard.errors import DataError, LogError
 from steelyard.excitation.trajectories.chained import ChainedMotion
@@ -22,6 +23,8 @@ from steelyard.files import write_json
 from steelyard.formats import open_log
 from steelyard.formats.log import Log
 from steelyard.robot.robot import Coordinate, Robot
+from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.loaded import LoadedRobot
 from steelyard.suggest import advice
 
 _AT_REST = 1e-9
@@ -234,3 +237,21 @@ def _missing(path: Path) -> DataError:
 
 def _refused(path: Path, wrong: str, fix: str) -> DataError:
     return DataError(wrong, where=str(path), fix=fix)
+
+
+@checked()
+def read_trajectory(path: str | Path, robot: str | Path | LoadedRobot) -> ExactTrajectory:
+    """The motion in a file.
+
+    Args:
+        path: `trajectory.json` of `excite` or `simulate`, or a CSV or Parquet table of postures.
+        robot: The robot that it is for.
+
+    Raises:
+        SteelyardError: The file is no motion of this robot.
+
+    Example:
+        >>> read_trajectory("fit/trajectory.json", "arm.toml").duration > 5.0
+        True
+    """
+    return read_motion(Path(path), load_robot(robot).robot)

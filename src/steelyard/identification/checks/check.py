@@ -15,9 +15,9 @@ from steelyard.diagnosis import Diagnosis, register
 from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.identification.checks.check_case import diagnosed, refuse_foreign, subject_of
 from steelyard.identification.checks.fix import Fixed, fixed, target_of
-from steelyard.identification.logs import log_files
+from steelyard.identification.job_result import Result
 from steelyard.identification.method import method_of
-from steelyard.identification.result import Result, paths_of
+from steelyard.identification.named_logs import log_files, paths_of
 from steelyard.progress import Progress, silent
 from steelyard.report.check_page import CheckContent, render_check
 from steelyard.report.terminal.findings import show as show_findings

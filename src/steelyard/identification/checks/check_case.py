@@ -12,7 +12,7 @@ from steelyard.diagnosis.finding import Edit, Finding, Fix, Severity
 from steelyard.errors import LogError, ModelError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.formats import parse_log_argument
-from steelyard.identification.logs import (
+from steelyard.identification.named_logs import (
     LogArgument,
     distinct_names,
     recording_of,
@@ -23,7 +23,8 @@ from steelyard.identification.logs import (
 from steelyard.measurement.rows.clock import no_row, time_span
 from steelyard.progress import Progress, report_progress
 from steelyard.robot_file.edits import edited
-from steelyard.robot_file.file import LoadedRobot, load_robot, robot_text
+from steelyard.robot_file.file import load_robot, robot_text
+from steelyard.robot_file.loaded import LoadedRobot
 from steelyard.robot_file.signals import Signals
 from steelyard.robot_file.template.guess_columns import (
     guess_columns,

@@ -10,7 +10,7 @@ from steelyard.diagnosis.hypotheses.controller_gains import ControllerGains, gai
 from steelyard.diagnosis.likelihood.excerpt import Excerpt, excerpt_of
 from steelyard.errors import LogError
 from steelyard.formats import open_log
-from steelyard.identification.logs import LogArgument, recording_of
+from steelyard.identification.named_logs import LogArgument, recording_of
 from steelyard.measurement import Processing
 from steelyard.model import Model
 from steelyard.robot.robot import Coordinate, Transmission

@@ -11,7 +11,7 @@ from steelyard.errors import ModelError, OutputError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.files import whole_file
 from steelyard.identification.checks.check_case import Subject, diagnosed
-from steelyard.identification.logs import LogArgument
+from steelyard.identification.named_logs import LogArgument
 from steelyard.progress import Progress
 from steelyard.report.text.findings import diagnosis_dict, edit_dict, place
 from steelyard.robot.xacro.read import stem_of

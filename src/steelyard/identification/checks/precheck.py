@@ -7,11 +7,12 @@ from steelyard.diagnosis.examine import Diagnosis
 from steelyard.diagnosis.finding import Severity
 from steelyard.errors import DataError
 from steelyard.identification.checks.check_case import Subject, diagnosed
-from steelyard.identification.logs import LogArgument
+from steelyard.identification.named_logs import LogArgument
 from steelyard.progress import Progress
 from steelyard.report.terminal.findings import notes
 from steelyard.report.text.findings import by_edits, lines, place
-from steelyard.robot_file.file import LoadedRobot, robot_text
+from steelyard.robot_file.file import robot_text
+from steelyard.robot_file.loaded import LoadedRobot
 
 
 def prechecked(

@@ -11,7 +11,8 @@ from rich.console import Console
 
 from steelyard.arguments import checked
 from steelyard.identification.comparison.compare_inputs import comparison_inputs, offers_of
-from steelyard.identification.result import Result, frame, paths_of
+from steelyard.identification.job_result import Result, frame
+from steelyard.identification.named_logs import paths_of
 from steelyard.progress import Progress, silent
 from steelyard.report import ReportContent
 from steelyard.report.compare_page import render_comparison

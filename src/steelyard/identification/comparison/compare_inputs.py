@@ -9,14 +9,16 @@ from steelyard.estimation.fields.fields import information_from
 from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
 from steelyard.estimation.register import ESTIMATORS, Context, Offer, offer_of
 from steelyard.identification.checks.precheck import passed, prechecked
+from steelyard.identification.described_model import model_with_open_friction
 from steelyard.identification.descriptions import dropped, dropped_rows, notes_of
-from steelyard.identification.logs import log_files, model_of, refuse_overlaps, runs_of, signals_of
 from steelyard.identification.method import Sources, context_of, method_of
+from steelyard.identification.named_logs import log_files, refuse_overlaps, runs_of, signals_of
 from steelyard.identification.prepare_model import Ground, Payload, grounded
 from steelyard.progress import Progress
 from steelyard.regression.regressor import base_regressor
 from steelyard.report import ReportContent
-from steelyard.robot_file.file import LoadedRobot, load_robot
+from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.loaded import LoadedRobot
 from steelyard.validation.compare import Parts
 from steelyard.validation.comparison import Comparison
 from steelyard.validation.cross import longest_window
@@ -108,7 +110,7 @@ def comparison_inputs(
             fix="identify the gains first (steelyard identify ROBOT LOG --loaded LOG "
             "--payload-mass KG), and write them into the robot file",
         )
-    model = model_of(file)
+    model = model_with_open_friction(file)
     found_out = (
         prechecked(file.reference, replace(file, signals=signals), files, progress)
         if check

@@ -12,17 +12,17 @@ from steelyard.arguments import checked
 from steelyard.errors import ModelError
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.identification.descriptions import dropped_rows, notes_of
-from steelyard.identification.logs import (
+from steelyard.identification.job_result import Result, frame
+from steelyard.identification.logs import fitted_before, processing_of
+from steelyard.identification.named_logs import (
     LogArgument,
-    fitted_before,
     log_files,
+    paths_of,
     prepared,
-    processing_of,
     recording_of,
 )
 from steelyard.identification.named_models import named_models
 from steelyard.identification.repeated_rows import holds_fitted_rows
-from steelyard.identification.result import Result, frame, paths_of
 from steelyard.measurement import Run
 from steelyard.progress import Progress, report_progress, silent
 from steelyard.report import ReportContent

@@ -23,7 +23,6 @@ from steelyard.estimation.least_squares.least_squares import (
 from steelyard.estimation.payload.gains import GainEstimate
 from steelyard.estimation.register import KNOWLEDGE, PRIOR, WEIGHTS, Context, Offer, offer_of
 from steelyard.estimation.zero_offset import ZeroOffsets
-from steelyard.identification.logs import wanted_by
 from steelyard.identification.method import (
     LEAST_SQUARES,
     Sources,
@@ -32,6 +31,7 @@ from steelyard.identification.method import (
     on_information,
     own_of,
 )
+from steelyard.identification.named_logs import wanted_by
 from steelyard.identification.prepare_model import TOO_SHORT, Ground, grounded
 from steelyard.identification.prepare_model import Payload as Payload
 from steelyard.measurement import Run
@@ -41,7 +41,7 @@ from steelyard.progress import Progress
 from steelyard.regression.base import base_parameters
 from steelyard.regression.information import Information
 from steelyard.regression.regressor import base_regressor
-from steelyard.robot_file.file import LoadedRobot
+from steelyard.robot_file.loaded import LoadedRobot
 from steelyard.robot_file.sections import EstimationSection, PriorSection
 from steelyard.robot_file.signals import Signals
 from steelyard.terms.laws.rigid_body import RigidBody

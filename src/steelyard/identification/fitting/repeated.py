@@ -15,7 +15,7 @@ from steelyard.estimation.estimate import Estimate
 from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.estimation.repeated import RepeatedEstimates
 from steelyard.identification.fitting.fitting import Fit
-from steelyard.identification.result import frame
+from steelyard.identification.job_result import frame
 from steelyard.progress import Progress, report_progress
 from steelyard.report import ReportContent
 from steelyard.report.sections.estimation.repeated import repeated_table

@@ -6,7 +6,8 @@ from dataclasses import replace
 from steelyard.errors import LogError
 from steelyard.estimation.fields.fields import information_from
 from steelyard.identification.fitting.fitting import Fit
-from steelyard.identification.logs import LogArgument, processing_of, recording_of, scored
+from steelyard.identification.logs import processing_of, scored
+from steelyard.identification.named_logs import LogArgument, recording_of
 from steelyard.measurement import Processing, Run, prepare
 from steelyard.measurement.defaults import MATCHED_HIGHEST, NYQUIST_SHARE, rounded
 from steelyard.progress import Progress

@@ -22,20 +22,21 @@ from steelyard.excitation.search.parallel_search import SearchBudget
 from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.excitation.trajectories.files import read_motion, write_motion
 from steelyard.identification.defaults import DESIGN_BUDGET_S
-from steelyard.identification.logs import model_of, with_friction
+from steelyard.identification.described_model import model_with_open_friction, with_friction
+from steelyard.identification.job_result import Result
 from steelyard.identification.motion.excitation_inputs import (
     earlier_of,
     identified_before,
     refuse_formats,
     with_options,
 )
-from steelyard.identification.result import Result
 from steelyard.model import Model
 from steelyard.progress import Progress, silent
 from steelyard.report import ReportContent, render
 from steelyard.report.terminal.design import design_summary
 from steelyard.report.text.design_words import headline, scopes
-from steelyard.robot_file.file import LoadedRobot, load_robot
+from steelyard.robot_file.file import load_robot
+from steelyard.robot_file.loaded import LoadedRobot
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -191,7 +192,7 @@ def design_task(
     """
     loaded = with_options(load_robot(robot, base=fixed_base), **tables)
     known = None if earlier is None else identified_before(earlier, loaded)
-    model = with_friction(model_of(loaded), loaded)
+    model = with_friction(model_with_open_friction(loaded), loaded)
     if known is not None:
         model = Model(loaded.robot, known.model.terms)
     forms = ("csv", *formats)

@@ -16,7 +16,7 @@ from steelyard.excitation.previous_model import Earlier
 from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.excitation.trajectories.minimum_jerk import through_postures
 from steelyard.robot_file.excitation_sections import changed_excitation
-from steelyard.robot_file.file import LoadedRobot
+from steelyard.robot_file.loaded import LoadedRobot
 
 
 def with_options(loaded: LoadedRobot, **options: Any) -> LoadedRobot:

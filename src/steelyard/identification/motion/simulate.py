@@ -16,7 +16,7 @@ from steelyard.excitation.trajectories.exact import ExactTrajectory
 from steelyard.excitation.trajectories.files import read_motion
 from steelyard.excitation.trajectories.random_fourier import random_fourier
 from steelyard.excitation.trajectories.slowed import SlowedMotion
-from steelyard.identification.logs import model_of, with_friction
+from steelyard.identification.described_model import model_with_open_friction, with_friction
 from steelyard.kernel.quantities.kinematics import last_frame
 from steelyard.progress import Progress, silent
 from steelyard.robot.robot import Robot
@@ -174,7 +174,7 @@ def true_robot(
         seed: Seed of the random values.
     """
     if truth is None:
-        terms = with_friction(model_of(loaded), loaded).terms
+        terms = with_friction(model_with_open_friction(loaded), loaded).terms
         return random_truth(loaded.robot, seed, terms=terms).drifted(friction_drift), None
     real, gains = read_truth(Path(truth), loaded.robot)
     return real.drifted(friction_drift), gains

@@ -12,9 +12,9 @@ from steelyard.arguments import checked
 from steelyard.control.usable import refuse_other_robot, refuse_unknown_gains, remarks
 from steelyard.estimation.identified import IdentifiedModel
 from steelyard.excitation.trajectories.files import read_motion
+from steelyard.identification.job_result import Result
 from steelyard.identification.motion.simulate import true_robot
 from steelyard.identification.named_models import named_models
-from steelyard.identification.result import Result
 from steelyard.kernel.quantities.kinematics import frame_of, last_frame
 from steelyard.progress import Progress, silent
 from steelyard.report import ReportContent

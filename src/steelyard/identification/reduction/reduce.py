@@ -27,17 +27,18 @@ from steelyard.estimation.reduction.reduce import reduce as reduced_by
 from steelyard.estimation.reduction.register import criterion_of, rule_of
 from steelyard.estimation.reduction.rules import Tolerance
 from steelyard.identification.descriptions import dropped, dropped_rows, notes_of, settings
-from steelyard.identification.logs import (
+from steelyard.identification.job_result import Result
+from steelyard.identification.logs import processing_of, scored
+from steelyard.identification.named_logs import (
     log_files,
+    paths_of,
     prepared,
-    processing_of,
     recording_of,
     refuse_overlaps,
-    scored,
     sha256,
 )
 from steelyard.identification.repeated_rows import marked_repeats
-from steelyard.identification.result import Result, Scores, paths_of
+from steelyard.identification.result import Scores
 from steelyard.measurement import Run
 from steelyard.measurement.motion_samples import motion_samples
 from steelyard.measurement.run import fastest_of

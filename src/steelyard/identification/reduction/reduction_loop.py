@@ -11,9 +11,9 @@ from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.estimation.reduction.register import criterion_of
 from steelyard.excitation.design import condition_of_motion
 from steelyard.excitation.search.parallel_search import SearchBudget
+from steelyard.excitation.trajectories.files import read_trajectory
 from steelyard.identification.identify import identify
 from steelyard.identification.motion.design import design_task
-from steelyard.identification.parts import read_trajectory
 from steelyard.identification.reduction.reduce import reduce
 from steelyard.motion import Rig, run
 from steelyard.progress import Progress, silent

@@ -11,8 +11,6 @@ from steelyard.application.contact import (
     ContactEvent,
     SuspectedContact,
     contacts_in,
-    sliding_friction,
-    supported_rate,
     without_contact,
 )
 from steelyard.application.other_efforts import refuse_other_efforts
@@ -26,23 +24,29 @@ from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.estimation.residual_peaks import ContactThresholds, ResidualPeaks
 from steelyard.files import write_json
 from steelyard.identification.descriptions import left_out, notes_of
-from steelyard.identification.logs import (
-    fitted_before,
+from steelyard.identification.job_result import Result
+from steelyard.identification.logs import fitted_before, processing_of
+from steelyard.identification.named_logs import (
     log_files,
+    paths_of,
     prepared,
-    processing_of,
     recording_of,
     refuse_overlaps,
 )
 from steelyard.identification.repeated_rows import holds_fitted_rows
-from steelyard.identification.result import Result, paths_of
 from steelyard.measurement import Run
 from steelyard.progress import Progress, silent
 from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor
 from steelyard.report.contact_page import OFTEN, ContactContent, contact_lines, render_contact
 from steelyard.validation.friction.mixes import remembers
-from steelyard.validation.residual_traces import ResidualTrace, residual_cutoff, residual_trace
+from steelyard.validation.residual_traces import (
+    ResidualTrace,
+    residual_cutoff,
+    residual_trace,
+    sliding_friction,
+    supported_rate,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console

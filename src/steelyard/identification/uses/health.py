@@ -17,9 +17,10 @@ from steelyard.errors import LogError
 from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.files import write_json
 from steelyard.identification.descriptions import notes_of
-from steelyard.identification.logs import log_files, prepared, processing_of, recording_of
-from steelyard.identification.logs import refuse_overlaps as refuse_twice
-from steelyard.identification.result import Result, paths_of
+from steelyard.identification.job_result import Result
+from steelyard.identification.logs import processing_of
+from steelyard.identification.named_logs import log_files, paths_of, prepared, recording_of
+from steelyard.identification.named_logs import refuse_overlaps as refuse_twice
 from steelyard.progress import Progress, silent
 from steelyard.regression.gather import gather
 from steelyard.regression.regressor import base_regressor

@@ -17,16 +17,15 @@ from steelyard.estimation.payload.consistent_body import PayloadKnowledge, Shape
 from steelyard.estimation.payload.load import PayloadEstimate
 from steelyard.estimation.payload.load_case import carrier
 from steelyard.identification.descriptions import dropped
-from steelyard.identification.logs import (
+from steelyard.identification.logs import fitted_before, processing_of
+from steelyard.identification.named_logs import (
     LogArgument,
-    fitted_before,
     log_files,
+    paths_of,
     prepared,
-    processing_of,
     recording_of,
     refuse_overlaps,
 )
-from steelyard.identification.result import paths_of
 from steelyard.measurement import Run
 from steelyard.progress import Progress, silent
 from steelyard.regression.gather import gather

@@ -10,8 +10,9 @@ from steelyard.arguments import checked
 from steelyard.arrays import Array, frozen
 from steelyard.errors import DataError
 from steelyard.estimation.identified import IdentifiedModel, load_model
-from steelyard.identification.logs import log_files, prepared, processing_of, recording_of
-from steelyard.identification.result import frame, paths_of
+from steelyard.identification.job_result import frame
+from steelyard.identification.logs import processing_of
+from steelyard.identification.named_logs import log_files, paths_of, prepared, recording_of
 from steelyard.measurement import Run
 from steelyard.progress import Progress, silent
 from steelyard.regression.gather import Mask

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.application.contact import sliding_friction, supported_rate, without_contact
+from steelyard.application.contact import without_contact
 from steelyard.application.payload_events import PayloadEvents, find_payload_events
 from steelyard.application.watch.payload_stream import Detect, PayloadStream
 from steelyard.application.watch.watcher import StreamEvent, Watcher, rests_of, velocity_of
@@ -20,8 +20,8 @@ from steelyard.estimation.payload.load_case import carrier
 from steelyard.estimation.residual_peaks import HOLD, SETTLED, ContactThresholds, ResidualPeaks
 from steelyard.formats import open_log, parse_log_argument
 from steelyard.formats.window import windowed
-from steelyard.identification.logs import LogArgument, fitted_before, log_files, processing_of
-from steelyard.identification.result import paths_of
+from steelyard.identification.logs import fitted_before, processing_of
+from steelyard.identification.named_logs import LogArgument, log_files, paths_of
 from steelyard.identification.uses.contact import edges_of, left_out_words
 from steelyard.identification.uses.watch_files import StreamFiles
 from steelyard.measurement import Recording, prepare
@@ -31,7 +31,13 @@ from steelyard.progress import Progress, report_progress, silent
 from steelyard.regression.gather_samples import gather_samples
 from steelyard.regression.regressor import base_regressor
 from steelyard.validation.friction.mixes import remembers
-from steelyard.validation.residual_traces import FORGOTTEN, ResidualTrace, greatest
+from steelyard.validation.residual_traces import (
+    FORGOTTEN,
+    ResidualTrace,
+    greatest,
+    sliding_friction,
+    supported_rate,
+)
 
 
 @dataclass(frozen=True, eq=False)

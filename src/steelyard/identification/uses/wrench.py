@@ -23,15 +23,10 @@ from steelyard.estimation.external.wrench import (
 from steelyard.estimation.identified import IdentifiedModel, load_model
 from steelyard.files import write_json, write_table
 from steelyard.identification.descriptions import left_out, notes_of
-from steelyard.identification.logs import (
-    fitted_before,
-    log_files,
-    prepared,
-    processing_of,
-    recording_of,
-)
+from steelyard.identification.job_result import Result
+from steelyard.identification.logs import fitted_before, processing_of
+from steelyard.identification.named_logs import log_files, prepared, recording_of
 from steelyard.identification.repeated_rows import holds_fitted_rows
-from steelyard.identification.result import Result
 from steelyard.progress import Progress, silent
 from steelyard.report.wrench_page import (
     WrenchContent,

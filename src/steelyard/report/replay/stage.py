@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from steelyard.excitation.constraints.markers import Marker
     from steelyard.excitation.trajectories.exact import ExactTrajectory
     from steelyard.robot_file.excitation_sections import WorkspaceSection
-    from steelyard.robot_file.file import LoadedRobot
+    from steelyard.robot_file.loaded import LoadedRobot
 
 RATE = 50.0
 """Points of the tool's path a second."""

@@ -12,12 +12,14 @@ from steelyard.arrays import Array, frozen
 from steelyard.errors import ModelError
 from steelyard.robot.geometry import Placement, turn
 from steelyard.robot.inertia import Inertia
-from steelyard.robot.mechanism import Joint, Link, Mechanism, Mimic
+from steelyard.robot.links import Joint, Link
+from steelyard.robot.mechanism import Mechanism
 from steelyard.robot.mjcf.assets import Compiled, compiled
 from steelyard.robot.mjcf.efforts import Actuators
 from steelyard.robot.mjcf.equalities import WORLD, Equalities, name_of, reference
 from steelyard.robot.mjcf.passive_forces import passive_notes, springs_of
 from steelyard.robot.robot import Limits
+from steelyard.robot.ties import Mimic
 from steelyard.robot.xml_reader import read_xml
 
 

@@ -11,7 +11,8 @@ from steelyard.arrays import frozen
 from steelyard.errors import ModelError
 from steelyard.robot.geometry import Placement, turn
 from steelyard.robot.inertia import Inertia, symmetric
-from steelyard.robot.mechanism import Joint, Link, Mechanism
+from steelyard.robot.links import Joint, Link
+from steelyard.robot.mechanism import Mechanism
 from steelyard.robot.robot import JointKind, Limits
 
 DHConvention = Literal["standard", "modified"]

@@ -8,8 +8,10 @@ from steelyard.arrays import frozen
 from steelyard.errors import ModelError
 from steelyard.robot.geometry import Placement, rpy_rotation
 from steelyard.robot.inertia import Inertia, symmetric
-from steelyard.robot.mechanism import Joint, Link, Mechanism, MechanismJointKind, Mimic
+from steelyard.robot.links import Joint, Link, MechanismJointKind
+from steelyard.robot.mechanism import Mechanism
 from steelyard.robot.robot import Limits
+from steelyard.robot.ties import Mimic
 from steelyard.robot.xml_reader import Element, read_xml, xacro_name
 from steelyard.suggest import advice
 

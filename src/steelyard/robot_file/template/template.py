@@ -12,7 +12,7 @@ from steelyard.robot.model_notes import Listed
 from steelyard.robot.robot import Coordinate, Robot
 from steelyard.robot.xml_reader import read_xml
 from steelyard.robot_file.column_names import like_finger
-from steelyard.robot_file.file import LoadedRobot
+from steelyard.robot_file.loaded import LoadedRobot
 from steelyard.robot_file.template.guess_columns import Guess, Sample, guess_columns
 from steelyard.robot_file.template.guess_efforts import BEHIND, TORQUE, UNSTATED, link_side
 from steelyard.robot_file.template.guess_motors import Gears, reductions

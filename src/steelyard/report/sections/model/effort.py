@@ -18,7 +18,8 @@ from steelyard.report.thin import drawn, outline
 
 if TYPE_CHECKING:
     from steelyard.estimation.identified import IdentifiedModel
-    from steelyard.validation.score import RunScore, Traces
+    from steelyard.validation.score import RunScore
+    from steelyard.validation.traces import Traces
 
 POINTS = 2000
 """Most points of one line."""
