@@ -21,6 +21,10 @@ PLOTLY = Path(__file__).parent / "plotly" / "plotly.min.js.gz"
 `tools/update_plotly.py` replaces it."""
 
 
+PICTURE = 'class="picture'
+"""What marks a picture in the page."""
+
+
 @cache
 def _environment() -> "Environment":
     """Templates that escape everything: names come from files of strangers."""

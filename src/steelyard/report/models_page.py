@@ -3,7 +3,7 @@
 from importlib.metadata import version
 
 from steelyard.report.content import ReportContent
-from steelyard.report.page import Shown, page_of
+from steelyard.report.page import page_of, shown_sections
 from steelyard.report.sections.model.quality import QualitySection
 from steelyard.report.sections.model.settings import SettingsSection
 from steelyard.report.sections.models.efforts import ModelEffortsSection
@@ -25,9 +25,5 @@ SECTIONS: tuple[Section, ...] = (
 
 def render_models(content: ReportContent) -> str:
     """The page as HTML text, to be written as UTF-8."""
-    shown = []
-    for section in SECTIONS:
-        numbers = section.numbers(content)
-        if numbers is not None:
-            shown.append(Shown.of(section, numbers))
+    shown = shown_sections(SECTIONS, content)
     return page_of(content.title, content.robot, "compared", version("steelyard"), shown)

@@ -1,29 +1,11 @@
 """The report as one page that needs nothing else: no network, no other file."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version as package_version
+from typing import Any
 
-from steelyard.report.content import ReportContent
-from steelyard.report.html import fill, plotly_archive, verbatim
-from steelyard.report.sections.model.check import PICTURE
-from steelyard.report.sections.register import sections_of
+from steelyard.report.html import PICTURE, fill, plotly_archive, verbatim
 from steelyard.report.sections.section import Numbers, Section
-
-
-def render(content: ReportContent) -> str:
-    """The report as HTML text, to be written as UTF-8."""
-    shown = []
-    for section in sections_of(content):
-        numbers = section.numbers(content)
-        if numbers is not None:
-            shown.append(Shown.of(section, numbers))
-    made, version = "identified", None
-    if content.identified is not None:
-        version = content.identified.provenance.version
-    elif content.design is not None:
-        made, version = "designed", package_version("steelyard")
-    return page_of(content.title, content.robot, made, version, shown)
 
 
 @dataclass(frozen=True)
@@ -46,6 +28,12 @@ class Shown:
     def of(cls, section: Section, numbers: Numbers) -> "Shown":
         """A section with its numbers."""
         return cls(section.name, section.title, section.show(numbers), section.folded)
+
+
+def shown_sections(sections: Iterable[Section], content: Any) -> list[Shown]:
+    """The sections that have something to show."""
+    numbered = ((section, section.numbers(content)) for section in sections)
+    return [Shown.of(section, numbers) for section, numbers in numbered if numbers is not None]
 
 
 def page_of(

@@ -101,6 +101,11 @@ class Certificate:
         return tuple(n for n in self.notes if isinstance(n, Declined))
 
     @property
+    def uncovered(self) -> tuple[str, ...]:
+        """What is not covered, for whatever reason, one sentence each."""
+        return (*self.gaps, *self.declined)
+
+    @property
     def failures(self) -> tuple[str, ...]:
         """What is not proven, and by how much, one line each."""
         beyond = [

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array, frozen
 from steelyard.excitation.shapes.shapes import Shape
-from steelyard.robot.inertia import skew
-from steelyard.robot.robot import Body, Robot
+from steelyard.robot.robot import Robot
+from steelyard.robot.skeleton import bodies_along
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ class ShapeKinematics:
 
     def __call__(self, q: Array) -> Poses:
         """Poses at positions of the joints, shape `(N, n)`."""
-        rotation, origin = self._bodies(q)
+        rotation, origin = bodies_along(self.robot, q)
         axes = [(r @ b.axis) for r, b in zip(rotation[1:], self.robot.bodies, strict=True)]
         count, shapes = len(q), len(self.carriers)
         frames = np.empty((count, shapes, 3, 3))
@@ -85,26 +85,3 @@ class ShapeKinematics:
             own = np.concatenate([self.rotations[which], at], axis=2)
             found.append((int(carrier), which, own.transpose(1, 0, 2).reshape(3, -1)))
         return found
-
-    def _bodies(self, q: Array) -> tuple[list[Array], list[Array]]:
-        """Axes `(N, 3, 3)` and origins `(N, 3)` of the base and all bodies."""
-        count = len(q)
-        rotations = [np.broadcast_to(np.eye(3), (count, 3, 3))]
-        origins = [np.zeros((count, 3))]
-        for body in self.robot.bodies:
-            turn, origin = rotations[body.parent + 1], origins[body.parent + 1]
-            own, slide = _moved(body, body.ratio * q[:, body.coordinate] + body.offset)
-            origins.append(origin + (turn @ (body.position + slide)[..., None])[..., 0])
-            rotations.append(turn @ own)
-        return rotations, origins
-
-
-def _moved(body: Body, x: Array) -> tuple[Array, Array]:
-    """Rotations `(N, 3, 3)` and shifts `(N, 3)` of a body in its parent's frame."""
-    if body.kind == "prismatic":
-        slide = x[:, None] * (body.rotation @ body.axis)
-        return np.broadcast_to(body.rotation, (len(x), 3, 3)), slide
-    k = skew(body.axis)
-    sine, versine = np.sin(x)[:, None, None], (1.0 - np.cos(x))[:, None, None]
-    first, second = body.rotation @ k, body.rotation @ k @ k
-    return body.rotation + sine * first + versine * second, np.zeros((len(x), 3))

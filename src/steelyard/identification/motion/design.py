@@ -32,7 +32,8 @@ from steelyard.identification.motion.excitation_inputs import (
 )
 from steelyard.model import Model
 from steelyard.progress import Progress, silent
-from steelyard.report import ReportContent, render
+from steelyard.report import ReportContent
+from steelyard.report.sections.motion.register import render_design
 from steelyard.report.terminal.design import design_summary
 from steelyard.report.text.design_words import headline, scopes
 from steelyard.robot_file.file import load_robot
@@ -95,7 +96,7 @@ class DesignedMotion(Result):
             workspace=self.loaded.excitation.workspace,
             files=files,
         )
-        return render(content)
+        return render_design(content)
 
     def show(self, console: Console, verbose: bool = False) -> None:
         """Print the predicted accuracy, and which limits are proven; with `verbose` all of it."""

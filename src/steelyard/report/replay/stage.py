@@ -18,9 +18,10 @@ from steelyard.excitation.shapes.shapes import Shape
 from steelyard.excitation.shapes.solids import Ball, Cylinder
 from steelyard.excitation.workspace_tables import tool_of
 from steelyard.report.boxes import all_lines, faces_of
-from steelyard.report.skeleton import all_joints, tool_frame, way_of
+from steelyard.report.skeleton import tool_frame, way_of
 from steelyard.robot.loop_equations import closest
 from steelyard.robot.robot import Robot
+from steelyard.robot.skeleton import all_joints
 
 if TYPE_CHECKING:
     from steelyard.excitation.constraints.markers import Marker

@@ -1,6 +1,7 @@
 """All sections, in the order of the page."""
 
 from steelyard.report.content import ReportContent
+from steelyard.report.page import page_of, shown_sections
 from steelyard.report.sections.estimation.bootstrap import BootstrapSection
 from steelyard.report.sections.estimation.compare import CompareSection
 from steelyard.report.sections.estimation.conditioning import ConditioningSection
@@ -11,7 +12,7 @@ from steelyard.report.sections.estimation.repeated import RepeatedSection
 from steelyard.report.sections.estimation.sensitivity import SensitivitySection
 from steelyard.report.sections.estimation.unseen import UnseenSection
 from steelyard.report.sections.model.bodies import BodiesSection
-from steelyard.report.sections.model.check import CheckSection
+from steelyard.report.sections.model.check_section import CheckSection
 from steelyard.report.sections.model.drives import DrivesSection
 from steelyard.report.sections.model.effort import EffortSection
 from steelyard.report.sections.model.effort_scales import EffortScalesSection
@@ -27,14 +28,6 @@ from steelyard.report.sections.model.torque_split import TorqueSplitSection
 from steelyard.report.sections.model.truth import TruthSection
 from steelyard.report.sections.model.verdict import VerdictSection
 from steelyard.report.sections.model.zero_offsets import ZeroOffsetsSection
-from steelyard.report.sections.motion.advice import DesignAdviceSection
-from steelyard.report.sections.motion.joints import DesignJointsSection
-from steelyard.report.sections.motion.proof import DesignProofSection
-from steelyard.report.sections.motion.run import DesignRunSection
-from steelyard.report.sections.motion.search import DesignSearchSection
-from steelyard.report.sections.motion.shown import DesignShownSection
-from steelyard.report.sections.motion.tool import DesignToolSection
-from steelyard.report.sections.motion.verdict import DesignVerdictSection
 from steelyard.report.sections.section import Section
 
 SECTIONS: tuple[Section, ...] = (
@@ -78,25 +71,14 @@ ERROR_SECTIONS: tuple[Section, ...] = (
 )
 """Sections about the errors of a model on logs, without its fit."""
 
-DESIGN_SECTIONS: tuple[Section, ...] = (
-    DesignVerdictSection(),
-    DesignJointsSection(),
-    DesignToolSection(),
-    DesignShownSection(),
-    DesignAdviceSection(),
-    DesignProofSection(),
-    DesignSearchSection(),
-    DesignRunSection(),
-)
-"""Sections about a designed motion."""
-
 
 def sections_of(content: ReportContent) -> tuple[Section, ...]:
-    """The sections of a page; one about a motion alone has no verdict on a model."""
-    if content.only_errors:
-        return ERROR_SECTIONS
-    if content.design is None:
-        return SECTIONS
-    if content.identified is None:
-        return (*DESIGN_SECTIONS, SettingsSection())
-    return (*SECTIONS, *DESIGN_SECTIONS)
+    """The sections of a page: those about errors alone, or all."""
+    return ERROR_SECTIONS if content.only_errors else SECTIONS
+
+
+def render(content: ReportContent) -> str:
+    """The report as HTML text, to be written as UTF-8."""
+    version = None if content.identified is None else content.identified.provenance.version
+    shown = shown_sections(sections_of(content), content)
+    return page_of(content.title, content.robot, "identified", version, shown)

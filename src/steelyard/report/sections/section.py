@@ -6,7 +6,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
 from steelyard.report.sections.tables import PlainTable, text_table
 
@@ -30,22 +29,22 @@ class Section(ABC):
     """Whether the page shows its heading alone, until a click opens it."""
 
     @abstractmethod
-    def numbers(self, content: ReportContent) -> Numbers | None:
+    def numbers(self, content: Any) -> Numbers | None:
         """What there is to show; `None` leaves the section out."""
 
     @abstractmethod
     def show(self, numbers: Numbers) -> str:
         """The numbers as safe HTML."""
 
-    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+    def to_dict(self, content: Any) -> dict[str, Any]:
         """Fields of `--json`; they are there, and `None`, where there is nothing to show."""
         return {}
 
-    def printed(self, content: ReportContent) -> Iterable[RenderableType]:
+    def printed(self, content: Any) -> Iterable[RenderableType]:
         """What the terminal shows, an empty line before each."""
         return ()
 
-    def detailed(self, content: ReportContent) -> Iterable[RenderableType]:
+    def detailed(self, content: Any) -> Iterable[RenderableType]:
         """What the terminal shows below that with `--verbose`."""
         return ()
 
@@ -57,10 +56,10 @@ class TableSection(Section):
     """Whether the terminal shows them with `--verbose`."""
 
     @abstractmethod
-    def tables(self, content: ReportContent) -> Sequence[PlainTable]:
+    def tables(self, content: Any) -> Sequence[PlainTable]:
         """The tables; none leaves the section out."""
 
-    def numbers(self, content: ReportContent) -> Numbers | None:
+    def numbers(self, content: Any) -> Numbers | None:
         """The tables under the section's title."""
         tables = self.tables(content)
         return {"tables": tables, "title": self.title} if tables else None
@@ -69,7 +68,7 @@ class TableSection(Section):
         """The tables as safe HTML."""
         return fill("tables.html", numbers)
 
-    def detailed(self, content: ReportContent) -> Iterable[RenderableType]:
+    def detailed(self, content: Any) -> Iterable[RenderableType]:
         """The tables, if the terminal shows them."""
         if self.in_terminal:
             yield from (text_table(table, self.title) for table in self.tables(content))

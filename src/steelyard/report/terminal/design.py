@@ -21,8 +21,7 @@ from steelyard.report.text.design_words import (
     uncovered,
     unseen,
 )
-from steelyard.report.text.verdict import COLOURS
-from steelyard.report.text.words import count, relative, significant
+from steelyard.report.text.words import COLOURS, count, relative, significant
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -18,8 +18,7 @@ from steelyard.report.text.findings import (
     tally,
     words_of,
 )
-from steelyard.report.text.verdict import COLOURS
-from steelyard.report.text.words import count
+from steelyard.report.text.words import COLOURS, count
 
 if TYPE_CHECKING:
     from rich.console import Console

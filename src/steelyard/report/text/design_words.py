@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from steelyard.excitation.advice import HELPS
 from steelyard.excitation.bases.families import FAMILIES
-from steelyard.report.text.verdict import Level
-from steelyard.report.text.words import NONE, count, percent, significant
+from steelyard.report.text.words import NONE, Level, count, percent, significant
 
 if TYPE_CHECKING:
     from steelyard.excitation.advice import Advice

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
-from steelyard.report.text.verdict import Level
-from steelyard.report.text.words import count
+from steelyard.report.text.words import Level, count
 
 if TYPE_CHECKING:
     from steelyard.diagnosis import Diagnosis, Edit, Finding, Fix, Severity

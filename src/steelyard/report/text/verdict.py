@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from steelyard.report.content import ReportContent
 from steelyard.report.text.score_words import (
@@ -17,14 +17,12 @@ from steelyard.report.text.score_words import (
     without_percentage,
     worse_joints,
 )
-from steelyard.report.text.words import count, percent
+from steelyard.report.text.words import Level, count, percent
 from steelyard.validation.headline import PooledError, as_logged, pooled
 
 if TYPE_CHECKING:
     from steelyard.diagnosis import Finding
     from steelyard.validation.score import RunScore
-
-Level = Literal["good", "fair", "poor", "none"]
 
 GOOD = 10.0
 """Relative error [%] up to which a joint counts as well predicted."""
@@ -34,9 +32,6 @@ FAIR = 30.0
 
 SEVERITY: tuple[Level, ...] = ("good", "none", "fair", "poor")
 """Levels, the best first."""
-
-COLOURS: dict[Level, str] = {"good": "green", "fair": "yellow", "poor": "red", "none": "default"}
-"""Colours of levels in a terminal."""
 
 LIMITED: dict[str, Level] = {"ok": "none", "doubtful": "fair", "wrong": "poor"}
 """The best level that a limitation of this severity leaves; one that is ok leaves every level."""

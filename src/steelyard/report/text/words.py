@@ -2,6 +2,13 @@
 
 import re
 from math import floor, isfinite, log10
+from typing import Literal
+
+Level = Literal["good", "fair", "poor", "none"]
+"""How good something is; `none` if there is nothing to judge by."""
+
+COLOURS: dict[Level, str] = {"good": "green", "fair": "yellow", "poor": "red", "none": "default"}
+"""Colours of levels in a terminal."""
 
 NONE = "–"
 """Stands where there is no number."""

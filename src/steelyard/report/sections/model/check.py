@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from steelyard.report.content import ReportContent
-from steelyard.report.html import fill, packed, script_json
-from steelyard.report.sections.section import Numbers, Section
+from steelyard.report.html import packed, script_json
+from steelyard.report.sections.section import Numbers
 from steelyard.report.text.findings import (
     LEVELS,
     OPEN,
-    diagnosis_dict,
     fixes,
     groups,
     headline,
@@ -28,41 +26,14 @@ if TYPE_CHECKING:
     from steelyard.diagnosis import Diagnosis, Finding
     from steelyard.diagnosis.finding import Picture, Trace
 
-PICTURE = 'class="picture'
-"""What marks a picture in the page."""
-
 POINTS = 2000
 """Most points of one line."""
 
 BUDGET = 200_000
 """Points of all pictures of a page together; those behind it are left out."""
 
-FEW = 40_000
-"""The same in a report that is about something else."""
-
 EXACT = 1e5
 """Numbers from here on, such as times that are dates, are drawn in double precision."""
-
-
-class CheckSection(Section):
-    """The verdict on the logs, and every finding; what is not ok with its picture."""
-
-    name: ClassVar[str] = "check"
-    title: ClassVar[str] = "Check of the logs"
-
-    def numbers(self, content: ReportContent) -> Numbers | None:
-        """The findings, if the logs were checked."""
-        if content.diagnosis is None:
-            return None
-        return findings_of(content.diagnosis, FEW, fine=False)
-
-    def to_dict(self, content: ReportContent) -> dict[str, Any]:
-        """The findings."""
-        return {"check": None if content.diagnosis is None else diagnosis_dict(content.diagnosis)}
-
-    def show(self, numbers: Numbers) -> str:
-        """The numbers as safe HTML."""
-        return fill("findings.html", numbers)
 
 
 def findings_of(diagnosis: Diagnosis, budget: int = BUDGET, *, fine: bool = True) -> Numbers:

@@ -8,18 +8,19 @@ from typing import Any, ClassVar
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.report.boxes import AXES
 from steelyard.report.content import ReportContent
 from steelyard.report.figures import Figure, Group, Traced
 from steelyard.report.html import packed
 from steelyard.report.parts import fitted_samples
 from steelyard.report.sections.model.bodies import Solid, solids
 from steelyard.report.sections.section import FigureSection, Numbers
-from steelyard.report.skeleton import body_poses, sticks
 from steelyard.report.text.words import significant
 from steelyard.robot.inertia import Inertia
 from steelyard.robot.loop_equations import loop_equations
 from steelyard.robot.robot import Robot
+from steelyard.robot.skeleton import body_poses, sticks
+
+AXES = "xyz"
 
 MERIDIANS, RINGS = 16, 9
 """Of the surface of an ellipsoid."""

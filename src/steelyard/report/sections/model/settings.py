@@ -5,7 +5,6 @@ from typing import ClassVar
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill
 from steelyard.report.sections.section import Numbers, Section
-from steelyard.report.text.design_words import uncovered
 
 
 class SettingsSection(Section):
@@ -34,5 +33,7 @@ def notes_of(content: ReportContent) -> tuple[str, ...]:
     if content.identified is not None:
         notes += content.identified.provenance.notes
     if (designed := content.design) is not None:
-        notes += tuple(note for note in designed.notes if note not in uncovered(designed))
+        notes += tuple(
+            note for note in designed.notes if note not in designed.certificate.uncovered
+        )
     return tuple(dict.fromkeys(notes))

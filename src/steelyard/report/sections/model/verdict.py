@@ -24,8 +24,8 @@ from steelyard.report.text.score_words import (
     scale_words,
 )
 from steelyard.report.text.table import rows
-from steelyard.report.text.verdict import COLOURS, FAIR, GOOD, level_of, verdict
-from steelyard.report.text.words import NONE, percent, significant
+from steelyard.report.text.verdict import FAIR, GOOD, level_of, verdict
+from steelyard.report.text.words import COLOURS, NONE, percent, significant
 from steelyard.validation.headline import JointError, PooledError, as_logged, pooled
 
 if TYPE_CHECKING:

@@ -12,8 +12,9 @@ from steelyard.report.boxes import AXES, Face, all_lines, corners, faces_of, seg
 from steelyard.report.content import ReportContent
 from steelyard.report.html import fill, packed, rounded, script_json
 from steelyard.report.sections.section import Numbers, Section
-from steelyard.report.skeleton import all_joints, skeleton, way_of
+from steelyard.report.skeleton import skeleton, way_of
 from steelyard.report.text.words import significant
+from steelyard.robot.skeleton import all_joints
 
 if TYPE_CHECKING:
     from steelyard.robot_file.excitation_sections import WorkspaceSection
