@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from steelyard.application.controller.c_code import CCode
-from steelyard.application.controller.functions import Controller
-from steelyard.kernel.quantities.kinematics import last_frame
-from steelyard.model import Model
-from steelyard.parameters import Parameters
+from steelyard.base.arrays import Parameters
+from steelyard.export.code.c_code import CCode
+from steelyard.export.code.functions import Controller
+from steelyard.model.equations.kinematics import last_frame
+from steelyard.model.model import Model
 from steelyard.robot.robot import Robot
 
 STATES, ROUNDS = 256, 2000

@@ -26,20 +26,19 @@ import pinocchio as pin
 from scipy.optimize import minimize
 
 from oracles import pinocchio_model
-from steelyard.excitation.barrier import InequalityConstraints
-from steelyard.excitation.constraints.workspace import HalfSpaces
-from steelyard.excitation.from_tables import build
-from steelyard.excitation.problem import Problem
-from steelyard.excitation.search.methods import Gradient, Method, Watch, searches
-from steelyard.excitation.search.population import CmaEsSearch, GeneticSearch
-from steelyard.excitation.search.repair import scaled
-from steelyard.excitation.search.starts import random_starts
-from steelyard.model import Model
-from steelyard.progress import Stopped
-from steelyard.robot_file.file import load_robot
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.viscous import Viscous
+from steelyard.base.progress import Stopped
+from steelyard.excite.constraints.workspace import HalfSpaces
+from steelyard.excite.problem import Problem
+from steelyard.excite.problem_from_tables import build
+from steelyard.excite.search.newton import InequalityConstraints
+from steelyard.excite.search.population import CmaEsSearch, GeneticSearch
+from steelyard.excite.search.repair import scaled
+from steelyard.excite.search.starts import Gradient, Method, Watch, random_starts, searches
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.robot.file.robot_file import load_robot
 
 SECONDS = float(os.environ.get("STEELYARD_BENCH_SECONDS", "20"))
 """How long each way searches."""

@@ -13,22 +13,22 @@ from typing import ClassVar
 
 import numpy as np
 
-from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.fields.fields import FoundFields, find_fields
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.excitation.search.genetic import evolved
-from steelyard.kernel.equations.dynamics import JointState
-from steelyard.model import Model
-from steelyard.parameters import Parameter
-from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Signature, Window
-from steelyard.regression.regressor import Regressor, base_regressor
+from steelyard.base.arrays import Parameter
+from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.information import Information, Signature, Window
+from steelyard.estimate.information.regressor import Regressor, base_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.nonlinear.fields import FoundFields, find_fields
+from steelyard.excite.search.population import minimised_by_genes
+from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.stribeck import Stribeck
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.model.terms.open_fields import Find
+from steelyard.model.terms.term import Cause, Columns, Dissipation, Term
 from steelyard.robot.robot import Coordinate, Robot
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.stribeck import Stribeck
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.open_fields import Find
-from steelyard.terms.term import Cause, Columns, Dissipation, Term
 
 RATE, REACHES, REACH_TIME, NOISE = 50.0, 16, 1.2, 0.02
 RANGES = np.deg2rad([[-20.0, 80.0], [80.0, 190.0]])
@@ -156,7 +156,9 @@ def genetic(log: Log, seed: int) -> tuple[np.ndarray, float]:
 
     low = np.concatenate([np.zeros(9), np.full(2, np.log(SLOWEST))])
     high = np.concatenate([UPPER, np.full(2, np.log(FASTEST))])
-    best = evolved(errors, low, high, population=CHROMOSOMES, generations=GENERATIONS, seed=seed)
+    best = minimised_by_genes(
+        errors, low, high, population=CHROMOSOMES, generations=GENERATIONS, seed=seed
+    )
     return np.concatenate([best.values[:9], np.exp(best.values[9:])]), best.cost
 
 

@@ -10,14 +10,12 @@ from functools import partial
 
 import numpy as np
 
-from steelyard.arrays import Array
-from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.least_squares.bounded import BoundedLeastSquares
-from steelyard.estimation.least_squares.box import Box, residual_squares
-from steelyard.estimation.least_squares.whitened import whitened
-from steelyard.excitation.search.cma_es import adapted
-from steelyard.excitation.search.genetic import evolved
-from steelyard.regression.information import Information
+from steelyard.base.arrays import Array
+from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.least_squares.constrained import BoundedLeastSquares, Box, residual_squares
+from steelyard.estimate.least_squares.least_squares import whitened
+from steelyard.excite.search.population import minimised_by_cma_es, minimised_by_genes
 
 REACHED = 1.0 + 1e-6
 """Weighted squares over those of the optimum up to which a search has reached it."""
@@ -45,7 +43,7 @@ class Genetic:
     def __call__(self, information: Information) -> Estimate:
         """Estimate all columns that the data see."""
         box = closed(Box.of(whitened(information, ()), self.bounds))
-        found = evolved(
+        found = minimised_by_genes(
             partial(costs, box),
             box.lower,
             box.upper,
@@ -77,7 +75,7 @@ class CmaEs:
     def __call__(self, information: Information) -> Estimate:
         """Estimate all columns that the data see."""
         box = closed(Box.of(whitened(information, ()), self.bounds))
-        found = adapted(
+        found = minimised_by_cma_es(
             partial(costs, box),
             box.lower,
             box.upper,

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from controller_code import CLOCK, OPTIONS, ROUNDS, STATES, Best, Row, states_table, timed
 
-from steelyard.application.controller.c_code import CCode
-from steelyard.application.controller.functions import Controller, ObserverNumbers
-from steelyard.kernel.quantities.kinematics import last_frame
-from steelyard.model import Model
+from steelyard.export.code.c_code import CCode
+from steelyard.export.code.functions import Controller, ObserverNumbers
+from steelyard.model.equations.kinematics import last_frame
+from steelyard.model.model import Model
 
 RATE, SAMPLES = 1000.0, 100
 

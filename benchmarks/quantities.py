@@ -10,10 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from oracles import pinocchio_model
-from steelyard.kernel.quantities.kinematics import last_frame
-from steelyard.model import Model, ValuedModel
-from steelyard.parameters import Parameters
-from steelyard.terms.laws.presliding import Dahl
+from steelyard.base.arrays import Parameters
+from steelyard.model.equations.kinematics import last_frame
+from steelyard.model.laws.presliding import Dahl
+from steelyard.model.model import Model, ValuedModel
 
 STEPS, SAMPLES = 100, 50_000
 Best = Callable[[Callable[[], object], int], float]

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.model import Model
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.robot.file.model_source import DHRow, dh_mechanism
+from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.from_mechanism import reduced
-from steelyard.robot.inertia import Inertia
-from steelyard.robot.model_files.dh import DHRow, dh_mechanism
+from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Body, Coordinate, Robot
-from steelyard.robot_file.file import load_robot
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.viscous import Viscous
 
 ROOT = Path(__file__).parent.parent
 LINK = Inertia.about_com(2.0, [0.02, 0.0, 0.05], 0.02 * np.eye(3))

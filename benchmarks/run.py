@@ -25,26 +25,31 @@ import pinocchio as pin  # noqa: E402
 from genetic import comparison  # noqa: E402
 from linear_searches import comparison as searches  # noqa: E402
 
-from steelyard.estimation.consistent.consistent import Consistent  # noqa: E402
-from steelyard.estimation.knowledge import Knowledge  # noqa: E402
-from steelyard.estimation.least_squares.least_squares import (  # noqa: E402
+from steelyard.estimate.consistent.consistent import Consistent  # noqa: E402
+from steelyard.estimate.information.accumulate import Accumulator, Stretch  # noqa: E402
+from steelyard.estimate.information.gather import accumulate, cut_pieces  # noqa: E402
+from steelyard.estimate.information.information import Information, Signature, Window  # noqa: E402
+from steelyard.estimate.information.regressor import (  # noqa: E402
+    ParallelFilter,
+    Regressor,
+    base_regressor,
+)
+from steelyard.estimate.least_squares.least_squares import (  # noqa: E402
     OrdinaryLeastSquares,
     WeightedLeastSquares,
+    whitened,
 )
-from steelyard.estimation.least_squares.whitened import whitened  # noqa: E402
-from steelyard.estimation.prior.prior import default_knowledge  # noqa: E402
-from steelyard.kernel.native.native_loops import TILE_COLUMNS, TILE_ROWS  # noqa: E402
-from steelyard.measurement.run import Block  # noqa: E402
-from steelyard.model import Model  # noqa: E402
-from steelyard.regression.accumulate import Accumulator, Stretch  # noqa: E402
-from steelyard.regression.gather import accumulate, cut  # noqa: E402
-from steelyard.regression.information import Information, Signature, Window  # noqa: E402
-from steelyard.regression.parallel_filter import ParallelFilter  # noqa: E402
-from steelyard.regression.regressor import Regressor, base_regressor  # noqa: E402
-from steelyard.robot.inertia import INERTIAL_NAMES  # noqa: E402
-from steelyard.terms.laws.coulomb import Coulomb  # noqa: E402
-from steelyard.terms.laws.rigid_body import RigidBody  # noqa: E402
-from steelyard.terms.laws.viscous import Viscous  # noqa: E402
+from steelyard.estimate.prior.prior import (  # noqa: E402
+    Knowledge,
+    default_knowledge,
+)
+from steelyard.model.laws.coulomb import Coulomb  # noqa: E402
+from steelyard.model.laws.rigid_body import RigidBody  # noqa: E402
+from steelyard.model.laws.viscous import Viscous  # noqa: E402
+from steelyard.model.model import Model  # noqa: E402
+from steelyard.robot.rigid_body import INERTIAL_NAMES  # noqa: E402
+from steelyard.runs.run import Block  # noqa: E402
+from steelyard.symbolic.native.native_loops import TILE_COLUMNS, TILE_ROWS  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from controller_code import controller_code  # noqa: E402
@@ -226,7 +231,7 @@ def in_parts(
     blocks = (run.part(start, start + size) for start in range(0, count, size))
     accumulator = Accumulator(found)
     signature = Signature("bench", found.layout.columns, ("Nm",) * 7, "none")
-    return accumulate(accumulator, cut(blocks, "run", accumulator), signature, threads)
+    return accumulate(accumulator, cut_pieces(blocks, "run", accumulator), signature, threads)
 
 
 def noisy(found: Regressor, known: Knowledge) -> Information:
@@ -310,10 +315,12 @@ def write_log(path: Path, count: int) -> None:
 
 def read_log(path: Path) -> None:
     """Prepare and gather; prints peak memory [MiB] and seconds."""
-    from steelyard.formats import open_log
-    from steelyard.measurement import Processing, Recording, prepare
-    from steelyard.regression.gather import gather
-    from steelyard.robot_file.signals import Signals
+    from steelyard.estimate.information.gather import gather
+    from steelyard.logs.formats import open_log
+    from steelyard.robot.file.signals import Signals
+    from steelyard.runs.prepare import prepare
+    from steelyard.runs.processing import Processing
+    from steelyard.runs.recording import Recording
 
     model = seven_joints()
     ones = np.ones(7)

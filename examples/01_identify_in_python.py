@@ -6,15 +6,16 @@ Run it with a folder for the simulated logs: python examples/01_identify_in_pyth
 import sys
 from pathlib import Path
 
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.formats import open_log
-from steelyard.measurement import Recording, prepare
-from steelyard.model import Model
-from steelyard.regression.gather import gather
-from steelyard.regression.regressor import base_regressor
-from steelyard.robot_file.file import load_robot
-from steelyard.validation.score import score
-from steelyard.virtual.demo import demo_runs
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.scores.score import score
+from steelyard.logs.formats import open_log
+from steelyard.model.model import Model
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.runs.prepare import prepare
+from steelyard.runs.recording import Recording
+from steelyard.simulate.demo import demo_runs
 
 files = demo_runs(Path(sys.argv[1]))
 robot = load_robot(files.robot)

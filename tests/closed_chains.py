@@ -7,10 +7,10 @@ import mujoco
 import numpy as np
 
 from invented import ball
-from steelyard.arrays import Array
-from steelyard.robot.inertia import Inertia
-from steelyard.robot.loop_equations import loop_equations
-from steelyard.robot.robot import Body, Coordinate, Limits, Loop, Robot
+from steelyard.base.arrays import Array
+from steelyard.robot.loop_closures import loop_equations
+from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.robot import Body, Coordinate, Limits, LoopClosure, Robot
 
 Z = (0.0, 0.0, 1.0)
 EYE = np.eye(3)
@@ -45,7 +45,7 @@ def five_bar() -> Robot:
         bar("right", -1, (0.25, 0.05, 0.0), 1),
         bar("right_fore", 2, (0.28, 0.0, 0.0), 3),
     )
-    loop = Loop("tip", (1, 3), [[0.4, 0.0, 0.0], [0.45, 0.02, 0.0]])
+    loop = LoopClosure("tip", (1, 3), [[0.4, 0.0, 0.0], [0.45, 0.02, 0.0]])
     return Robot(
         "five-bar",
         bodies,
@@ -71,7 +71,7 @@ def parallelogram(inertias: tuple[Inertia, ...], l1: float, l2: float) -> Robot:
         bodies,
         hinges("link1", "link2", reach=1.0),
         passive=hinges("link3", "link4"),
-        loops=(Loop("tip", (2, 3), [[l1, 0.0, 0.0], [l2, 0.0, 0.0]]),),
+        loops=(LoopClosure("tip", (2, 3), [[l1, 0.0, 0.0], [l2, 0.0, 0.0]]),),
         assembly=(0.0, 1.5, -1.5, 1.5),
     )
 
@@ -92,7 +92,7 @@ def palletizer() -> Robot:
         bodies,
         hinges("column", "crank", "hand"),
         passive=hinges("rod", "arm"),
-        loops=(Loop("coupler", (2, 3), [[0.5, 0.0, 0.0], [0.0, 0.3, 0.0]]),),
+        loops=(LoopClosure("coupler", (2, 3), [[0.5, 0.0, 0.0], [0.0, 0.3, 0.0]]),),
         assembly=(0.0, 1.2, 0.0, -1.0, -0.2),
     )
 
@@ -119,7 +119,7 @@ def slider_crank() -> Robot:
         hinges("crank"),
         (0.0, -9.81, 0.0),
         passive=(*hinges("rod"), *hinges("piston", kind="prismatic")),
-        loops=(Loop("wrist pin", (1, 2), [[0.35, 0.0, 0.0], [0.0, 0.02, 0.0]]),),
+        loops=(LoopClosure("wrist pin", (1, 2), [[0.35, 0.0, 0.0], [0.0, 0.02, 0.0]]),),
         assembly=(1.0, 0.6, 0.1),
     )
 
@@ -134,8 +134,8 @@ def twin_loops() -> Robot:
         bar("lever", -1, (0.9, 0.1, 0.0), 4),
     )
     loops = (
-        Loop("first", (1, 2), [[0.5, 0.0, 0.0], [0.0, 0.4, 0.0]]),
-        Loop("second", (3, 4), [[0.45, 0.0, 0.0], [0.0, 0.3, 0.0]]),
+        LoopClosure("first", (1, 2), [[0.5, 0.0, 0.0], [0.0, 0.4, 0.0]]),
+        LoopClosure("second", (3, 4), [[0.45, 0.0, 0.0], [0.0, 0.3, 0.0]]),
     )
     return Robot(
         "six-bar",
@@ -162,7 +162,7 @@ def spatial() -> Robot:
         bodies,
         hinges("left", "right", reach=0.3),
         passive=hinges("yaw", "pitch", "swing"),
-        loops=(Loop("ball", (2, 4), [[0.4, 0.0, 0.0], [0.05, 0.25, 0.1]]),),
+        loops=(LoopClosure("ball", (2, 4), [[0.4, 0.0, 0.0], [0.05, 0.25, 0.1]]),),
     )
 
 

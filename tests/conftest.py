@@ -18,7 +18,7 @@ import typer.testing
 from hypothesis import HealthCheck, settings
 
 from browser import Tab, chromium, running
-from steelyard.kernel.native.cache import key_of
+from steelyard.symbolic.native.cache import key_of
 
 STATUS = Path("/proc/self/status")
 
@@ -85,7 +85,7 @@ def searches_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Motions are searched in this process: one of its own loads all packages, in 0.8 s."""
     from excitation.tabled import searching_here
 
-    monkeypatch.setattr("steelyard.excitation.search.parallel_search._workers", searching_here)
+    monkeypatch.setattr("steelyard.excite.search.parallel_search._workers", searching_here)
 
 
 @pytest.fixture

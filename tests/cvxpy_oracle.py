@@ -5,10 +5,10 @@ import warnings
 import cvxpy as cp
 import numpy as np
 
-from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.consistent.unknowns import WIDEST
-from steelyard.estimation.least_squares.whitened import Whitened
-from steelyard.robot.inertia import INERTIAL_NAMES
+from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.consistent.penalties import WIDEST
+from steelyard.estimate.least_squares.least_squares import Whitened
+from steelyard.robot.rigid_body import INERTIAL_NAMES
 
 
 def cvxpy_problem(

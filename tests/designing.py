@@ -5,29 +5,25 @@ from collections.abc import Sequence
 import numpy as np
 
 from invented import dh_arm
-from steelyard.excitation.bases.basis import Basis
-from steelyard.excitation.bases.fourier_bases import (
+from steelyard.base.arrays import Parameters
+from steelyard.estimate.information.information_gradient import InformationEvaluator
+from steelyard.excite.constraints.constraint import Constraint, MotionLimits
+from steelyard.excite.constraints.markers import Marker
+from steelyard.excite.constraints.torque import torque_limit
+from steelyard.excite.constraints.workspace import tool_box
+from steelyard.excite.criteria import CRITERIA
+from steelyard.excite.problem import Case, Problem
+from steelyard.excite.trajectories.fourier_bases import (
     BlendedFourier,
     RampedFourier,
     RawFourier,
     RestFourier,
 )
-from steelyard.excitation.bases.reaching_basis import ReachingBasis
-from steelyard.excitation.bases.spline_bases import SplineBasis
-from steelyard.excitation.constraints.constraint import Constraint
-from steelyard.excitation.constraints.markers import Marker
-from steelyard.excitation.constraints.torque import torque_limit
-from steelyard.excitation.constraints.workspace import tool_box
-from steelyard.excitation.criteria.criteria import KINDS
-from steelyard.excitation.limits import MotionLimits
-from steelyard.excitation.objective import Case
-from steelyard.excitation.problem import Problem
-from steelyard.model import Model, ValuedModel
-from steelyard.parameters import Parameters
-from steelyard.regression.information_gradient import InformationEvaluator
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.viscous import Viscous
+from steelyard.excite.trajectories.linear_bases import Basis, ReachingBasis, SplineBasis
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model, ValuedModel
 
 ARM = dh_arm()
 MODEL = Model(ARM, (RigidBody(), Coulomb(), Viscous()))
@@ -89,4 +85,4 @@ def problem(
     """The arm's problem."""
     bounds = limits(jerk)
     shows = InformationEvaluator(MODEL, np.ones(3), 0.01 * bounds.velocity)
-    return Problem(ARM, basis, bounds, constraints, (Case(shows, KINDS[kind]),))
+    return Problem(ARM, basis, bounds, constraints, (Case(shows, CRITERIA[kind]),))

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from steelyard.arrays import frozen
-from steelyard.measurement.noise_propagation import MotionError
-from steelyard.regression.information import Signature
-from steelyard.regression.regressor import Regressor
-from steelyard.regression.samples import Samples, Source
+from steelyard.base.arrays import frozen
+from steelyard.estimate.information.information import Signature
+from steelyard.estimate.information.regressor import Regressor
+from steelyard.estimate.information.samples import FilteredSamples, SampledRun
+from steelyard.runs.noise_propagation import MotionError
 
 
 def motion_of(n: int, count: int, seed: int, still: Sequence[int] = ()) -> np.ndarray:
@@ -28,7 +28,7 @@ def samples_of(
     position: float = 1e-9,
     start: float = 0.0,
     share: float = 1.0,
-) -> Samples:
+) -> FilteredSamples:
     """Samples of instants a hundredth of a second apart.
 
     Args:
@@ -49,10 +49,10 @@ def samples_of(
         np.broadcast_to(np.eye(3), (n, 3, 3)),
         np.zeros((n, 3, 3)),
     )
-    return Samples(
+    return FilteredSamples(
         layout=regressor.layout,
         signature=Signature("model", regressor.layout.columns, ("Nm",) * n, "none"),
-        sources=(Source(run, share, error),),
+        sources=(SampledRun(run, share, error),),
         source=np.zeros(count, dtype=np.intp),
         t=frozen(start + 0.01 * np.arange(count)),
         q=frozen(motion[0].T),

@@ -4,14 +4,19 @@ from collections.abc import Callable
 
 import numpy as np
 
-from steelyard.excitation.trajectories.chained import ChainedMotion, repeated
-from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.excitation.trajectories.fourier import FourierMotion
-from steelyard.excitation.trajectories.minimum_jerk import through_postures
-from steelyard.excitation.trajectories.piecewise import PiecewiseMotion
-from steelyard.excitation.trajectories.sampled import SampledMotion
-from steelyard.excitation.trajectories.trended import TrendedMotion
-from steelyard.excitation.trajectories.windowed import WindowedMotion
+from steelyard.excite.trajectories.composed import (
+    ChainedMotion,
+    TrendedMotion,
+    WindowedMotion,
+    repeated,
+)
+from steelyard.excite.trajectories.fourier import FourierMotion
+from steelyard.excite.trajectories.polynomials import (
+    PiecewiseMotion,
+    SampledMotion,
+    through_postures,
+)
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
 
 
 def rest_fourier(rng: np.random.Generator, periods: int = 2) -> FourierMotion:

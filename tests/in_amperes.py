@@ -5,14 +5,16 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.measurement import Processing, Recording, Run, prepare
-from steelyard.measurement.recording import LogInMemory
-from steelyard.robot_file.file import load_robot
-from steelyard.robot_file.signals import Signals
-from steelyard.virtual.truth import Truth
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.file.signals import Signals
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.runs.run import Run
+from steelyard.simulate.truth import Truth
 
-ROBOT = load_robot(Path(str(files("steelyard.virtual") / "demo_arm.urdf"))).robot
+ROBOT = load_robot(Path(str(files("steelyard.simulate") / "demo_arm.urdf"))).robot
 GAINS = np.array([2.0, -3.0, 1.5, 0.5, -1.0, 4.0])
 RATE = 200.0
 AUTO = Processing()

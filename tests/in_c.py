@@ -9,15 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steelyard.application.controller.c_code import CCode
-from steelyard.application.controller.c_test import self_test
-from steelyard.application.controller.functions import USUAL, Controller
-from steelyard.arrays import Array
-from steelyard.kernel.native.c99 import Precision
-from steelyard.model import Model
-from steelyard.parameters import Parameters
+from steelyard.base.arrays import Array, Parameters
+from steelyard.export.code.c_code import CCode
+from steelyard.export.code.c_files import self_test
+from steelyard.export.code.functions import USUAL_FUNCTIONS, Controller
+from steelyard.model.model import Model
+from steelyard.model.terms.term import Term
 from steelyard.robot.robot import Robot
-from steelyard.terms.term import Term
+from steelyard.symbolic.source_code import Precision
 
 STRICT = ("-Wall", "-Wextra", "-Wconversion", "-Werror", "-pedantic")
 LIBM = {"sin", "cos", "sincos", "sqrt", "fabs", "exp", "tanh", "atan", "fmax"}
@@ -34,7 +33,7 @@ def compiler(name: str = "gcc") -> str:
 def controller_on(
     robot: Robot,
     terms: Sequence[Term],
-    names: Sequence[str] = USUAL,
+    names: Sequence[str] = USUAL_FUNCTIONS,
     frames: Sequence[str] = (),
     seed: int = 0,
 ) -> Controller:

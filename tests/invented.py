@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from steelyard.robot.file.model_source import DHRow, dh_mechanism
+from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.from_mechanism import reduced
-from steelyard.robot.inertia import Inertia
-from steelyard.robot.model_files.dh import DHRow, dh_mechanism
-from steelyard.robot.model_files.urdf import read_urdf
+from steelyard.robot.models.urdf import read_urdf
+from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Body, Coordinate, Robot
-from steelyard.robot_file.file import load_robot
 
 
 def ball(seed: int) -> Inertia:

@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from steelyard.model.laws.register import DEFAULT_TERMS, description_of, term_of
+from steelyard.model.terms.term import StatefulTerm, Term
 from steelyard.robot.robot import Robot
-from steelyard.terms.register import DEFAULT_TERMS, description_of, term_of
-from steelyard.terms.term import StatefulTerm, Term
 
 FIT = "nonlinear friction curve; fitted by"
 

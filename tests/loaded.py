@@ -5,14 +5,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from invented import ball, tree, turned
-from steelyard.arrays import Array
-from steelyard.model import Model
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
-from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Signature, Window
-from steelyard.regression.regressor import base_regressor
-from steelyard.robot.inertia import Inertia
+from steelyard.base.arrays import Array, Parameters
+from steelyard.base.motion import Motion
+from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.information import Information, Signature, Window
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.model.model import Model
+from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Frame, Robot
 
 TOOL = Frame("tool", 3, turned(7), np.array([0.05, -0.1, 0.2]))

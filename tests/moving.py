@@ -3,11 +3,11 @@
 import numpy as np
 
 from invented import tree
-from steelyard.arrays import Array
-from steelyard.kernel.equations.dynamics import JointState
-from steelyard.model import Model
+from steelyard.base.arrays import Array
+from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.model import Model
+from steelyard.model.terms.term import Term
 from steelyard.robot.robot import Frame, Robot, Transmission
-from steelyard.terms.term import Term
 
 
 def geared() -> Robot:

@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 
-from steelyard.arrays import Array
+from steelyard.base.arrays import Array
 from steelyard.robot.robot import Body, Robot
 
 

@@ -3,15 +3,14 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from steelyard.excitation.trajectories.files import write_motion
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.files import write_json
-from steelyard.motion import run
-from steelyard.robot_file.file import LoadedRobot, load_robot
-from steelyard.virtual.demo import write_demo_arm
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.robot import VirtualRobot
-from steelyard.virtual.simulate import customary_sensors
+from steelyard.base.files import write_json
+from steelyard.base.motion import run
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.excite.trajectories.trajectory_files import write_motion
+from steelyard.robot.file.robot_file import LoadedRobot, load_robot
+from steelyard.simulate.demo import write_demo_arm
+from steelyard.simulate.truth import random_truth
+from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 
 Write = Callable[[Path], LoadedRobot]
 

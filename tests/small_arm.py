@@ -4,8 +4,8 @@ from pathlib import Path
 from shutil import copyfile
 
 import steelyard
-from steelyard.excitation.trajectories.files import write_motion
-from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.excite.trajectories.trajectory_files import write_motion
 
 URDF = """<robot name="arm">
   <link name="base"/>

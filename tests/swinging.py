@@ -5,12 +5,14 @@ from pathlib import Path
 import numpy as np
 
 from invented import single
-from steelyard.measurement import Processing, Recording, Run, prepare
-from steelyard.measurement.recording import LogInMemory
-from steelyard.model import Model, ValuedModel
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
-from steelyard.robot_file.signals import Signals
+from steelyard.base.arrays import Parameters
+from steelyard.base.motion import Motion
+from steelyard.model.model import Model, ValuedModel
+from steelyard.robot.file.signals import Signals
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.runs.run import Run
 
 MODEL = Model(single())
 GAIN = 2.5

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import steelyard
-from steelyard.errors import SteelyardError
-from steelyard.identification.checks.fix import Fixed
-from steelyard.progress import Stopped, report_progress
-from steelyard.report.terminal.terminal import CSV_COLUMNS
+from steelyard.base.errors import SteelyardError
+from steelyard.base.progress import Stopped, report_progress
+from steelyard.check.fix import CorrectedFile
+from steelyard.identify.page.section_register import CSV_COLUMNS
 from test_interface import folder as folder
 
 NAN = float("nan")
@@ -219,7 +219,7 @@ def test_a_watcher_without_an_answer_does_not_stop_the_work() -> None:
 
 def test_a_robot_file_without_changes_is_not_saved(folder: Path) -> None:
     found = steelyard.check(folder / "arm.toml", folder / "fit.csv", fix=folder / "new.toml")
-    assert isinstance(found.fixed, Fixed) and not found.fixed.changes
+    assert isinstance(found.fixed, CorrectedFile) and not found.fixed.changes
     with pytest.raises(SteelyardError, match="nothing was changed"):
         found.fixed.save()
 

@@ -8,11 +8,10 @@ import pytest
 import typer.main
 
 from steelyard.cli.app import app
-from steelyard.robot_file.section import Section
-from steelyard.robot_file.sections import RobotFile
-from steelyard.robot_file.toml_check import checked
-from steelyard.terms.open_fields import finds_of
-from steelyard.terms.register import term_of
+from steelyard.model.laws.register import term_of
+from steelyard.model.terms.open_fields import finds_of
+from steelyard.robot.file.sections import RobotFile
+from steelyard.robot.file.toml import Section, checked
 
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]

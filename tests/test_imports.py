@@ -195,7 +195,7 @@ def test_foreign_packages_stay_in_their_files(package: str) -> None:
     [
         ("steelyard", ("llvmlite", "polars", "mujoco", "scipy", "pydantic")),
         ("steelyard.cli.app", ("llvmlite", "polars", "mujoco", "scipy", "pydantic")),
-        ("steelyard.identification.logs", ("llvmlite", "polars", "mujoco")),
+        ("steelyard.identify.scores", ("llvmlite", "polars", "mujoco")),
     ],
 )
 def test_a_start_loads_nothing_heavy(module: str, heavy: tuple[str, ...]) -> None:

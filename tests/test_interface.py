@@ -13,7 +13,7 @@ import pytest
 
 import steelyard
 from steelyard import terms
-from steelyard.kernel.equations.dynamics import inverse_dynamics
+from steelyard.model.equations.inverse_dynamics import inverse_dynamics
 
 pytestmark = pytest.mark.usefixtures("searches_here")
 
@@ -95,7 +95,7 @@ def test_quantities_add_up_to_the_torque(folder: Path) -> None:
     parts = np.einsum("nij,nj->ni", masses, ddq) + model.bias(q, dq) + model.friction(motion)
     np.testing.assert_allclose(parts + offset, model.torque(motion), atol=1e-9)
     tens = [model.valued.values.values[10 * k : 10 * k + 10].tolist() for k in range(2)]
-    from steelyard.kernel.equations.dynamics import JointState
+    from steelyard.model.equations.inverse_dynamics import JointState
 
     state = JointState(q[0].tolist(), dq[0].tolist(), [0.0, 0.0], [])
     expected = inverse_dynamics(model.model.robot, state, tens)

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 from invented import single, tree
-from steelyard.dynamics.compiled import BLOCK
-from steelyard.errors import DataError, ModelError
-from steelyard.kernel.native.vector_ir import MAX_ANGLE
-from steelyard.model import Model, ValuedModel
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
+from steelyard.base.arrays import Parameters
+from steelyard.base.errors import DataError, ModelError
+from steelyard.base.motion import Motion
+from steelyard.model.evaluation import BLOCK
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.offset import Offset
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model, ValuedModel
 from steelyard.robot.robot import Robot
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.offset import Offset
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.viscous import Viscous
+from steelyard.symbolic.native.emit import MAX_ANGLE
 
 
 @pytest.fixture
@@ -125,14 +125,14 @@ import sys
 from invented import tree
 from steelyard.kernel.native import machine
 from steelyard.model import Model
-from steelyard.regression.accumulate import Accumulator
-from steelyard.regression.regressor import base_regressor
+from steelyard.estimate.information.accumulate import Accumulator
+from steelyard.estimate.information.regressor import base_regressor
 compiled = []
 compile_code = machine.compile_code
 machine.compile_code = lambda *a: compiled.append(a) or compile_code(*a)
 model = Model(tree())
 Accumulator(base_regressor(model)).loops, model.torque_code
-print(len(compiled), "steelyard.kernel.program.trace" in sys.modules)
+print(len(compiled), "steelyard.model.equations.trace" in sys.modules)
 """
 
 

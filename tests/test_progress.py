@@ -1,6 +1,6 @@
 import pytest
 
-from steelyard.progress import Event, Stopped, report_progress, silent
+from steelyard.base.progress import Event, Stopped, report_progress, silent
 
 
 def test_tells_and_goes_on() -> None:

@@ -13,13 +13,13 @@ import numpy as np
 import polars as pl
 import pytest
 
-from steelyard.excitation.export.export import EXPORTS
-from steelyard.excitation.trajectories.files import read_motion
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.files import write_json
-from steelyard.formats import open_log
-from steelyard.motion import Rig
-from steelyard.robot_file.file import load_robot
+from steelyard.base.files import write_json
+from steelyard.base.motion import Rig
+from steelyard.excite.motion_export import EXPORTS
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.excite.trajectories.trajectory_files import read_motion
+from steelyard.logs.formats import open_log
+from steelyard.robot.file.robot_file import load_robot
 
 PAGE = Path(__file__).parent.parent / "docs" / "running.md"
 
@@ -45,7 +45,7 @@ class Driver:
 @pytest.fixture
 def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, Any]]:
     """What the document's programs leave, run one after the other in a folder of their own."""
-    shutil.copy(str(files("steelyard.virtual") / "demo_arm.urdf"), tmp_path)
+    shutil.copy(str(files("steelyard.simulate") / "demo_arm.urdf"), tmp_path)
     (tmp_path / "my_robot.toml").write_text('[robot]\nurdf = "demo_arm.urdf"\n')
     robot = load_robot(tmp_path / "my_robot.toml").robot
     motion = random_fourier(robot, seed=0, period=0.4, harmonics=2)

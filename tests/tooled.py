@@ -11,14 +11,14 @@ import pinocchio as pin
 import pytest
 
 from oracles import body_positions, pinocchio_model
-from steelyard.arrays import Array
-from steelyard.excitation.limits import MotionLimits, motion_limits
-from steelyard.excitation.planned.attitudes import Pointing
-from steelyard.excitation.planned.process import Box, Process
-from steelyard.excitation.planned.tour import ProcessMotion
-from steelyard.kernel.quantities.kinematics import frame_of
+from steelyard.base.arrays import Array
+from steelyard.excite.constraints.constraint import MotionLimits, motion_limits
+from steelyard.excite.planned.inverse_kinematics import Pointing
+from steelyard.excite.planned.moves import ProcessMotion
+from steelyard.excite.planned.process import Box, Process
+from steelyard.model.equations.kinematics import frame_of
+from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Robot
-from steelyard.robot_file.file import load_robot
 
 FILES = {
     "ur10": ("ur_description/urdf/ur10_robot.urdf", "tool0", ""),

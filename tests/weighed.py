@@ -4,16 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from steelyard.estimation.estimate import Estimate, StandardEstimate
-from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
-from steelyard.model import Model
-from steelyard.parameters import Parameters
-from steelyard.regression.base import BaseMap
+from steelyard.base.arrays import Parameters
+from steelyard.estimate.estimate import Estimate, StandardEstimate
+from steelyard.estimate.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimate.information.base_parameters import BaseMap
+from steelyard.model.laws.register import DEFAULT_TERMS
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
+from steelyard.model.terms.term import Term
+from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot
-from steelyard.robot_file.signals import Signals
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.register import DEFAULT_TERMS
-from steelyard.terms.term import Term
 
 
 def identified_of(

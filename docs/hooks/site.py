@@ -24,8 +24,8 @@ from pydantic.fields import FieldInfo
 
 import steelyard
 from steelyard.cli.app import app
-from steelyard.robot_file.section import Section
-from steelyard.robot_file.sections import RobotFile
+from steelyard.robot.file.sections import RobotFile
+from steelyard.robot.file.toml import Section
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOK = ROOT / "docs/tutorials/notebook.ipynb"

@@ -17,14 +17,14 @@ import numpy as np
 from proofs.support.claims import Claim, main_of
 from proofs.support.safety_robots import Arm, Link, arm_urdf, random_arm
 
-from steelyard.diagnosis import Case, examine
-from steelyard.diagnosis.case import Evidence
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.identification.checks.precheck import refusal
-from steelyard.measurement import Processing, Recording
-from steelyard.measurement.recording import LogInMemory
-from steelyard.robot_file.file import LoadedRobot, load_robot
-from steelyard.virtual.invent import random_truth
+from steelyard.check.case import Case, Evidence
+from steelyard.check.examine import examine
+from steelyard.check.subject import refusal
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.robot.file.robot_file import LoadedRobot, load_robot
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.simulate.truth import random_truth
 
 ROBOTS, PROCESSES = 500, 2
 LEAST, MOST = 0.05, 3.0

@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 from proofs.support.claims import Claim, data_folder, main_of
 
-from steelyard.diagnosis import Case, Diagnosis, Finding, Severity, examine
-from steelyard.diagnosis.signals.units import reading
-from steelyard.identification.checks.check_case import case_of, subject_of
-from steelyard.identification.named_logs import log_files
-from steelyard.progress import silent
-from steelyard.robot_file.edits import edited
+from steelyard.base.progress import silent
+from steelyard.check.case import Case
+from steelyard.check.examine import Diagnosis, examine
+from steelyard.check.finding import Finding, Severity
+from steelyard.check.signals.units import unit_reading
+from steelyard.check.subject import case_of, subject_of
+from steelyard.robot.file.toml_edits import edited
+from steelyard.runs.named_logs import log_files
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LOGS = {
@@ -98,7 +100,7 @@ def _rests() -> Claim:
 
 def _lag(robot: str, low: float, high: float, bound: str) -> Claim:
     case, diagnosis = good(robot)
-    agreed = reading(case, case.logs[0]).agreement
+    agreed = unit_reading(case, case.logs[0]).agreement
     assert agreed is not None
     lag, error = 1e3 * agreed.lag, 1e3 * agreed.lag_std
     named = "lag" in finding(diagnosis, "velocity").says

@@ -18,21 +18,22 @@ from proofs.support.claims import Claim, data_folder, main_of
 from proofs.support.fault_kinds import KINDS, Kind, real_payload
 from proofs.support.faults import Clean, Faulty, Tally, diagnosis, right_fix, right_verdict
 
-from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.decision.ranking import ranking
-from steelyard.diagnosis.hypotheses.by_surroundings import delay_fit
-from steelyard.estimation.identified import IdentifiedModel, Provenance
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.formats import open_log, parse_log_argument
-from steelyard.identification.described_model import model_with_open_friction, with_friction
-from steelyard.identification.fitting.fitting import Payload, fit
-from steelyard.identification.named_logs import prepared
-from steelyard.measurement import Processing, Recording
-from steelyard.measurement.recording import LogInMemory
-from steelyard.progress import silent
-from steelyard.robot_file.file import LoadedRobot, load_robot
-from steelyard.virtual.demo import write_demo_arm
-from steelyard.virtual.invent import random_truth
+from steelyard.base.progress import silent
+from steelyard.check.case import Case, Evidence
+from steelyard.check.decision.ranking import ranking
+from steelyard.check.hypotheses.surroundings import delay_fit
+from steelyard.estimate.identified import IdentifiedModel, Provenance
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.identify.fit import Payload, fit
+from steelyard.logs.formats import open_log
+from steelyard.logs.log import parse_log_argument
+from steelyard.model.robot_file_model import model_with_open_friction, with_friction
+from steelyard.robot.file.robot_file import LoadedRobot, load_robot
+from steelyard.runs.named_logs import prepared
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.simulate.demo import write_demo_arm
+from steelyard.simulate.truth import random_truth
 
 DRAWS = 20
 SEED = 20_260_726

@@ -19,26 +19,25 @@ import numpy as np
 from proofs.support.claims import Claim, data_folder, main_of
 
 import steelyard
-from steelyard.application.controller.c_code import CCode
-from steelyard.application.controller.functions import FUNCTIONS, Controller, ObserverNumbers
-from steelyard.application.controller.prepare import end_frames
-from steelyard.arrays import Array
-from steelyard.kernel.native.c99 import Precision
-from steelyard.kernel.quantities.passive_joints import passive_positions, random_positions
-from steelyard.model import Model
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
+from steelyard.base.arrays import Array, Parameters
+from steelyard.base.motion import Motion
+from steelyard.export.code.c_code import CCode
+from steelyard.export.code.functions import FUNCTIONS, Controller, ObserverNumbers
+from steelyard.export.code.model_code import end_frames
+from steelyard.model.equations.passive_joints import passive_positions, random_positions
+from steelyard.model.laws.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.register import DEFAULT_TERMS
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.spring import Spring
+from steelyard.model.laws.stribeck import Stribeck
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.model.terms.term import Term
+from steelyard.robot.file.model_source import DHRow, dh_mechanism
 from steelyard.robot.from_mechanism import reduced
-from steelyard.robot.model_files.dh import DHRow, dh_mechanism
 from steelyard.robot.robot import Limits, Robot
-from steelyard.terms.laws.directional import DirectionalCoulomb, DirectionalViscous
-from steelyard.terms.laws.presliding import Dahl
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.spring import Spring
-from steelyard.terms.laws.stribeck import Stribeck
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.register import DEFAULT_TERMS
-from steelyard.terms.term import Term
+from steelyard.symbolic.source_code import Precision
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "tests"))

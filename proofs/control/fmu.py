@@ -9,12 +9,12 @@ import numpy as np
 from fmpy.validation import validate_fmu
 from proofs.support.claims import Claim, main_of
 
-from steelyard.application.controller.export import write_code
-from steelyard.estimation.identified import IdentifiedModel
-from steelyard.motion import Motion
+from steelyard.base.motion import Motion
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.export.code.model_code import write_code
+from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.robot.robot import Robot
-from steelyard.terms.laws.presliding import Dahl
-from steelyard.terms.register import DEFAULT_TERMS
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from closed_chains import five_bar  # noqa: E402

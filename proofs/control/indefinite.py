@@ -15,15 +15,15 @@ from proofs.estimation.parallel_arm import (
 )
 from proofs.support.claims import Claim, main_of
 
-from steelyard.control.computed_torque import refuse_indefinite
-from steelyard.errors import ModelError
-from steelyard.excitation.limits import motion_limits
-from steelyard.excitation.planned.along_path import along_path
-from steelyard.excitation.planned.tool_paths import Circle
-from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.model import Model
-from steelyard.parameters import Parameters
+from steelyard.base.arrays import Parameters
+from steelyard.base.errors import ModelError
+from steelyard.excite.constraints.constraint import motion_limits
+from steelyard.excite.planned.along_path import along_path
+from steelyard.excite.planned.tool_paths import Circle
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.model.model import Model
 from steelyard.robot.robot import Coordinate, Limits
+from steelyard.uses.control.model_control import refuse_indefinite
 
 PERIOD = 7.2
 PRINTED = {

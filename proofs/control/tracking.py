@@ -21,23 +21,20 @@ from studies.support.corners import overshoot
 from studies.support.robots import ROBOTS
 from studies.support.robots import robot_file as changed_robot
 
-from steelyard.arrays import Array
-from steelyard.control.cascade import Cascade
-from steelyard.control.protocol import Control
-from steelyard.control.torque_feedforward import TorqueFeedforward
-from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.excitation.trajectories.sampled import SampledMotion
-from steelyard.identification.described_model import model_of
-from steelyard.identification.identify import identify
-from steelyard.identification.reduction.reduce import reduce
-from steelyard.kernel.quantities.kinematics import frame_of, last_frame
-from steelyard.motion import run
-from steelyard.parameters import Parameters
-from steelyard.virtual.drives import customary_drives
-from steelyard.virtual.robot import VirtualRobot
-from steelyard.virtual.simulate import customary_sensors
-from steelyard.virtual.tracking import TrackedRun, Tracking, tracking
-from steelyard.virtual.truth import Truth
+from steelyard.base.arrays import Array, Parameters
+from steelyard.base.motion import run
+from steelyard.excite.trajectories.polynomials import SampledMotion
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.identify.identify import identify
+from steelyard.identify.reduce import reduce
+from steelyard.model.equations.kinematics import frame_of, last_frame
+from steelyard.model.robot_file_model import model_of
+from steelyard.simulate.plant import customary_drives
+from steelyard.simulate.track import TrackedRun, Tracking, tracking
+from steelyard.simulate.truth import Truth
+from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
+from steelyard.uses.control.joint_control import Cascade, Control
+from steelyard.uses.control.model_control import TorqueFeedforward
 
 PICK = """kind = "pick_and_place"
 pick = { x = [0.9, 1.3], y = [-0.7, -0.3], z = [0.3, 0.6] }

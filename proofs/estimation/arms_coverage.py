@@ -23,10 +23,10 @@ from proofs.checks.two_faults import run
 from proofs.support.claims import Claim, main_of
 from proofs.support.model_files import folders
 
-from steelyard.errors import SteelyardError
-from steelyard.estimation.estimate import Z95
-from steelyard.estimation.identified import load_model
-from steelyard.identification.identify import identify
+from steelyard.base.errors import SteelyardError
+from steelyard.estimate.estimate import Z95
+from steelyard.estimate.identified import load_model
+from steelyard.identify.identify import identify
 
 DRAWS, PROCESSES = 2, 2
 

@@ -116,9 +116,9 @@ def robot_of(name: str, given: Path, urdf: str | None = None, added: str = "") -
 
 def of_prior(name: str, given: Path, work: Path) -> list[Claim]:
     """A prior that no body can have is named, corrected, and every body of the result can exist."""
-    from steelyard.estimation.identified import load_model
-    from steelyard.estimation.prior.prior import default_knowledge
-    from steelyard.validation.compare import impossible_bodies
+    from steelyard.estimate.identified import load_model
+    from steelyard.estimate.prior.prior import default_knowledge
+    from steelyard.estimate.scores.estimator_comparison import impossible_bodies
 
     old, new, words = PRIORS[name]
     urdf = re.sub(old, new, (given / "demo_arm.urdf").read_text())
@@ -162,13 +162,13 @@ def of_refusal(name: str, given: Path, work: Path) -> Claim:
 
 def resting_log(given: Path) -> None:
     """A log of the nominal arm in which one joint rests, loaded by the motion of the others."""
-    from steelyard.excitation.trajectories.random_fourier import random_fourier
-    from steelyard.files import write_table
-    from steelyard.model import Model
-    from steelyard.motion import Motion
-    from steelyard.parameters import Parameters
-    from steelyard.robot_file.file import load_robot
-    from steelyard.terms.register import term_of
+    from steelyard.base.arrays import Parameters
+    from steelyard.base.files import write_table
+    from steelyard.base.motion import Motion
+    from steelyard.excite.trajectories.fourier import random_fourier
+    from steelyard.model.laws.register import term_of
+    from steelyard.model.model import Model
+    from steelyard.robot.file.robot_file import load_robot
 
     loaded = load_robot(given / "demo_arm.toml")
     model = Model(loaded.robot, tuple(term_of(t.description, t.where) for t in loaded.terms or ()))
@@ -191,7 +191,7 @@ def resting_log(given: Path) -> None:
 
 def of_rest(given: Path, work: Path) -> list[Claim]:
     """What only a joint's own motion shows comes from the prior, and is marked so."""
-    from steelyard.estimation.identified import load_model
+    from steelyard.estimate.identified import load_model
 
     resting_log(given)
     out = work.parent / "rested"
@@ -245,18 +245,19 @@ def of_rest(given: Path, work: Path) -> list[Claim]:
 
 def of_solver(given: Path) -> list[Claim]:
     """Whatever number of iterations: the optimum, or an error that says it is none."""
-    from steelyard.errors import SteelyardError
-    from steelyard.estimation.consistent.conic import Unsolved
-    from steelyard.estimation.consistent.consistent import Consistent
-    from steelyard.estimation.prior.prior import default_knowledge
-    from steelyard.formats import open_log
-    from steelyard.measurement import Recording, prepare
-    from steelyard.model import Model
-    from steelyard.regression.base import base_parameters
-    from steelyard.regression.gather import gather
-    from steelyard.regression.regressor import base_regressor
-    from steelyard.robot_file.file import load_robot
-    from steelyard.terms.register import DEFAULT_TERMS
+    from steelyard.base.errors import SteelyardError
+    from steelyard.estimate.consistent.conic import Unsolved
+    from steelyard.estimate.consistent.consistent import Consistent
+    from steelyard.estimate.information.base_parameters import base_parameters
+    from steelyard.estimate.information.gather import gather
+    from steelyard.estimate.information.regressor import base_regressor
+    from steelyard.estimate.prior.prior import default_knowledge
+    from steelyard.logs.formats import open_log
+    from steelyard.model.laws.register import DEFAULT_TERMS
+    from steelyard.model.model import Model
+    from steelyard.robot.file.robot_file import load_robot
+    from steelyard.runs.prepare import prepare
+    from steelyard.runs.recording import Recording
 
     loaded = load_robot(given / "demo_arm.toml")
     model = Model(loaded.robot, DEFAULT_TERMS)
@@ -314,7 +315,7 @@ def of_comparison(given: Path, work: Path) -> Claim:
 
 def main() -> list[Claim]:
     """All of them."""
-    from steelyard.virtual.demo import demo_runs
+    from steelyard.simulate.demo import demo_runs
 
     with tempfile.TemporaryDirectory() as folder:
         given, work = Path(folder) / "given", Path(folder) / "work"

@@ -18,14 +18,14 @@ import numpy as np
 from proofs.support.claims import Claim, main_of
 from proofs.support.consistent_cases import Case, drawn, perturbed, prior_model, replaced
 
-from steelyard.errors import DataError
-from steelyard.estimation.consistent.consistency_penalties import Free, Pullback
-from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.knowledge import Knowledge, Row
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.model import ValuedModel
-from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
+from steelyard.base.errors import DataError
+from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.consistent.penalties import Free, Pullback
+from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.prior.prior import Knowledge, Row
+from steelyard.model.model import ValuedModel
+from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
 
 SEEDS, BOX, POOR = 10, 0.15, 0.1
 """Seeds; half an edge of the boxes [m]; share of the range in poor motion."""

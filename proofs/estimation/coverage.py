@@ -17,18 +17,18 @@ from proofs.robots.scores import identified
 from proofs.support.claims import Claim, data_folder, main_of
 from proofs.support.coverage_cases import ROWS, Case, Row, case_of, robot_file
 
-from steelyard.arrays import Array
-from steelyard.diagnosis.fitted.fitted_case import FittedCase
-from steelyard.diagnosis.fitted.model_error import ModelError
-from steelyard.diagnosis.signals.differences import one_sided
-from steelyard.estimation.consistent.program import Program
-from steelyard.estimation.estimate import Z95
-from steelyard.estimation.identified import Provenance
-from steelyard.identification.described_model import model_with_open_friction
-from steelyard.identification.fitting.fitting import Fit, Payload, calibrated, fit
-from steelyard.progress import silent
-from steelyard.validation.bands import Bands
-from steelyard.validation.score import score
+from steelyard.base.arrays import Array
+from steelyard.base.progress import silent
+from steelyard.check.fitted.fitted_case import FittedCase
+from steelyard.check.fitted.model_error import ModelError
+from steelyard.check.signals.velocity_agreement import one_sided_differences
+from steelyard.estimate.consistent.program import Program
+from steelyard.estimate.estimate import Z95
+from steelyard.estimate.identified import Provenance
+from steelyard.estimate.scores.bands import Bands
+from steelyard.estimate.scores.score import score
+from steelyard.identify.fit import Fit, Payload, calibrated, fit
+from steelyard.model.robot_file_model import model_with_open_friction
 
 DRAWS = 30
 
@@ -82,7 +82,7 @@ def differenced(case: Case) -> bool:
     columns = (signals.time, *signals.position, *signals.velocity)
     table = np.concatenate(list(log.parts(columns, (0, None), 100_000)))
     n = len(signals.position)
-    return bool(one_sided(table[:, 0], table[:, 1 : n + 1], table[:, n + 1 :]).all())
+    return bool(one_sided_differences(table[:, 0], table[:, 1 : n + 1], table[:, n + 1 :]).all())
 
 
 def fitted(row: Row, seed: int) -> tuple[Case, Fit]:

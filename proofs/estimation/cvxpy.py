@@ -13,8 +13,8 @@ import numpy as np
 from proofs.support.claims import Claim, main_of
 from proofs.support.consistent_cases import drawn, perturbed
 
-from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.least_squares.whitened import whitened
+from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.least_squares.least_squares import whitened
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from cvxpy_oracle import cvxpy_problem, solved  # noqa: E402

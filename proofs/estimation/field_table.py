@@ -28,30 +28,29 @@ from time import perf_counter
 import numpy as np
 from proofs.support.claims import Claim, main_of
 
-from steelyard.arrays import Array
-from steelyard.errors import DataError
-from steelyard.estimation.closed_loop.experiment import Experiment, Loop
-from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.estimation.register import ESTIMATORS, Context
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.measurement.methods.savitzky_golay import SavitzkyGolay
-from steelyard.measurement.prepare import prepare
-from steelyard.measurement.processing import Processing
-from steelyard.measurement.recording import LogInMemory, Recording
-from steelyard.measurement.run import Run
-from steelyard.model import Model
-from steelyard.regression.gather_samples import gather_samples
-from steelyard.regression.regressor import base_regressor
-from steelyard.robot_file.file import load_robot
-from steelyard.robot_file.signals import Signals
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.register import DEFAULT_TERMS
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.mujoco_model import build
-from steelyard.virtual.robot import VirtualRobot
-from steelyard.virtual.scales import typical_torque
-from steelyard.virtual.truth import Truth
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.estimate.closed_loop.experiment import Experiment, RunController
+from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.estimators import ESTIMATORS, Context
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.information.samples import gather_samples
+from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.register import DEFAULT_TERMS
+from steelyard.model.model import Model
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.file.signals import Signals
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.runs.run import Run
+from steelyard.runs.smoothing.fir_methods import SavitzkyGolay
+from steelyard.simulate.mujoco_model import build
+from steelyard.simulate.scales import typical_torque
+from steelyard.simulate.truth import Truth, random_truth
+from steelyard.simulate.virtual_robot import VirtualRobot
 
 NOISES = (1e-5, 1e-4, 5e-4)
 FILTERS: tuple[float | None, ...] = (10.0, 50.0, None)
@@ -76,7 +75,7 @@ class Bench:
     """The arm, its truth, and what is common to all fits."""
 
     def __init__(self) -> None:
-        path = Path(str(files("steelyard.virtual") / "demo_arm.urdf"))
+        path = Path(str(files("steelyard.simulate") / "demo_arm.urdf"))
         self.robot = load_robot(path).robot
         terms = tuple(
             Coulomb(smoothing=SMOOTHING) if isinstance(term, Coulomb) else term
@@ -167,7 +166,7 @@ def scores(
         goal = here.rig.wanted(motion, t)
         return goal.q, goal.dq
 
-    loop = Loop(here.rig.tuned, wanted)
+    loop = RunController(here.rig.tuned, wanted)
     experiment = Experiment.of_runs(here.regressor, [run], [loop])
     data = {
         "information": experiment.information,

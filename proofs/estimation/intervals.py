@@ -15,18 +15,18 @@ from numpy.typing import NDArray
 from proofs.estimation.recovery import RATE, log_of, robots
 from proofs.support.claims import Claim, main_of
 
-from steelyard.arrays import Array
-from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.estimate import Z95, Estimate
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimation.least_squares.sandwich import sandwich
-from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.measurement import prepare
-from steelyard.model import Model
-from steelyard.regression.gather import gather
-from steelyard.regression.regressor import base_regressor
+from steelyard.base.arrays import Array
+from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.estimate import Z95, Estimate
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.least_squares.residual_covariance import sandwich
+from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.model.model import Model
 from steelyard.robot.robot import Robot
-from steelyard.virtual.invent import random_truth
+from steelyard.runs.prepare import prepare
+from steelyard.simulate.truth import random_truth
 
 DRAWS = 50
 """Draws per robot."""

@@ -24,23 +24,23 @@ from proofs.checks.two_faults import run
 from proofs.support.claims import Claim, main_of
 from proofs.support.safety_robots import arm_urdf, random_arm
 
-from steelyard.errors import SteelyardError
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.identification.identify import identify
-from steelyard.motion import Motion
-from steelyard.robot_file.file import load_robot
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.load_dependent import LoadDependent
-from steelyard.terms.laws.offset import Offset
-from steelyard.terms.laws.powers import Quadratic, Root
-from steelyard.terms.laws.presliding import Dahl
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.rotor_inertia import RotorInertia
-from steelyard.terms.laws.stribeck import Stribeck
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.register import description_of
-from steelyard.terms.term import Term
-from steelyard.virtual.invent import random_truth
+from steelyard.base.errors import SteelyardError
+from steelyard.base.motion import Motion
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.identify.identify import identify
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.model.laws.offset import Offset
+from steelyard.model.laws.powers import Quadratic, Root
+from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.register import description_of
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.rotor_inertia import RotorInertia
+from steelyard.model.laws.stribeck import Stribeck
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.terms.term import Term
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.simulate.truth import random_truth
 
 ROBOTS, PROCESSES = 100, 2
 OFF = (0.1, 0.6)

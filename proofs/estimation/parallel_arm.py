@@ -20,27 +20,26 @@ from typing import TypeVar
 import numpy as np
 from proofs.support.claims import Claim, main_of
 
-from steelyard.arrays import Array
-from steelyard.estimation.estimate import Estimate, Estimator
-from steelyard.estimation.least_squares.bounded import BoundedLeastSquares
-from steelyard.estimation.least_squares.box import base_bounds
-from steelyard.estimation.least_squares.least_squares import OrdinaryLeastSquares
-from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.excitation.limits import MotionLimits
-from steelyard.excitation.planned.along_path import along_path
-from steelyard.excitation.planned.tool_paths import Reaches, on_circle, out_and_back
-from steelyard.excitation.search.genetic import evolved
-from steelyard.model import Model
-from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Signature, Window
-from steelyard.regression.regressor import Regressor, base_regressor, standard_regressor
-from steelyard.robot.inertia import Inertia
+from steelyard.base.arrays import Array
+from steelyard.estimate.estimate import Estimate, Estimator
+from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.information import Information, Signature, Window
+from steelyard.estimate.information.regressor import Regressor, base_regressor, standard_regressor
+from steelyard.estimate.least_squares.constrained import BoundedLeastSquares, base_bounds
+from steelyard.estimate.least_squares.least_squares import OrdinaryLeastSquares
+from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.excite.constraints.constraint import MotionLimits
+from steelyard.excite.planned.along_path import along_path
+from steelyard.excite.planned.tool_paths import Reaches, on_circle, out_and_back
+from steelyard.excite.search.population import minimised_by_genes
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.model.terms.term import Term
+from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Frame
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.directional import DirectionalCoulomb, DirectionalViscous
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.term import Term
 
 sys.path[:0] = [str(Path(__file__).parents[2] / name) for name in ("tests", "benchmarks")]
 from linear_searches import CmaEs, Genetic  # noqa: E402
@@ -158,7 +157,7 @@ def on_samples(log: Log, seeds: range) -> tuple[float, Array, float]:
         return np.asarray(np.sqrt(np.mean(np.square(effort - genes @ dense.T), axis=1)))
 
     def searched(seed: int) -> Array:
-        return np.array([evolved(criterion, np.zeros(11), np.ones(11), seed=seed).cost])
+        return np.array([minimised_by_genes(criterion, np.zeros(11), np.ones(11), seed=seed).cost])
 
     def solved() -> Array:
         return np.linalg.solve(dense.T @ dense, dense.T @ effort)

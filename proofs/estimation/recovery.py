@@ -10,25 +10,24 @@ from pathlib import Path
 import numpy as np
 from proofs.support.claims import Claim, main_of
 
-from steelyard.arrays import Array
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.measurement import Recording, prepare
-from steelyard.measurement.recording import LogInMemory
-from steelyard.model import Model
-from steelyard.motion import Trajectory
-from steelyard.regression.gather import gather
-from steelyard.regression.regressor import base_regressor
+from steelyard.base.arrays import Array
+from steelyard.base.motion import Trajectory
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.model.model import Model
+from steelyard.robot.file.model_source import DHRow, dh_mechanism
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.file.signals import Signals
 from steelyard.robot.from_mechanism import reduced
-from steelyard.robot.inertia import Inertia
-from steelyard.robot.model_files.dh import DHRow, dh_mechanism
+from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Robot
-from steelyard.robot_file.file import load_robot
-from steelyard.robot_file.signals import Signals
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.mujoco_model import build
-from steelyard.virtual.simulate import typical_torque
-from steelyard.virtual.truth import Truth
+from steelyard.runs.prepare import prepare
+from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.simulate.mujoco_model import build
+from steelyard.simulate.truth import Truth, random_truth
+from steelyard.simulate.virtual_robot import typical_torque
 
 RATE, DRAWS = 250.0, 50
 Noise = Callable[[np.random.Generator, tuple[int, ...]], Array]
@@ -41,7 +40,7 @@ def robots() -> list[Robot]:
     """The demo arm, and arms with a prismatic joint, few joints and skew axes."""
     from importlib.resources import files
 
-    demo = load_robot(Path(str(files("steelyard.virtual") / "demo_arm.urdf"))).robot
+    demo = load_robot(Path(str(files("steelyard.simulate") / "demo_arm.urdf"))).robot
     ball = Inertia.about_com(3.0, (0.1, 0.02, 0.05), np.diag([0.02, 0.03, 0.025]))
 
     def row(**fields: float | str) -> DHRow:

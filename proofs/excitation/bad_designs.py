@@ -15,7 +15,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from proofs.support.claims import Claim, data_folder, main_of
 
-from steelyard.errors import SteelyardError
+from steelyard.base.errors import SteelyardError
 
 HEAD = """
 [robot]
@@ -119,10 +119,10 @@ CASES = (
 
 def designed(tables: str, folder: Path) -> tuple[float, bool]:
     """Figure of the best motion of one search, and whether all is proven."""
-    from steelyard.excitation.design import design
-    from steelyard.excitation.search.parallel_search import SearchBudget
-    from steelyard.identification.described_model import model_with_open_friction
-    from steelyard.robot_file.file import load_robot
+    from steelyard.excite.design import design
+    from steelyard.excite.search.parallel_search import SearchBudget
+    from steelyard.model.robot_file_model import model_with_open_friction
+    from steelyard.robot.file.robot_file import load_robot
 
     path = folder / "panda.toml"
     path.write_text(HEAD + tables, encoding="utf-8")

@@ -27,18 +27,18 @@ from proofs.support.safety_motion import derivative, fine_times
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from excitation.interpreters import Follower, URController
-from steelyard.errors import SteelyardError
-from steelyard.excitation.constraints.certificate import Certificate, certify
-from steelyard.excitation.export.export import exported
-from steelyard.excitation.from_tables import build
-from steelyard.excitation.problem import Problem
-from steelyard.excitation.search.feasibility import refuse_impossible
-from steelyard.excitation.search.finish import finished
-from steelyard.excitation.search.methods import Gradient, seeded
-from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.identification.described_model import model_with_open_friction
-from steelyard.report.text.design_words import headline, level
-from steelyard.robot_file.file import load_robot
+from steelyard.base.errors import SteelyardError
+from steelyard.excite.constraints.certificate import Certificate, certify
+from steelyard.excite.motion_export import exported
+from steelyard.excite.page.design_words import design_headline, design_level
+from steelyard.excite.problem import Problem
+from steelyard.excite.problem_from_tables import build
+from steelyard.excite.search.feasibility import refuse_impossible
+from steelyard.excite.search.repair import finished
+from steelyard.excite.search.starts import Gradient, seeded
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.robot.file.robot_file import load_robot
 
 CELLS = 200
 DRAWN = 230
@@ -138,7 +138,7 @@ def check_headline(
         absent=(),
         chosen_parameters=(0,),
     )
-    words, grade = headline(designed), level(designed)
+    words, grade = design_headline(designed), design_level(designed)
     labels = [label for proof in certificate.proofs for label in proof.labels]
     proven = {tuple(label.split("'")[1::2]) for label in labels}
     missing = sorted({pair for pair in cell.judge.pairs if pair not in proven})

@@ -15,16 +15,13 @@ from proofs.support.claims import Claim, data_folder, main_of
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from excitation.interpreters import Follower, URController, moments
-from steelyard.excitation.bases.fourier_bases import BlendedFourier, RampedFourier
-from steelyard.excitation.bases.linear_basis import LinearBasis
-from steelyard.excitation.bases.reaching_basis import ReachingBasis
-from steelyard.excitation.bases.spline_bases import SplineBasis
-from steelyard.excitation.export.export import exported
-from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.excitation.trajectories.slowed import SlowedMotion
+from steelyard.excite.motion_export import exported
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.excite.trajectories.fourier_bases import BlendedFourier, RampedFourier
+from steelyard.excite.trajectories.linear_bases import LinearBasis, ReachingBasis, SplineBasis
+from steelyard.excite.trajectories.trajectory import ExactTrajectory, SlowedMotion
+from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Robot
-from steelyard.robot_file.file import load_robot
 
 BOUND = 1e-6
 DRAWS = 20

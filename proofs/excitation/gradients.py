@@ -16,20 +16,17 @@ from proofs.support.designs import PROBLEMS, panda, regressor
 
 sys.path.append(str(Path(__file__).parents[2] / "tests"))
 
-from steelyard.excitation.bases.basis import Basis
-from steelyard.excitation.bases.fourier_bases import RestFourier
-from steelyard.excitation.criteria.criteria import KINDS
-from steelyard.excitation.criteria.measure import Measure
-from steelyard.excitation.from_tables import Recipe
-from steelyard.excitation.objective import Case, Objective
-from steelyard.excitation.problem import Problem
-from steelyard.excitation.search.methods import seeded
-from steelyard.excitation.search.starts import random_starts
-from steelyard.model import Model
-from steelyard.regression.information_gradient import InformationEvaluator
+from steelyard.estimate.information.information_gradient import InformationEvaluator
+from steelyard.excite.criteria import CRITERIA, Measure
+from steelyard.excite.problem import Case, Objective, Problem
+from steelyard.excite.problem_from_tables import Recipe
+from steelyard.excite.search.starts import random_starts, seeded
+from steelyard.excite.trajectories.fourier_bases import RestFourier
+from steelyard.excite.trajectories.linear_bases import Basis
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
+from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Robot
-from steelyard.robot_file.file import load_robot
-from steelyard.terms.laws.rigid_body import RigidBody
 
 SHARPNESS = 16.0
 SIZES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
@@ -68,12 +65,12 @@ def of_laws() -> Claim:
         shows = InformationEvaluator(
             model, random.uniform(0.5, 2.0, robot.n), np.full(robot.n, 0.3)
         )
-        plain = Objective(basis, (Case(shows, KINDS["condition"]),), t)
+        plain = Objective(basis, (Case(shows, CRITERIA["condition"]),), t)
         x = min(
             (size * random.standard_normal((robot.n, basis.count)) for size in SIZES),
             key=lambda x: plain(x, SHARPNESS)[0],
         )
-        for criterion in KINDS.values():
+        for criterion in CRITERIA.values():
             objective = Objective(basis, (Case(shows, criterion),), t)
             worst, judged = max(worst, slope_error(objective, x, judged)), judged + 1
     name = f"slopes, {judged} pairs of law and criterion"
@@ -86,7 +83,7 @@ def of_panda() -> list[Claim]:
     worst = 0.0
     x = random_starts(problem.inequalities, seeded(0, 0), 1)[0]
     case = problem.cases[0]
-    for criterion in KINDS.values():
+    for criterion in CRITERIA.values():
         objective = replace(problem.objective, cases=(replace(case, criterion=criterion),))
         worst = max(worst, slope_error(objective, x, 0))
     composed_error = composed(problem, x)
@@ -122,7 +119,7 @@ def composed(problem: Problem, x: np.ndarray) -> float:
     root = random.standard_normal((count, count))
     sizes = [np.exp(random.standard_normal(count)) for _ in range(2)]
     worst = 0.0
-    for kind in KINDS.values():
+    for kind in CRITERIA.values():
         measures = [Measure(kind, 1e-2 * root @ root.T, tuple(range(30)), s) for s in sizes]
         cases = tuple(replace(case, criterion=measure) for measure in measures)
         worst = max(worst, slope_error(replace(problem.objective, cases=cases), x, 1))
@@ -131,7 +128,7 @@ def composed(problem: Problem, x: np.ndarray) -> float:
 
 def recipe() -> Recipe:
     """The Panda's problem."""
-    from steelyard.identification.described_model import model_with_open_friction
+    from steelyard.model.robot_file_model import model_with_open_friction
 
     loaded = load_robot(PROBLEMS / "panda.toml")
     return Recipe.of(loaded, model_with_open_friction(loaded))

@@ -20,7 +20,7 @@ from studies.p4_seven_joints import printed_motion
 from studies.support.robots import ROBOTS
 
 from oracles import pinocchio_model
-from steelyard.robot_file.file import load_robot
+from steelyard.robot.file.robot_file import load_robot
 
 SEEDS = range(5)
 ARM = ROBOTS / "p4_arm.toml"

@@ -17,25 +17,24 @@ import numpy as np
 from proofs.estimation.recovery import log_of
 from proofs.support.claims import Claim, main_of
 
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.excitation.design import design
-from steelyard.excitation.previous_model import Earlier
-from steelyard.excitation.search.parallel_search import SearchBudget
-from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.formats import open_log
-from steelyard.identification.described_model import model_with_open_friction
-from steelyard.identification.named_logs import wanted_by
-from steelyard.measurement import Recording, prepare
-from steelyard.motion import run
-from steelyard.regression.gather import gather
-from steelyard.regression.regressor import Regressor, base_regressor
-from steelyard.robot_file.file import LoadedRobot
-from steelyard.virtual.demo import write_demo_arm
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.robot import VirtualRobot
-from steelyard.virtual.simulate import customary_sensors
-from steelyard.virtual.truth import Truth
+from steelyard.base.motion import run
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.regressor import Regressor, base_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.excite.constraints.constraints_from_tables import Earlier
+from steelyard.excite.design import design
+from steelyard.excite.search.parallel_search import SearchBudget
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.logs.formats import open_log
+from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.robot.file.robot_file import LoadedRobot
+from steelyard.runs.named_logs import processing_of_robot
+from steelyard.runs.prepare import prepare
+from steelyard.runs.recording import Recording
+from steelyard.simulate.demo import write_demo_arm
+from steelyard.simulate.truth import Truth, random_truth
+from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 
 REPETITIONS = 50
 SEEDS = (0, 1, 2)
@@ -49,7 +48,8 @@ def compared(loaded: LoadedRobot, seed: int, log: Log) -> tuple[np.ndarray, np.n
     truth, model = random_truth(loaded.robot, seed), model_with_open_friction(loaded)
     regressor = base_regressor(model)
     first = prepare(
-        log(truth, random_fourier(loaded.robot, seed=seed, periods=2), seed), wanted_by(loaded)
+        log(truth, random_fourier(loaded.robot, seed=seed, periods=2), seed),
+        processing_of_robot(loaded),
     )
     learnt = WeightedLeastSquares()(gather(regressor, first))
     names, values = learnt.parameters.names, learnt.parameters.values
@@ -66,7 +66,7 @@ def compared(loaded: LoadedRobot, seed: int, log: Log) -> tuple[np.ndarray, np.n
     runs = []
     for repetition in range(REPETITIONS):
         recording = log(truth, designed.trajectory, 1000 + repetition)
-        information = gather(regressor, prepare(recording, wanted_by(loaded)))
+        information = gather(regressor, prepare(recording, processing_of_robot(loaded)))
         known = WeightedLeastSquares()(information).parameters.as_dict()
         runs.append([known[name] for name in designed.shown.names])
     found = np.array(runs)

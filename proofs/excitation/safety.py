@@ -22,19 +22,19 @@ from proofs.support.safety_cases import Case, random_case, tightened
 from proofs.support.safety_judge import Margin, Rules
 from proofs.support.safety_panda import panda_claims
 
-from steelyard.errors import SteelyardError
-from steelyard.excitation.collision.room import NAME
-from steelyard.excitation.constraints.certificate import Certificate, Proof, certify
-from steelyard.excitation.from_tables import build
-from steelyard.excitation.previous_model import Earlier
-from steelyard.excitation.problem import Problem
-from steelyard.excitation.search.feasibility import refuse_impossible
-from steelyard.excitation.search.finish import finished
-from steelyard.excitation.search.methods import Gradient, seeded
-from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.identification.described_model import model_with_open_friction
-from steelyard.robot.inertia import INERTIAL_NAMES
-from steelyard.robot_file.file import load_robot
+from steelyard.base.errors import SteelyardError
+from steelyard.excite.collision.cell import WALLS_NAME
+from steelyard.excite.constraints.certificate import Certificate, Proof, certify
+from steelyard.excite.constraints.constraints_from_tables import Earlier
+from steelyard.excite.problem import Problem
+from steelyard.excite.problem_from_tables import build
+from steelyard.excite.search.feasibility import refuse_impossible
+from steelyard.excite.search.repair import finished
+from steelyard.excite.search.starts import Gradient, seeded
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.rigid_body import INERTIAL_NAMES
 
 DESIGNS = 200
 SPOILT = 50
@@ -128,7 +128,7 @@ def check_proofs(
 ) -> None:
     """Every proven margin is below the least sample, and there is one for every rule."""
     proofs = {proof.name: proof for proof in certificate.proofs}
-    proofs.pop(NAME, None)  # what the tool and loads keep from the cell is judged in cells.py
+    proofs.pop(WALLS_NAME, None)  # what the tool and loads keep from the cell is judged in cells.py
     if set(proofs) | {"limits"} != set(seen):
         tally.above.append(f"{name}: {sorted(proofs)} proven, {sorted(seen)} judged")
         return

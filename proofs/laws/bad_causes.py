@@ -213,13 +213,13 @@ def of_dropped(place: Workshop) -> list[Claim]:
 def of_information() -> list[Claim]:
     """Information of unequal models or filters is not added."""
     from invented import single
-    from steelyard.errors import DataError
-    from steelyard.model import Model
-    from steelyard.regression.accumulate import Accumulator, Stretch
-    from steelyard.regression.information import Information, Signature, Window
-    from steelyard.regression.regressor import base_regressor
-    from steelyard.terms.laws.presliding import Dahl
-    from steelyard.terms.register import DEFAULT_TERMS
+    from steelyard.base.errors import DataError
+    from steelyard.estimate.information.accumulate import Accumulator, Stretch
+    from steelyard.estimate.information.information import Information, Signature, Window
+    from steelyard.estimate.information.regressor import base_regressor
+    from steelyard.model.laws.presliding import Dahl
+    from steelyard.model.laws.register import DEFAULT_TERMS
+    from steelyard.model.model import Model
 
     def information_of(model: Model, filters: str) -> Information:
         regressor = base_regressor(model)

@@ -18,23 +18,24 @@ from typing import Any
 import numpy as np
 from proofs.support.claims import Claim, main_of
 
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.formats import open_log
-from steelyard.measurement import Recording, prepare
-from steelyard.motion import run
-from steelyard.regression.gather import gather
-from steelyard.regression.regressor import base_regressor
-from steelyard.robot.inertia import Inertia
+from steelyard.base.motion import run
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.logs.formats import open_log
+from steelyard.model.laws.register import term_of
+from steelyard.model.terms.term import Term
+from steelyard.robot.file.signals import Signals
+from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Body, Coordinate, Frame, Limits, Robot
-from steelyard.robot_file.signals import Signals
-from steelyard.terms.register import term_of
-from steelyard.terms.term import Term
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.mujoco_model import build
-from steelyard.virtual.robot import VirtualRobot
-from steelyard.virtual.scales import typical_torque
-from steelyard.virtual.sensors import Sensors
+from steelyard.runs.prepare import prepare
+from steelyard.runs.recording import Recording
+from steelyard.simulate.mujoco_model import build
+from steelyard.simulate.scales import typical_torque
+from steelyard.simulate.sensors import Sensors
+from steelyard.simulate.truth import random_truth
+from steelyard.simulate.virtual_robot import VirtualRobot
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from law_cases import LawCase, simulated  # noqa: E402

@@ -12,13 +12,13 @@ import polars as pl
 from proofs.support.claims import Claim, main_of
 from proofs.support.log_files import Table, message_columns, write_messages, write_tables
 
-from steelyard.formats import open_log
-from steelyard.formats.writers import WRITERS, writer_for
-from steelyard.measurement import Recording, prepare
-from steelyard.measurement.run import RunData
-from steelyard.robot_file.file import load_robot
-from steelyard.robot_file.signals import Signals
-from steelyard.virtual.demo import demo_runs
+from steelyard.logs.formats import WRITERS, open_log, writer_for
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.file.signals import Signals
+from steelyard.runs.prepare import prepare
+from steelyard.runs.recording import Recording
+from steelyard.runs.run import RunData
+from steelyard.simulate.demo import demo_runs
 
 
 def main() -> list[Claim]:

@@ -26,8 +26,8 @@ import numpy as np
 import polars as pl
 from proofs.support.claims import Claim, main_of
 
-from steelyard.errors import LogError
-from steelyard.formats import FORMATS, open_log
+from steelyard.base.errors import LogError
+from steelyard.logs.formats import FORMATS, open_log
 
 CASES = 260
 """Broken files per kind of file."""

@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 from proofs.support.claims import Claim, main_of
 
-from steelyard.virtual.demo import demo_runs
+from steelyard.simulate.demo import demo_runs
 
 ROWS = 10_000_000
 SMALL = 1_000_000
@@ -26,7 +26,7 @@ EVENTS = 50
 IDENTIFY = """
 import sys
 from pathlib import Path
-from steelyard.identification.identify import identify
+from steelyard.identify.identify import identify
 
 events, fitted = {}, 0.0
 

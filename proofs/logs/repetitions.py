@@ -13,22 +13,21 @@ import numpy as np
 from proofs.estimation.recovery import robots
 from proofs.support.claims import Claim, main_of
 
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.measurement.periods import Repetitions
-from steelyard.measurement.prepare import prepare_mean
-from steelyard.measurement.recording import LogInMemory, Recording
-from steelyard.measurement.repetition.repetitions import mean_of_periods
-from steelyard.measurement.run import Run
-from steelyard.model import DEFAULT_TERMS
-from steelyard.regression.gather import gather
-from steelyard.regression.regressor import Regressor, base_regressor
-from steelyard.robot_file.signals import Signals
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.robot import VirtualRobot
-from steelyard.virtual.sensors import TrueRun
-from steelyard.virtual.truth import Truth
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.regressor import Regressor, base_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.model import DEFAULT_TERMS
+from steelyard.robot.file.signals import Signals
+from steelyard.runs.prepare import prepare_mean
+from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.runs.repetitions import mean_of_periods
+from steelyard.runs.run import Run
+from steelyard.runs.spectrum import Repetitions
+from steelyard.simulate.sensors import TrueRun
+from steelyard.simulate.truth import Truth, random_truth
+from steelyard.simulate.virtual_robot import VirtualRobot
 
 DRAWS, PERIOD, REPETITIONS = 40, 3.0, 52
 EVERY = 4

@@ -14,26 +14,25 @@ from pathlib import Path
 import numpy as np
 from proofs.support.claims import Claim, main_of
 
-from steelyard.arrays import Array
-from steelyard.errors import LogError
-from steelyard.excitation.limits import motion_limits
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.excitation.trajectories.sampled import SampledMotion
-from steelyard.measurement import Processing, Recording, prepare
-from steelyard.measurement.methods.butterworth import Butterworth
-from steelyard.measurement.methods.fourier import Fourier
-from steelyard.measurement.methods.kalman import Kalman
-from steelyard.measurement.methods.protocols import Method
-from steelyard.measurement.methods.spline import SmoothingSpline
-from steelyard.measurement.recording import LogInMemory
-from steelyard.motion import Trajectory
+from steelyard.base.arrays import Array
+from steelyard.base.errors import LogError
+from steelyard.base.motion import Trajectory
+from steelyard.excite.constraints.constraint import motion_limits
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.excite.trajectories.polynomials import SampledMotion
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot
-from steelyard.robot_file.file import load_robot
-from steelyard.robot_file.signals import Signals
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.robot import VirtualRobot
-from steelyard.virtual.sensors import Sensors, TrueRun
-from steelyard.virtual.simulate import customary_sensors
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.runs.smoothing.fourier import Fourier
+from steelyard.runs.smoothing.kalman_smoother import Kalman
+from steelyard.runs.smoothing.method import Butterworth, Method
+from steelyard.runs.smoothing.spline import SmoothingSpline
+from steelyard.simulate.sensors import Sensors, TrueRun
+from steelyard.simulate.truth import random_truth
+from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 
 METHODS: tuple[Method, ...] = (Kalman(), Fourier(), SmoothingSpline(), Butterworth())
 WITHIN = 1.2
@@ -62,7 +61,7 @@ class Case:
 
 def demo_arm() -> Robot:
     """Six joints."""
-    return load_robot(Path(str(files("steelyard.virtual") / "demo_arm.urdf"))).robot
+    return load_robot(Path(str(files("steelyard.simulate") / "demo_arm.urdf"))).robot
 
 
 def minimum_jerk(share: Array) -> Array:

@@ -13,29 +13,29 @@ from pathlib import Path
 import numpy as np
 from proofs.support.claims import Claim, main_of
 
-from steelyard.arrays import Array
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.kernel.quantities.passive_joints import Follower
-from steelyard.measurement import Recording, prepare
-from steelyard.measurement.recording import LogInMemory
-from steelyard.model import Model
-from steelyard.regression.base import full_regressor
-from steelyard.regression.gather import gather
-from steelyard.regression.regressor import base_regressor, standard_regressor
-from steelyard.robot.inertia import Inertia
+from steelyard.base.arrays import Array
+from steelyard.estimate.information.base_parameters import full_regressor
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.regressor import base_regressor, standard_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.model.equations.passive_joints import Follower
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.offset import Offset
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.rotor_inertia import RotorInertia
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.robot.file.signals import Signals
+from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Limits, Robot
-from steelyard.robot_file.signals import Signals
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.offset import Offset
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.rotor_inertia import RotorInertia
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.mujoco_model import build
-from steelyard.virtual.robot import VirtualRobot
-from steelyard.virtual.scales import typical_torque
-from steelyard.virtual.sensors import Reading, Sensors
+from steelyard.runs.prepare import prepare
+from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.simulate.mujoco_model import build
+from steelyard.simulate.scales import typical_torque
+from steelyard.simulate.sensors import Reading, Sensors
+from steelyard.simulate.truth import random_truth
+from steelyard.simulate.virtual_robot import VirtualRobot
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from closed_chains import Oracle, five_bar, parallelogram  # noqa: E402

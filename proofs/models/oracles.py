@@ -12,18 +12,18 @@ from pathlib import Path
 import numpy as np
 from proofs.support.claims import Claim, data_folder, main_of
 
-from steelyard.arrays import Array
-from steelyard.kernel.equations.dynamics import JointState
-from steelyard.kernel.program import numpy_backend
-from steelyard.kernel.program.program import Array as Input
-from steelyard.kernel.program.program import Program
-from steelyard.kernel.program.trace import symbolic
-from steelyard.model import Model
-from steelyard.motion import Motion
-from steelyard.regression.regressor import standard_regressor
+from steelyard.base.arrays import Array
+from steelyard.base.motion import Motion
+from steelyard.estimate.information.regressor import standard_regressor
+from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.equations.trace import symbolic
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
 from steelyard.robot.robot import Robot
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.virtual.mujoco_model import build, inverse_dynamics
+from steelyard.simulate.mujoco_model import build, inverse_dynamics
+from steelyard.symbolic import program as numpy_backend
+from steelyard.symbolic.program import InputArray as Input
+from steelyard.symbolic.program import Program
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from invented import ROBOTS  # noqa: E402

@@ -16,11 +16,13 @@ from proofs.support.claims import Claim, main_of
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 
-from steelyard.model import Model  # noqa: E402
-from steelyard.regression.base import full_regressor  # noqa: E402
-from steelyard.regression.independence import independent_columns  # noqa: E402
-from steelyard.terms.laws.rigid_body import RigidBody  # noqa: E402
-from steelyard.terms.laws.rotor_inertia import RotorInertia  # noqa: E402
+from steelyard.estimate.information.base_parameters import (
+    full_regressor,  # noqa: E402
+    independent_columns,  # noqa: E402
+)
+from steelyard.model.laws.rigid_body import RigidBody  # noqa: E402
+from steelyard.model.laws.rotor_inertia import RotorInertia  # noqa: E402
+from steelyard.model.model import Model  # noqa: E402
 from tilted import drawn, rank_by_gap, singular_values  # noqa: E402
 
 DRAWS, PROCESSES = 2000, 2

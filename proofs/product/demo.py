@@ -16,24 +16,24 @@ from pathlib import Path
 import numpy as np
 from proofs.support.claims import Claim, main_of
 
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.excitation.bases.fourier_bases import BlendedFourier
-from steelyard.excitation.from_tables import build
-from steelyard.excitation.search.finish import finished
-from steelyard.excitation.search.starts import nearest_free
-from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.excitation.trajectories.files import read_motion
-from steelyard.formats import open_log
-from steelyard.identification.described_model import model_with_open_friction
-from steelyard.identification.named_logs import wanted_by
-from steelyard.measurement import Recording, prepare
-from steelyard.motion import run
-from steelyard.regression.gather import gather
-from steelyard.regression.regressor import base_regressor
-from steelyard.robot_file.file import LoadedRobot, load_robot
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.robot import VirtualRobot
-from steelyard.virtual.simulate import customary_sensors
+from steelyard.base.motion import run
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.excite.problem_from_tables import build
+from steelyard.excite.search.repair import finished
+from steelyard.excite.search.starts import nearest_free
+from steelyard.excite.trajectories.fourier_bases import BlendedFourier
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.excite.trajectories.trajectory_files import read_motion
+from steelyard.logs.formats import open_log
+from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.robot.file.robot_file import LoadedRobot, load_robot
+from steelyard.runs.named_logs import processing_of_robot
+from steelyard.runs.prepare import prepare
+from steelyard.runs.recording import Recording
+from steelyard.simulate.truth import random_truth
+from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 
 SEEDS = range(10)
 FREQUENCIES = (0.1, 0.25, 0.5)
@@ -64,7 +64,7 @@ def errors(loaded: LoadedRobot, motion: ExactTrajectory, seed: int, folder: Path
     sensors = customary_sensors(loaded.robot, truth)
     log = folder / f"{seed}_{id(motion)}.parquet"
     run(VirtualRobot(loaded.robot, truth, sensors, seed=seed), motion, log)
-    prepared = prepare(Recording(open_log(log), loaded.signals), wanted_by(loaded))
+    prepared = prepare(Recording(open_log(log), loaded.signals), processing_of_robot(loaded))
     regressor = base_regressor(model_with_open_friction(loaded))
     known = WeightedLeastSquares()(gather(regressor, prepared)).parameters.as_dict()
     found = np.array([known.get(name, 0.0) for name in regressor.base.base_names])

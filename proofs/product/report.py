@@ -13,7 +13,7 @@ from pathlib import Path
 from proofs.robots.scores import EXAMPLES, ur10e_logs, ur10e_validation
 from proofs.support.claims import Claim, main_of
 
-from steelyard.report.sections.register import SECTIONS
+from steelyard.identify.page.section_register import SECTIONS
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from browser import chromium, look, running  # noqa: E402

@@ -84,16 +84,17 @@ def met(work: Callable[[], T]) -> tuple[T, int]:
 
 def way() -> tuple[int, int, int]:
     """Names met from a log to information, to the estimate, and to the page."""
-    from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-    from steelyard.formats import open_log
-    from steelyard.identification.identify import identify
-    from steelyard.measurement import Recording, prepare
-    from steelyard.model import Model
-    from steelyard.regression.gather import gather
-    from steelyard.regression.regressor import base_regressor
-    from steelyard.report import render
-    from steelyard.robot_file.file import load_robot
-    from steelyard.virtual.demo import demo_runs
+    from steelyard.estimate.information.gather import gather
+    from steelyard.estimate.information.regressor import base_regressor
+    from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+    from steelyard.identify.identify import identify
+    from steelyard.identify.page.section_register import render
+    from steelyard.logs.formats import open_log
+    from steelyard.model.model import Model
+    from steelyard.robot.file.robot_file import load_robot
+    from steelyard.runs.prepare import prepare
+    from steelyard.runs.recording import Recording
+    from steelyard.simulate.demo import demo_runs
 
     with tempfile.TemporaryDirectory() as folder:
         files = demo_runs(Path(folder))

@@ -16,13 +16,13 @@ from proofs.support.claims import Claim, main_of
 sys.path.append(str(Path(__file__).parents[2] / "tests"))
 from drawn import motion_of, samples_of
 from invented import dh_arm
-from steelyard.arrays import Array
-from steelyard.estimation.estimate import Z95
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimation.reduction.reduce import reduce
-from steelyard.model import Model
-from steelyard.regression.information import Information
-from steelyard.regression.regressor import base_regressor
+from steelyard.base.arrays import Array
+from steelyard.estimate.estimate import Z95
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.reduction.reduction import reduce
+from steelyard.model.model import Model
 
 DRAWS, RUNS, COUNT = 200, 4, 240
 REGRESSOR = base_regressor(Model(dh_arm()))

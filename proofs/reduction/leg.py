@@ -25,19 +25,18 @@ sys.path.append(str(Path(__file__).parents[2] / "tests"))
 from studies.support.robots import ROBOTS
 
 from drawn import samples_of
-from steelyard.arrays import Array
-from steelyard.estimation.least_squares.least_squares import OrdinaryLeastSquares
-from steelyard.estimation.reduction.reduce import reduce
-from steelyard.excitation.trajectories.files import read_trajectory
-from steelyard.identification.described_model import model_of
-from steelyard.identification.reduction.reduction_loop import Round, reduction_loop
-from steelyard.motion import Trajectory
-from steelyard.regression.information import Information
-from steelyard.regression.regressor import base_regressor
-from steelyard.robot_file.file import load_robot
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.robot import VirtualRobot
-from steelyard.virtual.simulate import customary_sensors
+from steelyard.base.arrays import Array
+from steelyard.base.motion import Trajectory
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import OrdinaryLeastSquares
+from steelyard.estimate.reduction.reduction import reduce
+from steelyard.excite.reduction_loop import Round, reduction_loop
+from steelyard.excite.trajectories.trajectory_files import read_trajectory
+from steelyard.model.robot_file_model import model_of
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.simulate.truth import random_truth
+from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 
 LEG = ROBOTS / "p1_leg.toml"
 PERIODS, STEP = 10, 0.03

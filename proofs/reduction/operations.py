@@ -13,11 +13,11 @@ from proofs.robots.scores import ur10e_logs
 from proofs.support.claims import Claim, data_folder, main_of
 
 import steelyard
-from steelyard.kernel.native import machine
-from steelyard.kernel.native.compiled import _module
-from steelyard.kernel.program.program import Program
-from steelyard.model import Model
-from steelyard.regression.base import base_parameters
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.model.model import Model
+from steelyard.symbolic.native import machine
+from steelyard.symbolic.native.compiled import _module
+from steelyard.symbolic.program import Program
 
 
 def program_of(model: Model, names: tuple[str, ...]) -> tuple[Program, int]:

@@ -20,21 +20,20 @@ sys.path.append(str(Path(__file__).parents[2] / "tests"))
 from studies.support.robots import ROBOTS
 
 from drawn import samples_of
-from steelyard.arrays import Array
-from steelyard.estimation.least_squares.normal_equations import condition_of
-from steelyard.estimation.reduction.reduce import Reduction, reduce
-from steelyard.estimation.reduction.register import criterion_of
-from steelyard.estimation.reduction.rules import Tolerance
-from steelyard.estimation.reduction.state import State
-from steelyard.excitation.from_tables import limits_of
-from steelyard.excitation.planned.plans import planned
-from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.identification.described_model import model_of
-from steelyard.regression.regressor import Regressor, base_regressor
-from steelyard.regression.samples import Samples
-from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
+from steelyard.base.arrays import Array
+from steelyard.estimate.information.regressor import Regressor, base_regressor
+from steelyard.estimate.information.samples import FilteredSamples
+from steelyard.estimate.least_squares.normal_equations import condition_of
+from steelyard.estimate.reduction.elimination import State
+from steelyard.estimate.reduction.reduction import Reduction, criterion_of, reduce
+from steelyard.estimate.reduction.stopping_rules import Tolerance
+from steelyard.excite.planned.plans import planned
+from steelyard.excite.problem_from_tables import limits_of
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.model.robot_file_model import model_of
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Robot
-from steelyard.robot_file.file import load_robot
 
 ARM = ROBOTS / "p2_arm.toml"
 PICK = """kind = "pick_and_place"
@@ -115,7 +114,7 @@ def planned_motion(motion: str, seed: int) -> ExactTrajectory:
     return trajectory
 
 
-def recorded(motion: str, shares: tuple[float, ...], seed: int) -> Samples:
+def recorded(motion: str, shares: tuple[float, ...], seed: int) -> FilteredSamples:
     """A process as it is averaged over its repetitions.
 
     Args:
@@ -141,7 +140,7 @@ def recorded(motion: str, shares: tuple[float, ...], seed: int) -> Samples:
     return samples_of(regressor, states, exact + lacking + noise, f"process{seed}")
 
 
-def reduced(samples: Samples) -> Reduction:
+def reduced(samples: FilteredSamples) -> Reduction:
     """Algorithm 1 with the mean absolute error of the samples."""
     _, _, left = columns()
     speeds = np.abs(samples.dq).max(axis=0)
@@ -160,7 +159,7 @@ def condition(state: State, *, unit: bool) -> float:
     return condition_of(np.linalg.eigvalsh(matrix / lengths[:, None] / lengths))
 
 
-def unseen(found: Reduction, place: int, samples: Samples) -> Array:
+def unseen(found: Reduction, place: int, samples: FilteredSamples) -> Array:
     """Relative mean absolute errors of a model on another run of the process [%]."""
     regressor, _, _ = columns()
     state = found.path.states[place]

@@ -14,11 +14,9 @@ from proofs.robots.scores import EXAMPLES, ur10e_logs, ur10e_validation
 from proofs.support.claims import Claim, data_folder, main_of
 
 import steelyard
-from steelyard.estimation.reduction.criteria import CRITERIA
-from steelyard.estimation.reduction.path import backward
-from steelyard.estimation.reduction.state import FullModel
-from steelyard.identification.identify import Identification
-from steelyard.identification.reduction.reduce import ReducedModel
+from steelyard.estimate.reduction.elimination import CRITERIA, FullModel, backward
+from steelyard.identify.identify import Identification
+from steelyard.identify.reduce import ReducedModel
 
 ROBOT = str(EXAMPLES / "ur10e.toml")
 POOR = "ur-20_02_06-20sec_5harm"

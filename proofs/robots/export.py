@@ -16,11 +16,11 @@ import pinocchio as pin
 from proofs.robots.scores import EXAMPLES, file_with, identified
 from proofs.support.claims import Claim, data_folder, main_of
 
-from steelyard.estimation.identified import IdentifiedModel, load_model
-from steelyard.model import Model
-from steelyard.motion import Motion
-from steelyard.robot_file.file import load_robot
-from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.base.motion import Motion
+from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
+from steelyard.robot.file.robot_file import load_robot
 
 LOGS = {
     "ur10e": "ur10e/identification/ur-20_02_12-40sec_12harm.parquet",

@@ -15,18 +15,18 @@ from typing import Any
 import numpy as np
 from proofs.support.claims import Claim, data_folder, main_of
 
-from steelyard.estimation.payload.bilinear import Bilinear
-from steelyard.estimation.payload.gains import GainEstimate, identified_gains
-from steelyard.estimation.payload.load_case import carrier, load_case
-from steelyard.identification.described_model import model_with_open_friction
-from steelyard.identification.named_logs import log_files, prepared, recording_of, wanted_by
-from steelyard.model import Model
-from steelyard.progress import silent
-from steelyard.regression.base import base_parameters
-from steelyard.regression.gather import gather
-from steelyard.regression.information import Information
-from steelyard.regression.regressor import base_regressor
-from steelyard.robot_file.file import LoadedRobot, load_robot
+from steelyard.base.progress import silent
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.payload.bilinear import Bilinear
+from steelyard.estimate.payload.drive_gains import GainEstimate, identified_gains
+from steelyard.estimate.payload.load_case import carrier, load_case
+from steelyard.model.model import Model
+from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.robot.file.robot_file import LoadedRobot, load_robot
+from steelyard.runs.named_logs import log_files, prepared, processing_of_robot, recording_of
 
 ROBOT = Path(__file__).parents[2] / "examples" / "ur10e.toml"
 PAIR = ("ur-20_02_19_14harm50sec", "ur-20_02_19_14harm50secLoad")
@@ -94,7 +94,7 @@ def information_of(pair: tuple[str, str]) -> tuple[Model, Information, Informati
     regressor = base_regressor(model_with_open_friction(loaded))
     files = log_files([log(name) for name in pair])
     recordings = [recording_of(file, loaded.signals) for file in files]
-    runs = prepared(recordings, wanted_by(loaded), silent)
+    runs = prepared(recordings, processing_of_robot(loaded), silent)
     unloaded, with_it = (gather(regressor, run) for run in runs)
     return regressor.model, unloaded, with_it
 

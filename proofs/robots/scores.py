@@ -139,10 +139,10 @@ def _each(name: str, values: np.ndarray, bounds: np.ndarray, unit: str) -> Claim
 
 
 def _rigid_ur10e() -> Claim:
-    from steelyard.model import Model
-    from steelyard.regression.base import base_parameters
-    from steelyard.robot_file.file import load_robot
-    from steelyard.terms.laws.rigid_body import RigidBody
+    from steelyard.estimate.information.base_parameters import base_parameters
+    from steelyard.model.laws.rigid_body import RigidBody
+    from steelyard.model.model import Model
+    from steelyard.robot.file.robot_file import load_robot
 
     data_folder()
     count = len(base_parameters(Model(load_robot(EXAMPLES / "ur10e.toml").robot, (RigidBody(),))))

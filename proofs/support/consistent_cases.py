@@ -6,20 +6,18 @@ from pathlib import Path
 import numpy as np
 from proofs.support.claims import data_folder
 
-from steelyard.arrays import Array
-from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.knowledge import Knowledge
-from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.model import Model, ValuedModel
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
-from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Signature, Window
-from steelyard.regression.regressor import Regressor, base_regressor
-from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
-from steelyard.robot_file.file import load_robot
-from steelyard.virtual.invent import random_truth
+from steelyard.base.arrays import Array, Parameters
+from steelyard.base.motion import Motion
+from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.information import Information, Signature, Window
+from steelyard.estimate.information.regressor import Regressor, base_regressor
+from steelyard.estimate.prior.prior import Knowledge, default_knowledge
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.model.model import Model, ValuedModel
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
+from steelyard.simulate.truth import random_truth
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 NOISE = 0.05

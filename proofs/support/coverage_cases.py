@@ -9,25 +9,25 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.arrays import Array
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.measurement import Recording, Run, prepare
-from steelyard.measurement.processing import Processing
-from steelyard.measurement.recording import LogInMemory
-from steelyard.motion import Motion
-from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
+from steelyard.base.arrays import Array
+from steelyard.base.motion import Motion
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.model.laws.register import DEFAULT_TERMS
+from steelyard.model.laws.stribeck import Stribeck
+from steelyard.model.terms.term import Term
+from steelyard.robot.file.robot_file import LoadedRobot, load_robot
+from steelyard.robot.file.signals import Signals
+from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Robot
-from steelyard.robot_file.file import LoadedRobot, load_robot
-from steelyard.robot_file.signals import Signals
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.load_dependent import LoadDependent
-from steelyard.terms.laws.stribeck import Stribeck
-from steelyard.terms.register import DEFAULT_TERMS
-from steelyard.terms.term import Term
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.mujoco_model import build
-from steelyard.virtual.simulate import typical_torque
-from steelyard.virtual.truth import Truth
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.runs.run import Run
+from steelyard.simulate.mujoco_model import build
+from steelyard.simulate.truth import Truth, random_truth
+from steelyard.simulate.virtual_robot import typical_torque
 
 NOISE = 0.02
 """Torque noise over the typical torque of each joint."""
@@ -110,7 +110,7 @@ def robot_file() -> LoadedRobot:
     """The demo arm with nominal values, as a user would give it."""
     from importlib.resources import files
 
-    return load_robot(Path(str(files("steelyard.virtual") / "demo_arm.urdf")))
+    return load_robot(Path(str(files("steelyard.simulate") / "demo_arm.urdf")))
 
 
 def case_of(row: Row, seed: int) -> Case:

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from steelyard.arrays import Array
-from steelyard.robot_file.toml_reader import tomllib
+from steelyard.base.arrays import Array
+from steelyard.robot.file.toml import tomllib
 
 KINDS = {
     "RevoluteDH": ("revolute", "standard"),

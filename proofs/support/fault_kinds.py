@@ -6,12 +6,14 @@ from collections.abc import Callable
 import numpy as np
 from proofs.support.faults import Clean, Faulty, with_keys
 
-from steelyard.diagnosis import Diagnosis, Edit
-from steelyard.diagnosis.knowledge import Knowledge, knowledge_of
-from steelyard.measurement import Processing, Recording, prepare
-from steelyard.measurement.recording import LogInMemory
-from steelyard.robot.inertia import Inertia
-from steelyard.robot_file.edits import edited
+from steelyard.check.case import Knowledge, knowledge_of
+from steelyard.check.examine import Diagnosis
+from steelyard.check.finding import Edit
+from steelyard.robot.file.toml_edits import edited
+from steelyard.robot.rigid_body import Inertia
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
 
 Random = np.random.Generator
 Kind = Callable[[Clean, Random], Faulty | None]

@@ -7,14 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.diagnosis import Case, Diagnosis, Edit, examine
-from steelyard.diagnosis.case import Evidence
-from steelyard.estimation.identified import IdentifiedModel
-from steelyard.measurement import Processing, Recording
-from steelyard.measurement.recording import LogInMemory
-from steelyard.robot_file.edits import edited
-from steelyard.robot_file.file import LoadedRobot, load_robot
-from steelyard.robot_file.signals import Signals
+from steelyard.check.case import Case, Evidence
+from steelyard.check.examine import Diagnosis, examine
+from steelyard.check.finding import Edit
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.robot.file.robot_file import LoadedRobot, load_robot
+from steelyard.robot.file.signals import Signals
+from steelyard.robot.file.toml_edits import edited
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 import scipy.io
 
-from steelyard.arrays import Array
+from steelyard.base.arrays import Array
 
 sys.path.append(str(Path(__file__).parents[2] / "tests"))
 

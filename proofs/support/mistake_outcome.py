@@ -11,18 +11,18 @@ from pathlib import Path
 import numpy as np
 from proofs.support.mistakes import Arm, Job
 
-from steelyard.arrays import Array
-from steelyard.diagnosis import Diagnosis
-from steelyard.errors import SteelyardError
-from steelyard.identification.checks.check_case import diagnosed, subject_of
-from steelyard.identification.checks.fix import fixed
-from steelyard.identification.identify import identify
-from steelyard.identification.named_logs import log_files
-from steelyard.identification.validate import validate
-from steelyard.progress import silent
-from steelyard.report import ReportContent
-from steelyard.report.text.verdict import verdict
-from steelyard.robot_file.file import load_robot
+from steelyard.base.arrays import Array
+from steelyard.base.errors import SteelyardError
+from steelyard.base.progress import silent
+from steelyard.check.examine import Diagnosis
+from steelyard.check.fix import correct_robot_file
+from steelyard.check.subject import diagnosed, subject_of
+from steelyard.identify.identify import identify
+from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.model_verdict import verdict
+from steelyard.identify.validate import validate
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.runs.named_logs import log_files
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +169,7 @@ def fix_of(
     every = log_files(logs)
     subject, target = subject_of(robot, every[0]), folder / "fixed.toml"
     try:
-        corrected = fixed(subject, target, diagnosis, every, None, silent, quick=False)
+        corrected = correct_robot_file(subject, target, diagnosis, every, None, silent, quick=False)
     except SteelyardError as error:
         return None, (str(error),)
     if not corrected.changes:

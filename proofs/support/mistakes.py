@@ -13,15 +13,14 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from steelyard.arrays import Array
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.motion import Motion
-from steelyard.robot.inertia import Inertia
+from steelyard.base.arrays import Array
+from steelyard.base.motion import Motion
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Robot
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.virtual.demo import write_demo_arm
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.truth import Truth
+from steelyard.simulate.demo import write_demo_arm
+from steelyard.simulate.truth import Truth, random_truth
 
 RATE = 200.0
 SECONDS = 20.0

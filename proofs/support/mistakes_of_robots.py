@@ -8,9 +8,9 @@ import numpy as np
 from proofs.support.mistakes import Arm, Job, Log, Mistake
 from proofs.support.mistakes_planted import named
 
-from steelyard.arrays import Array
-from steelyard.motion import Motion
-from steelyard.virtual.invent import random_truth
+from steelyard.base.arrays import Array
+from steelyard.base.motion import Motion
+from steelyard.simulate.truth import random_truth
 
 
 def validated_by(change: Callable[[Arm, Job], Log]) -> Callable[[Arm], Job]:

@@ -7,8 +7,8 @@ import numpy as np
 from proofs.support.mistakes import COLUMNS, RATE, Arm, Job, Log
 from scipy.signal import butter, lfilter
 
-from steelyard.arrays import Array
-from steelyard.motion import Motion
+from steelyard.base.arrays import Array
+from steelyard.base.motion import Motion
 
 
 def efforts(change: Callable[[Log], Array]) -> Callable[[Arm], Job]:

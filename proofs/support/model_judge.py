@@ -17,17 +17,17 @@ from proofs.support.model_files import ModelFile, recognised
 from proofs.support.model_oracles import Oracle, PinocchioOracle, urdf_oracle
 from proofs.support.mujoco_oracle import MjcfOracle, compiled
 
-from steelyard.arrays import Array
-from steelyard.cli.commands.init import init
-from steelyard.errors import SteelyardError
-from steelyard.kernel.equations.dynamics import JointState
-from steelyard.kernel.quantities.passive_joints import random_positions
-from steelyard.model import Model
-from steelyard.regression.base import base_parameters
+from steelyard.base.arrays import Array
+from steelyard.base.errors import SteelyardError
+from steelyard.cli.init_command import init
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.equations.passive_joints import random_positions
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.file.toml import tomllib
 from steelyard.robot.robot import Robot
-from steelyard.robot_file.file import load_robot
-from steelyard.robot_file.toml_reader import tomllib
-from steelyard.terms.laws.rigid_body import RigidBody
 
 STATES = 8
 AGREES, CLOSELY = 1e-6, 1e-9

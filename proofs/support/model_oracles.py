@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from steelyard.arrays import Array
+from steelyard.base.arrays import Array
 
 ROUNDED = 2e-5
 """`1.5708` for pi/2 leaves 4e-6."""

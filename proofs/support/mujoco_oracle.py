@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from proofs.support.model_oracles import ROUNDED, Following, without_dirt
 
-from steelyard.arrays import Array
+from steelyard.base.arrays import Array
 
 
 class MjcfOracle:

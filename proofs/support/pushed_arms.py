@@ -10,28 +10,25 @@ from pathlib import Path
 import numpy as np
 from studies.support.robots import ROBOTS
 
-from steelyard.arrays import Array
-from steelyard.estimation.estimate import Estimate, StandardEstimate
-from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.files import write_table
-from steelyard.identification.described_model import model_with_open_friction
-from steelyard.identification.logs import processing_of
-from steelyard.identification.named_logs import log_files, prepared, recording_of
-from steelyard.kernel.quantities.kinematics import last_frame
-from steelyard.measurement import Run
-from steelyard.motion import run
-from steelyard.parameters import Parameters
-from steelyard.progress import silent
-from steelyard.regression.base import base_parameters
-from steelyard.regression.parallel_filter import noise_bandwidth
-from steelyard.robot_file.file import load_robot
-from steelyard.robot_file.signals import Signals
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.robot import VirtualRobot
-from steelyard.virtual.simulate import customary_sensors
-from steelyard.virtual.truth import Truth
-from steelyard.virtual.wrench import AppliedWrench
+from steelyard.base.arrays import Array, Parameters
+from steelyard.base.files import write_table
+from steelyard.base.motion import run
+from steelyard.base.progress import silent
+from steelyard.estimate.estimate import Estimate, StandardEstimate
+from steelyard.estimate.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.regressor import noise_bandwidth
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.identify.scores import processing_of
+from steelyard.model.equations.kinematics import last_frame
+from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.file.signals import Signals
+from steelyard.runs.named_logs import log_files, prepared, recording_of
+from steelyard.runs.run import Run
+from steelyard.simulate.external_loads import AppliedWrench
+from steelyard.simulate.truth import Truth, random_truth
+from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 
 FILES = {
     "ur10": Path(__file__).parents[1] / "problems" / "ur10.toml",

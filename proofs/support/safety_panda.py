@@ -16,13 +16,13 @@ from proofs.support.claims import Claim, data_folder
 from proofs.support.designs import PROBLEMS
 from proofs.support.safety_motion import derivative, duration
 
-from steelyard.excitation.constraints.certificate import certify
-from steelyard.excitation.from_tables import build
-from steelyard.excitation.problem import Problem
-from steelyard.excitation.search.finish import finished
-from steelyard.excitation.search.methods import Gradient, seeded
-from steelyard.identification.described_model import model_with_open_friction
-from steelyard.robot_file.file import load_robot
+from steelyard.excite.constraints.certificate import certify
+from steelyard.excite.problem import Problem
+from steelyard.excite.problem_from_tables import build
+from steelyard.excite.search.repair import finished
+from steelyard.excite.search.starts import Gradient, seeded
+from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.robot.file.robot_file import load_robot
 
 MARGIN = 0.02
 SEARCHES = 5

@@ -14,8 +14,8 @@ from proofs.robots.scores import EXAMPLES, identified, ur10e_logs
 from proofs.support.claims import Claim, data_folder, main_of
 
 import steelyard
-from steelyard.arrays import Array
-from steelyard.estimation.identified import IdentifiedModel
+from steelyard.base.arrays import Array
+from steelyard.estimate.identified import IdentifiedModel
 
 UNLOADED = "ur10e/identification/ur-20_01_31-unload"
 LOADED = "ur10e/identification/ur-20_01_31-load"

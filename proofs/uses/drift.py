@@ -12,13 +12,13 @@ import numpy as np
 from proofs.support.claims import Claim, main_of
 
 import steelyard
-from steelyard.identification.uses.health import Health
-from steelyard.model import ValuedModel
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
+from steelyard.base.arrays import Parameters
+from steelyard.base.motion import Motion
+from steelyard.model.model import ValuedModel
 from steelyard.robot.robot import Robot
-from steelyard.virtual.demo import write_demo_arm
-from steelyard.virtual.invent import random_truth
+from steelyard.simulate.demo import write_demo_arm
+from steelyard.simulate.truth import random_truth
+from steelyard.uses.health.health import Health
 
 RATE = 50.0
 FALL, CONSTANT = 0.3, 900.0

@@ -14,22 +14,21 @@ from proofs.support.claims import Claim, main_of
 from studies.support.robots import ROBOTS
 
 from steelyard import load_runs
-from steelyard.application.payload_events import PayloadEvents
-from steelyard.arrays import Array
-from steelyard.estimation.identified import IdentifiedModel
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.identification.described_model import model_with_open_friction
-from steelyard.identification.identify import identify
-from steelyard.identification.uses.payload import payload_events
-from steelyard.identification.uses.wrench import MethodName, external_wrench
-from steelyard.kernel.quantities.kinematics import frame_kinematics
-from steelyard.motion import run
-from steelyard.robot.inertia import Inertia
-from steelyard.robot_file.file import load_robot
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.payload import Payload
-from steelyard.virtual.robot import VirtualRobot
-from steelyard.virtual.simulate import customary_sensors
+from steelyard.base.arrays import Array
+from steelyard.base.motion import run
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.identify.identify import identify
+from steelyard.model.equations.kinematics import frame_kinematics
+from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.rigid_body import Inertia
+from steelyard.simulate.external_loads import Payload
+from steelyard.simulate.truth import random_truth
+from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
+from steelyard.uses.payload.payload import payload_events
+from steelyard.uses.payload.payload_events import PayloadEvents
+from steelyard.uses.wrench.external_wrench import MethodName, external_wrench
 
 ROBOT = ROBOTS / "p3_rx160.toml"
 MASS, PICK, RELEASE = 2.0, 13.0, 54.0

@@ -7,9 +7,9 @@ controller. Efforts are motor currents, gains known within 2 % each.
 from proofs.robots.payload_and_gains import EMPTY, OTHERS, PAIR, ROBOT, log
 from proofs.support.claims import Claim, main_of
 
-from steelyard.estimation.payload.load import PayloadEstimate
-from steelyard.identification.identify import identify
-from steelyard.identification.uses.payload import identify_payload, payload_events
+from steelyard.estimate.payload.payload_estimate import PayloadEstimate
+from steelyard.identify.identify import identify
+from steelyard.uses.payload.payload import identify_payload, payload_events
 
 MASS = 2.805
 LOADED = (PAIR[1], "ur-20_01_31-load")

@@ -7,13 +7,13 @@ from proofs.support.claims import Claim, main_of
 from proofs.uses.payload_pick import MASS, PICK, RELEASE, ROBOT, TOLERANCE, logs
 from proofs.uses.watch_ur10e import rows_of
 
-from steelyard.application.payload_events import PayloadEvent
-from steelyard.application.watch.payload_stream import PERIOD
-from steelyard.estimation.identified import IdentifiedModel
-from steelyard.identification.identify import identify
-from steelyard.identification.uses.watch import start_watch
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.identify.identify import identify
+from steelyard.uses.payload.payload_events import PayloadEvent
+from steelyard.uses.watch.stream_events import SEARCH_PERIOD
+from steelyard.uses.watch.watch import start_watch
 
-LATEST = 3.0 + 2.0 * PERIOD + 0.5
+LATEST = 3.0 + 2.0 * SEARCH_PERIOD + 0.5
 """Time after a change by which it is reported [s]: motion on both sides, two searches."""
 
 

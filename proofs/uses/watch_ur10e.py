@@ -14,13 +14,13 @@ from proofs.support.claims import Claim, data_folder, main_of
 from proofs.uses.contact_ur10e import RATE, UNSEEN, pushes_in
 
 import steelyard
-from steelyard.application.contact import ContactEvent
-from steelyard.application.payload_events import PayloadEvent
-from steelyard.application.watch.watcher import StreamEvent, Watcher
-from steelyard.arrays import Array
-from steelyard.estimation.identified import IdentifiedModel
-from steelyard.estimation.residual_peaks import ContactThresholds
-from steelyard.identification.uses.watch import start_watch
+from steelyard.base.arrays import Array
+from steelyard.estimate.external.residual_peaks import ContactThresholds
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.uses.contact.contact_events import ContactEvent
+from steelyard.uses.payload.payload_events import PayloadEvent
+from steelyard.uses.watch.watch import start_watch
+from steelyard.uses.watch.watcher import StreamEvent, Watcher
 
 PUSHES = "collision/ur-20_01_22-push_pose_1"
 

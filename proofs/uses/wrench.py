@@ -27,12 +27,12 @@ from proofs.support.pushed_arms import (
 )
 
 import steelyard
-from steelyard.arrays import Array
-from steelyard.estimation.identified import IdentifiedModel
-from steelyard.files import write_table
-from steelyard.identification.uses.wrench import ExternalWrench, MethodName
-from steelyard.motion import Motion
-from steelyard.virtual.wrench import AppliedWrench
+from steelyard.base.arrays import Array
+from steelyard.base.files import write_table
+from steelyard.base.motion import Motion
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.simulate.external_loads import AppliedWrench
+from steelyard.uses.wrench.external_wrench import ExternalWrench, MethodName
 
 SEEDS = (0, 1, 2)
 SINGULAR = 100.0

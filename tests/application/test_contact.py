@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from invented import tree
-from steelyard.application.contact import contacts_in, links_carried_by, without_contact
-from steelyard.application.other_efforts import refuse_other_efforts, refuse_without
-from steelyard.errors import DataError, LogError
-from steelyard.estimation.residual_peaks import ContactThresholds
-from steelyard.validation.residual_traces import ResidualTrace, supported_rate
+from steelyard.base.errors import DataError, LogError
+from steelyard.estimate.external.residual_peaks import ContactThresholds
+from steelyard.estimate.scores.residuals import ResidualTrace, supported_rate
+from steelyard.uses.contact.contact_events import contacts_in, links_carried_by, without_contact
+from steelyard.uses.other_efforts import refuse_other_efforts, refuse_without
 
 ROBOT = tree()
 N = ROBOT.n

@@ -26,20 +26,17 @@ from in_c import (
 from invented import tree
 from law_cases import CASES
 from moving import cycles, geared
-from steelyard.application.controller.c_code import CCode
-from steelyard.application.controller.functions import FUNCTIONS, Controller
-from steelyard.application.controller.identifiers import commented, identifiers
-from steelyard.application.controller.regrouped import regrouped
-from steelyard.arrays import Array
-from steelyard.kernel.native.c99 import Precision
-from steelyard.model import Model
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
+from steelyard.base.arrays import Array, Parameters
+from steelyard.base.motion import Motion
+from steelyard.export.code.c_code import CCode, commented, identifiers
+from steelyard.export.code.functions import FUNCTIONS, Controller, regrouped
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.register import DEFAULT_TERMS
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
 from steelyard.robot.robot import Robot
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.presliding import Dahl
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.register import DEFAULT_TERMS
+from steelyard.symbolic.source_code import Precision
 
 LAWS = {f"law_{k}": case for k, case in enumerate(CASES)}
 FIRST = {case.law: name for name, case in reversed(LAWS.items())}
@@ -244,9 +241,9 @@ def test_only_the_mathematical_library_is_needed(tmp_path: Path) -> None:
 
 
 def test_values_of_variables_live_as_long_as_they_are_read() -> None:
-    from steelyard.kernel.program.program import Array as Input
-    from steelyard.kernel.program.source import variables_of
-    from steelyard.kernel.program.trace import symbolic
+    from steelyard.model.equations.trace import symbolic
+    from steelyard.symbolic.program import InputArray as Input
+    from steelyard.symbolic.source_code import variables_of
 
     def chain(x: list) -> list:
         total = x[0] * x[1]

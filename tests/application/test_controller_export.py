@@ -11,13 +11,12 @@ import steelyard
 from closed_chains import five_bar
 from invented import tree
 from moving import cycles
-from steelyard.application.controller.export import write_code
-from steelyard.application.controller.prepare import controller_of, end_frames, origin_of
-from steelyard.errors import DataError, ModelError
-from steelyard.motion import Motion
-from steelyard.robot.robot import Frame, Loop, Robot
-from steelyard.terms.laws.presliding import Dahl
-from steelyard.terms.register import DEFAULT_TERMS
+from steelyard.base.errors import DataError, ModelError
+from steelyard.base.motion import Motion
+from steelyard.export.code.model_code import controller_of, end_frames, origin_of, write_code
+from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.register import DEFAULT_TERMS
+from steelyard.robot.robot import Frame, LoopClosure, Robot
 from weighed import identified_of
 
 REMEMBERING = (*DEFAULT_TERMS, Dahl(length=2e-3))
@@ -99,7 +98,7 @@ def test_no_target_of_cmake_has_a_reserved_name(tmp_path: Path) -> None:
 
 
 def test_an_open_chain_shows_in_the_closure_error(tmp_path: Path) -> None:
-    short = Loop("tip", (1, 3), [[0.3, 0.0, 0.0], [0.32, 0.0, 0.0]])
+    short = LoopClosure("tip", (1, 3), [[0.3, 0.0, 0.0], [0.32, 0.0, 0.0]])
     robot = five_bar().changed(loops=(short,), assembly=(2.0, 1.1, -1.0, 1.0))
     _, names = module(robot, tmp_path / "arm.py")
     assert names["follow"]([2.0, 1.1])[1] < 1e-12 and names["follow"]([2.9, 0.0])[1] > 1e-3

@@ -13,18 +13,17 @@ from closed_chains import five_bar
 from in_c import STRICT, apart, compiler, run_compiler, self_tested, written
 from invented import tree
 from moving import geared
-from steelyard.application.controller.c_code import CCode
-from steelyard.application.controller.export import write_code
-from steelyard.application.controller.functions import Controller, ObserverNumbers
-from steelyard.application.controller.prepare import controller_of
-from steelyard.application.controller.python_code import python_code
-from steelyard.arrays import Array
-from steelyard.estimation.identified import IdentifiedModel
-from steelyard.estimation.residual_peaks import ContactThresholds
-from steelyard.kernel.native.c99 import Precision
+from steelyard.base.arrays import Array
+from steelyard.estimate.external.residual_peaks import ContactThresholds
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.export.code.c_code import CCode
+from steelyard.export.code.functions import Controller, ObserverNumbers
+from steelyard.export.code.model_code import controller_of, write_code
+from steelyard.export.code.python_code import python_code
+from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.robot.robot import Robot
-from steelyard.terms.laws.presliding import Dahl
-from steelyard.terms.register import DEFAULT_TERMS
+from steelyard.symbolic.source_code import Precision
 from weighed import identified_of
 
 BANDWIDTH = 8.0

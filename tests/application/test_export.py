@@ -14,31 +14,29 @@ from closed_chains import CHAINS, slider_crank
 from invented import ROBOTS, mimic, tree
 from law_cases import CASES, LawCase, name_of
 from moving import geared
-from steelyard.application.export.content import FIT, Format, content_of
-from steelyard.application.export.export import exported, refuse_changed, unsupported
-from steelyard.errors import ModelError
-from steelyard.estimation.calibration import EDGES, Calibration
-from steelyard.estimation.estimate import Unidentifiable
-from steelyard.estimation.identified import IdentifiedModel
-from steelyard.estimation.known_scales import KnownScales
-from steelyard.measurement.motion_samples import MotionSamples
-from steelyard.model import Model
-from steelyard.motion import Motion
-from steelyard.regression.base import base_parameters
-from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
+from steelyard.base.errors import ModelError
+from steelyard.base.motion import Motion
+from steelyard.estimate.effort_uncertainty import EDGES, Calibration, KnownScales
+from steelyard.estimate.estimate import Unidentifiable
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.export.model_files.content import FIT_HEADING, Format, content_of
+from steelyard.export.model_files.model_file import exported, refuse_changed, unsupported
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.powers import Cubic, Quadratic, Root
+from steelyard.model.laws.presliding import MaxwellSlip
+from steelyard.model.laws.register import DEFAULT_TERMS, TERMS
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.rotor_inertia import RotorInertia
+from steelyard.model.laws.spring import Spring
+from steelyard.model.laws.stribeck import Stribeck
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.model.terms.term import ActsOnAxes, Term
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Limits, Robot
-from steelyard.robot_file.file import load_robot
-from steelyard.terms.acting import ActsOnAxes
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.powers import Cubic, Quadratic, Root
-from steelyard.terms.laws.presliding import MaxwellSlip
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.rotor_inertia import RotorInertia
-from steelyard.terms.laws.spring import Spring
-from steelyard.terms.laws.stribeck import Stribeck
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.register import DEFAULT_TERMS, TERMS
-from steelyard.terms.term import Term
+from steelyard.runs.run_samples import MotionSamples
 from weighed import identified_of
 
 LAWS = [case for case in CASES if case.law != "rigid_body"]
@@ -389,7 +387,7 @@ def test_friction_below_zero_is_zero(tmp_path: Path) -> None:
 
 def fit_errors(identified: IdentifiedModel, form: Format) -> dict[str, tuple[float, float]]:
     """Per joint with fitted friction: how far it is off at most, up to which speed."""
-    sentences = [s for s in unsupported(identified, form) if s.startswith(FIT)]
+    sentences = [s for s in unsupported(identified, form) if s.startswith(FIT_HEADING)]
     found = re.findall(r"(\w+) (\S+) Nm? \(rms \S+\) up to (\S+) ", "".join(sentences))
     return {name: (float(off), float(top)) for name, off, top in found}
 

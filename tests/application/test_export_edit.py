@@ -9,16 +9,16 @@ import pytest
 
 import invented
 from invented import ball
-from steelyard.application.export.export import exported, refuse_changed
-from steelyard.errors import ModelError
-from steelyard.estimation.identified import IdentifiedModel
-from steelyard.motion import Motion
-from steelyard.robot.inertia import INERTIAL_NAMES
-from steelyard.robot_file.file import load_robot
-from steelyard.terms.laws.offset import Offset
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.virtual.invent import random_truth
+from steelyard.base.errors import ModelError
+from steelyard.base.motion import Motion
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.export.model_files.model_file import exported, refuse_changed
+from steelyard.model.laws.offset import Offset
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.viscous import Viscous
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.rigid_body import INERTIAL_NAMES
+from steelyard.simulate.truth import random_truth
 from weighed import identified_of
 
 ARM = """<?xml version='1.0' encoding="UTF-8"?>

@@ -12,14 +12,14 @@ from closed_chains import five_bar
 from in_c import STRICT, compiler, run_compiler
 from invented import tree
 from moving import cycles
-from steelyard.application.controller import fmu
-from steelyard.application.controller.export import write_code
-from steelyard.application.controller.fmi2_code import NOT_OFFERED
-from steelyard.errors import OutputError
-from steelyard.motion import Motion
+from steelyard.base.errors import OutputError
+from steelyard.base.motion import Motion
+from steelyard.export.code import fmu
+from steelyard.export.code.fmi2_code import NOT_OFFERED
+from steelyard.export.code.model_code import write_code
+from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.robot.robot import Robot
-from steelyard.terms.laws.presliding import Dahl
-from steelyard.terms.register import DEFAULT_TERMS
 from weighed import identified_of
 
 REMEMBERING = (*DEFAULT_TERMS, Dahl(length=2e-3))

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from steelyard.application.health import (
-    ENOUGH,
-    MATTERS,
-    Change,
+from steelyard.uses.health.health_changes import (
+    ENOUGH_LOGS,
+    LEAST_CHANGE,
+    HealthChange,
     changes_of,
     minutes,
 )
-from steelyard.application.health_windows import Quantity, Series
+from steelyard.uses.health.health_windows import HealthQuantity, Series
 
 NAMES = ("mon", "tue", "wed", "thu", "fri")
 
@@ -22,7 +22,7 @@ def series(
     noise: float = 0.03,
     seed: int = 0,
     joint: str = "elbow",
-    quantity: Quantity = "dry friction",
+    quantity: HealthQuantity = "dry friction",
     stated: float = 1.0,
 ) -> Series:
     """Windows of 20 s with a value and noise, its deviation stated `stated` times too small."""
@@ -34,7 +34,7 @@ def series(
     return Series(joint, quantity, "", log, t, value, std, 10.0 * std, 1.0, 0.01)
 
 
-def named(found: tuple[Change, ...]) -> list[Change]:
+def named(found: tuple[HealthChange, ...]) -> list[HealthChange]:
     return [change for change in found if change.matters]
 
 
@@ -91,7 +91,7 @@ def test_a_trend_over_logs_is_named_from_first_to_last() -> None:
 
 
 def test_small_changes_are_no_drift_however_certain() -> None:
-    small = 0.5 * MATTERS["dry friction"]
+    small = 0.5 * LEAST_CHANGE["dry friction"]
     one = series([np.zeros(30), np.full(30, small)], noise=0.001, seed=5)
     found = changes_of([one], NAMES)
     assert not named(found) and min(change.p for change in found) < 1e-3
@@ -105,7 +105,7 @@ def test_levels_that_differ_from_motion_to_motion_are_no_drift() -> None:
         one = series([np.full(20, x) for x in levels], noise=0.02, seed=seed)
         false += bool([c for c in named(changes_of([one], NAMES)) if c.shape != "differs"])
     assert false <= 1
-    assert len(levels) >= ENOUGH
+    assert len(levels) >= ENOUGH_LOGS
 
 
 def test_two_logs_with_different_motions_need_a_change_beyond_the_residual() -> None:
@@ -132,7 +132,7 @@ def test_a_large_difference_of_a_single_window_is_unproven_not_absent() -> None:
     assert differs.unproven and not differs.matters
     (within,) = changes_of([series([np.full(1, 0.2)], quantity="effort scale")], NAMES)
     assert not within.unproven and not within.matters
-    one = series([np.full(1, 0.9 * MATTERS["dry friction"])], noise=1e-4)
+    one = series([np.full(1, 0.9 * LEAST_CHANGE["dry friction"])], noise=1e-4)
     (certain,) = changes_of([one], NAMES)
     assert abs(certain.size) > 3.0 * certain.half_width and not certain.unproven
 

@@ -9,22 +9,22 @@ import pytest
 
 from invented import ball
 from loaded import GAINS, LOAD, MODEL, REGRESSOR, TOOL, UNITS, run
-from steelyard.application.payload import identify_payload
-from steelyard.errors import DataError, ModelError, SteelyardError
-from steelyard.estimation.estimate import Z95
-from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
-from steelyard.estimation.known_scales import KnownScales
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimation.payload.load import PayloadEstimate
-from steelyard.estimation.payload.load_case import drifting
-from steelyard.model import Model
-from steelyard.regression.information import Information, Signature
-from steelyard.report.terminal.payload import headline
-from steelyard.robot.inertia import Inertia
-from steelyard.robot_file.signals import Signals
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.rotor_inertia import RotorInertia
-from steelyard.terms.laws.viscous import Viscous
+from steelyard.base.errors import DataError, ModelError, SteelyardError
+from steelyard.estimate.effort_uncertainty import KnownScales
+from steelyard.estimate.estimate import Z95
+from steelyard.estimate.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimate.information.information import Information, Signature
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.payload.load_case import drifting
+from steelyard.estimate.payload.payload_estimate import PayloadEstimate
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.rotor_inertia import RotorInertia
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.robot.file.signals import Signals
+from steelyard.robot.rigid_body import Inertia
+from steelyard.uses.payload.payload_of_runs import identify_payload
+from steelyard.uses.payload.payload_page import payload_headline
 
 NAMES = tuple(f"c{k}" for k in range(9))
 SIGNALS = Signals(
@@ -252,7 +252,9 @@ def test_gains_too_small_ask_for_a_negative_mass() -> None:
     assert found.negative_mass is not None and found.negative_mass < 0.0 <= found.mass
     assert f"a negative mass of about {found.negative_mass:.2g} kg: gains, tool" in found.remarks[1]
     assert found.remarks[0] == found.unexplained != ""
-    assert headline(found).startswith("No payload: the data ask for a negative mass of about -")
+    assert payload_headline(found).startswith(
+        "No payload: the data ask for a negative mass of about -"
+    )
     assert found.to_dict()["negative_mass"] == found.negative_mass
     right = identify_payload(EXACT, [run(2, LOAD, noise=0.01)], "tool")
     assert right.negative_mass is None and "negative" not in " ".join(right.remarks)

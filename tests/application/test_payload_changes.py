@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from steelyard.application.payload_changes import (
-    SPAN,
-    STEP,
-    Changes,
+from steelyard.base.arrays import Array
+from steelyard.estimate.information.information import Information, Signature, Window, packed
+from steelyard.estimate.information.regressor import Layout
+from steelyard.uses.payload.payload_changes import (
+    CHANGE_SPAN,
+    CHANGE_STEP,
+    PayloadChanges,
     PayloadWindows,
     changes_of,
     payload_windows,
 )
-from steelyard.arrays import Array
-from steelyard.regression.information import Information, Signature, Window, packed
-from steelyard.regression.regressor import Layout
 
 PHI = np.array([2.0, 0.0, 0.1, 0.2, 0.03, 0.0, 0.03, 0.0, 0.0, 0.02])
 PRIOR = np.diag(np.full(10, 0.01))
@@ -41,7 +41,7 @@ def windows(
 ) -> PayloadWindows:
     """Windows of an arm that carries a load for a while; a pause of `gap` before window `at`."""
     rng = np.random.default_rng(seed)
-    t = STEP * np.arange(count)
+    t = CHANGE_STEP * np.arange(count)
     phases = rng.uniform(0.0, 2.0 * np.pi, (3, 10))
     speeds = rng.uniform(0.5, 3.0, (3, 10))
     rows = 10.0 * np.sin(speeds * t[:, None, None] + phases)
@@ -51,7 +51,7 @@ def windows(
     starts = t + np.where(np.arange(count) >= at, gap, 0.0)
     return PayloadWindows(
         starts,
-        starts + STEP,
+        starts + CHANGE_STEP,
         np.einsum("wki,wkj->wij", rows, rows),
         np.einsum("wki,wk->wi", rows, efforts),
         np.sum(efforts**2, axis=1),
@@ -96,7 +96,9 @@ def test_a_payload_of_the_whole_log_is_no_change() -> None:
 
 
 def test_a_log_shorter_than_the_span_has_none() -> None:
-    found: Changes = changes_of(windows(5, round(SPAN / STEP), slice(10, None)))
+    found: PayloadChanges = changes_of(
+        windows(5, round(CHANGE_SPAN / CHANGE_STEP), slice(10, None))
+    )
     assert found.changes == () and found.inflation == 1.0
     assert found.least_mass == np.inf
 
@@ -128,7 +130,7 @@ def information(drift: float) -> Information:
     grams = packed(np.einsum("wsi,wsj->wij", whole, whole))
     names = ("friction", *(f"p{k}" for k in range(10)))
     layout = Layout(names, ("1",) * 11, ("joint",), (tuple(range(11)),))
-    labels = tuple(Window("run", STEP * k, STEP * (k + 1)) for k in range(900))
+    labels = tuple(Window("run", CHANGE_STEP * k, CHANGE_STEP * (k + 1)) for k in range(900))
     return Information(
         layout, Signature("m", names, ("Nm",), "none"), labels, grams,
         np.zeros((900, 12)), np.full((900, 1), 20.0),

@@ -14,20 +14,20 @@ from closed_chains import five_bar
 from in_c import compiler, run_compiler
 from invented import tree
 from moving import cycles
-from steelyard.application.controller.export import write_code
-from steelyard.application.controller.ros2 import text_literal
-from steelyard.arrays import Array
-from steelyard.errors import ModelError
-from steelyard.estimation.identified import IdentifiedModel
-from steelyard.kernel.equations.dynamics import JointState
-from steelyard.motion import Motion
-from steelyard.robot.robot import Loop, Robot
-from steelyard.terms.axes import spread
-from steelyard.terms.laws.presliding import Dahl
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.register import DEFAULT_TERMS
-from steelyard.terms.term import Columns
+from steelyard.base.arrays import Array
+from steelyard.base.errors import ModelError
+from steelyard.base.motion import Motion
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.export.code.model_code import write_code
+from steelyard.export.code.ros2 import text_literal
+from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.register import DEFAULT_TERMS
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.terms.axes import spread
+from steelyard.model.terms.term import Columns
+from steelyard.robot.robot import LoopClosure, Robot
 from weighed import identified_of
 
 STUBS = Path(__file__).parents[1] / "stubs" / "ros2"
@@ -95,7 +95,7 @@ def test_the_plugin_computes_the_same(make: object, tmp_path: Path) -> None:
 
 
 def test_chains_that_cannot_close_are_refused(tmp_path: Path) -> None:
-    short = Loop("tip", (1, 3), [[0.3, 0.0, 0.0], [0.32, 0.0, 0.0]])
+    short = LoopClosure("tip", (1, 3), [[0.3, 0.0, 0.0], [0.32, 0.0, 0.0]])
     robot = five_bar().changed(loops=(short,), assembly=(2.0, 1.1, -1.0, 1.0))
     name = package(identified_of(robot), tmp_path / "p")
     path = program(tmp_path / "p", name, tmp_path / "p/src/solver.cpp", STUBS / "driver.cpp")

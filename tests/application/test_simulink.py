@@ -10,11 +10,11 @@ from closed_chains import five_bar
 from in_c import compiler, run_compiler
 from invented import tree
 from moving import cycles
-from steelyard.application.controller.export import write_code
-from steelyard.motion import Motion
+from steelyard.base.motion import Motion
+from steelyard.export.code.model_code import write_code
+from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.robot.robot import Robot
-from steelyard.terms.laws.presliding import Dahl
-from steelyard.terms.register import DEFAULT_TERMS
 from weighed import identified_of
 
 STUBS = Path(__file__).parents[1] / "stubs" / "simulink"

@@ -4,17 +4,24 @@ import numpy as np
 import pytest
 
 from application.test_contact import EDGES, ROBOT, SIGMA, STEP, N, pushed, silent, trace
-from steelyard.application.contact import ContactEvent, contacts_in
-from steelyard.application.payload_changes import SlidingMass
-from steelyard.application.payload_events import Kind, PayloadEvent, PayloadEvents
-from steelyard.application.watch.contact_stream import ContactStart, ContactStream, ContactTest
-from steelyard.application.watch.doubt import Doubt
-from steelyard.application.watch.payload_stream import FIRST, PERIOD, SPAN, PayloadStream
-from steelyard.arrays import Array
-from steelyard.errors import DataError
-from steelyard.estimation.residual_peaks import ContactThresholds
-from steelyard.estimation.rest_changes import ONSET
-from steelyard.validation.residual_traces import ResidualTrace
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.estimate.external.residual_peaks import ContactThresholds
+from steelyard.estimate.external.rest_changes import ONSET
+from steelyard.estimate.scores.residuals import ResidualTrace
+from steelyard.uses.contact.contact_events import ContactEvent, contacts_in
+from steelyard.uses.payload.payload_changes import SlidingMass
+from steelyard.uses.payload.payload_events import Kind, PayloadEvent, PayloadEvents
+from steelyard.uses.watch.stream_events import (
+    FIRST_SEARCH,
+    SEARCH_PERIOD,
+    SEARCHED_SPAN,
+    ContactStart,
+    ContactStream,
+    ContactTest,
+    PayloadStream,
+)
+from steelyard.uses.watch.watcher import Doubt
 
 
 def streamed(
@@ -120,9 +127,9 @@ def test_a_change_is_reported_once_when_it_is_found_twice() -> None:
     reported = run_of(PayloadStream(search), 120.0)
     assert {round(e.time, 6): e.kind for _, e in reported} == KINDS and len(reported) == 2
     delays = [at - e.time for at, e in reported]
-    assert all(3.0 + PERIOD <= delay <= 3.0 + 2.0 * PERIOD + 0.1 for delay in delays)
-    assert search.lengths[0] == pytest.approx(FIRST)
-    assert max(search.lengths) <= SPAN + 1e-9
+    assert all(3.0 + SEARCH_PERIOD <= delay <= 3.0 + 2.0 * SEARCH_PERIOD + 0.1 for delay in delays)
+    assert search.lengths[0] == pytest.approx(FIRST_SEARCH)
+    assert max(search.lengths) <= SEARCHED_SPAN + 1e-9
 
 
 def test_a_search_that_fails_is_no_change_and_is_said() -> None:

@@ -10,8 +10,8 @@ from typer.testing import CliRunner, Result
 from cli.mistakes import workshop
 from short_arm import short_logs
 from steelyard.cli.app import app, expanded
-from steelyard.validation.left_out import stretches_left_out
-from steelyard.virtual.demo import write_demo_arm
+from steelyard.estimate.scores.cross_validation import stretches_left_out
+from steelyard.simulate.demo import write_demo_arm
 
 Command = Callable[..., Result]
 
@@ -39,9 +39,9 @@ def command(work: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
     the time of an identification; `identified` calibrates on all. Logs of 2 s are cut.
     """
     monkeypatch.chdir(work)
-    monkeypatch.setattr("steelyard.identification.proposed_cut.SHORTEST_PARTED", 2.0)
+    monkeypatch.setattr("steelyard.identify.validation_data.SHORTEST_CUT_LOG", 2.0)
     monkeypatch.setattr(
-        "steelyard.validation.calibrate.stretches_left_out",
+        "steelyard.estimate.scores.band_calibration.stretches_left_out",
         lambda runs, information: stretches_left_out(runs, information)[:2],
     )
 

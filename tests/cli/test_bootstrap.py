@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from estimation.test_least_squares import data
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimation.register import offer_of
-from steelyard.identification.fitting.fitting import Fit
-from steelyard.progress import silent
+from steelyard.base.progress import silent
+from steelyard.estimate.estimators import offer_of
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.identify.fit import Fit
 
 DRAWS = 20
 
@@ -68,14 +68,14 @@ def test_few_draws_are_refused(command, given: Path, tmp_path: Path) -> None:
 
 
 def test_data_of_one_window_lose_nothing() -> None:
-    from steelyard.identification.fitting.bootstrap import drawn_again
-    from steelyard.report import ReportContent
+    from steelyard.identify.page.content import ReportContent
+    from steelyard.identify.refits import with_bootstrap
 
     information, *_ = data(np.full(4, 0.1))
     fit = SimpleNamespace(
         estimator=WeightedLeastSquares(), information=information, method=offer_of("WLS", "")
     )
     content = ReportContent("title", "robot", notes=("before",))
-    after = drawn_again(content, cast(Fit, fit), DRAWS, silent)
+    after = with_bootstrap(content, cast(Fit, fit), DRAWS, silent)
     assert after.bootstrap is None and after.notes[0] == "before"
     assert after.notes[1].startswith("no bootstrap: a bootstrap needs several windows of time")

@@ -11,10 +11,10 @@ import pytest
 import steelyard
 from cli.conftest import Command
 from cli.river_files import edited
-from steelyard.errors import ModelError
-from steelyard.identification.described_model import model_with_open_friction
-from steelyard.robot_file.file import load_robot
-from steelyard.terms.laws.rotor_inertia import RotorInertia
+from steelyard.base.errors import ModelError
+from steelyard.model.laws.rotor_inertia import RotorInertia
+from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.robot.file.robot_file import load_robot
 
 N = 3
 RATIOS = np.diag([80.0, 100.0, -90.0])

@@ -15,11 +15,11 @@ from browser import Tab, look
 from cli.conftest import Command
 from cli.mistakes import LOG, ROBOT
 from cli.river_files import edited
+from steelyard.check import register as diagnosis_register
+from steelyard.check.case import Case
+from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace
 from steelyard.cli.app import expanded
-from steelyard.diagnosis import Case, Edit, Finding, Fix, Severity
-from steelyard.diagnosis import register as diagnosis_register
-from steelyard.diagnosis.finding import Picture, Trace
-from steelyard.robot_file.file import load_robot
+from steelyard.robot.file.robot_file import load_robot
 
 OTHER = "../given/validation.csv"
 
@@ -73,7 +73,7 @@ def slow(monkeypatch: pytest.MonkeyPatch) -> Slow:
 
 def asking(monkeypatch: pytest.MonkeyPatch, severity: Severity) -> Slow:
     slow = Slow()
-    for module in (sys.modules["steelyard.diagnosis.examine"], diagnosis_register):
+    for module in (sys.modules["steelyard.check.examine"], diagnosis_register):
         monkeypatch.setattr(module, "CHECKS", (Unit(severity), slow))
     return slow
 
@@ -231,7 +231,7 @@ def test_a_fix_that_makes_something_wrong_is_not_written(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     stubs = (Unit(), Unmendable(wrong_before))
-    monkeypatch.setattr(sys.modules["steelyard.diagnosis.examine"], "CHECKS", stubs)
+    monkeypatch.setattr(sys.modules["steelyard.check.examine"], "CHECKS", stubs)
     done = command("check", robot, degrees, "--fix")
     assert done.exit_code == 2
     assert (robot.parent / "arm-fixed.toml").exists() == wrong_before
@@ -243,7 +243,7 @@ def test_what_has_no_line_is_named(
     robot: Path, given: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stubs = (Unmendable(True),)
-    monkeypatch.setattr(sys.modules["steelyard.diagnosis.examine"], "CHECKS", stubs)
+    monkeypatch.setattr(sys.modules["steelyard.check.examine"], "CHECKS", stubs)
     done = command("check", robot, given / "identification.csv", "--fix")
     assert "gain: no line of the robot file is known to correct it" in words(done.stdout)
 

@@ -11,9 +11,9 @@ import pytest
 
 from cli.conftest import Command
 from cli.river_files import edited
-from steelyard.diagnosis.examine import CORRECTED, JUDGED, NOT_RUN
-from steelyard.diagnosis.register import CHECKS, OF_MOTION
-from steelyard.robot_file.file import load_robot
+from steelyard.check.examine import CORRECTED_BY_FIX, MOTION_CHECKS_NAME, NOT_RUN
+from steelyard.check.register import CHECKS, OF_MOTION
+from steelyard.robot.file.robot_file import load_robot
 
 CURRENTS = (
     ('"tau{}_Nm"', '"i{}"'),
@@ -67,7 +67,7 @@ def test_efforts_are_not_judged_by_a_wrong_clock_or_positions_in_another_unit(
     key = {"clock": "time_unit", "position": "position_unit"}[check]
     assert [edit["path"] for edit in printed["edits"]] == [["signals", key]]
     left = {f["check"]: f["says"] for f in printed["findings"] if not f["answered"]}
-    assert left == {JUDGED: NOT_RUN.format(check) + CORRECTED}
+    assert left == {MOTION_CHECKS_NAME: NOT_RUN.format(check) + CORRECTED_BY_FIX}
     assert not {f["check"] for f in printed["findings"]} & {check.name for check in OF_MOTION}
 
 
@@ -110,7 +110,7 @@ def test_set_points_beside_measured_efforts_get_no_gains(
     printed = json.loads(command("check", robot, log, "--fix", "--json").stdout)
     found = {f["check"]: f for f in printed["findings"] if f["severity"] != "ok"}
     assert "effort column 'target_moment_1' and 2 more" in found["set points"]["says"]
-    left = [f["says"] for f in printed["findings"] if f["check"] == JUDGED]
+    left = [f["says"] for f in printed["findings"] if f["check"] == MOTION_CHECKS_NAME]
     if measured:
         assert "this log has 'i{}' too" in found["set points"]["fix"]["says"]
         assert left == [NOT_RUN.format("set points")] and found.keys() == {"set points"}

@@ -11,7 +11,7 @@ import pytest
 import steelyard
 from cli.conftest import Command
 from cli.mistakes import LOG, ROBOT
-from steelyard.errors import LogError, ModelError
+from steelyard.base.errors import LogError, ModelError
 
 JOINTS = range(1, 4)
 COLUMNS = {"commanded_position": "q_cmd{}_rad", "commanded_velocity": "dq_cmd{}_rad_s"}

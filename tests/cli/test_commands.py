@@ -17,7 +17,7 @@ from cli.conftest import Command
 from cli.mistakes import LOG, ROBOT
 from short_arm import without_wrist
 from steelyard.cli.app import app, expanded
-from steelyard.virtual import demo as demonstration
+from steelyard.simulate import demo as demonstration
 
 URDF = "../given/demo_arm.urdf"
 OTHER = "../given/validation.csv"

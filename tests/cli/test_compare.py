@@ -9,10 +9,10 @@ import pytest
 from cli.mistakes import leftovers
 from cli.river_files import edited
 from cli.test_interrupt import pressed_here
-from steelyard.estimation.register import ESTIMATORS
-from steelyard.identification.comparison.compare_inputs import lines_of, offers_of
-from steelyard.robot_file.file import load_robot
-from steelyard.robot_file.sections import EstimationSection
+from steelyard.estimate.estimators import ESTIMATORS
+from steelyard.identify.comparison.compare import lines_of, offers_of
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.file.sections import EstimationSection
 
 LOG = "../given/identification.csv"
 OTHER = "../given/validation.csv"
@@ -73,15 +73,15 @@ def test_a_single_log_is_divided(command) -> None:
 def test_an_estimator_that_fails_does_not_stop_the_others(command, monkeypatch) -> None:
     import numpy as np
 
-    from steelyard.estimation import register
-    from steelyard.estimation.register import Offer
+    from steelyard.estimate import estimators as register
+    from steelyard.estimate.estimators import Offer
 
     def failing(data: object) -> None:
         raise np.linalg.LinAlgError("Singular [matrix]")
 
     offers = (Offer("invented", "fails", "information", lambda _: failing), *ESTIMATORS)
     monkeypatch.setattr(register, "ESTIMATORS", offers)
-    monkeypatch.setattr("steelyard.identification.comparison.compare_inputs.ESTIMATORS", offers)
+    monkeypatch.setattr("steelyard.identify.comparison.compare.ESTIMATORS", offers)
     done = command("compare", ROBOT, LOG, "--estimators", "invented", "WLS")
     assert done.exit_code == 0, done.output
     text = words(done.output)

@@ -8,8 +8,8 @@ import pytest
 
 import steelyard
 from cli.conftest import Command
-from steelyard.estimation.identified import IdentifiedModel
-from steelyard.files import write_json
+from steelyard.base.files import write_json
+from steelyard.estimate.identified import IdentifiedModel
 
 LOG = "../given/validation.csv"
 

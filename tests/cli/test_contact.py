@@ -10,8 +10,8 @@ import pytest
 import steelyard
 from cli.conftest import Command
 from cli.mistakes import leftovers
-from steelyard.estimation.identified import IdentifiedModel
-from steelyard.validation.residual_traces import residual_trace
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.scores.residuals import residual_trace
 
 PUSH = (1.5, 1.9)
 """When the demo arm is pushed [s]."""

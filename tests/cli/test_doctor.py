@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from cli.conftest import Command
-from steelyard.cli.commands import doctor
+from steelyard.cli import doctor_command as doctor
 
 
 def lines(command: Command, code: int = 0) -> dict[str, dict[str, object]]:

@@ -9,8 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 import steelyard
+from steelyard.base.errors import DataError
 from steelyard.cli.app import app
-from steelyard.errors import DataError
 
 CUTOFFS = "[processing]\nmotion_cutoff = 15\nmatched_cutoff = 5\nrest_speed = 0.02\n"
 

@@ -13,15 +13,15 @@ import pytest
 
 from cli.conftest import Command
 from cli.river_files import edited
-from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.identified import load_model
-from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.identification.described_model import model_with_open_friction
-from steelyard.identification.fitting import fitting
-from steelyard.identification.fitting.fitting import _unscaled_because
-from steelyard.regression.base import base_parameters
-from steelyard.robot_file.file import load_robot
+from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.identified import load_model
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.identify import fit as fitting
+from steelyard.identify.fit import _unscaled_because
+from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.robot.file.robot_file import load_robot
 
 OFF = {2: 1.25}
 

@@ -17,7 +17,7 @@ from typer.testing import CliRunner, Result
 
 from excitation.tabled import OPEN, QUICK, arm
 from steelyard.cli.app import app, expanded
-from steelyard.excitation.trajectories.files import read_motion
+from steelyard.excite.trajectories.trajectory_files import read_motion
 
 FREE = f'{OPEN}without = ["tool"]\n[excitation.limits]\neffort = "any"\n'
 ANY = f'{FREE}[excitation.workspace]\nwithout = ["tool"]\nfloor = -5.0\n'

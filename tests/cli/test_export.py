@@ -10,7 +10,7 @@ import pytest
 
 from cli.conftest import Command
 from cli.mistakes import leftovers
-from steelyard.robot_file.file import load_robot
+from steelyard.robot.file.robot_file import load_robot
 from weighed import identified_of
 
 

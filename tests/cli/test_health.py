@@ -11,10 +11,10 @@ import steelyard
 from cli.conftest import Command
 from cli.mistakes import leftovers
 from short_arm import without_wrist
-from steelyard.application.health_windows import QUANTITIES
-from steelyard.motion import Motion
-from steelyard.validation.torque_parts import only
-from steelyard.virtual.invent import random_truth
+from steelyard.base.motion import Motion
+from steelyard.estimate.scores.residuals import only
+from steelyard.simulate.truth import random_truth
+from steelyard.uses.health.health_windows import QUANTITIES
 
 WORN = 0.6
 """Growth of the elbow's Coulomb friction."""

@@ -11,11 +11,11 @@ import pytest
 
 from cli.conftest import Command
 from cli.mistakes import LOG
-from steelyard.cli import ask
+from steelyard.cli import drive_questions as ask
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.init.guess_columns import guess_columns
+from steelyard.robot.init.signals_section import Effort, Known, with_effort
 from steelyard.robot.robot import Coordinate
-from steelyard.robot_file.file import load_robot
-from steelyard.robot_file.template.guess_columns import guess_columns
-from steelyard.robot_file.template.known import Effort, Known, with_effort
 
 URDF = "../given/demo_arm.urdf"
 TWO = (Coordinate("joint1", "revolute"), Coordinate("joint2", "revolute"))

@@ -17,8 +17,8 @@ from small_arm import URDF
 from steelyard.cli import interrupt
 from steelyard.cli.app import app
 from steelyard.cli.main import main
-from steelyard.excitation.trajectories.files import write_motion
-from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.excite.trajectories.trajectory_files import write_motion
 
 DRIVER = Path(__file__).parent / "interrupted_at.py"
 SMALL, FIRST, SECOND = "../given/arm.toml", "../given/first.csv", "../given/second.csv"

@@ -8,8 +8,8 @@ import pytest
 
 import steelyard
 from cli.conftest import Command
-from steelyard.errors import ModelError
-from steelyard.identification.motion.excitation_inputs import earlier_of
+from steelyard.base.errors import ModelError
+from steelyard.excite.excite import earlier_of
 
 TABLES = """
 [[knowledge]]

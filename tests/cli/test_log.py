@@ -9,8 +9,8 @@ import pytest
 
 from cli.conftest import Command
 from cli.mistakes import LOG
-from steelyard.cli.commands.log import chosen, size_text
-from steelyard.formats import open_log
+from steelyard.cli.log_commands import chosen, size_text
+from steelyard.logs.formats import open_log
 
 
 def test_info_shows_columns_and_the_clock(command: Command) -> None:

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from cli.conftest import Command
-from steelyard.excitation.from_tables import build
-from steelyard.identification.described_model import model_with_open_friction
-from steelyard.kernel.equations.dynamics import JointState
-from steelyard.robot_file.file import load_robot
+from steelyard.excite.problem_from_tables import build
+from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.robot.file.robot_file import load_robot
 
 MJCF = """
 <mujoco model="sprung"><compiler angle="radian"/><option><flag gravity="disable"/></option>

@@ -11,18 +11,17 @@ import pytest
 
 from cli.conftest import Command
 from cli.mistakes import leftovers
-from steelyard.errors import DataError
-from steelyard.estimation.identified import load_model
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.identification.uses.payload import identify_payload, payload_events
-from steelyard.motion import run
-from steelyard.parameters import Parameters
-from steelyard.robot.inertia import Inertia
-from steelyard.robot_file.file import load_robot
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.payload import Payload
-from steelyard.virtual.robot import VirtualRobot
-from steelyard.virtual.simulate import customary_sensors
+from steelyard.base.arrays import Parameters
+from steelyard.base.errors import DataError
+from steelyard.base.motion import run
+from steelyard.estimate.identified import load_model
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.rigid_body import Inertia
+from steelyard.simulate.external_loads import Payload
+from steelyard.simulate.truth import random_truth
+from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
+from steelyard.uses.payload.payload import identify_payload, payload_events
 
 LOAD = Inertia.about_com(1.5, (0.02, 0.05, 0.08), 0.004 * np.eye(3))
 """About the origin of the demo arm's last link."""

@@ -10,8 +10,8 @@ import pytest
 import steelyard
 from cli.conftest import Command
 from cli.river_files import edited
-from steelyard.robot_file.signals import ROW
-from steelyard.robot_file.toml_reader import tomllib
+from steelyard.robot.file.signals import ROW
+from steelyard.robot.file.toml import tomllib
 
 RATE = 250.0
 

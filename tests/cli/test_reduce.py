@@ -10,19 +10,18 @@ import pytest
 from typer.testing import CliRunner
 
 from cli.conftest import Command
-from steelyard.application.export.export import exported
-from steelyard.application.payload import identify_payload
+from steelyard.base.errors import ModelError, SteelyardError
 from steelyard.cli.app import app
-from steelyard.errors import ModelError, SteelyardError
-from steelyard.estimation.fields.fields import information
-from steelyard.estimation.identified import load_model
-from steelyard.identification.named_logs import load_runs
-from steelyard.identification.reduction.reduce import matching, reduce
-from steelyard.report.sections.register import SECTIONS
-from steelyard.robot_file.file import load_robot
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.robot import VirtualRobot
-from steelyard.virtual.simulate import customary_sensors
+from steelyard.estimate.identified import load_model
+from steelyard.estimate.nonlinear.fields import information
+from steelyard.export.model_files.model_file import exported
+from steelyard.identify.page.section_register import SECTIONS
+from steelyard.identify.reduce import matching, reduce
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.runs.named_logs import load_runs
+from steelyard.simulate.truth import random_truth
+from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
+from steelyard.uses.payload.payload_of_runs import identify_payload
 
 pytestmark = pytest.mark.usefixtures("searches_here")
 
@@ -239,7 +238,7 @@ def test_the_next_motion_is_of_the_smaller_model(
 def test_the_loop_goes_on_where_it_was_interrupted(
     brief: Path, work: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from steelyard.identification.reduction.reduction_loop import reduction_loop
+    from steelyard.excite.reduction_loop import reduction_loop
 
     arm = load_robot(brief).robot
     truth = random_truth(arm, 0)

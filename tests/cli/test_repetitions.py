@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from short_arm import without_wrist
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.motion import run
-from steelyard.virtual.demo import _ROBOT_FILE
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.robot import VirtualRobot
-from steelyard.virtual.simulate import customary_sensors
+from steelyard.base.motion import run
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.simulate.demo import _ROBOT_FILE
+from steelyard.simulate.truth import random_truth
+from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 
 
 def test_only_fitted_logs_are_averaged(command: Callable[..., Any], tmp_path: Path) -> None:

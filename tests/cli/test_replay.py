@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 
 from cli.conftest import Command
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.report.replay.replay import Clock, Replay, replayed
-from steelyard.report.replay.stage import Stage, staged
-from steelyard.robot_file.file import load_robot
+from steelyard.excite.page.replay import Clock, Replay, replayed
+from steelyard.excite.page.stage import Stage, staged
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.robot.file.robot_file import load_robot
 
-ARM = Path(__file__).parents[2] / "src" / "steelyard" / "virtual" / "demo_arm.urdf"
+ARM = Path(__file__).parents[2] / "src" / "steelyard" / "simulate" / "demo_arm.urdf"
 FREE = 18080
 
 

@@ -10,18 +10,14 @@ from scipy.interpolate import CubicSpline
 
 from cli.conftest import Command
 from cli.mistakes import ROBOT
-from steelyard.excitation.export.export import write_export
-from steelyard.excitation.trajectories.chained import ChainedMotion
-from steelyard.excitation.trajectories.files import KINDS, trajectory_from_dict
-from steelyard.excitation.trajectories.fourier import FourierMotion
-from steelyard.excitation.trajectories.piecewise import PiecewiseMotion, from_scipy
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.excitation.trajectories.sampled import SampledMotion
-from steelyard.excitation.trajectories.slowed import SlowedMotion
-from steelyard.excitation.trajectories.trended import TrendedMotion
-from steelyard.excitation.trajectories.windowed import WindowedMotion
-from steelyard.files import write_json
-from steelyard.robot_file.file import load_robot
+from steelyard.base.files import write_json
+from steelyard.excite.motion_export import write_export
+from steelyard.excite.trajectories.composed import ChainedMotion, TrendedMotion, WindowedMotion
+from steelyard.excite.trajectories.fourier import FourierMotion, random_fourier
+from steelyard.excite.trajectories.polynomials import PiecewiseMotion, SampledMotion, from_scipy
+from steelyard.excite.trajectories.trajectory import SlowedMotion
+from steelyard.excite.trajectories.trajectory_files import KINDS, trajectory_from_dict
+from steelyard.robot.file.robot_file import load_robot
 
 RUN = ("simulate", ROBOT, "--period", "1.5", "--noise", "0")
 

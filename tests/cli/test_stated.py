@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from cli.conftest import Command
-from steelyard.robot_file.file import load_robot
+from steelyard.robot.file.robot_file import load_robot
 
 URDF = "../given/demo_arm.urdf"
 RATIOS = (100.0, -50.0, 30.0)

@@ -12,14 +12,14 @@ import steelyard
 from cli.conftest import Command
 from cli.mistakes import ROBOT
 from cli.river_files import edited
-from steelyard.application.controller.prepare import origin_of
-from steelyard.control.usable import remarks
-from steelyard.estimation.known_scales import KnownScales
-from steelyard.excitation.trajectories.files import read_motion
-from steelyard.files import write_json
-from steelyard.identification.uses.feedforward import feedforward
-from steelyard.robot_file.file import load_robot
-from steelyard.terms.laws.presliding import Dahl
+from steelyard.base.files import write_json
+from steelyard.estimate.effort_uncertainty import KnownScales
+from steelyard.excite.trajectories.trajectory_files import read_motion
+from steelyard.export.code.model_code import origin_of
+from steelyard.model.laws.presliding import Dahl
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.uses.control.feedforward_torques import feedforward
+from steelyard.uses.control.model_torques import remarks_on_torques
 
 SHORT = ("simulate", ROBOT, "--period", "1.0")
 
@@ -248,7 +248,7 @@ def test_torques_are_in_the_unit_of_the_log_on_request(
 def test_friction_with_memory_is_noted(identified: Path) -> None:
     model = steelyard.load_model(identified)
     terms = (*model.model.terms, Dahl(length=1e-3))
-    (note,) = remarks(replace(model, model=steelyard.Model(model.robot, terms)))
+    (note,) = remarks_on_torques(replace(model, model=steelyard.Model(model.robot, terms)))
     assert "is zero at first from rest" in note
 
 

@@ -19,8 +19,8 @@ from cli.test_contact import PUSH, changed, columns
 from steelyard.cli import interrupt
 from steelyard.cli.app import app
 from steelyard.cli.main import main
-from steelyard.identification.named_logs import log_files
-from steelyard.identification.uses.watch import start_watch, stream_trace
+from steelyard.runs.named_logs import log_files
+from steelyard.uses.watch.watch import start_watch, stream_trace
 
 AT_ONCE = ("--timeout", "0")
 

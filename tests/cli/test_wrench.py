@@ -11,9 +11,9 @@ import steelyard
 from cli.conftest import Command
 from cli.mistakes import leftovers
 from cli.test_contact import changed, columns
-from steelyard.application.wrench import efforts
-from steelyard.arrays import Array
-from steelyard.virtual.wrench import read_wrench
+from steelyard.base.arrays import Array
+from steelyard.simulate.external_loads import read_wrench
+from steelyard.uses.wrench import external_efforts as efforts
 
 AROUND = 1.5
 """Middle of the push [s]."""
@@ -163,7 +163,7 @@ def test_a_long_log_is_estimated_stretch_by_stretch(
 ) -> None:
     model, events = steelyard.load_model(identified), []
     whole = steelyard.external_wrench(model, pushed)
-    monkeypatch.setattr(efforts, "STRETCH", 2.0)
+    monkeypatch.setattr(efforts, "LONGEST_STRETCH", 2.0)
     parts = steelyard.external_wrench(model, pushed, progress=lambda e: events.append(e) or True)
     assert np.array_equal(whole.t, parts.t)
     assert np.array_equal(whole.estimate.torque, parts.estimate.torque)

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import Result
 
 from steelyard.cli.app import expanded
-from steelyard.robot_file.file import load_robot
+from steelyard.robot.file.robot_file import load_robot
 
 Command = Callable[..., Result]
 LINK = """<link name="{0}"><inertial><origin xyz="0 0 0.1"/><mass value="${{mass}}"/>

@@ -9,7 +9,7 @@ from cli.conftest import Command
 from cli.river_files import edited
 from diagnosis.fitted import log
 from short_arm import without_wrist
-from steelyard.virtual.invent import random_truth
+from steelyard.simulate.truth import random_truth
 
 TO_IDENTIFY = ('position = "q{}_rad"', 'position = "q{}_rad"\nposition_offset = "identify"')
 OFFSET = 0.2

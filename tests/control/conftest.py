@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from invented import tree
-from steelyard.control.protocol import ControlTask
-from steelyard.model import Model, ValuedModel
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.rotor_inertia import RotorInertia
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.term import Term
+from steelyard.base.arrays import Parameters
+from steelyard.base.motion import Motion
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.rotor_inertia import RotorInertia
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model, ValuedModel
+from steelyard.model.terms.term import Term
+from steelyard.uses.control.joint_control import ControlTask
 
 TICK = 1e-3
 

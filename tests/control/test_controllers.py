@@ -4,20 +4,20 @@ import numpy as np
 import pytest
 
 from control.conftest import TICK, valued_of
-from steelyard.control.cascade import Cascade
-from steelyard.control.computed_torque import ComputedTorque
-from steelyard.control.feedforward import friction_torque
-from steelyard.control.pd import PD
-from steelyard.control.pid import PID
-from steelyard.control.protocol import Control, ControlTask
-from steelyard.control.register import CONTROLS, control_of
-from steelyard.control.torque_feedforward import TorqueFeedforward
-from steelyard.errors import ModelError
-from steelyard.model import ValuedModel
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
-from steelyard.terms.laws.presliding import Dahl
-from steelyard.terms.laws.rotor_inertia import RotorInertia
+from steelyard.base.arrays import Parameters
+from steelyard.base.errors import ModelError
+from steelyard.base.motion import Motion
+from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.rotor_inertia import RotorInertia
+from steelyard.model.model import ValuedModel
+from steelyard.uses.control.joint_control import PD, PID, Cascade, Control, ControlTask
+from steelyard.uses.control.model_control import (
+    CONTROLS,
+    ComputedTorque,
+    TorqueFeedforward,
+    control_of,
+)
+from steelyard.uses.control.model_torques import friction_torque
 
 
 def made(kind: type[Control], valued: ValuedModel) -> Control:

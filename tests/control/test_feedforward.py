@@ -6,13 +6,12 @@ import pytest
 from control.conftest import valued_of
 from law_cases import CASES, LawCase, name_of
 from moving import geared
-from steelyard.control.feedforward import feedforward_torque, friction_torque
-from steelyard.control.joint_order import ordered
-from steelyard.errors import DataError
-from steelyard.model import Model, ValuedModel
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
-from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.base.arrays import Parameters
+from steelyard.base.errors import DataError
+from steelyard.base.motion import Motion
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.model import Model, ValuedModel
+from steelyard.uses.control.model_torques import feedforward_torque, friction_torque, in_joint_order
 
 ROBOT = geared()
 
@@ -60,10 +59,10 @@ def test_joints_are_matched_by_name(valued: ValuedModel, motion: Motion) -> None
     robot = valued.model.robot
     back = list(reversed(robot.joint_names))
     turned = Motion(motion.t, motion.q[:, ::-1], motion.dq[:, ::-1], motion.ddq[:, ::-1])
-    found = ordered(turned, back, robot, "here")
+    found = in_joint_order(turned, back, robot, "here")
     np.testing.assert_array_equal(found.q, motion.q)
     np.testing.assert_array_equal(found.ddq, motion.ddq)
-    assert ordered(motion, None, robot, "here") is motion
+    assert in_joint_order(motion, None, robot, "here") is motion
 
 
 @pytest.mark.parametrize(
@@ -84,7 +83,7 @@ def test_joints_that_do_not_fit_are_refused(
     if names is None:
         given = Motion(motion.t, motion.q[:, 1:], motion.dq[:, 1:], motion.ddq[:, 1:])
     with pytest.raises(DataError, match=words) as caught:
-        ordered(given, names, robot, "here")
+        in_joint_order(given, names, robot, "here")
     assert caught.value.where == "here"
 
 
@@ -92,4 +91,4 @@ def test_a_joint_that_the_model_lacks_is_refused(valued: ValuedModel, motion: Mo
     robot = valued.model.robot
     more = [np.column_stack([x, x[:, 0]]) for x in (motion.q, motion.dq, motion.ddq)]
     with pytest.raises(DataError, match="the model has no joint 'gripper'"):
-        ordered(Motion(motion.t, *more), [*robot.joint_names, "gripper"], robot, "here")
+        in_joint_order(Motion(motion.t, *more), [*robot.joint_names, "gripper"], robot, "here")

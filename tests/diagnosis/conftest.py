@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from short_arm import without_wrist
-from steelyard.arrays import Array
-from steelyard.diagnosis import Case, Diagnosis, examine
-from steelyard.diagnosis.case import Evidence
-from steelyard.diagnosis.check import Check
-from steelyard.diagnosis.decision.checks import (
+from steelyard.base.arrays import Array
+from steelyard.base.motion import Motion
+from steelyard.check.case import Case, Evidence
+from steelyard.check.decision.checks import (
     EFFORT_DELAY,
     EFFORT_KIND,
     EFFORT_SIGN,
@@ -23,20 +22,21 @@ from steelyard.diagnosis.decision.checks import (
     PAYLOAD,
     POSITION_SIGN,
 )
-from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.measurement import Processing, Recording, prepare
-from steelyard.measurement.recording import LogInMemory
-from steelyard.model import Model
-from steelyard.motion import Motion
-from steelyard.regression.gather import gather
-from steelyard.regression.regressor import base_regressor
+from steelyard.check.examine import Diagnosis, examine
+from steelyard.check.register import Check
+from steelyard.estimate.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.model.model import Model
+from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.robot.robot import Robot
-from steelyard.robot_file.file import LoadedRobot, load_robot
-from steelyard.virtual.demo import write_demo_arm
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.truth import Truth
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.simulate.demo import write_demo_arm
+from steelyard.simulate.truth import Truth, random_truth
 
 MODEL_BASED: tuple[Check, ...] = (
     JOINT_ORDER,

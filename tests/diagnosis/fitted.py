@@ -8,27 +8,27 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from steelyard.diagnosis.fitted.fitted_case import FittedCase
-from steelyard.estimation.fields.fields import information_from
-from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.identification.described_model import model_with_open_friction
-from steelyard.identification.named_logs import log_files, runs_of
-from steelyard.measurement import Run
-from steelyard.motion import Motion
-from steelyard.regression.base import base_parameters
-from steelyard.regression.regressor import base_regressor
+from steelyard.base.motion import Motion
+from steelyard.check.fitted.fitted_case import FittedCase
+from steelyard.estimate.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.nonlinear.fields import information_from
+from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.robot.robot import Robot
-from steelyard.robot_file.file import LoadedRobot, load_robot
-from steelyard.virtual.demo import _ROBOT_FILE
-from steelyard.virtual.truth import Truth
+from steelyard.runs.named_logs import log_files, runs_of
+from steelyard.runs.run import Run
+from steelyard.simulate.demo import _ROBOT_FILE
+from steelyard.simulate.truth import Truth
 
 RATE, SECONDS = 125.0, 20.0
 
 
 def demo_arm(folder: Path) -> LoadedRobot:
     """The demo arm's robot file, written to a folder."""
-    shutil.copy(str(files("steelyard.virtual") / "demo_arm.urdf"), folder / "demo_arm.urdf")
+    shutil.copy(str(files("steelyard.simulate") / "demo_arm.urdf"), folder / "demo_arm.urdf")
     (folder / "arm.toml").write_text(_ROBOT_FILE)
     return load_robot(folder / "arm.toml")
 

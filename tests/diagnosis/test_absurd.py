@@ -5,16 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from steelyard.diagnosis.finding import Severity
-from steelyard.diagnosis.fitted.absurd import AbsurdBodies, absurdities, heaviest, refuse_absurd
-from steelyard.diagnosis.fitted.fitted_case import FittedCase
-from steelyard.errors import DataError
-from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.measurement import Processing, Recording, prepare
-from steelyard.measurement.recording import LogInMemory
-from steelyard.regression.gather import gather
-from steelyard.regression.regressor import base_regressor
+from steelyard.base.errors import DataError
+from steelyard.check.finding import Severity
+from steelyard.check.fitted.fitted_case import FittedCase
+from steelyard.check.fitted.implausible import AbsurdBodies, absurdities, heaviest, refuse_absurd
+from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
 
 
 def identified(arm, factor: float):

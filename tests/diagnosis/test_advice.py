@@ -2,8 +2,8 @@
 
 import pytest
 
-from steelyard.diagnosis.identifiability import _advice
-from steelyard.estimation.estimate import Unidentifiable
+from steelyard.check.identifiability import _advice
+from steelyard.estimate.estimate import Unidentifiable
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from diagnosis.conftest import Arm
-from steelyard.diagnosis.finding import Edit
-from steelyard.diagnosis.hypotheses.alternatives import ways
+from steelyard.check.decision.gain_sources import unwritten_number_advice
+from steelyard.check.finding import Edit
 
 
 @pytest.mark.parametrize(("factor", "offered"), [(7e-4, True), (0.01, False), (1.0, False)])
@@ -18,7 +18,7 @@ def test_torques_in_thousandths_are_offered_their_gain(
 ) -> None:
     reading = SimpleNamespace(effort_scale=np.full(3, factor))
     hypothesis = cast(Any, SimpleNamespace(cause="effort kind", interpretation=reading))
-    says = ways(arm.case(arm.table), hypothesis, sure=True).says
+    says = unwritten_number_advice(arm.case(arm.table), hypothesis, sure=True).says
     assert says.startswith("if efforts are in mNm, write gain = 0.001") == offered
     assert "gains and masses cannot be identified together" in says
 
@@ -45,7 +45,7 @@ def test_the_unit_in_the_names_of_currents_is_proposed_where_it_is_the_factor(
     scaled = factor * case.loaded.signals.effort_scale
     reading = SimpleNamespace(effort_scale=scaled)
     hypothesis = cast(Any, SimpleNamespace(cause="gain", interpretation=reading))
-    found = ways(case, hypothesis, sure=True)
+    found = unwritten_number_advice(case, hypothesis, sure=True)
     wanted = (Edit(("signals", "effort", "unit"), proposed),) if proposed else ()
     assert found.edits == wanted
     assert found.says.startswith("the names of the effort columns state") == bool(proposed)

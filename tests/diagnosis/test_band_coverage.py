@@ -5,8 +5,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from steelyard.diagnosis.finding import Finding, Severity
-from steelyard.diagnosis.fitted.band_coverage import BandCoverage
+from steelyard.check.finding import Finding, Severity
+from steelyard.check.fitted.post_fit import BandCoverage
 
 
 def score(run: str, *shares: float, at_rest: bool = False) -> Any:

@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 
 from diagnosis.fitted import case, demo_arm, log
-from steelyard.diagnosis import Severity
-from steelyard.diagnosis.fitted.below_nominal import BelowNominal
-from steelyard.diagnosis.fitted.fitted_case import FittedCase
-from steelyard.validation.score import score
-from steelyard.virtual.invent import random_truth
+from steelyard.check.finding import Severity
+from steelyard.check.fitted.fitted_case import FittedCase
+from steelyard.check.fitted.gear_side import BelowNominal
+from steelyard.estimate.scores.score import score
+from steelyard.simulate.truth import random_truth
 
 
 @pytest.fixture(scope="module")

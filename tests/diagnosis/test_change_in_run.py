@@ -7,16 +7,17 @@ import numpy as np
 import pytest
 
 from diagnosis.conftest import Arm
-from steelyard.arrays import Array
-from steelyard.diagnosis.finding import Finding, Severity
-from steelyard.diagnosis.fitted.change_in_run import ChangeInRun
-from steelyard.diagnosis.fitted.fitted_case import FittedCase
-from steelyard.diagnosis.fitted.gain_drift import scale_drifts
-from steelyard.estimation.fields.fields import information_from
-from steelyard.measurement import Processing, Recording, prepare
-from steelyard.measurement.recording import LogInMemory
-from steelyard.regression.regressor import base_regressor
-from steelyard.robot.inertia import Inertia
+from steelyard.base.arrays import Array
+from steelyard.check.finding import Finding, Severity
+from steelyard.check.fitted.change_in_run import ChangeInRun
+from steelyard.check.fitted.fitted_case import FittedCase
+from steelyard.check.fitted.within_run import scale_drifts
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.nonlinear.fields import information_from
+from steelyard.robot.rigid_body import Inertia
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
 
 HALF = 2300
 """Row at which something changes: in the middle of a window, after 11.5 of 20 s."""

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from diagnosis.conftest import Arm
-from steelyard.arrays import Array
-from steelyard.diagnosis.finding import Finding, Severity
-from steelyard.diagnosis.signals.computed import ComputedEfforts
-from steelyard.diagnosis.signals.smoothness import noise_levels
+from steelyard.base.arrays import Array
+from steelyard.check.finding import Finding, Severity
+from steelyard.check.signals.measured import ComputedEfforts, noise_levels
 
 STEP = 2.0 * np.pi / 2**17
 

@@ -6,8 +6,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from steelyard.diagnosis.decision import support
-from steelyard.diagnosis.decision.support import contradicted
+from steelyard.check.decision import support
+from steelyard.check.decision.support import contradicted
 
 
 @pytest.mark.parametrize(

@@ -8,13 +8,17 @@ import pytest
 
 from diagnosis.conftest import MODEL_BASED
 from diagnosis.test_model_based import GAINS, TAU, edits, in_amperes, wrong
-from steelyard.diagnosis import Case, Edit, examine
-from steelyard.diagnosis.decision import gains_left
-from steelyard.diagnosis.decision.gains_left import gains_of_controller
-from steelyard.diagnosis.finding import Severity
-from steelyard.diagnosis.hypotheses.controller_gains import ControllerGains, controller_gains
-from steelyard.measurement.recording import LogInMemory
-from steelyard.robot_file.edits import edited
+from steelyard.check.case import Case
+from steelyard.check.decision import gain_sources as gains_left
+from steelyard.check.decision.gain_sources import (
+    ControllerGains,
+    controller_gains,
+    gains_of_controller,
+)
+from steelyard.check.examine import examine
+from steelyard.check.finding import Edit, Severity
+from steelyard.robot.file.toml_edits import edited
+from steelyard.runs.recording import LogInMemory
 
 
 def case_with_targets(arm, text: str, unit: float = 1.0, weight: float = 1.0) -> Case:

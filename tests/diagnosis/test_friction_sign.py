@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from diagnosis.conftest import Arm
-from steelyard.arrays import Array
-from steelyard.diagnosis.decision.checks import EFFORT_SIGN
-from steelyard.diagnosis.decision.friction_sign import drives_of, friction_signs
-from steelyard.diagnosis.finding import Severity
+from steelyard.base.arrays import Array
+from steelyard.check.decision.checks import EFFORT_SIGN
+from steelyard.check.finding import Severity
+from steelyard.check.hypotheses.friction_evidence import friction_of_rows, friction_signs
 
 TAU = "tau{}_Nm"
 
@@ -30,7 +30,7 @@ def with_signs(arm: Arm, signs: Array) -> Array:
 
 def test_friction_that_brakes_raises_no_alarm(massless: Arm) -> None:
     case = massless.case(massless.table, known=False)
-    drives = drives_of(case, case.logs[0])
+    drives = friction_of_rows(case, case.logs[0])
     assert sum(d.brakes for d in drives.values()) >= 2 and not any(
         d.drives for d in drives.values()
     )

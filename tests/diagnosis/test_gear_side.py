@@ -7,19 +7,20 @@ import pytest
 
 from diagnosis.fitted import case as fitted_case
 from diagnosis.fitted import demo_arm, log
-from steelyard.cli.commands.check import hints
-from steelyard.diagnosis import Case, Diagnosis, Severity
-from steelyard.diagnosis.fitted.fitted_case import FittedCase
-from steelyard.diagnosis.fitted.rotors_at_zero import RotorsAtZero
-from steelyard.diagnosis.gear_side import SEPARABLE, GearSide, rotors_of
-from steelyard.identification.checks.check import CheckResult
-from steelyard.identification.checks.check_case import Subject, case_of
-from steelyard.identification.named_logs import log_files
-from steelyard.parameters import Parameters
-from steelyard.progress import silent
-from steelyard.report.check_page import CheckContent
-from steelyard.robot_file.file import load_robot
-from steelyard.virtual.invent import random_truth
+from steelyard.base.arrays import Parameters
+from steelyard.base.progress import silent
+from steelyard.check.case import Case
+from steelyard.check.check import CheckResult
+from steelyard.check.examine import Diagnosis
+from steelyard.check.finding import Severity
+from steelyard.check.findings_page import CheckContent
+from steelyard.check.fitted.fitted_case import FittedCase
+from steelyard.check.fitted.gear_side import SEPARABLE_ROTORS, GearSide, RotorsAtZero, rotors_of
+from steelyard.check.subject import Subject, case_of
+from steelyard.cli.log_commands import hints
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.runs.named_logs import log_files
+from steelyard.simulate.truth import random_truth
 
 
 def case(folder: Path, rotors: float, *changes: tuple[str, str]) -> Case:
@@ -43,14 +44,14 @@ def test_rotors_in_the_torques_decide(tmp_path: Path) -> None:
     (finding,) = GearSide()(case(tmp_path, 1.0))
     assert finding.answered and finding.severity == Severity.OK and finding.fix is None
     assert finding.says == (
-        f"torques contain those of the rotors: 4 of 4 {SEPARABLE} are significantly positive"
+        f"torques contain those of the rotors: 4 of 4 {SEPARABLE_ROTORS} are significantly positive"
     )
 
 
 def test_without_them_the_question_is_open(tmp_path: Path) -> None:
     (finding,) = GearSide()(case(tmp_path, 0.0))
     assert not finding.answered and finding.severity == Severity.OK
-    assert finding.figure == f"0 of 4 {SEPARABLE} are significantly positive"
+    assert finding.figure == f"0 of 4 {SEPARABLE_ROTORS} are significantly positive"
     assert 'kind = "link_torque" without rotor_inertia' in finding.says
     content = CheckContent("arm", "arm.toml", ("run.csv",), None, Diagnosis((finding,)), {})
     assert hints(CheckResult(content), None, ["arm.toml", "run.csv"])[1:] == [
@@ -84,7 +85,7 @@ def at_bound(fitted: FittedCase, count: int) -> FittedCase:
 def test_rotors_at_zero_are_a_remark_with_what_to_change(fitted: FittedCase) -> None:
     (finding,) = RotorsAtZero()(at_bound(fitted, 2))
     assert finding.headline and finding.severity == Severity.OK
-    assert finding.says.startswith(f"2 of 4 {SEPARABLE} are zero")
+    assert finding.says.startswith(f"2 of 4 {SEPARABLE_ROTORS} are zero")
     assert finding.joints == ("elbow", "forearm_roll")
     assert finding.fix is not None and 'kind = "link_torque"' in finding.fix.says
 

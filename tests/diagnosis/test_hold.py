@@ -10,17 +10,17 @@ import pytest
 
 from diagnosis.conftest import Arm
 from diagnosis.test_signals import DQ, ROBOT, TAU, Q, case_of, coarse, diagnosis, sound
-from steelyard.arrays import Array
-from steelyard.diagnosis.finding import Edit, Finding, Severity
-from steelyard.diagnosis.signals.hold import hold
-from steelyard.diagnosis.signals.repeats import Repeats
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.measurement import Processing, Recording, prepare
-from steelyard.measurement.recording import LogInMemory
-from steelyard.regression.gather import gather
-from steelyard.regression.regressor import base_regressor
-from steelyard.robot_file.edits import edited
-from steelyard.robot_file.file import load_robot
+from steelyard.base.arrays import Array
+from steelyard.check.finding import Edit, Finding, Severity
+from steelyard.check.signals.rows import RepeatedRows, zero_order_hold
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.file.toml_edits import edited
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
 
 DELAY = ("signals", "effort", "delay")
 MOTION = slice(Q.start, DQ.stop)
@@ -38,7 +38,7 @@ def with_hold(table: Array, every: int, *columns: slice, phase: int = 0) -> Arra
 
 
 def findings_of(folder: Path, table: Array) -> tuple[Finding, ...]:
-    return Repeats()(case_of(folder, table))
+    return RepeatedRows()(case_of(folder, table))
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_the_delay_that_is_proposed_corrects_the_robot_file(tmp_path: Path) -> N
 def test_repeated_rows_that_are_kept_leave_positions_late(tmp_path: Path) -> None:
     case = case_of(tmp_path, with_hold(sound(), 2, MOTION))
     kept = replace(case.logs[0], processing=Processing(bridge_repeats=False))
-    (found,) = Repeats()(replace(case, logs=(kept,)))
+    (found,) = RepeatedRows()(replace(case, logs=(kept,)))
     assert found.says.endswith("they are 5 ms late on average, and rows are not interpolated")
 
 
@@ -180,4 +180,4 @@ def test_no_column_of_a_real_log_is_held() -> None:
             x = x[np.isfinite(x)]
             change = np.abs(np.diff(x))
             step = change[change > 0.0].min(initial=np.inf)
-            assert hold(x[:, None], np.array([step])).every == 1, (path.name, name)
+            assert zero_order_hold(x[:, None], np.array([step])).every == 1, (path.name, name)

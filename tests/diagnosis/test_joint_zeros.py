@@ -9,20 +9,22 @@ import pytest
 
 from diagnosis.conftest import MODEL_BASED
 from diagnosis.fitted import demo_arm, log
-from steelyard.diagnosis import Case, Severity, examine, joint_zeros
-from steelyard.diagnosis.decision.checks import JOINT_ZEROS
-from steelyard.diagnosis.decision.quarter_turns import turned_joints
-from steelyard.diagnosis.decision.ranking import ranking
-from steelyard.diagnosis.hypotheses import by_zero
-from steelyard.diagnosis.hypotheses.by_zero import zero_offsets
-from steelyard.diagnosis.joint_zeros import JointZeros
-from steelyard.diagnosis.zero_offset import without_effect
-from steelyard.identification.checks.check_case import Subject, case_of
-from steelyard.identification.named_logs import log_files
-from steelyard.progress import silent
-from steelyard.robot_file.edits import edited
-from steelyard.robot_file.file import load_robot
-from steelyard.virtual.invent import random_truth
+from steelyard.base.progress import silent
+from steelyard.check.case import Case
+from steelyard.check.decision import joint_zeros
+from steelyard.check.decision.checks import JOINT_ZEROS
+from steelyard.check.decision.joint_zeros import JointZeros, turned_joints
+from steelyard.check.decision.ranking import ranking
+from steelyard.check.examine import examine
+from steelyard.check.finding import Severity
+from steelyard.check.fitted.zero_offsets import zeros_without_effect
+from steelyard.check.hypotheses import position_columns as by_zero
+from steelyard.check.hypotheses.position_columns import zero_offsets
+from steelyard.check.subject import Subject, case_of
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.file.toml_edits import edited
+from steelyard.runs.named_logs import log_files
+from steelyard.simulate.truth import random_truth
 
 
 def case(folder: Path, offset: tuple[float, ...], line: str = "") -> Case:
@@ -130,7 +132,7 @@ def test_joints_that_cannot_be_told_apart_are_named_together(
     table[:, arm.at("q{}_rad")[1]] += 0.15
     (finding,) = JOINT_ZEROS(arm.case(table))
     assert "(or of" not in finding.says
-    monkeypatch.setattr(by_zero, "CLOSE", 1e6)
+    monkeypatch.setattr(by_zero, "CLOSE_ZEROS", 1e6)
     (finding,) = JOINT_ZEROS(arm.case(table))
     assert "zero offset of shoulder_lift -0.1" in finding.says
     assert "(or of elbow " in finding.says
@@ -173,8 +175,8 @@ def test_quick_checks_with_a_reference_include_the_zeros_once(arm) -> None:
 
 
 def test_first_joints_along_gravity_and_last_ones_have_no_identifiable_zero(arm) -> None:
-    assert without_effect(arm.robot) == (True, False, True)
-    assert without_effect(arm.robot.changed(gravity=(9.81, 0.0, 0.0))) == (False, False, True)
+    assert zeros_without_effect(arm.robot) == (True, False, True)
+    assert zeros_without_effect(arm.robot.changed(gravity=(9.81, 0.0, 0.0))) == (False, False, True)
 
 
 def test_what_is_to_be_identified_is_not_reported(tmp_path: Path) -> None:

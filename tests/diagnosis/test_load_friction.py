@@ -6,9 +6,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from steelyard.diagnosis.finding import Finding, Severity
-from steelyard.diagnosis.fitted.load_friction import LoadFriction
-from steelyard.parameters import Parameters
+from steelyard.base.arrays import Parameters
+from steelyard.check.finding import Finding, Severity
+from steelyard.check.fitted.implausible import LoadFriction
 
 
 def found(*values: float, std: float = 0.1, fitted: bool = True) -> tuple[Finding, ...]:

@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 
 from diagnosis.conftest import Arm
-from steelyard.arrays import Array
-from steelyard.diagnosis.decision.ranking import ranking
-from steelyard.diagnosis.finding import Severity
-from steelyard.diagnosis.hypotheses.mirrored import efforts_first, mirrors
+from steelyard.base.arrays import Array
+from steelyard.check.decision.ranking import ranking
+from steelyard.check.finding import Severity
+from steelyard.check.hypotheses.bodies import efforts_first, mirrors
 
 
 def turned(arm: Arm, *patterns: str) -> Array:

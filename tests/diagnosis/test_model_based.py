@@ -9,21 +9,19 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from steelyard.diagnosis import Diagnosis, Edit, Severity, examine
-from steelyard.diagnosis.decision.checks import MOUNTING, PAYLOAD
-from steelyard.diagnosis.decision.findings import UNKNOWN
-from steelyard.diagnosis.decision.ranking import COMPARING
-from steelyard.diagnosis.decision.verdict import verdict
-from steelyard.diagnosis.drift import Drift
-from steelyard.diagnosis.finding import Finding, Fix
-from steelyard.diagnosis.identifiability import Identifiability
-from steelyard.diagnosis.knowledge import knowledge_of
-from steelyard.diagnosis.likelihood.nuisance import least_squares
-from steelyard.diagnosis.likelihood.shared_fit import shared_fit
-from steelyard.diagnosis.together import together
-from steelyard.estimation.known_scales import KnownScales
-from steelyard.robot.inertia import Inertia
-from steelyard.robot_file.edits import edited
+from steelyard.check.case import knowledge_of
+from steelyard.check.decision.checks import MOUNTING, PAYLOAD
+from steelyard.check.decision.findings import UNKNOWN_BODIES
+from steelyard.check.decision.ranking import COMPARING_PHASE
+from steelyard.check.decision.verdict import judge_log
+from steelyard.check.examine import Diagnosis, examine
+from steelyard.check.finding import Edit, Finding, Fix, Severity
+from steelyard.check.hypotheses.nuisance import fit_nuisances, shared_fit
+from steelyard.check.identifiability import Identifiability
+from steelyard.check.several_logs import FrictionDrift, edits_that_serve_all_logs
+from steelyard.estimate.effort_uncertainty import KnownScales
+from steelyard.robot.file.toml_edits import edited
+from steelyard.robot.rigid_body import Inertia
 
 Q, DQ, TAU = "q{}_rad", "dq{}_rad_s", "tau{}_Nm"
 GAINS = np.array([9.0, 12.0, 7.5])
@@ -168,8 +166,8 @@ def test_currents_declared_as_torques(arm):
 
 def without_gravity(arm) -> np.ndarray:
     """The log less the torque that holds the true arm."""
-    from steelyard.model import Model
-    from steelyard.terms.laws.rigid_body import RigidBody
+    from steelyard.model.laws.rigid_body import RigidBody
+    from steelyard.model.model import Model
 
     robot = arm.robot
     torques = []
@@ -263,7 +261,7 @@ def test_a_resting_robot_tells_nothing(arm):
 
 def test_a_rough_nominal_model_raises_no_alarm(arm):
     case = arm.case(arm.table, known=False)
-    decision = verdict(case, case.logs[0])
+    decision = judge_log(case, case.logs[0])
     assert decision is not None and not decision.winners
 
 
@@ -272,7 +270,7 @@ def test_without_masses_nothing_is_reported(arm):
     urdf.write_text(re.sub(r"<inertial>.*?</inertial>", "", urdf.read_text(), flags=re.DOTALL))
     found = arm.examined(arm.table, known=False)
     assert found.severity == Severity.OK
-    assert {f.says for f in found.findings} == {UNKNOWN}
+    assert {f.says for f in found.findings} == {UNKNOWN_BODIES}
     assert len(found.findings) == 9
 
 
@@ -293,9 +291,9 @@ def test_friction_of_another_day(arm):
     case = arm.case(arm.table)
     alike = type(case)(case.loaded, (case.logs[0], tables[0]), case.reference)
     apart = type(case)(case.loaded, (case.logs[0], tables[1]), None)
-    assert Drift()(case) == ()
-    assert [f.severity for f in Drift()(alike)] == [Severity.OK]
-    assert [f.severity for f in Drift()(apart)] == [Severity.DOUBTFUL]
+    assert FrictionDrift()(case) == ()
+    assert [f.severity for f in FrictionDrift()(alike)] == [Severity.OK]
+    assert [f.severity for f in FrictionDrift()(apart)] == [Severity.DOUBTFUL]
 
 
 def test_what_a_log_shows(arm):
@@ -323,7 +321,7 @@ def test_bounded_friction_against_scipy():
     rng = np.random.default_rng(0)
     y, e = rng.normal(size=(5, 300)), rng.normal(size=300)
     lower, upper = np.array([0.0, -0.01, -np.inf, 0.0]), np.array([0.02, 0.05, np.inf, np.inf])
-    squares, theta = least_squares(
+    squares, theta = fit_nuisances(
         y @ y.T, y @ e, np.array(e @ e), np.array(1.7), lower, upper, 200
     )
     wanted = lsq_linear(y[:4].T, 1.7 * e - y[4], (lower, upper), tol=1e-14)
@@ -425,23 +423,27 @@ def finding(log: str, severity: Severity, value: Any = None, answered: bool = Tr
 
 def test_one_robot_file_must_serve_all_logs():
     bad, good = finding("a", Severity.WRONG, [1.0, 2.0]), finding("b", Severity.OK)
-    apart = together([bad, good])[0].fix
+    apart = edits_that_serve_all_logs([bad, good])[0].fix
     assert apart is not None and not apart.edits and "of its own" in apart.says
     open_one = finding("b", Severity.OK, answered=False)
-    assert Diagnosis(together([bad, open_one])).edits[0].value == [1.0, 2.0]
+    assert Diagnosis(edits_that_serve_all_logs([bad, open_one])).edits[0].value == [1.0, 2.0]
     others = [finding("b", Severity.WRONG, [3.0, 2.0]), finding("c", Severity.WRONG, [1.5, 2.5])]
-    merged = {tuple(f.fix.edits[0].value) for f in together([bad, *others]) if f.fix}
+    merged = {
+        tuple(f.fix.edits[0].value) for f in edits_that_serve_all_logs([bad, *others]) if f.fix
+    }
     assert merged == {(1.5, 2.0)}
     signs = [finding("a", Severity.WRONG, [1, -1]), finding("b", Severity.WRONG, [-1, 1])]
-    assert {tuple(f.fix.edits[0].value) for f in together(signs) if f.fix} == {(1, -1)}
+    assert {tuple(f.fix.edits[0].value) for f in edits_that_serve_all_logs(signs) if f.fix} == {
+        (1, -1)
+    }
 
 
 def test_the_work_that_questions_share_is_named(arm):
     heard = []
     case = replace(arm.case(arm.table), progress=lambda event: heard.append(event) or True)
     examine(case, checks=[MOUNTING, PAYLOAD])
-    events = [(e.phase, e.done, e.total, e.note) for e in heard if e.phase == COMPARING]
-    assert events == [(COMPARING, 0, 1, "log"), (COMPARING, 1, 1, "log")]
+    events = [(e.phase, e.done, e.total, e.note) for e in heard if e.phase == COMPARING_PHASE]
+    assert events == [(COMPARING_PHASE, 0, 1, "log"), (COMPARING_PHASE, 1, 1, "log")]
 
 
 def test_scales_that_the_reference_found_of_the_sensors_are_no_gains_that_are_wrong(arm):

@@ -10,22 +10,21 @@ import polars as pl
 import pytest
 
 from diagnosis.fitted import case, demo_arm, log
-from steelyard.arrays import Array
-from steelyard.diagnosis import Finding, Severity
-from steelyard.diagnosis.causes import Cause
-from steelyard.diagnosis.fitted import model_error
-from steelyard.diagnosis.fitted.model_error import ModelError
-from steelyard.diagnosis.left_out_gain import LeftOutGain
-from steelyard.estimation.fields.fields import information_from
-from steelyard.regression.information import Information
-from steelyard.regression.regressor import base_regressor
+from steelyard.base.arrays import Array
+from steelyard.check.finding import Finding, Severity
+from steelyard.check.fitted import model_error
+from steelyard.check.fitted.causes import Cause, LeftOutGain
+from steelyard.check.fitted.model_error import ModelError
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.nonlinear.fields import information_from
+from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.model.laws.register import DEFAULT_TERMS
+from steelyard.model.laws.stribeck import Stribeck
+from steelyard.model.terms.term import Term
+from steelyard.robot.file.robot_file import LoadedRobot
 from steelyard.robot.robot import Body, Robot
-from steelyard.robot_file.file import LoadedRobot
-from steelyard.terms.laws.load_dependent import LoadDependent
-from steelyard.terms.laws.stribeck import Stribeck
-from steelyard.terms.register import DEFAULT_TERMS
-from steelyard.terms.term import Term
-from steelyard.virtual.invent import random_truth
+from steelyard.simulate.truth import random_truth
 
 
 @pytest.fixture(scope="module")
@@ -192,6 +191,6 @@ def test_errors_of_models_with_scales_are_to_be_compared_as_logged() -> None:
     tested = ((spring, LeftOutGain(3.0, 2.0, True, "run")),)
     falls = "With a spring the error on left-out motion falls from 3 to 2 % "
     falls += "(least squares, fitted logs)"
-    assert model_error.advice(tested, False) == f"{falls}. Add it to [model] terms"
-    assert model_error.advice(tested, True).startswith(f"{falls} at the present effort scales")
-    assert model_error.advice(tested, True).endswith("only if the error as logged then falls")
+    assert model_error.term_advice(tested, False) == f"{falls}. Add it to [model] terms"
+    assert model_error.term_advice(tested, True).startswith(f"{falls} at the present effort scales")
+    assert model_error.term_advice(tested, True).endswith("only if the error as logged then falls")

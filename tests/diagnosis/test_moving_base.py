@@ -6,15 +6,15 @@ import polars as pl
 import pytest
 from typer.testing import CliRunner
 
-from steelyard.arrays import Array
+from steelyard.base.arrays import Array
+from steelyard.base.progress import silent
+from steelyard.check.examine import Diagnosis, examine
+from steelyard.check.finding import Finding, Severity
+from steelyard.check.findings_text import check_headline
+from steelyard.check.signals.movement import MovingBase, of_base
+from steelyard.check.subject import case_of, subject_of
 from steelyard.cli.app import app
-from steelyard.diagnosis import Diagnosis, examine
-from steelyard.diagnosis.finding import Finding, Severity
-from steelyard.diagnosis.signals.moving_base import MovingBase, of_base
-from steelyard.identification.checks.check_case import case_of, subject_of
-from steelyard.identification.named_logs import log_files
-from steelyard.progress import silent
-from steelyard.report.text.findings import headline
+from steelyard.runs.named_logs import log_files
 
 MODEL = """
 <mujoco><worldbody>
@@ -49,7 +49,7 @@ def found(model: Path, log: Path) -> tuple[Finding, ...]:
 def test_a_base_that_floats_in_the_model_is_reported_as_assumed_at_rest(tmp_path: Path) -> None:
     model, log = logged(tmp_path, "<freejoint/>")
     (finding,) = found(model, log)
-    assert headline(Diagnosis((finding,))).endswith(
+    assert check_headline(Diagnosis((finding,))).endswith(
         "1 of 1 check could not be decided: moving base; base 'trunk' floats in the model, and is "
         "assumed to be at rest: not tested"
     )

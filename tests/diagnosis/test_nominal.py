@@ -19,19 +19,18 @@ from diagnosis.test_model_based import (
     with_payload,
     wrong,
 )
-from steelyard.diagnosis import Edit, Severity
-from steelyard.diagnosis.decision import decidable
-from steelyard.diagnosis.decision import support as support
-from steelyard.diagnosis.decision.ranking import ranking
-from steelyard.diagnosis.decision.verdict import verdict
-from steelyard.diagnosis.hypotheses.alternatives import _listed
-from steelyard.diagnosis.hypotheses.by_mounting import _Left
-from steelyard.diagnosis.knowledge import knowledge_of
-from steelyard.diagnosis.likelihood.evidence_kept import keeps_evidence
-from steelyard.diagnosis.likelihood.possible import possible
-from steelyard.model import Model
-from steelyard.report.text.findings import headline
-from steelyard.robot_file.edits import edited
+from steelyard.check.case import knowledge_of
+from steelyard.check.decision import decidable, support
+from steelyard.check.decision.gain_sources import _listed_sources
+from steelyard.check.decision.ranking import ranking
+from steelyard.check.decision.verdict import judge_log
+from steelyard.check.finding import Edit, Severity
+from steelyard.check.findings_text import check_headline
+from steelyard.check.hypotheses.bodies import consistent_bodies
+from steelyard.check.hypotheses.likelihood import keeps_evidence
+from steelyard.check.hypotheses.surroundings import _DirectionResidual
+from steelyard.model.model import Model
+from steelyard.robot.file.toml_edits import edited
 
 
 def nominal_times(arm, factor: float) -> None:
@@ -58,7 +57,7 @@ def test_findings_hold_what_their_explanations_were_compared_with(arm, known):
 def test_slopes_of_the_direction_of_gravity(arm):
     case = arm.case(arm.table, known=False)
     ranked = ranking(case, case.logs[0])
-    left = _Left(ranked.likelihood, ranked.declared.interpretation)
+    left = _DirectionResidual(ranked.likelihood, ranked.declared.interpretation)
     at = np.array([0.3, -0.8, 0.4])
     steps = 1e-5 * np.eye(3)
     squares = [np.sum(np.square([left(at + h), left(at - h)]), axis=1) for h in steps]
@@ -75,7 +74,7 @@ def test_a_clean_log_is_not_refused_for_wrong_masses(arm, factor):
         assert "links are" in doubtful.says and "efforts are off" in doubtful.says
     case = arm.case(arm.table, known=False)
     ranked = ranking(case, case.logs[0])
-    bodies = possible(ranked.likelihood, ranked.declared.interpretation)
+    bodies = consistent_bodies(ranked.likelihood, ranked.declared.interpretation)
     assert bodies.scale * factor == pytest.approx(1.0, rel=0.3)
     assert bodies.percent < 4.0 < ranked.declared.percent
 
@@ -147,7 +146,7 @@ def test_a_nominal_model_does_not_say_that_a_loaded_arm_is_empty(arm, factor):
     found = arm.examined(with_payload(arm, 1.0), known=False)
     finding = next(f for f in found.findings if f.check == "payload")
     assert finding.severity or not finding.answered
-    assert "no error" not in headline(found)
+    assert "no error" not in check_headline(found)
 
 
 def test_a_right_nominal_model_answers_what_a_wrong_one_leaves_open(arm):
@@ -191,8 +190,10 @@ def test_gains_that_no_log_fixes_are_doubtful(arm):
     assert finding.severity == Severity.DOUBTFUL and "nothing determines the scale" in finding.says
     assert finding.fix is not None and "--payload-mass" in finding.fix.says
     case = arm.case(arm.table, text, known=False)
-    assert "identify demo_arm.toml log --loaded" in _listed(case, sure=True)
-    assert "demo_arm.toml LOG... --loaded" in _listed(replace(case, logs=case.logs * 2), sure=True)
+    assert "identify demo_arm.toml log --loaded" in _listed_sources(case, sure=True)
+    assert "demo_arm.toml LOG... --loaded" in _listed_sources(
+        replace(case, logs=case.logs * 2), sure=True
+    )
     one = ["identify", 12.0, "identify"]
     text = edited(in_amperes(arm), [Edit(("signals", "effort", "gain"), one)])
     table = arm.table.copy()
@@ -207,12 +208,12 @@ def test_an_order_of_positions_or_of_efforts_is_written_with_a_margin_only(arm, 
     order, table = [0, 2, 1], arm.table.copy()
     table[:, arm.at(TAU)] = arm.table[:, np.array(arm.at(TAU))[order]]
     case = arm.case(table, known=False)
-    decision = verdict(case, case.logs[0])
+    decision = judge_log(case, case.logs[0])
     ((hypothesis, severity),) = decision.winners
     assert hypothesis.fixed and severity == Severity.WRONG
     likelihood = decision.ranking.likelihood
     assert support._unrivalled(likelihood, [(hypothesis, severity)]) == [(hypothesis, severity)]
-    monkeypatch.setattr(support, "MARGIN", 1e9)
+    monkeypatch.setattr(support, "SUPPORT_MARGIN", 1e9)
     ((hypothesis, severity),) = support._unrivalled(likelihood, [(hypothesis, severity)])
     assert not hypothesis.fixed and severity == Severity.DOUBTFUL
     assert (

@@ -3,10 +3,10 @@
 from dataclasses import replace
 from typing import ClassVar, cast
 
-from steelyard.diagnosis import Finding, Fix, Severity
-from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
-from steelyard.report.content import ReportContent
-from steelyard.report.text.verdict import Limitation, verdict
+from steelyard.check.finding import Finding, Fix, Severity
+from steelyard.check.fitted.post_fit import FittedCase, examine_fit
+from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.model_verdict import Limitation, verdict
 
 
 class Says:

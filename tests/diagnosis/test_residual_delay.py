@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from diagnosis.conftest import Arm
-from steelyard.arrays import Array
-from steelyard.diagnosis.decision.checks import EFFORT_DELAY
-from steelyard.diagnosis.finding import Severity
-from steelyard.diagnosis.identifiability import clean_runs, customary_model
-from steelyard.diagnosis.residual_delay import by_presliding, delays_of, residual_delay
-from steelyard.regression.regressor import base_regressor
+from steelyard.base.arrays import Array
+from steelyard.check.decision.checks import EFFORT_DELAY
+from steelyard.check.finding import Severity
+from steelyard.check.hypotheses.friction_evidence import by_presliding, delays_of, residual_delay
+from steelyard.check.identifiability import clean_runs, customary_model
+from steelyard.estimate.information.regressor import base_regressor
 
 
 def late(arm: Arm, seconds: Array) -> Array:

@@ -8,19 +8,16 @@ import numpy as np
 import pytest
 
 from diagnosis.fitted import case, demo_arm, log
-from steelyard.arrays import frozen
-from steelyard.diagnosis import Finding, Severity
-from steelyard.diagnosis.fitted.fitted_case import FittedCase
-from steelyard.diagnosis.fitted.last_link import LastLink
-from steelyard.diagnosis.fitted.runs_disagree import RunsDisagree
-from steelyard.estimation.estimate import Estimate, StandardEstimate
-from steelyard.estimation.identified import IdentifiedModel
-from steelyard.measurement import Run
-from steelyard.parameters import Parameters
-from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
-from steelyard.robot_file.file import LoadedRobot
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.truth import Truth
+from steelyard.base.arrays import Parameters, frozen
+from steelyard.check.finding import Finding, Severity
+from steelyard.check.fitted.fitted_case import FittedCase
+from steelyard.check.fitted.runs_disagree import LastLink, RunsDisagree
+from steelyard.estimate.estimate import Estimate, StandardEstimate
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.robot.file.robot_file import LoadedRobot
+from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
+from steelyard.runs.run import Run
+from steelyard.simulate.truth import Truth, random_truth
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from diagnosis.test_signals import case_of, sound
-from steelyard.arrays import Array
-from steelyard.diagnosis.finding import Finding, Severity
-from steelyard.diagnosis.signals.saturation import Saturation
+from steelyard.base.arrays import Array
+from steelyard.check.finding import Finding, Severity
+from steelyard.check.signals.sensor_limits import Saturation
 
 SLOW = 2.0 * np.pi * 0.1 * np.arange(4000) / 100.0
 WAVES = {

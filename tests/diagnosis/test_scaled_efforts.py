@@ -6,11 +6,10 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from steelyard.diagnosis.causes import Cause
-from steelyard.diagnosis.finding import Finding, Severity
-from steelyard.diagnosis.fitted.scaled_efforts import ScaledEfforts
-from steelyard.diagnosis.left_out_gain import LeftOutGain
-from steelyard.estimation.effort_scales import Scales
+from steelyard.check.finding import Finding, Severity
+from steelyard.check.fitted.causes import Cause, LeftOutGain
+from steelyard.check.fitted.post_fit import ScaledEfforts
+from steelyard.estimate.nonlinear.effort_scales import Scales
 
 Tested = tuple[Cause, LeftOutGain]
 FOUND = Scales(np.array([0.8, 1.05]), 0.05**2 * np.eye(2), np.zeros(0), 1.0, np.zeros(0))

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from diagnosis.conftest import Arm
-from steelyard.arrays import Array
-from steelyard.diagnosis.finding import Finding, Severity
-from steelyard.diagnosis.signals.set_points import SetPoints
-from steelyard.robot_file.column_names import Column
+from steelyard.base.arrays import Array
+from steelyard.check.finding import Finding, Severity
+from steelyard.check.signals.measured import SetPoints
+from steelyard.robot.init.column_names import Column
 
 STEP = 2.0 * np.pi / 2**20
 

@@ -10,39 +10,33 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steelyard.arrays import Array
-from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.examine import Diagnosis, examine
-from steelyard.diagnosis.finding import Finding, Severity, percent_of
-from steelyard.diagnosis.register import CHECKS
-from steelyard.diagnosis.signals.clock import Clock
-from steelyard.diagnosis.signals.excitation import Excitation
-from steelyard.diagnosis.signals.noise import Noise
-from steelyard.diagnosis.signals.position import Position
-from steelyard.diagnosis.signals.repeats import Repeats
-from steelyard.diagnosis.signals.rests import Rests
-from steelyard.diagnosis.signals.rows import Rows
-from steelyard.diagnosis.signals.saturation import Saturation, Signed
-from steelyard.diagnosis.signals.unit_costs import JointFacts
-from steelyard.diagnosis.signals.units import _named, reading
-from steelyard.diagnosis.signals.velocity import Velocity
-from steelyard.formats.cut import Cut
-from steelyard.formats.log import Log
-from steelyard.formats.numbered import Numbered
-from steelyard.measurement import Processing, Recording
-from steelyard.measurement.recording import LogInMemory
+from steelyard.base.arrays import Array
+from steelyard.check.case import Case, Evidence
+from steelyard.check.examine import Diagnosis, examine
+from steelyard.check.finding import Finding, Severity, percent_of
+from steelyard.check.register import CHECKS
+from steelyard.check.signals.movement import Excitation, Rests
+from steelyard.check.signals.position import Position
+from steelyard.check.signals.rows import CorruptRows, RepeatedRows
+from steelyard.check.signals.sensor_limits import Noise, OneSignedEfforts, Saturation
+from steelyard.check.signals.time_stamps import Clock
+from steelyard.check.signals.units import JointFacts, _named, unit_reading
+from steelyard.check.signals.velocity import Velocity
+from steelyard.logs.log import Cut, Log, Numbered
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.file.signals import ROW, VELOCITY_UNITS
+from steelyard.robot.file.toml_edits import edited
 from steelyard.robot.robot import Coordinate, Limits
-from steelyard.robot_file.edits import edited
-from steelyard.robot_file.file import load_robot
-from steelyard.robot_file.signals import ROW, VELOCITY_UNITS
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
 
 OWN = (
     Clock(),
-    Rows(),
-    Repeats(),
+    CorruptRows(),
+    RepeatedRows(),
     Noise(),
     Saturation(),
-    Signed(),
+    OneSignedEfforts(),
     Rests(),
     Excitation(),
     Position(),
@@ -437,7 +431,7 @@ def test_the_lag_of_velocities_that_are_left_out_is_a_fact(tmp_path: Path) -> No
     assert found.severity == Severity.OK
     assert "left out" in found.says
     assert "late" in found.says
-    agreed = reading(case, case.logs[0]).agreement
+    agreed = unit_reading(case, case.logs[0]).agreement
     assert agreed is not None
     assert np.all(np.abs(agreed.lag - 0.05) < 3.0 * agreed.lag_std + 1e-3)
     assert np.all(agreed.lag_std < 2e-3)
@@ -492,7 +486,7 @@ def test_the_standard_error_of_the_lag_is_honest(tmp_path: Path) -> None:
         table = sound(seed=seed)
         table[:, DQ] += 0.2 * np.random.default_rng(100 + seed).normal(size=(len(table), 3))
         case = case_of(tmp_path, table)
-        agreed = reading(case, case.logs[0]).agreement
+        agreed = unit_reading(case, case.logs[0]).agreement
         assert agreed is not None
         off += list(agreed.lag / agreed.lag_std)
     assert 0.5 < float(np.std(off)) < 1.5

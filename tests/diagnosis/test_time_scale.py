@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from diagnosis.conftest import Arm
-from steelyard.diagnosis.finding import Finding, Severity
-from steelyard.diagnosis.signals.clock import Clock
+from steelyard.check.finding import Finding, Severity
+from steelyard.check.signals.time_stamps import Clock
 
 WITHOUT = ('velocity = "dq{}_rad_s"\n', "")
 

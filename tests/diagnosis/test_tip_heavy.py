@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from steelyard.arrays import Array
+from steelyard.base.arrays import Array
+from steelyard.check.case import Case, Evidence
+from steelyard.check.decision.checks import EFFORT_KIND, EFFORT_SIGN, PAYLOAD
+from steelyard.check.examine import Diagnosis, examine
+from steelyard.check.finding import Finding, Severity
 from steelyard.cli.app import app
-from steelyard.diagnosis import Diagnosis, Severity, examine
-from steelyard.diagnosis.case import Case, Evidence
-from steelyard.diagnosis.decision.checks import EFFORT_KIND, EFFORT_SIGN, PAYLOAD
-from steelyard.diagnosis.finding import Finding
-from steelyard.formats.register import open_log
-from steelyard.measurement import Processing, Recording
-from steelyard.measurement.recording import LogInMemory
-from steelyard.robot_file.file import load_robot
-from steelyard.robot_file.template.guess_columns import guess_signals
+from steelyard.logs.formats import open_log
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.init.guess_columns import guess_signals
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
 
 LINKS = (("z", 0.1, 0.1), ("y", 0.12, 0.3), ("y", 0.28, 0.3), ("x", 0.25, 0.12), ("y", 0.05, 0.15))
 """Axis, distance from the joint before [m] and mass [kg] of all links but the last."""

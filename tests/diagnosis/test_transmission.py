@@ -10,23 +10,25 @@ import pytest
 
 from diagnosis.fitted import log
 from short_arm import without_wrist
-from steelyard.arrays import Array
-from steelyard.cli.commands.check import GEARS, LOADED, hints
-from steelyard.diagnosis import Case, Diagnosis, Finding, Severity, examine
-from steelyard.diagnosis.decision.transmission import (
+from steelyard.base.arrays import Array
+from steelyard.base.progress import silent
+from steelyard.check.case import Case
+from steelyard.check.check import CheckResult
+from steelyard.check.decision.transmission import (
     TransmissionCheck,
-    alternatives,
     missing_coupling,
+    other_gears,
     with_gears,
 )
-from steelyard.diagnosis.decision.verdict import verdict
-from steelyard.identification.checks.check import CheckResult
-from steelyard.identification.checks.check_case import case_of, subject_of
-from steelyard.identification.named_logs import log_files
-from steelyard.progress import silent
-from steelyard.report.check_page import CheckContent
+from steelyard.check.decision.verdict import judge_log
+from steelyard.check.examine import Diagnosis, examine
+from steelyard.check.finding import Finding, Severity
+from steelyard.check.findings_page import CheckContent
+from steelyard.check.subject import case_of, subject_of
+from steelyard.cli.log_commands import WHAT_DECIDES_GAINS, WHAT_TO_COMPARE_OF_GEARS, hints
 from steelyard.robot.robot import Transmission
-from steelyard.virtual.invent import random_truth
+from steelyard.runs.named_logs import log_files
+from steelyard.simulate.truth import random_truth
 
 RATIOS = (100.0, -100.0, 80.0)
 COUPLING = '\ncoupling = [{motor = "motor_3", joint = "shoulder_lift", ratio = 50.0}]'
@@ -93,7 +95,7 @@ def test_an_open_question_is_to_be_compared_with_the_data_sheet() -> None:
     finding = Finding("transmission", "run", Severity.OK, "undecided", "", answered=False)
     content = CheckContent("arm", "arm.toml", ("run.csv",), None, Diagnosis((finding,)), {})
     lines = hints(CheckResult(content), None, ["arm.toml", "run.csv"])
-    assert lines[1] == f"next        # {GEARS}"
+    assert lines[1] == f"next        # {WHAT_TO_COMPARE_OF_GEARS}"
     assert lines[2].endswith("steelyard identify arm.toml run.csv")
 
 
@@ -102,7 +104,7 @@ def test_what_decides_the_model_is_said_where_several_facts_are_open() -> None:
     findings = tuple(Finding(x, "run", Severity.OK, "?", "", answered=False) for x in names)
     content = CheckContent("arm", "arm.toml", ("run.csv",), None, Diagnosis(findings), {})
     lines = hints(CheckResult(content), None, ["arm.toml", "run.csv"])
-    assert lines[1].endswith(GEARS) and lines[2].endswith(LOADED)
+    assert lines[1].endswith(WHAT_TO_COMPARE_OF_GEARS) and lines[2].endswith(WHAT_DECIDES_GAINS)
 
 
 def test_a_coupling_that_may_be_missing_is_a_remark_unless_couplings_are_stated(
@@ -122,7 +124,7 @@ def test_a_coupling_that_may_be_missing_is_a_remark_unless_couplings_are_stated(
 
 def test_the_declared_gears_have_the_misfit_of_the_other_checks(folder: Path) -> None:
     case = case_with(folder, RATIOS, "")
-    decision = verdict(case, case.logs[0])
+    decision = judge_log(case, case.logs[0])
     assert decision is not None
     likelihood, declared = decision.ranking.likelihood, decision.ranking.declared
     assert likelihood.signals.effort_map is None and likelihood.gears is not None
@@ -134,7 +136,7 @@ def test_the_declared_gears_have_the_misfit_of_the_other_checks(folder: Path) ->
 
 def test_alternatives_leave_resting_joints_and_declared_gears_out() -> None:
     gears = Transmission(("a", "b", "c"), np.array([[2.0, 0, 0], [3.0, 4.0, 0], [0, 0, 5.0]]))
-    listed = {one.says: one.matrix for one in alternatives(gears, [True, True, False])}
+    listed = {one.says: one.matrix for one in other_gears(gears, [True, True, False])}
     assert not any(np.array_equal(matrix, gears.matrix) for matrix in listed.values())
     assert set(listed) == {
         "the opposite sign of the ratio of a",

@@ -18,12 +18,12 @@ from diagnosis.test_signals import (
     scaled,
     sound,
 )
-from steelyard.arrays import Array
-from steelyard.diagnosis.examine import examine
-from steelyard.diagnosis.finding import Severity
-from steelyard.diagnosis.signals.clock import Clock
-from steelyard.diagnosis.signals.position import Position
-from steelyard.diagnosis.signals.velocity import Velocity
+from steelyard.base.arrays import Array
+from steelyard.check.examine import examine
+from steelyard.check.finding import Severity
+from steelyard.check.signals.position import Position
+from steelyard.check.signals.time_stamps import Clock
+from steelyard.check.signals.velocity import Velocity
 
 LIMITS = re.compile(r"\[robot.limits\]\n(joint_.*\n)+")
 UNLIMITED = LIMITS.sub("", ROBOT)

@@ -6,15 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from steelyard.arrays import Array
-from steelyard.diagnosis import Finding, Severity
-from steelyard.diagnosis.fitted.post_fit import FittedCase, examine_fit
-from steelyard.diagnosis.fitted.unseen_reason import UnseenReason, _one_file, excess
-from steelyard.robot.inertia import Inertia
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.validation.score import score
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.truth import Truth
+from steelyard.base.arrays import Array
+from steelyard.check.finding import Finding, Severity
+from steelyard.check.fitted.post_fit import FittedCase, examine_fit
+from steelyard.check.fitted.unseen_reason import UnseenReason, _one_file, excess_error
+from steelyard.estimate.scores.score import score
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.robot.rigid_body import Inertia
+from steelyard.simulate.truth import Truth, random_truth
 
 
 def found_in(
@@ -134,19 +133,19 @@ def test_a_log_in_which_joints_rest_is_not_judged_by_their_friction(arm):
     plain = score(model.valued, run, model.signals.gains, model.cutoffs.score)
     stuck = [replace(joint, rmse=1e3 * joint.rmse) for joint in plain.joints]
     scored = replace(plain, joints=tuple(stuck))
-    assert excess(model, scored) == excess(model, plain) < 2.0
+    assert excess_error(model, scored) == excess_error(model, plain) < 2.0
     far = [replace(joint, rmse_moving=1e3 * joint.rmse) for joint in plain.joints]
     errors = replace(plain.errors, at_rest=True)
     still = replace(plain, joints=tuple(far), errors=errors)
     case = FittedCase(model, unseen=(run,), unseen_scores=(still,))
-    assert excess(model, still) > 2.0 and UnseenReason()(case) == ()
+    assert excess_error(model, still) > 2.0 and UnseenReason()(case) == ()
 
 
 def test_what_explains_nothing_is_no_reason_however_bad_the_fit(arm, monkeypatch):
     noise = arm.table.copy()
     efforts = arm.at("tau{}_Nm")
     noise[:, efforts] = 5.0 * np.random.default_rng(1).standard_normal(noise[:, efforts].shape)
-    monkeypatch.setattr("steelyard.diagnosis.fitted.unseen_reason._own", lambda *_: 90.0)
+    monkeypatch.setattr("steelyard.check.fitted.unseen_reason._own", lambda *_: 90.0)
     assert not [f for f in found_in(arm, noise) if "most likely reason" in f.says]
 
 

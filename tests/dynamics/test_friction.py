@@ -5,11 +5,11 @@ import pytest
 
 from law_cases import CASES, LawCase, name_of
 from moving import geared
-from steelyard.model import Model
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.viscous import Viscous
+from steelyard.base.arrays import Parameters
+from steelyard.base.motion import Motion
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
 
 ROBOT = geared()
 

@@ -11,22 +11,21 @@ from closed_chains import CHAINS, Oracle, independent_path
 from invented import ROBOTS, tree, turned
 from law_cases import CASES
 from oracles import body_map, body_positions, pinocchio_model
-from steelyard.arrays import Array
-from steelyard.dynamics.quantity import QUANTITIES, Quantity
-from steelyard.errors import DataError, ModelError
-from steelyard.kernel.program import numpy_backend
-from steelyard.kernel.quantities.passive_joints import passive_positions
-from steelyard.model import Model, ValuedModel
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
-from steelyard.robot.robot import Frame, Loop, Robot
-from steelyard.terms.errors.reading_errors import Misread
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.offset import Offset
-from steelyard.terms.laws.presliding import Dahl
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.rotor_inertia import RotorInertia
-from steelyard.terms.laws.viscous import Viscous
+from steelyard.base.arrays import Array, Parameters
+from steelyard.base.errors import DataError, ModelError
+from steelyard.base.motion import Motion
+from steelyard.model.equations.passive_joints import passive_positions
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.offset import Offset
+from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.rotor_inertia import RotorInertia
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model, ValuedModel
+from steelyard.model.quantity import QUANTITIES, Quantity
+from steelyard.model.terms.error_columns import EffortReadingErrors
+from steelyard.robot.robot import Frame, LoopClosure, Robot
+from steelyard.symbolic import program as numpy_backend
 
 PLACE = np.array([0.2, -0.1, 0.3])
 
@@ -261,7 +260,7 @@ def test_terms_without_one_step_equations_are_stepped_by_their_scan() -> None:
     robot = tree()
     names = Model(robot, (RigidBody(),)).names
     reference = tuple(zip(names, robot.nominal.ravel().tolist(), strict=True))
-    model = Model(robot, (Misread(reference), Dahl()))
+    model = Model(robot, (EffortReadingErrors(reference), Dahl()))
     misread = model.at(Parameters(model.names, model.units, np.full(len(model.names), 0.1)))
     q, dq, ddq = np.random.default_rng(7).normal(size=(3, 9, 4))
     torque, stepper = misread.torque(q, dq, ddq), misread.start()
@@ -295,7 +294,7 @@ def test_a_singular_chain_is_not_called_open() -> None:
         replace(body, position=(x, 0.0, 0.0))
         for body, x in zip(CHAINS["five-bar"]().bodies, (-0.1, 0.3, 0.1, 0.3), strict=True)
     )
-    tip = Loop("tip", (1, 3), [[0.4, 0.0, 0.0], [0.4, 0.0, 0.0]])
+    tip = LoopClosure("tip", (1, 3), [[0.4, 0.0, 0.0], [0.4, 0.0, 0.0]])
     assembly = (2.4, 0.7, -1.79362145, 1.80640383)
     robot = CHAINS["five-bar"]().changed(bodies=bodies, loops=(tip,), assembly=assembly)
     with pytest.raises(DataError, match="loop 'tip' closes at this sample, but") as caught:

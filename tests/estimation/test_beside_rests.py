@@ -6,20 +6,24 @@ import numpy as np
 import pytest
 
 from invented import tree
-from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.estimate import Estimator
-from steelyard.estimation.least_squares.beside_rests import away, moved_scores
-from steelyard.estimation.least_squares.least_squares import (
+from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.estimate import Estimator
+from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.information import Information, Signature, Window
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
-from steelyard.estimation.least_squares.ridge import Ridge
-from steelyard.estimation.least_squares.sandwich import inflations, scatter
-from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.model import Model
-from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Signature, Window
-from steelyard.regression.regressor import base_regressor
+from steelyard.estimate.least_squares.residual_covariance import (
+    away,
+    inflations,
+    moved_scores,
+    scatter,
+)
+from steelyard.estimate.least_squares.ridge import Ridge
+from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.model.model import Model
 
 MODEL = Model(tree())
 REGRESSOR = base_regressor(MODEL)

@@ -6,17 +6,17 @@ from dataclasses import replace as with_
 import numpy as np
 import pytest
 
-from steelyard.errors import DataError
-from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.least_squares.bootstrap import bootstrap
-from steelyard.estimation.least_squares.least_squares import (
+from steelyard.base.arrays import Parameters
+from steelyard.base.errors import DataError
+from steelyard.base.progress import Event, Stopped
+from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.estimate_scatter import bootstrap
+from steelyard.estimate.information.information import Information, Signature, Window
+from steelyard.estimate.information.regressor import Layout
+from steelyard.estimate.least_squares.least_squares import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
-from steelyard.parameters import Parameters
-from steelyard.progress import Event, Stopped
-from steelyard.regression.information import Information, Signature, Window
-from steelyard.regression.regressor import Layout
 
 LAYOUT = Layout(("mean", "rest"), ("Nm", "Nm"), ("joint",), ((0, 1),))
 

@@ -7,21 +7,20 @@ import numpy as np
 import pytest
 
 from invented import single
-from steelyard.errors import DataError
-from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.least_squares.bounded import BoundedLeastSquares
-from steelyard.estimation.least_squares.box import base_bounds
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.estimation.register import ESTIMATORS, Context
-from steelyard.model import Model
-from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Signature, Window
-from steelyard.regression.regressor import base_regressor
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.offset import Offset
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.viscous import Viscous
+from steelyard.base.errors import DataError
+from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.estimators import ESTIMATORS, Context
+from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.information import Information, Signature, Window
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.constrained import BoundedLeastSquares, base_bounds
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.offset import Offset
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
 
 MODEL = Model(single(), (RigidBody(), Coulomb(), Viscous(), Offset()))
 REGRESSOR = base_regressor(MODEL)

@@ -8,37 +8,41 @@ import numpy as np
 import pytest
 
 from invented import dh_arm
-from steelyard.arrays import Array, frozen
-from steelyard.errors import DataError
-from steelyard.estimation.closed_loop.controller import JointPD, tuned_pd
-from steelyard.estimation.closed_loop.didim import Didim
-from steelyard.estimation.closed_loop.experiment import Experiment, Loop, Measured
-from steelyard.estimation.closed_loop.filtered_regressor import filtered
-from steelyard.estimation.closed_loop.forward import Forward, Integration
-from steelyard.estimation.closed_loop.instrumental import InstrumentalVariables
-from steelyard.estimation.closed_loop.kalman_parameters import KalmanParameters
-from steelyard.estimation.closed_loop.output_error import ClosedLoopOutputError
-from steelyard.estimation.closed_loop.simulation import simulate
-from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.noise import torque_noise, white_noise
-from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.estimation.register import ESTIMATORS, Context, Offer
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.measurement.prepare import prepare
-from steelyard.measurement.processing import Processing
-from steelyard.measurement.recording import LogInMemory, Recording
-from steelyard.model import Model
-from steelyard.motion import Motion
-from steelyard.progress import Event, Stopped
-from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Signature, Window
-from steelyard.regression.regressor import Regressor, base_regressor
-from steelyard.robot_file.signals import Signals
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.presliding import Dahl
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.rotor_inertia import RotorInertia
-from steelyard.terms.laws.viscous import Viscous
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import DataError
+from steelyard.base.motion import Motion
+from steelyard.base.progress import Event, Stopped
+from steelyard.estimate.closed_loop.experiment import Experiment, Measured, RunController, simulate
+from steelyard.estimate.closed_loop.filtered_regressor import filtered
+from steelyard.estimate.closed_loop.kalman import KalmanParameters, torque_noise, white_noise
+from steelyard.estimate.closed_loop.motion_under_torque import (
+    Forward,
+    Integration,
+    JointPD,
+    tuned_pd,
+)
+from steelyard.estimate.closed_loop.simulating_estimators import (
+    ClosedLoopOutputError,
+    Didim,
+    InstrumentalVariables,
+)
+from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.estimators import ESTIMATORS, Context, Offer
+from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.information import Information, Signature, Window
+from steelyard.estimate.information.regressor import Regressor, base_regressor
+from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.rotor_inertia import RotorInertia
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.robot.file.signals import Signals
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
 
 RATE, LENGTH, CUTOFF = 1000.0, 3.5, 20.0
 TERMS = (RigidBody(), RotorInertia(), Coulomb(smoothing=0.05), Viscous())
@@ -67,7 +71,7 @@ def truth() -> Array:
 
 
 @cache
-def loop() -> Loop:
+def loop() -> RunController:
     motion = random_fourier(dh_arm(), seed=3, period=LENGTH, harmonics=4)
     dynamics = Forward(regressor().model, regressor().base.independent)
     q = np.random.default_rng(0).normal(size=(3, 20))
@@ -77,7 +81,7 @@ def loop() -> Loop:
         goal = motion.sample(np.clip(t, 0.0, LENGTH))
         return goal.q, goal.dq
 
-    return Loop(tuned_pd(masses), wanted)
+    return RunController(tuned_pd(masses), wanted)
 
 
 def driven(position: float = 0.0, seed: int = 0) -> tuple[Array, Array, Array]:
@@ -176,7 +180,7 @@ def test_noise_of_positions_does_not_bias_as_it_biases_least_squares(offer: Offe
 @cache
 def differenced(position: float, torque: float) -> Experiment:
     """An experiment whose motion is from noisy positions behind a generous low-pass."""
-    from steelyard.measurement.methods.butterworth import Butterworth
+    from steelyard.runs.smoothing.method import Butterworth
 
     data = experiment(position, torque)
     (run,) = data.runs

@@ -8,22 +8,21 @@ import pytest
 
 from cvxpy_oracle import cvxpy_problem, solved
 from invented import tree
-from steelyard.errors import DataError
-from steelyard.estimation.consistent.consistency_penalties import Entropic, Form, Free, Pullback
-from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.knowledge import Knowledge, Row
-from steelyard.estimation.least_squares.least_squares import (
+from steelyard.base.errors import DataError
+from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.consistent.penalties import Entropic, Form, Free, Pullback
+from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.information import Information, Signature, Window
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
+    whitened,
 )
-from steelyard.estimation.least_squares.whitened import whitened
-from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.model import Model
-from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Signature, Window
-from steelyard.regression.regressor import base_regressor
-from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
+from steelyard.estimate.prior.prior import Knowledge, Row, default_knowledge
+from steelyard.model.model import Model
+from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
 
 MODEL = Model(tree())
 REGRESSOR = base_regressor(MODEL)

@@ -4,22 +4,20 @@ import numpy as np
 import pytest
 
 from in_amperes import GAINS, ROBOT, run_of
-from steelyard.estimation.consistent.consistency_penalties import Entropic, Pullback
-from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.consistent.program import Program, conic_constraints
-from steelyard.estimation.consistent.unknowns import unknowns
-from steelyard.estimation.estimate import Z95
-from steelyard.estimation.least_squares.whitened import whitened
-from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.measurement import Processing
-from steelyard.model import Model
-from steelyard.parameters import Parameters
-from steelyard.regression.gather import gather
-from steelyard.regression.information import Information
-from steelyard.regression.regressor import base_regressor
-from steelyard.robot.inertia import INERTIAL_NAMES, Inertia
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.truth import Truth
+from steelyard.base.arrays import Parameters
+from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.consistent.penalties import Entropic, Pullback, unknowns
+from steelyard.estimate.consistent.program import Program, conic_constraints
+from steelyard.estimate.estimate import Z95
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import whitened
+from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.model.model import Model
+from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
+from steelyard.runs.processing import Processing
+from steelyard.simulate.truth import Truth, random_truth
 
 MODEL = Model(ROBOT)
 REGRESSOR = base_regressor(MODEL)

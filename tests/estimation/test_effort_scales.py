@@ -6,18 +6,21 @@ import numpy as np
 import pytest
 
 from invented import tree
-from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.effort_scales import DEVIATION, Scaled
-from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.model import Model
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
-from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.base import base_parameters
-from steelyard.regression.information import Information, Signature, Window
-from steelyard.regression.predicted import with_predicted
-from steelyard.regression.regressor import base_regressor
-from steelyard.validation.effort_scales import effort_scales
+from steelyard.base.arrays import Parameters
+from steelyard.base.motion import Motion
+from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.information import Information, Signature, Window
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.nonlinear.effort_scales import (
+    DEVIATION,
+    Scaled,
+    effort_scales,
+    with_predicted,
+)
+from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.model.model import Model
 
 MODEL = Model(tree())
 REGRESSOR = base_regressor(MODEL)

@@ -10,26 +10,25 @@ import pytest
 
 from invented import dh_arm
 from law_cases import CASES, LawCase, name_of
-from steelyard.errors import ModelError
-from steelyard.estimation.fields.fields import FoundFields, find_fields
-from steelyard.estimation.fields.passes import unknowns_of
-from steelyard.model import Model
-from steelyard.progress import Event, Stopped
-from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.base import base_parameters
-from steelyard.regression.information import Information, Signature, Window
-from steelyard.regression.regressor import Regressor, base_regressor, chosen_regressor
+from steelyard.base.errors import ModelError
+from steelyard.base.progress import Event, Stopped
+from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.information import Information, Signature, Window
+from steelyard.estimate.information.regressor import Regressor, base_regressor, chosen_regressor
+from steelyard.estimate.nonlinear.field_passes import unknowns_of
+from steelyard.estimate.nonlinear.fields import FoundFields, find_fields
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.coupled import Coupled
+from steelyard.model.laws.presliding import Dahl, LuGre
+from steelyard.model.laws.register import DEFAULT_TERMS, TERMS, description_of, term_of
+from steelyard.model.laws.stribeck import Stribeck
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.model.terms.open_fields import Find
+from steelyard.model.terms.term import CandidateTerms, Term
+from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Coordinate, Robot
-from steelyard.robot_file.file import load_robot
-from steelyard.terms.candidates import CandidateTerms
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.coupled import Coupled
-from steelyard.terms.laws.presliding import Dahl, LuGre
-from steelyard.terms.laws.stribeck import Stribeck
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.open_fields import Find
-from steelyard.terms.register import DEFAULT_TERMS, TERMS, description_of, term_of
-from steelyard.terms.term import Term
 
 ROBOT = dh_arm()
 JOINTS = ROBOT.joint_names
@@ -264,8 +263,8 @@ def test_dictionary_columns_are_the_terms_columns(law: type[Any], field: str) ->
 
 
 def test_too_many_columns_are_searched_one_after_another(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("steelyard.estimation.fields.fields.WIDEST", 40)
-    monkeypatch.setattr("steelyard.estimation.fields.passes.WIDEST", 40)
+    monkeypatch.setattr("steelyard.estimate.nonlinear.fields.WIDEST", 40)
+    monkeypatch.setattr("steelyard.estimate.nonlinear.field_passes.WIDEST", 40)
     terms, wanted = (*BARE, Dahl(length=1e-3)), (*BARE, Dahl(length=LENGTHS))
     information_of, passes = data(terms, Stribeck(speed=0.07), 0.02)
     result = find_fields(Model(ROBOT, (*wanted, Stribeck(speed=Find(1e-3, 1.0)))), information_of)

@@ -10,17 +10,17 @@ from scipy.integrate import solve_ivp
 from closed_chains import five_bar
 from invented import ROBOTS, dh_arm, tree
 from oracles import body_map, body_positions, pinocchio_model
-from steelyard.errors import DataError
-from steelyard.estimation.closed_loop.forward import LEAST_WIDTH, Forward, Integration
-from steelyard.model import Model
-from steelyard.regression.base import base_parameters
+from steelyard.base.errors import DataError
+from steelyard.estimate.closed_loop.motion_under_torque import LEAST_WIDTH, Forward, Integration
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.rotor_inertia import RotorInertia
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
 from steelyard.robot.robot import Robot
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.presliding import Dahl
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.rotor_inertia import RotorInertia
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.virtual.mujoco_model import Rotor, build, mass_matrices
+from steelyard.simulate.mujoco_model import Rotor, build, mass_matrices
 
 NAMES = ["single", "tree", "dh arm", "mimic", "ur10e", "panda"]
 

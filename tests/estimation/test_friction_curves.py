@@ -7,27 +7,26 @@ import pytest
 
 from invented import single, tree
 from moving import geared
-from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.consistent.friction_curves import REACH, friction_curves, shaped
-from steelyard.estimation.knowledge import Knowledge, Row
-from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.model import Model
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
-from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.base import base_parameters
-from steelyard.regression.information import Information, Signature, Window
-from steelyard.regression.regressor import base_regressor
+from steelyard.base.arrays import Parameters
+from steelyard.base.motion import Motion
+from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.information import Information, Signature, Window
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.prior.dissipative_friction import REACH, friction_curves, shaped
+from steelyard.estimate.prior.prior import Knowledge, Row, default_knowledge
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.model.laws.offset import Offset
+from steelyard.model.laws.powers import Cubic, Quadratic, Root
+from steelyard.model.laws.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.stribeck import Stribeck
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.model.terms.term import Term
 from steelyard.robot.robot import Coordinate, Limits
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.directional import DirectionalCoulomb, DirectionalViscous
-from steelyard.terms.laws.offset import Offset
-from steelyard.terms.laws.powers import Cubic, Quadratic, Root
-from steelyard.terms.laws.presliding import Dahl, LuGre, MaxwellSlip
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.stribeck import Stribeck
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.term import Term
 
 FASTEST = 2.0
 LENGTHS = (1e-3, 4e-3, 1e-2)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from loaded import GAINS, LOAD, MODEL, TOOL, UNITS, run
-from steelyard.errors import DataError, ModelError, SteelyardError
-from steelyard.estimation.payload.bilinear import Bilinear
-from steelyard.estimation.payload.gains import identified_gains
-from steelyard.estimation.payload.load_case import carrier, load_case
-from steelyard.regression.base import base_parameters
-from steelyard.regression.information import Information
+from steelyard.base.errors import DataError, ModelError, SteelyardError
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.payload.bilinear import Bilinear
+from steelyard.estimate.payload.drive_gains import identified_gains
+from steelyard.estimate.payload.load_case import carrier, load_case
 
 JOINTS = MODEL.robot.joint_names
 UNLOADED, LOADED = [run(1)], [run(2, LOAD, friction=1.4)]

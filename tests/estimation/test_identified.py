@@ -9,19 +9,19 @@ import pytest
 
 import steelyard
 from invented import tree
-from steelyard.control.usable import refuse_unknown_gains
-from steelyard.errors import ModelError, OutputError
-from steelyard.estimation.estimate import Estimate, Unidentifiable
-from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance, load_model
-from steelyard.estimation.known_scales import KnownScales
-from steelyard.model import Model
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
-from steelyard.regression.base import base_parameters
+from steelyard.base.arrays import Parameters
+from steelyard.base.errors import ModelError, OutputError
+from steelyard.base.motion import Motion
+from steelyard.estimate.effort_uncertainty import KnownScales
+from steelyard.estimate.estimate import Estimate, Unidentifiable
+from steelyard.estimate.identified import Cutoffs, IdentifiedModel, Provenance, load_model
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
+from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Limits
-from steelyard.robot_file.signals import Signals
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.uses.control.model_torques import refuse_unknown_gains
 
 
 @pytest.fixture

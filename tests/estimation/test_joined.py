@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from loaded import run
-from steelyard.errors import DataError
-from steelyard.estimation.payload.stacked_information import (
-    Part,
+from steelyard.base.errors import DataError
+from steelyard.estimate.information.information import Signature
+from steelyard.estimate.payload.load_case import (
+    TransformedRun,
     covariance_of,
     inverse,
     joined,
     marginal,
 )
-from steelyard.regression.information import Signature
 
 RUNS = run(1, noise=0.1), run(2, noise=0.1)
 SIZE = len(RUNS[0].layout.columns)
 
 
-def parts() -> tuple[list[Part], int]:
+def parts() -> tuple[list[TransformedRun], int]:
     """Two runs that share all parameters but the first three, which are each run's own."""
     transforms = [np.zeros((SIZE, SIZE + 3)) for _ in RUNS]
     for k, transform in enumerate(transforms):
@@ -28,7 +28,7 @@ def parts() -> tuple[list[Part], int]:
         if k:
             transform[:3] = 0.0
             transform[[0, 1, 2], [SIZE, SIZE + 1, SIZE + 2]] = 2.0
-    return [Part(r, t) for r, t in zip(RUNS, transforms, strict=True)], SIZE + 3
+    return [TransformedRun(r, t) for r, t in zip(RUNS, transforms, strict=True)], SIZE + 3
 
 
 def test_joined_runs_have_the_sums_of_mapped_columns() -> None:
@@ -51,7 +51,11 @@ def test_unequal_runs_are_refused() -> None:
     signature = Signature(**{**vars(RUNS[0].signature), "effort": ("Nm",) * 4})
     other = replace(RUNS[0], signature=signature)
     with pytest.raises(DataError, match="unequal effort"):
-        joined([Part(RUNS[0], np.eye(SIZE)), Part(other, np.eye(SIZE))], ["x"] * SIZE, ["1"] * SIZE)
+        joined(
+            [TransformedRun(RUNS[0], np.eye(SIZE)), TransformedRun(other, np.eye(SIZE))],
+            ["x"] * SIZE,
+            ["1"] * SIZE,
+        )
 
 
 def spread() -> np.ndarray:

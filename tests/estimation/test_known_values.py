@@ -8,18 +8,17 @@ import numpy as np
 import pytest
 
 from estimation.test_least_squares import ESTIMATORS, MODEL, NOISE, REGRESSOR, data
-from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.identified import IdentifiedModel
-from steelyard.estimation.knowledge import Knowledge, Row
-from steelyard.estimation.least_squares.known_values import WithKnownValues, fixed_values
-from steelyard.estimation.least_squares.least_squares import (
+from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.estimators import Context, offer_of
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.least_squares.constrained import WithKnownValues, fixed_values
+from steelyard.estimate.least_squares.least_squares import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
-from steelyard.estimation.payload.load_case import LoadCase
-from steelyard.estimation.payload.weighing import _knowledge
-from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.estimation.register import Context, offer_of
+from steelyard.estimate.payload.load_case import LoadCase
+from steelyard.estimate.prior.prior import Knowledge, Row, default_knowledge
+from steelyard.uses.payload.weighing import _knowledge
 
 COLUMNS = REGRESSOR.layout.columns
 LEAST = OrdinaryLeastSquares | WeightedLeastSquares

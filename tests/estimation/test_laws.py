@@ -11,16 +11,15 @@ import pytest
 
 from drawn import motion_of, samples_of
 from invented import dh_arm, single
-from steelyard.arrays import Array, frozen
-from steelyard.errors import DataError
-from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.knowledge import Knowledge
-from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.estimation.register import ESTIMATORS, Context, Offer
-from steelyard.model import Model
-from steelyard.regression.regressor import Regressor, base_regressor
-from steelyard.regression.samples import Samples
-from steelyard.robot.inertia import Inertia
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import DataError
+from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.estimators import ESTIMATORS, Context, Offer
+from steelyard.estimate.information.regressor import Regressor, base_regressor
+from steelyard.estimate.information.samples import FilteredSamples
+from steelyard.estimate.prior.prior import Knowledge, default_knowledge
+from steelyard.model.model import Model
+from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Robot
 
 OFFERS = [offer for offer in ESTIMATORS if offer.needs != "experiment"]
@@ -60,7 +59,7 @@ class Case:
         run: str = "run",
         alike: int = 1,
         **fixed: Any,
-    ) -> Samples:
+    ) -> FilteredSamples:
         """A drawn motion, each instant `alike` times; `noise` is relative to torques."""
         n = len(self.regressor.layout.rows)
         motion = motion_of(n, count // alike, seed, fixed.pop("still", ()))
@@ -71,7 +70,7 @@ class Case:
         motion = tuple(np.repeat(x, alike, axis=1) for x in motion)
         return samples_of(self.regressor, motion, np.repeat(effort, alike, axis=1), run, **fixed)
 
-    def fit(self, offer: Offer, samples: Samples) -> Estimate:
+    def fit(self, offer: Offer, samples: FilteredSamples) -> Estimate:
         """What an estimator makes of samples; skips where a package is missing."""
         try:
             estimator = offer.make(Context(self.regressor, self.knowledge))

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from invented import tree
-from steelyard.errors import DataError
-from steelyard.estimation.least_squares.least_squares import (
+from steelyard.base.errors import DataError
+from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.information import Information, Signature, Window
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
-from steelyard.model import Model
-from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Signature, Window
-from steelyard.regression.regressor import base_regressor
+from steelyard.model.model import Model
 
 MODEL = Model(tree())
 REGRESSOR = base_regressor(MODEL)

@@ -9,27 +9,24 @@ import numpy as np
 import pytest
 
 from invented import tree
-from steelyard.errors import DataError
-from steelyard.estimation.consistent.consistency_penalties import Pullback
-from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.consistent.log_cholesky import LogCholesky
-from steelyard.estimation.consistent.log_cholesky_body import entries
-from steelyard.estimation.consistent.log_cholesky_criterion import Criterion
-from steelyard.estimation.consistent.unknowns import BASIS
-from steelyard.estimation.estimate import Estimate, StandardEstimate
-from steelyard.estimation.knowledge import Knowledge, Row
-from steelyard.estimation.least_squares.whitened import whitened
-from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.identification.comparison.compare_inputs import comparison_inputs
-from steelyard.model import Model
-from steelyard.progress import silent
-from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Signature, Window
-from steelyard.regression.regressor import Regressor, base_regressor, standard_regressor
-from steelyard.robot.inertia import Inertia
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.viscous import Viscous
+from steelyard.base.errors import DataError
+from steelyard.base.progress import silent
+from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.consistent.log_cholesky import LogCholesky
+from steelyard.estimate.consistent.log_cholesky_criterion import Criterion, entries
+from steelyard.estimate.consistent.penalties import BASIS, Pullback
+from steelyard.estimate.estimate import Estimate, StandardEstimate
+from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.information import Information, Signature, Window
+from steelyard.estimate.information.regressor import Regressor, base_regressor, standard_regressor
+from steelyard.estimate.least_squares.least_squares import whitened
+from steelyard.estimate.prior.prior import Knowledge, Row, default_knowledge
+from steelyard.identify.comparison.compare import comparison_inputs
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.robot.rigid_body import Inertia
 
 ROBOT = tree()
 FRICTION = ("coulomb", "viscous")

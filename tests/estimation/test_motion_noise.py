@@ -7,15 +7,14 @@ import pytest
 
 from drawn import motion_of, samples_of
 from invented import dh_arm, single
-from steelyard.errors import DataError
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimation.samples.motion_gradients import motion_roots, slopes
-from steelyard.estimation.samples.motion_noise import MotionNoise
-from steelyard.model import Model
-from steelyard.regression.regressor import Regressor, base_regressor
-from steelyard.regression.samples import Samples
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.viscous import Viscous
+from steelyard.base.errors import DataError
+from steelyard.estimate.information.regressor import Regressor, base_regressor
+from steelyard.estimate.information.samples import FilteredSamples
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.least_squares.motion_noise import MotionNoise, motion_roots, slopes
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
 
 SMOOTH = base_regressor(Model(dh_arm(), (RigidBody(), Viscous())))
 SINGLE = base_regressor(Model(single(), (RigidBody(), Viscous())))
@@ -27,7 +26,7 @@ def truth_of(regressor: Regressor) -> np.ndarray:
     return regressor.base.base_values(standard)
 
 
-def noisy(seed: int, position: float, effort: float = 0.02, count: int = 800) -> Samples:
+def noisy(seed: int, position: float, effort: float = 0.02, count: int = 800) -> FilteredSamples:
     """The arm, with noise on `q`, `dq` and `ddq` alike, and on the effort."""
     rng = np.random.default_rng([seed, 1])
     motion = motion_of(3, count, seed)

@@ -10,16 +10,16 @@ import pytest
 
 from in_amperes import ROBOT
 from oracles import pinocchio_model
-from steelyard.arrays import Array
-from steelyard.errors import DataError, ModelError
-from steelyard.estimation.calibration import Calibration
-from steelyard.estimation.estimate import Z95
-from steelyard.estimation.identified import IdentifiedModel
-from steelyard.estimation.residual_peaks import ContactThresholds
-from steelyard.kernel.quantities.kinematics import last_frame
-from steelyard.regression.base import base_parameters
-from steelyard.regression.regressor import base_regressor
-from steelyard.virtual.mujoco_model import build
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError, ModelError
+from steelyard.estimate.effort_uncertainty import Calibration
+from steelyard.estimate.estimate import Z95
+from steelyard.estimate.external.residual_peaks import ContactThresholds
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.model.equations.kinematics import last_frame
+from steelyard.simulate.mujoco_model import build
 from weighed import identified_of
 
 STEP = 1e-3

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from estimation.test_consistent import REGRESSOR, TRUTH, heavier, information_of, known
-from steelyard.estimation.consistent.conic import solved
-from steelyard.estimation.consistent.consistency_penalties import Entropic, Form, Free, Pullback
-from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.consistent.newton_refinement import polished
-from steelyard.estimation.consistent.program import Program
-from steelyard.estimation.knowledge import Row
-from steelyard.estimation.least_squares.whitened import whitened
+from steelyard.estimate.consistent.conic import solved
+from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.consistent.penalties import Entropic, Form, Free, Pullback
+from steelyard.estimate.consistent.program import Program, polished
+from steelyard.estimate.least_squares.least_squares import whitened
+from steelyard.estimate.prior.prior import Row
 
 CONSTRAINTS = (
     Row("mass of tip", {"m.tip": 1.0}, lower=1.05 * TRUTH["m.tip"], upper=1.05 * TRUTH["m.tip"]),
@@ -86,7 +85,7 @@ def test_values_of_a_similar_problem_spare_the_solver(monkeypatch: pytest.Monkey
     consistent = Consistent(REGRESSOR.base, known(rows=CONSTRAINTS))
     first = consistent.values(information_of(0.05))
     alone = consistent.values(information_of(0.06), first.gamma)
-    monkeypatch.delattr("steelyard.estimation.consistent.consistent.solved")
+    monkeypatch.delattr("steelyard.estimate.consistent.consistent.solved")
     again = consistent.values(information_of(0.06), first.gamma, first.standard)
     assert again.gamma == first.gamma
     np.testing.assert_allclose(again.values, alone.values, rtol=1e-7, atol=1e-9)

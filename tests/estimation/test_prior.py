@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 
 from invented import ball, single, tree
-from steelyard.errors import ModelError
-from steelyard.estimation.knowledge import Knowledge
-from steelyard.estimation.prior import prior_shapes
-from steelyard.estimation.prior.prior import THINNEST, corrected_body, default_knowledge
-from steelyard.estimation.prior.prior_given import given_knowledge
-from steelyard.model import Model
-from steelyard.robot.inertia import Inertia
+from steelyard.base.errors import ModelError
+from steelyard.estimate.prior import prior as prior_shapes
+from steelyard.estimate.prior.prior import THINNEST, Knowledge, corrected_body, default_knowledge
+from steelyard.estimate.prior.prior_constraint import given_knowledge
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.file.sections import PriorSection
+from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Body, Robot
-from steelyard.robot_file.file import load_robot
-from steelyard.robot_file.sections import PriorSection
-from steelyard.terms.laws.viscous import Viscous
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DATA = os.environ.get("STEELYARD_DATA")

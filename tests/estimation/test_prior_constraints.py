@@ -10,22 +10,21 @@ import numpy as np
 import pytest
 
 from invented import ball, tree
-from steelyard.errors import DataError, ModelError
-from steelyard.estimation.consistent.infeasibility import (
+from steelyard.base.errors import DataError, ModelError
+from steelyard.estimate.consistent.contradictions import (
     contradictions,
     irreducible,
     refuse_contradictions,
 )
-from steelyard.estimation.knowledge import Knowledge, Row
-from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.estimation.prior.prior_constraint import ConstraintContext
-from steelyard.estimation.prior.register import CONSTRAINTS, constraint_of, knowledge_of
-from steelyard.model import Model
-from steelyard.robot.inertia import Inertia
+from steelyard.estimate.prior.constraint_kinds import CONSTRAINTS, constraint_of, knowledge_of
+from steelyard.estimate.prior.prior import Knowledge, Row, default_knowledge
+from steelyard.estimate.prior.prior_constraint import ConstraintContext
+from steelyard.model.laws.register import terms_of
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.robot.file.robot_file import LoadedRobot, load_robot
+from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Frame
-from steelyard.robot_file.file import LoadedRobot, load_robot
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.register import terms_of
 
 MODEL = Model(
     tree().changed(

@@ -8,18 +8,17 @@ import numpy as np
 import pytest
 
 from invented import tree
-from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.estimate import StandardEstimate
-from steelyard.estimation.knowledge import Knowledge
-from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.estimation.prior.prior_constraint import ConstraintContext
-from steelyard.estimation.prior.register import constraint_of
-from steelyard.model import Model
-from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.base import base_parameters
-from steelyard.regression.information import Information, Signature, Window
-from steelyard.regression.regressor import base_regressor
-from steelyard.robot.inertia import Inertia
+from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.estimate import StandardEstimate
+from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.information import Information, Signature, Window
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.prior.constraint_kinds import constraint_of
+from steelyard.estimate.prior.prior import Knowledge, default_knowledge
+from steelyard.estimate.prior.prior_constraint import ConstraintContext
+from steelyard.model.model import Model
+from steelyard.robot.rigid_body import Inertia
 
 MODEL = Model(tree())
 NOISE = np.array([0.3, 2.0, 1.0, 0.3])

@@ -5,15 +5,16 @@ import pytest
 
 from drawn import motion_of, samples_of
 from invented import single, tree
-from steelyard.errors import DataError
-from steelyard.estimation.least_squares.least_squares import (
+from steelyard.base.errors import DataError
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import (
+    MOST_WINDOWS_APART,
     OrdinaryLeastSquares,
+    Recursive,
     WeightedLeastSquares,
 )
-from steelyard.estimation.least_squares.recursive import MOST, Recursive
-from steelyard.model import Model
-from steelyard.regression.information import Information
-from steelyard.regression.regressor import base_regressor
+from steelyard.model.model import Model
 
 TREE, SINGLE = base_regressor(Model(tree())), base_regressor(Model(single()))
 SECONDS, RATE = 60, 100
@@ -78,10 +79,10 @@ def test_forgetting_weighs_windows_by_their_age() -> None:
 
 
 def test_it_is_constant_in_size_however_long_it_goes_on() -> None:
-    information, _ = drifting(0.0, seconds=3 * MOST)
+    information, _ = drifting(0.0, seconds=3 * MOST_WINDOWS_APART)
     online = Recursive().start()
     online.add(information)
-    assert online._faded is not None and len(online._faded.windows) <= MOST
+    assert online._faded is not None and len(online._faded.windows) <= MOST_WINDOWS_APART
     wanted = WeightedLeastSquares()(information)
     assert np.allclose(online.estimate().parameters.values, wanted.parameters.values, rtol=1e-9)
 

@@ -10,16 +10,15 @@ import pytest
 
 from drawn import motion_of, samples_of
 from invented import dh_arm
-from steelyard.arrays import Array
-from steelyard.errors import DataError, ModelError, SteelyardError
-from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimation.reduction.criteria import CRITERIA
-from steelyard.estimation.reduction.left_out import folds_of, left_out_errors
-from steelyard.estimation.reduction.path import backward
-from steelyard.estimation.reduction.reduce import Reduced, reduce
-from steelyard.estimation.reduction.register import RULES, criterion_of, rule_of
-from steelyard.estimation.reduction.rules import (
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError, ModelError, SteelyardError
+from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.information.samples import FilteredSamples
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.reduction.elimination import CRITERIA, FullModel, backward
+from steelyard.estimate.reduction.reduction import RULES, Reduced, criterion_of, reduce, rule_of
+from steelyard.estimate.reduction.stopping_rules import (
     Bic,
     ConditionLimit,
     Count,
@@ -29,12 +28,11 @@ from steelyard.estimation.reduction.rules import (
     Refit,
     StoppingRule,
     Tolerance,
+    folds_of,
+    left_out_errors,
     mean_absolute_errors,
 )
-from steelyard.estimation.reduction.state import FullModel
-from steelyard.model import Model
-from steelyard.regression.regressor import base_regressor
-from steelyard.regression.samples import Samples
+from steelyard.model.model import Model
 
 REGRESSOR = base_regressor(Model(dh_arm()))
 JOINTS = len(REGRESSOR.layout.rows)
@@ -49,7 +47,7 @@ def truth_of(seed: int = 0) -> Array:
     return values
 
 
-def samples(runs: int = 4, noise: float = 0.3, seed: int = 0, count: int = 240) -> Samples:
+def samples(runs: int = 4, noise: float = 0.3, seed: int = 0, count: int = 240) -> FilteredSamples:
     """Runs of an arm some of whose parameters are zero."""
     parts = []
     for run in range(runs):
@@ -66,7 +64,7 @@ DATA = samples().information()
 FULL = FullModel.of(DATA)
 
 
-def dense(some: Samples) -> tuple[Array, Array, Array]:
+def dense(some: FilteredSamples) -> tuple[Array, Array, Array]:
     """Regressor, efforts and weights of all rows, one below the other."""
     blocks, efforts, weights = [], [], []
     for row, seen in enumerate(some.layout.sees):
@@ -141,8 +139,8 @@ def test_algorithm_1_on_a_case_by_hand() -> None:
 
 
 def _by_hand(columns: Array, effort: Array) -> FullModel:
-    from steelyard.regression.information import Information, Signature, Window
-    from steelyard.regression.regressor import Layout
+    from steelyard.estimate.information.information import Information, Signature, Window
+    from steelyard.estimate.information.regressor import Layout
 
     joined_columns = np.column_stack([columns, effort])
     gram = joined_columns.T @ joined_columns

@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 
 from invented import single
-from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.fields.load_friction_reference import (
-    PASSES,
+from steelyard.base.arrays import Parameters
+from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.regressor import Regressor
+from steelyard.estimate.nonlinear.fields import (
+    MOST_REFERENCE_REFITS,
     bodies_of,
     converged_reference,
     needs_reference,
     reference_of,
     with_references,
 )
-from steelyard.model import Model
-from steelyard.parameters import Parameters
-from steelyard.regression.information import Information
-from steelyard.regression.regressor import Regressor
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.load_dependent import LoadDependent
-from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
 
 MODEL = Model(single(), (RigidBody(), Coulomb(), LoadDependent(length=1e-3)))
 
@@ -79,5 +79,5 @@ def test_it_converges_once_the_bodies_stand_still() -> None:
 def test_it_says_that_it_does_not_converge() -> None:
     recorder = Recorder(lambda call: 2.0 + (-1.0) ** call)
     model, converged = converged_reference(MODEL, recorder.information_of, recorder)
-    assert not converged and len(recorder.models) == 1 + PASSES
+    assert not converged and len(recorder.models) == 1 + MOST_REFERENCE_REFITS
     assert references(model)[0]["mx.rod"] in (1.0, 3.0)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from steelyard.errors import DataError
-from steelyard.estimation.estimate import Estimate
-from steelyard.estimation.repeated import RepeatedEstimates
-from steelyard.parameters import Parameters
+from steelyard.base.arrays import Parameters
+from steelyard.base.errors import DataError
+from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.estimate_scatter import RepeatedEstimates
 
 WANG = {
     "p2": ([13.8238, 14.0202, 13.7847, 13.8903, 13.8968], 13.8831, 0.5783),

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from steelyard.estimation.residual_peaks import (
+from steelyard.estimate.external.residual_peaks import (
     EXTRAPOLATION,
     RANGES,
     ContactThresholds,

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from steelyard.estimation.residual_peaks import ResidualPeaks, peaks_of
-from steelyard.estimation.rest_changes import (
+from steelyard.estimate.external.residual_peaks import ResidualPeaks, peaks_of
+from steelyard.estimate.external.rest_changes import (
     CREEP,
     ONSET,
     QUIET,

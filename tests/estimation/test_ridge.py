@@ -7,12 +7,12 @@ import pytest
 
 from drawn import motion_of, samples_of
 from invented import tree
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimation.least_squares.ridge import Ridge
-from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.model import Model
-from steelyard.regression.information import Information
-from steelyard.regression.regressor import base_regressor
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.least_squares.ridge import Ridge
+from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.model.model import Model
 
 MODEL = Model(tree())
 REGRESSOR = base_regressor(MODEL)

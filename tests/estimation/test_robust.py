@@ -8,14 +8,14 @@ from scipy.optimize import least_squares
 
 from drawn import motion_of, samples_of
 from invented import single, tree
-from steelyard.estimation.least_squares.least_squares import (
+from steelyard.estimate.information.regressor import Regressor, base_regressor
+from steelyard.estimate.information.samples import FilteredSamples
+from steelyard.estimate.least_squares.least_squares import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
-from steelyard.estimation.samples.robust import Huber, Reweighted, Tukey, residuals_of
-from steelyard.model import Model
-from steelyard.regression.regressor import Regressor, base_regressor
-from steelyard.regression.samples import Samples
+from steelyard.estimate.least_squares.robust import Huber, Reweighted, Tukey, residuals_of
+from steelyard.model.model import Model
 
 TREE, SINGLE = base_regressor(Model(tree())), base_regressor(Model(single()))
 NOISE = {TREE: np.array([0.01, 0.1, 1.0, 0.3]), SINGLE: np.array([0.1])}
@@ -26,7 +26,7 @@ ids = pytest.mark.parametrize("loss", LOSSES, ids=lambda loss: type(loss).__name
 
 def drawn(
     regressor: Regressor, seed: int = 0, count: int = 600, outliers: float = 0.05, **more: object
-) -> tuple[Samples, np.ndarray]:
+) -> tuple[FilteredSamples, np.ndarray]:
     """Samples, some of them with twenty times the noise, and the truth."""
     n, p = len(regressor.layout.rows), len(regressor.layout.columns)
     rng = np.random.default_rng([seed, 1])

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from invented import tree
-from steelyard.estimation.estimate import Z95, Estimate, Removed, Unidentifiable
-from steelyard.estimation.identified import IdentifiedModel
-from steelyard.estimation.status import SMALL, effort_shares, statuses
-from steelyard.parameters import Parameters
-from steelyard.regression.base import base_parameters
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.viscous import Viscous
+from steelyard.base.arrays import Parameters
+from steelyard.estimate.estimate import Z95, Estimate, Removed, Unidentifiable
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_parameters import SMALL, effort_shares, statuses
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.viscous import Viscous
 from weighed import identified_of
 
 

@@ -7,11 +7,11 @@ import pytest
 
 from drawn import motion_of, samples_of
 from invented import single, tree
-from steelyard.errors import DataError
-from steelyard.estimation.samples.total_least_squares import TotalLeastSquares
-from steelyard.model import Model
-from steelyard.regression.information import Information
-from steelyard.regression.regressor import base_regressor
+from steelyard.base.errors import DataError
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.motion_noise import TotalLeastSquares
+from steelyard.model.model import Model
 
 SINGLE, TREE = base_regressor(Model(single())), base_regressor(Model(tree()))
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from estimation.test_consistent import REGRESSOR, heavier, information_of
-from steelyard.estimation.consistent.conic import solved
-from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.consistent.program import Program
-from steelyard.estimation.least_squares.whitened import whitened
+from steelyard.estimate.consistent.conic import solved
+from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.consistent.program import Program
+from steelyard.estimate.least_squares.least_squares import whitened
 
 
 def reversed_efforts(noise: float) -> tuple[Consistent, Program]:

@@ -3,13 +3,9 @@
 import numpy as np
 import pytest
 
-from steelyard.application.wrench.directions import name_of, unobservable_directions
-from steelyard.arrays import Array
-from steelyard.errors import DataError
-from steelyard.estimation.external import smoothing
-from steelyard.estimation.external.momentum import momentum_residual
-from steelyard.estimation.external.smoothing import ALIKE, Smoothed
-from steelyard.estimation.external.wrench import (
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.estimate.external.effort_to_wrench import (
     Expected,
     ExternalEfforts,
     InverseJacobian,
@@ -17,6 +13,10 @@ from steelyard.estimation.external.wrench import (
     condition_numbers,
     learned_of,
 )
+from steelyard.estimate.external.observer import momentum_residual
+from steelyard.uses.wrench import wrench_smoothing as smoothing
+from steelyard.uses.wrench.wrench_along_run import name_of, unobservable_directions
+from steelyard.uses.wrench.wrench_smoothing import RESIDUAL_CORRELATION_TIME, Smoothed
 
 STEP = 0.05
 
@@ -52,7 +52,9 @@ def dense(given: ExternalEfforts, expected: Expected, duration: float) -> tuple[
         residual[rows, rows] += given.per_independent * noise
         for j in range(samples):
             slow = np.outer(given.slow[i], given.slow[j]) * given.correlation
-            residual[rows, j * n : j * n + n] += np.exp(-apart[i, j] / ALIKE) * slow
+            residual[rows, j * n : j * n + n] += (
+                np.exp(-apart[i, j] / RESIDUAL_CORRELATION_TIME) * slow
+            )
     columns = given.spread.reshape(samples * n, -1)
     before = np.kron(np.exp(-apart / duration), np.diag(expected.variances))
     together = loads @ before @ loads.T + columns @ columns.T + residual
@@ -94,7 +96,7 @@ def test_parameters_without_effect_make_no_difference(monkeypatch: pytest.Monkey
 def with_errors(given: ExternalEfforts, push: Array, seed: int) -> ExternalEfforts:
     """Efforts of a push `(N, 6)`, with errors as the model's uncertainty has them."""
     rng = np.random.default_rng(seed)
-    root, keep = np.linalg.cholesky(given.correlation), np.exp(-STEP / ALIKE)
+    root, keep = np.linalg.cholesky(given.correlation), np.exp(-STEP / RESIDUAL_CORRELATION_TIME)
     slow = rng.normal(size=given.torque.shape)
     for k in range(1, len(slow)):
         slow[k] = keep * slow[k - 1] + np.sqrt(1.0 - keep**2) * slow[k]

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from invented import ball, turned
-from steelyard.errors import DataError
-from steelyard.estimation.fields.passes import InformationOf
-from steelyard.estimation.zero_offset import find_offsets
-from steelyard.model import Model
-from steelyard.parameters import Parameters
-from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Signature, Window
-from steelyard.regression.regressor import Regressor
+from steelyard.base.arrays import Parameters
+from steelyard.base.errors import DataError
+from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.information import Information, Signature, Window
+from steelyard.estimate.information.regressor import Regressor
+from steelyard.estimate.nonlinear.field_passes import InformationOf
+from steelyard.estimate.nonlinear.zero_offset import find_offsets
+from steelyard.model.model import Model
 from steelyard.robot.robot import Body, Coordinate, Robot
 
 NOISE = 0.02

@@ -10,9 +10,9 @@ import pinocchio as pin
 import pytest
 
 from oracles import body_positions, pinocchio_model
-from steelyard.arrays import Array
-from steelyard.excitation.shapes.shapes import Shape
-from steelyard.excitation.shapes.solids import (
+from steelyard.base.arrays import Array
+from steelyard.excite.collision.shapes import Shape
+from steelyard.excite.collision.solids import (
     Ball,
     Box,
     Capsule,
@@ -22,9 +22,9 @@ from steelyard.excitation.shapes.solids import (
     Hull,
     Solid,
 )
-from steelyard.excitation.trajectories.fourier import FourierMotion
+from steelyard.excite.trajectories.fourier import FourierMotion
+from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.robot.robot import Robot
-from steelyard.robot_file.file import LoadedRobot, load_robot
 
 LINK = """<link name="{name}"><inertial><mass value="1"/><inertia ixx="0.1" ixy="0" ixz="0"
   iyy="0.1" iyz="0" izz="0.1"/></inertial>{collision}</link>"""

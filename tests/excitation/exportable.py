@@ -5,10 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.excitation.trajectories.slowed import SlowedMotion
-from steelyard.motion import Motion
+from steelyard.base.motion import Motion
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.excite.trajectories.trajectory import ExactTrajectory, SlowedMotion
 from steelyard.robot.robot import Body, Coordinate, JointKind, Robot
 
 TOLERANCE = 1e-6

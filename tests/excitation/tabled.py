@@ -12,25 +12,22 @@ from unittest.mock import patch
 import numpy as np
 
 from excitation.colliding import joint, link, urdf, written
-from steelyard.excitation.constraints.certificate import certify
-from steelyard.excitation.design import design
-from steelyard.excitation.from_tables import Recipe, build
-from steelyard.excitation.previous_model import Earlier
-from steelyard.excitation.problem import Problem
-from steelyard.excitation.result import Designed
-from steelyard.excitation.search import parallel_search, worker
-from steelyard.excitation.search.feasibility import refuse_impossible
-from steelyard.excitation.search.finish import Finished, finished
-from steelyard.excitation.search.parallel_search import SearchBudget
-from steelyard.excitation.search.starts import NoMotion, random_starts
-from steelyard.excitation.search.widening import explained
-from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.identification.described_model import (
-    model_with_open_friction as model_with_rigid_bodies,
-)
-from steelyard.identification.described_model import with_friction
-from steelyard.model import Model
-from steelyard.robot_file.file import LoadedRobot, load_robot
+from steelyard.excite.constraints.certificate import certify
+from steelyard.excite.constraints.constraints_from_tables import Earlier
+from steelyard.excite.design import design
+from steelyard.excite.designed import Designed
+from steelyard.excite.problem import Problem
+from steelyard.excite.problem_from_tables import Recipe, build
+from steelyard.excite.search import parallel_search, worker
+from steelyard.excite.search.feasibility import explained_no_motion, refuse_impossible
+from steelyard.excite.search.parallel_search import SearchBudget
+from steelyard.excite.search.repair import Finished, finished
+from steelyard.excite.search.starts import NoMotion, random_starts
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.model.model import Model
+from steelyard.model.robot_file_model import model_with_open_friction as model_with_rigid_bodies
+from steelyard.model.robot_file_model import with_friction
+from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 
 ARM = urdf(
     link("base", '<cylinder radius="0.08" length="0.1"/>', xyz="0 0 0.05"),
@@ -107,6 +104,6 @@ def some_motion(folder: Path, tables: str) -> Finished:
         starts = random_starts(problem.inequalities, np.random.default_rng(0), 3)
         found = finished(problem, starts, deadline=time.monotonic() - 1.0)
     except NoMotion as error:
-        raise explained(problem, error) from None
+        raise explained_no_motion(problem, error) from None
     assert certify(loaded.robot, found.trajectory, problem.limits, problem.constraints).holds
     return found

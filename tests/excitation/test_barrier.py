@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from designing import FAMILIES, box, problem, torques
-from steelyard.arrays import Array
-from steelyard.excitation.barrier import APART, InequalityConstraints, bounds
-from steelyard.excitation.constraints.constraint import Constraint, Margins
-from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.progress import Progress, silent
+from steelyard.base.arrays import Array
+from steelyard.base.progress import Progress, silent
+from steelyard.excite.constraints.constraint import Constraint, Margins
+from steelyard.excite.search.newton import CONSTRAINT_STEP, InequalityConstraints, joint_bounds
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
 
 MIDDLE = np.array([-0.1, 0.1, 0.3])
 SOME = ["rest", "rest, from to", "raw", "quintic, from", "blended", "reaching"]
@@ -104,7 +104,7 @@ def test_barrier_of_the_limits_is_its_formula(name: str, jerk: bool) -> None:
     x = inside(w, 0)
     motion = w.basis.motion(x)
     total = 0.0
-    sides = bounds(w.limits)
+    sides = joint_bounds(w.limits)
     assert len(sides) == (4 if jerk else 3)
     for order, (lower, upper) in enumerate(sides):
         values, half = motion.derivative(w.t, order), 0.5 * (upper - lower)
@@ -156,7 +156,7 @@ def test_barrier_of_constraints(name: str, constraints: tuple[Constraint, ...]) 
     x = inside(w, 3, 0.98)
     barrier, alone = w.barrier(x), bare.barrier(x)
     assert barrier is not None and alone is not None
-    expected, counted, count = 0.0, 0, len(w.t[::APART])
+    expected, counted, count = 0.0, 0, len(w.t[::CONSTRAINT_STEP])
     hidden = np.zeros((x.size, x.size))
     for constraint in constraints:
         s = constraint.margins(*w.state(x)).values / constraint.activation_distance
@@ -225,7 +225,7 @@ def test_worst_is_the_smallest_of_all_margins() -> None:
     x = inside(w, 1, 0.95)
     motion = w.basis.motion(x)
     margins = []
-    for order, (lower, upper) in enumerate(bounds(w.limits)):
+    for order, (lower, upper) in enumerate(joint_bounds(w.limits)):
         values, half = motion.derivative(w.t, order), 0.5 * (upper - lower)
         margins.append(min(((upper - values) / half).min(), ((values - lower) / half).min()))
     states = [motion.derivative(w.t, order) for order in range(3)]

@@ -6,17 +6,15 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from steelyard.excitation.bases.basis import Basis
-from steelyard.excitation.bases.fourier_bases import (
+from steelyard.excite.trajectories.composed import ChainedMotion
+from steelyard.excite.trajectories.fourier import fourier_basis, rest_basis
+from steelyard.excite.trajectories.fourier_bases import (
     BlendedFourier,
     RampedFourier,
     RawFourier,
     RestFourier,
 )
-from steelyard.excitation.bases.reaching_basis import ReachingBasis
-from steelyard.excitation.bases.spline_bases import SplineBasis
-from steelyard.excitation.trajectories.chained import ChainedMotion
-from steelyard.excitation.trajectories.fourier import fourier_basis, rest_basis
+from steelyard.excite.trajectories.linear_bases import Basis, ReachingBasis, SplineBasis
 
 START, END = np.array([0.3, -0.2, 1.0]), np.array([-0.5, 0.4, 1.5])
 BASES: dict[str, Basis] = {

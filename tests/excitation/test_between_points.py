@@ -9,8 +9,8 @@ from scipy.interpolate import CubicSpline
 from excitation.exportable import arm as plain_arm
 from excitation.exportable import motions
 from excitation.tabled import problem_of
-from steelyard.excitation.export.between_points import Reaching, error_between
-from steelyard.excitation.export.points import even_times
+from steelyard.excite.motion_export import Reaching, error_between
+from steelyard.excite.motion_points import even_times
 
 WALLS = """
 [excitation.limits]

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from exact_motions import MAKERS, piecewise, rest_fourier
-from steelyard.arrays import Array
-from steelyard.excitation.constraints.bounding import MOST, Course, Stretches, proven_minimum
-from steelyard.excitation.trajectories.fourier import FourierMotion
-from steelyard.kernel.program.program import Array as Input
-from steelyard.kernel.program.program import Program, Step
-from steelyard.progress import Event, Stopped
+from steelyard.base.arrays import Array
+from steelyard.base.progress import Event, Stopped
+from steelyard.excite.constraints.bounding import MOST_STRETCHES, Course, Stretches, proven_minimum
+from steelyard.excite.trajectories.fourier import FourierMotion
+from steelyard.symbolic.program import InputArray as Input
+from steelyard.symbolic.program import Program, Step
 
 KIND = pytest.mark.parametrize("make", MAKERS, ids=lambda make: make.__name__)
 
@@ -87,7 +87,7 @@ def test_a_proof_that_cannot_close_ends_with_what_it_has() -> None:
         return np.zeros((1, counts[-1])), np.full((1, counts[-1]), -3.0)
 
     proven = proven_minimum(piecewise(np.random.default_rng(1)), hopeless, np.array([0.1]))
-    assert proven.tolist() == [-3.0] and MOST / 10 < sum(counts) <= MOST
+    assert proven.tolist() == [-3.0] and MOST_STRETCHES / 10 < sum(counts) <= MOST_STRETCHES
 
 
 def test_a_proof_can_be_stopped() -> None:

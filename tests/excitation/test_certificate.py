@@ -8,22 +8,18 @@ import pytest
 
 from exact_motions import MAKERS, chained, raw_fourier, rest_fourier, several, table
 from invented import dh_arm
-from steelyard.arrays import Array
-from steelyard.excitation.constraints.certificate import (
-    certify,
-    trajectory_hash,
-)
-from steelyard.excitation.constraints.constraint import Constraint, Margins
-from steelyard.excitation.constraints.markers import Marker
-from steelyard.excitation.constraints.torque import power_limit, torque_limit
-from steelyard.excitation.constraints.workspace import tool_box
-from steelyard.excitation.limits import MotionLimits
-from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.excitation.trajectories.fourier import FourierMotion
-from steelyard.excitation.trajectories.piecewise import PiecewiseMotion
-from steelyard.model import Model
-from steelyard.progress import Event, Progress, silent
-from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.base.arrays import Array
+from steelyard.base.progress import Event, Progress, silent
+from steelyard.excite.constraints.certificate import certify, trajectory_hash
+from steelyard.excite.constraints.constraint import Constraint, Margins, MotionLimits
+from steelyard.excite.constraints.markers import Marker
+from steelyard.excite.constraints.torque import power_limit, torque_limit
+from steelyard.excite.constraints.workspace import tool_box
+from steelyard.excite.trajectories.fourier import FourierMotion
+from steelyard.excite.trajectories.polynomials import PiecewiseMotion
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
 
 
 def motion() -> FourierMotion:

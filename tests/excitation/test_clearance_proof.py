@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from excitation.colliding import joint, link, panda, snake, ur10, urdf, waves, written
-from steelyard.excitation.collision.collision import Clearance, self_clearance
-from steelyard.excitation.shapes.reach import rates
-from steelyard.excitation.shapes.shapes import obstacle, placed, wall
-from steelyard.excitation.shapes.solids import Ball, Box, Capsule, Cylinder
-from steelyard.excitation.trajectories.fourier import FourierMotion
-from steelyard.excitation.trajectories.sampled import SampledMotion
-from steelyard.progress import Event, Stopped
-from steelyard.robot_file.file import LoadedRobot, load_robot
+from steelyard.base.progress import Event, Stopped
+from steelyard.excite.collision.collision import Clearance, self_clearance
+from steelyard.excite.collision.shapes import obstacle, placed, rates, wall
+from steelyard.excite.collision.solids import Ball, Box, Capsule, Cylinder
+from steelyard.excite.trajectories.fourier import FourierMotion
+from steelyard.excite.trajectories.polynomials import SampledMotion
+from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 
 SAMPLES = 1001
 

@@ -20,13 +20,12 @@ from excitation.colliding import (
     urdf,
     written,
 )
-from steelyard.errors import ModelError
-from steelyard.excitation.collision.collision import Clearance, self_clearance
-from steelyard.excitation.shapes.model_shapes import world_shapes
-from steelyard.excitation.shapes.reach import rates
-from steelyard.excitation.shapes.shapes import Shape, obstacle, placed, wall
-from steelyard.excitation.shapes.solids import Ball, Box, Capsule, Cylinder, Ellipsoid, Hull
-from steelyard.robot_file.file import LoadedRobot, load_robot
+from steelyard.base.errors import ModelError
+from steelyard.excite.collision.collision import Clearance, self_clearance
+from steelyard.excite.collision.model_shapes import world_shapes
+from steelyard.excite.collision.shapes import Shape, obstacle, placed, rates, wall
+from steelyard.excite.collision.solids import Ball, Box, Capsule, Cylinder, Ellipsoid, Hull
+from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 
 TURNED = [[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]]
 

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steelyard.arrays import Array
-from steelyard.excitation.criteria.criteria import KINDS, Criterion, worst, worst_value
-from steelyard.excitation.criteria.measure import Measure
+from steelyard.base.arrays import Array
+from steelyard.excite.criteria import CRITERIA, Criterion, Measure, worst, worst_value
 
 C = 7
 """Columns where digits are many."""
@@ -115,10 +114,10 @@ GRAMS = {
 
 @pytest.mark.parametrize("which", GRAMS)
 @pytest.mark.parametrize("measure", MEASURES)
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", CRITERIA)
 def test_smooth_values_and_slopes_are_exact(kind: str, measure: str, which: str) -> None:
     g = GRAMS[which]
-    criterion = MEASURES[measure](KINDS[kind])
+    criterion = MEASURES[measure](CRITERIA[kind])
     for p in (4, 64):
         value, slope = criterion.smooth(g, p)
         assert np.array_equal(slope, slope.T) or np.allclose(slope, slope.T, rtol=1e-12, atol=0.0)
@@ -148,8 +147,8 @@ def test_values_are_those_of_numpy_on_the_regressor(condition: float) -> None:
         "a_optimal": np.trace(covariance),
         "e_optimal": np.linalg.svd(w, compute_uv=False)[-1] ** -2,
     }
-    assert wanted.keys() == KINDS.keys()
-    for name, kind in KINDS.items():
+    assert wanted.keys() == CRITERIA.keys()
+    for name, kind in CRITERIA.items():
         assert kind.value(g) == pytest.approx(wanted[name], rel=1e-6), name
 
 
@@ -159,9 +158,9 @@ def test_measures_are_those_of_numpy() -> None:
     chosen = (7, 2, 19)
     both = np.concatenate((w, earlier)) * sizes
     inverse = np.linalg.inv(both.T @ both)[np.ix_(chosen, chosen)]
-    measure = Measure(KINDS["a_optimal"], prior, chosen, sizes)
+    measure = Measure(CRITERIA["a_optimal"], prior, chosen, sizes)
     assert measure.value(g) == pytest.approx(np.trace(inverse), rel=1e-9)
-    assert Measure(KINDS["condition"], prior, None, sizes).value(g) == pytest.approx(
+    assert Measure(CRITERIA["condition"], prior, None, sizes).value(g) == pytest.approx(
         np.linalg.cond(both), rel=1e-9
     )
 
@@ -169,13 +168,13 @@ def test_measures_are_those_of_numpy() -> None:
 def test_raw_condition_of_mixed_units_is_exact() -> None:
     w = regressor(6, 30, 5.0, units=1e5)
     assert np.linalg.cond(w) > 1e9
-    assert KINDS["condition"].value(w.T @ w) == pytest.approx(np.linalg.cond(w), rel=1e-5)
+    assert CRITERIA["condition"].value(w.T @ w) == pytest.approx(np.linalg.cond(w), rel=1e-5)
 
 
 @pytest.mark.parametrize("measure", MEASURES)
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", CRITERIA)
 def test_smooth_falls_to_the_logarithm(kind: str, measure: str) -> None:
-    criterion = MEASURES[measure](KINDS[kind])
+    criterion = MEASURES[measure](CRITERIA[kind])
     for g in GRAMS.values():
         value = math.log(criterion.value(g))
         smooth = [criterion.smooth(g, p)[0] for p in (1.0, 4.0, 16.0, 64.0, 1e6)]
@@ -189,18 +188,18 @@ def test_smooth_falls_to_the_logarithm(kind: str, measure: str) -> None:
 
 
 def test_normalised_condition_is_free_of_column_scales() -> None:
-    kind = KINDS["normalised_condition"]
+    kind = CRITERIA["normalised_condition"]
     g, d = gram(7, 12, 50.0), np.geomspace(1e-4, 1e4, 12)
     scaled = g * d[:, None] * d
     assert kind.value(scaled) == pytest.approx(kind.value(g), rel=1e-9)
     (value, slope), (same, other) = kind.smooth(g, 8.0), kind.smooth(scaled, 8.0)
     assert same == pytest.approx(value, abs=1e-9)
     assert other * d[:, None] * d == pytest.approx(slope, rel=1e-6, abs=1e-9 * abs(slope).max())
-    assert KINDS["condition"].value(scaled) > 100.0 * KINDS["condition"].value(g)
+    assert CRITERIA["condition"].value(scaled) > 100.0 * CRITERIA["condition"].value(g)
 
 
 def test_d_optimal_ranks_alike_in_all_coordinates() -> None:
-    kind = KINDS["d_optimal"]
+    kind = CRITERIA["d_optimal"]
     change = regressor(8, 12, 20.0)[:12]
     motions = [(1.0 + seed) * gram(seed, 12, 30.0) for seed in range(5)]
     before = [kind.smooth(g, 4.0)[0] for g in motions]
@@ -231,9 +230,9 @@ def unknown() -> dict[str, Array]:
 
 @pytest.mark.parametrize("which", unknown())
 @pytest.mark.parametrize("measure", ["all", "chosen", "sizes"])
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", CRITERIA)
 def test_what_is_not_shown_is_infinitely_bad(kind: str, measure: str, which: str) -> None:
-    criterion = MEASURES[measure](KINDS[kind])
+    criterion = MEASURES[measure](CRITERIA[kind])
     g = unknown()[which]
     value, slope = criterion.smooth(g, 16.0)
     assert value == math.inf
@@ -242,9 +241,9 @@ def test_what_is_not_shown_is_infinitely_bad(kind: str, measure: str, which: str
 
 
 @pytest.mark.parametrize("which", ["nothing", "a column at rest", "twins", "few rows"])
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", CRITERIA)
 def test_earlier_runs_show_what_this_one_does_not(kind: str, which: str) -> None:
-    criterion = MEASURES["prior"](KINDS[kind])
+    criterion = MEASURES["prior"](CRITERIA[kind])
     g = unknown()[which]
     value, slope = criterion.smooth(g, 16.0)
     assert math.isfinite(value)
@@ -259,21 +258,21 @@ def test_earlier_runs_show_what_this_one_does_not(kind: str, which: str) -> None
     assert np.sum(slope * e) == pytest.approx(float((up - down) / (2 * h)), rel=1e-9)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", CRITERIA)
 def test_more_information_is_better_for_variances(kind: str) -> None:
     """All but condition numbers, which may grow with information."""
     g, more = gram(11, C, 20.0), gram(12, C, 20.0)
     if kind in ("a_optimal", "d_optimal", "e_optimal"):
-        assert KINDS[kind].value(g + 0.1 * more) < KINDS[kind].value(g)
-        slope = KINDS[kind].smooth(g, 16.0)[1]
+        assert CRITERIA[kind].value(g + 0.1 * more) < CRITERIA[kind].value(g)
+        slope = CRITERIA[kind].smooth(g, 16.0)[1]
         assert np.linalg.eigvalsh(slope)[-1] <= 1e-12 * abs(slope).max()
     else:
-        assert KINDS[kind].value(5.0 * g) == pytest.approx(KINDS[kind].value(g), rel=1e-12)
+        assert CRITERIA[kind].value(5.0 * g) == pytest.approx(CRITERIA[kind].value(g), rel=1e-12)
 
 
 def test_nuisances_cost_information() -> None:
     g = gram(13, C, 50.0)
-    kind = KINDS["e_optimal"]
+    kind = CRITERIA["e_optimal"]
     alone = kind.value(g[np.ix_(CHOSEN, CHOSEN)])
     assert Measure(kind, chosen=CHOSEN).value(g) > alone
     assert Measure(kind, chosen=tuple(range(C))).value(g) == pytest.approx(kind.value(g), rel=1e-9)
@@ -284,7 +283,11 @@ def test_nuisances_cost_information() -> None:
 
 
 def cases(grams: Sequence[Array]) -> list[tuple[Criterion, Array]]:
-    kinds = [KINDS["condition"], Measure(KINDS["condition"], prior=PRIOR), KINDS["condition"]]
+    kinds = [
+        CRITERIA["condition"],
+        Measure(CRITERIA["condition"], prior=PRIOR),
+        CRITERIA["condition"],
+    ]
     return list(zip(kinds, grams, strict=True))
 
 
@@ -315,27 +318,27 @@ def decimal_worst(grams: Sequence[Array], changed: int, change: Any) -> Decimal:
 def test_the_worst_of_one_is_itself() -> None:
     g = gram(17, C, 9.0)
     (value, slope), (same, slopes) = (
-        KINDS["condition"].smooth(g, 8.0),
-        worst([(KINDS["condition"], g)], 8.0),
+        CRITERIA["condition"].smooth(g, 8.0),
+        worst([(CRITERIA["condition"], g)], 8.0),
     )
     assert same == value
     assert np.array_equal(slopes[0], slope)
 
 
 def test_one_case_that_shows_nothing_is_enough() -> None:
-    some = [(KINDS["d_optimal"], gram(18, C, 9.0)), (KINDS["d_optimal"], np.zeros((C, C)))]
+    some = [(CRITERIA["d_optimal"], gram(18, C, 9.0)), (CRITERIA["d_optimal"], np.zeros((C, C)))]
     value, slopes = worst(some, 8.0)
     assert value == worst_value(some) == math.inf
     assert not any(np.any(slope) for slope in slopes)
 
 
 def test_measures_say_what_they_are_of() -> None:
-    assert MEASURES["everything"](KINDS["condition"]).name == (
+    assert MEASURES["everything"](CRITERIA["condition"]).name == (
         "condition number (raw), of 3 chosen parameters, with earlier runs, "
         "relative to expected values"
     )
-    assert Measure(KINDS["condition"]).name == KINDS["condition"].name
-    assert len({kind.name for kind in KINDS.values()}) == len(KINDS)
+    assert Measure(CRITERIA["condition"]).name == CRITERIA["condition"].name
+    assert len({kind.name for kind in CRITERIA.values()}) == len(CRITERIA)
 
 
 @pytest.mark.parametrize(
@@ -351,11 +354,11 @@ def test_measures_say_what_they_are_of() -> None:
 )
 def test_measures_that_make_no_sense_are_refused(wrong: dict[str, Any], words: str) -> None:
     with pytest.raises(ValueError, match=words):
-        Measure(KINDS["condition"], **wrong)
+        Measure(CRITERIA["condition"], **wrong)
 
 
 def test_a_measure_owns_its_arrays() -> None:
     prior = PRIOR.copy()
-    measure = Measure(KINDS["condition"], prior=prior)
+    measure = Measure(CRITERIA["condition"], prior=prior)
     prior[0, 0] = np.nan
     assert math.isfinite(measure.value(np.zeros((C, C))))

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from excitation.tabled import OPEN, arm, designed, model_of, problem_of
-from steelyard.arrays import Array
-from steelyard.errors import DataError
-from steelyard.excitation.previous_model import Earlier
-from steelyard.excitation.problem import Problem
-from steelyard.regression.base import base_parameters
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.excite.constraints.constraints_from_tables import Earlier
+from steelyard.excite.problem import Problem
 
 ANY = f'{OPEN}[excitation.limits]\neffort = "any"\n'
 QUICK = "[excitation.motion]\nperiod = 4.0\nharmonics = 3\n"
@@ -57,7 +57,7 @@ def gram_of(problem: Problem, x: Array, weights: Array) -> Array:
 
 
 def model_values(problem: Problem, values: Array):  # type: ignore[no-untyped-def]
-    from steelyard.parameters import Parameters
+    from steelyard.base.arrays import Parameters
 
     model = problem.cases[0].shows.model
     return Parameters(model.names, model.units, values)

@@ -8,14 +8,20 @@ import numpy as np
 import pytest
 
 from excitation.tabled import OPEN, QUICK, arm, designed, model_of, problem_of
-from steelyard.excitation import design as designs
-from steelyard.excitation.constraints.certificate import certify, trajectory_hash
-from steelyard.excitation.constraints.torque import EffortLimit
-from steelyard.excitation.search.parallel_search import Found, SearchBudget, SearchResult
-from steelyard.excitation.search.starts import random_starts
-from steelyard.excitation.search.time_after import RESERVE, Pace, time_after
-from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.progress import Progress, silent
+from steelyard.base.progress import Progress, silent
+from steelyard.excite import design as designs
+from steelyard.excite.constraints.certificate import certify, trajectory_hash
+from steelyard.excite.constraints.torque import EffortLimit
+from steelyard.excite.search.parallel_search import (
+    RESERVED_SECONDS,
+    Found,
+    ProcessPace,
+    SearchBudget,
+    SearchResult,
+    time_after,
+)
+from steelyard.excite.search.starts import random_starts
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
 
 
 def test_no_motion_is_proven_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -51,9 +57,9 @@ def test_time_is_kept_for_the_end_by_how_slow_the_machine_is(
 
 
 def test_the_pace_is_that_of_clock_and_processor() -> None:
-    pace = Pace(time.monotonic() - 300.0, time.process_time() - 100.0)
+    pace = ProcessPace(time.monotonic() - 300.0, time.process_time() - 100.0)
     assert pace.slower == pytest.approx(3.0, rel=0.1)
-    assert Pace(time.monotonic(), time.process_time() - 100.0).slower == 1.0
+    assert ProcessPace(time.monotonic(), time.process_time() - 100.0).slower == 1.0
 
 
 def test_what_comes_before_the_search_is_taken_from_its_time(
@@ -69,7 +75,7 @@ def test_what_comes_before_the_search_is_taken_from_its_time(
     loaded = arm(tmp_path, OPEN + QUICK)
     with pytest.raises(StopIteration):
         designs.design(loaded, model_of(loaded), SearchBudget(20.0), since=time.monotonic() - 5.0)
-    assert given[0] < 20.0 - 5.0 - RESERVE
+    assert given[0] < 20.0 - 5.0 - RESERVED_SECONDS
 
 
 def test_the_best_motion_is_finished_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

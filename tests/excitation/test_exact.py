@@ -6,16 +6,22 @@ import numpy as np
 import pytest
 
 from exact_motions import MAKERS
-from steelyard.errors import DataError
-from steelyard.excitation.trajectories.chained import ChainedMotion, repeated
-from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.excitation.trajectories.files import KINDS, trajectory_from_dict
-from steelyard.excitation.trajectories.fourier import FourierMotion
-from steelyard.excitation.trajectories.minimum_jerk import quintic, through_postures
-from steelyard.excitation.trajectories.piecewise import PiecewiseMotion, from_scipy
-from steelyard.excitation.trajectories.slowed import SlowedMotion
-from steelyard.excitation.trajectories.trended import TrendedMotion
-from steelyard.excitation.trajectories.windowed import WindowedMotion
+from steelyard.base.errors import DataError
+from steelyard.excite.trajectories.composed import (
+    ChainedMotion,
+    TrendedMotion,
+    WindowedMotion,
+    repeated,
+)
+from steelyard.excite.trajectories.fourier import FourierMotion
+from steelyard.excite.trajectories.polynomials import (
+    PiecewiseMotion,
+    from_scipy,
+    quintic,
+    through_postures,
+)
+from steelyard.excite.trajectories.trajectory import ExactTrajectory, SlowedMotion
+from steelyard.excite.trajectories.trajectory_files import KINDS, trajectory_from_dict
 
 CASES = pytest.mark.parametrize("seed", range(2))
 KIND = pytest.mark.parametrize("make", MAKERS, ids=lambda make: make.__name__)

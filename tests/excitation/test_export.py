@@ -9,10 +9,10 @@ import pytest
 
 from excitation.exportable import NAMES, TOLERANCE, Swings, arm, motions
 from invented import mimic, tree
-from steelyard.errors import OutputError
-from steelyard.excitation.export.export import EXPORTS, exported, write_export
-from steelyard.excitation.trajectories.files import read_motion
-from steelyard.robot.robot import Loop, Robot
+from steelyard.base.errors import OutputError
+from steelyard.excite.motion_export import EXPORTS, exported, write_export
+from steelyard.excite.trajectories.trajectory_files import read_motion
+from steelyard.robot.robot import LoopClosure, Robot
 
 TREE = """<mujoco><include file="trajectory.xml"/><worldbody>
   <body name="trunk"><joint name="trunk_joint"/><geom size="1"/>
@@ -84,7 +84,7 @@ def test_joints_that_follow_others_have_their_own_positions(tmp_path: Path) -> N
 
 def test_loops_have_no_keyframes() -> None:
     robot = arm(2)
-    pinned = robot.changed(loops=(Loop("pin", (-1, 1), np.zeros((2, 3))),))
+    pinned = robot.changed(loops=(LoopClosure("pin", (-1, 1), np.zeros((2, 3))),))
     with pytest.raises(OutputError, match="loops determine some of them"):
         exported(Swings(2), pinned, "mujoco")
 

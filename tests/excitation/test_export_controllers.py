@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from excitation.exportable import NAMES, TOLERANCE, Swings, arm, motions
-from steelyard.errors import OutputError
-from steelyard.excitation.export.export import exported
+from steelyard.base.errors import OutputError
+from steelyard.excite.motion_export import exported
 
 AXES = [f"A{k}" for k in range(1, 7)] + [f"E{k}" for k in range(1, 7)]
 

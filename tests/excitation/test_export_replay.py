@@ -10,11 +10,11 @@ from ruamel.yaml import YAML
 
 from excitation.exportable import NAMES, TOLERANCE, Jumps, Swings, arm, motions
 from excitation.interpreters import Follower, URController, moments
-from steelyard.errors import OutputError
-from steelyard.excitation.export.export import exported
-from steelyard.excitation.export.ros import PEANO
-from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.base.errors import OutputError
+from steelyard.excite.motion_export import exported
+from steelyard.excite.motion_points import PEANO_BOUND
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -89,7 +89,7 @@ def test_the_bound_of_the_error_of_splines() -> None:
     a = 0.5 * (x**3 - 2 * x**4 + x**5)
     kernel = np.maximum(x - s, 0) ** 2 / 2 - q * (1 - s) ** 2 / 2 - v * (1 - s) - a
     greatest = np.abs(kernel).mean(axis=1).max()
-    assert 0.99 * PEANO < greatest < PEANO
+    assert 0.99 * PEANO_BOUND < greatest < PEANO_BOUND
 
 
 def driven(motion: ExactTrajectory, rate: float, period: float) -> tuple[URController, np.ndarray]:

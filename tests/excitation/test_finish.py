@@ -8,18 +8,17 @@ import numpy as np
 import pytest
 
 from designing import FAMILIES, START, box, limits, problem, torques
-from steelyard.arrays import Array
-from steelyard.errors import DataError
-from steelyard.excitation.barrier import bounds
-from steelyard.excitation.bases.fourier_bases import RestFourier
-from steelyard.excitation.constraints.constraint import Margins
-from steelyard.excitation.problem import Problem
-from steelyard.excitation.search import finish
-from steelyard.excitation.search.finish import finished
-from steelyard.excitation.search.repair import LEAST, scaled
-from steelyard.excitation.search.starts import random_starts
-from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.progress import Event, Progress, Stopped, silent
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.base.progress import Event, Progress, Stopped, silent
+from steelyard.excite.constraints.constraint import Margins
+from steelyard.excite.problem import Problem
+from steelyard.excite.search import repair as finish
+from steelyard.excite.search.newton import joint_bounds
+from steelyard.excite.search.repair import LEAST_MOTION_SHARE, finished, scaled
+from steelyard.excite.search.starts import random_starts
+from steelyard.excite.trajectories.fourier_bases import RestFourier
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
 
 ALL = pytest.mark.parametrize("name", FAMILIES)
 ROUNDING = 1e-12
@@ -30,7 +29,7 @@ def excess(design: Problem, x: Array) -> Array:
     motion = design.basis.motion(x)
     t = np.union1d(np.linspace(0.0, motion.duration, 4001), motion.breaks)
     worst = np.full(len(x), -np.inf)
-    for order, (lower, upper) in enumerate(bounds(design.limits)):
+    for order, (lower, upper) in enumerate(joint_bounds(design.limits)):
         half = 0.5 * (upper - lower)
         values = motion.derivative(t, order)
         beyond = np.maximum(values - upper, lower - values).max(axis=0) / half
@@ -42,7 +41,7 @@ def exact_excess(design: Problem, x: Array) -> Array:
     """The same by the motion's own extremes."""
     motion = design.basis.motion(x)
     parts = []
-    for order, (lower, upper) in enumerate(bounds(design.limits)):
+    for order, (lower, upper) in enumerate(joint_bounds(design.limits)):
         least, most = motion.extremes(order)
         parts += [most - upper, lower - least]
     return np.max(parts, axis=0)
@@ -240,7 +239,7 @@ def test_what_needs_no_shrinking_is_not_shrunk() -> None:
 def test_nothing_proven_is_reported() -> None:
     plain, x = swinging(())
     whole = np.ptp(np.array(plain.basis.motion(x).extremes(0)), axis=0)[0]
-    for most in (-1.0, 0.5 * LEAST * whole):
+    for most in (-1.0, 0.5 * LEAST_MOTION_SHARE * whole):
         with pytest.raises(DataError) as caught:
             finished(problem(plain.basis, [Reach(most)]), [x, 0.5 * x], time.monotonic() - 1.0)
         assert (
@@ -255,7 +254,7 @@ def test_the_second_best_counts_if_the_best_is_not_proven() -> None:
     quiet = x.copy()
     quiet[0] *= 1e-3
     whole = np.ptp(np.array(plain.basis.motion(x).extremes(0)), axis=0)[0]
-    reach = Reach(0.5 * LEAST * whole)
+    reach = Reach(0.5 * LEAST_MOTION_SHARE * whole)
     best = finished(problem(plain.basis, [reach]), [x, quiet], deadline=time.monotonic() - 1.0)
     np.testing.assert_array_equal(best.x, quiet)
 

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steelyard.excitation.trajectories.files import trajectory_from_dict
-from steelyard.excitation.trajectories.fourier import FourierMotion, rest_basis
-from steelyard.motion import Trajectory
+from steelyard.base.motion import Trajectory
+from steelyard.excite.trajectories.fourier import FourierMotion, rest_basis
+from steelyard.excite.trajectories.trajectory_files import trajectory_from_dict
 
 
 def some_motion(harmonics: int = 4, periods: int = 2, seed: int = 0) -> FourierMotion:

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from steelyard.excitation.trajectories.holds import holds, holds_note
-from steelyard.excitation.trajectories.minimum_jerk import through_postures
-from steelyard.excitation.trajectories.slowed import SlowedMotion
+from steelyard.excite.trajectories.polynomials import through_postures
+from steelyard.excite.trajectories.trajectory import SlowedMotion, holds, holds_note
 
 POSTURES = [[0.0, 1.0], [1.0, -1.0], [0.5, 0.0]]
 

@@ -2,12 +2,17 @@ import numpy as np
 import pytest
 
 from invented import dh_arm, tree
-from steelyard.errors import ModelError
-from steelyard.excitation.planned.attitudes import AnyAttitude, Attitude, Pointing
-from steelyard.excitation.planned.inverse_kinematics import InverseKinematics, within
-from steelyard.excitation.planned.reachable import least_shift
+from steelyard.base.errors import ModelError
+from steelyard.excite.planned.inverse_kinematics import (
+    AnyAttitude,
+    Attitude,
+    InverseKinematics,
+    Pointing,
+    within,
+)
+from steelyard.excite.planned.postures import least_shift
+from steelyard.robot.file.model_source import DHRow, dh_mechanism
 from steelyard.robot.from_mechanism import reduced
-from steelyard.robot.model_files.dh import DHRow, dh_mechanism
 from tooled import Arm, arm, invented_arm
 
 

@@ -9,25 +9,22 @@ import numpy as np
 import pytest
 
 from invented import ball, tree, turned
-from steelyard.arrays import Array
-from steelyard.excitation.bases.fourier_bases import RestFourier
-from steelyard.excitation.constraints.markers import Marker, points_of
-from steelyard.excitation.constraints.workspace import tool_box
-from steelyard.excitation.criteria.criteria import KINDS
-from steelyard.excitation.limbs import Limb, composed, limbs_of
-from steelyard.excitation.limits import motion_limits
-from steelyard.excitation.objective import Case
-from steelyard.excitation.problem import Problem
-from steelyard.excitation.search import methods
-from steelyard.excitation.search.methods import Gradient, seeded
-from steelyard.excitation.search.starts import each_start, random_starts
-from steelyard.model import Model
-from steelyard.progress import Stopped
-from steelyard.regression.information_gradient import InformationEvaluator
+from steelyard.base.arrays import Array
+from steelyard.base.progress import Stopped
+from steelyard.estimate.information.information_gradient import InformationEvaluator
+from steelyard.excite.constraints.constraint import motion_limits
+from steelyard.excite.constraints.markers import Marker, points_of
+from steelyard.excite.constraints.workspace import tool_box
+from steelyard.excite.criteria import CRITERIA
+from steelyard.excite.problem import Case, JointGroup, Problem, composed_motions, joint_groups_of
+from steelyard.excite.search import starts as methods
+from steelyard.excite.search.starts import Gradient, each_start, random_starts, seeded
+from steelyard.excite.trajectories.fourier_bases import RestFourier
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
 from steelyard.robot.robot import Body, Coordinate, Robot
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.viscous import Viscous
 
 LEFT, RIGHT = (0, 2), (1, 3)
 
@@ -52,7 +49,7 @@ def shows(robot: Robot) -> InformationEvaluator:
 @cache
 def design() -> Problem:
     robot = two_limbs()
-    case = Case(shows(robot), KINDS["d_optimal"])
+    case = Case(shows(robot), CRITERIA["d_optimal"])
     return Problem(robot, RestFourier(4, 8.0, 4), motion_limits(robot), (), (case,))
 
 
@@ -64,7 +61,7 @@ def test_branches_on_the_base_are_limbs() -> None:
 
 
 def test_joints_that_carry_branches_make_one_limb_of_them() -> None:
-    assert [limb.joints for limb in limbs_of(shows(tree()))] == [(0, 1, 2, 3)]
+    assert [limb.joints for limb in joint_groups_of(shows(tree()))] == [(0, 1, 2, 3)]
 
 
 def test_information_of_limbs_is_block_diagonal() -> None:
@@ -83,15 +80,17 @@ def test_information_of_limbs_is_block_diagonal() -> None:
 def test_every_limb_takes_its_own_best_start() -> None:
     problem = design()
     starts = random_starts(problem.inequalities, np.random.default_rng(2), 12)
-    reported = list(composed(problem.objective, problem.inequalities, problem.limbs, starts))
+    reported = list(
+        composed_motions(problem.objective, problem.inequalities, problem.limbs, starts)
+    )
     values = [problem.objective.value(x, 4.0) for x in reported]
     assert len(reported) == len(starts) and values == sorted(values, reverse=True)
     assert problem.inequalities.smallest_margin(reported[-1]) > 0.0
     assert values[-1] < min(problem.objective.value(x, 4.0) for x in starts)
 
-    def value(x: Array, limb: Limb) -> float:
+    def value(x: Array, limb: JointGroup) -> float:
         own = np.ix_(limb.columns, limb.columns)
-        return KINDS["d_optimal"].smooth(problem.objective.seen(x)[0].gram[own], 4.0)[0]
+        return CRITERIA["d_optimal"].smooth(problem.objective.seen(x)[0].gram[own], 4.0)[0]
 
     for limb in problem.limbs:
         least = min(value(y, limb) for y in starts)
@@ -109,7 +108,7 @@ def test_limbs_that_each_motion_leaves_at_rest_are_put_together() -> None:
         half[list(joints)] = x[list(joints)]
         halves.append(half)
     assert all(np.isinf(problem.objective.value(half, 4.0)) for half in halves)
-    first, both = composed(problem.objective, problem.inequalities, problem.limbs, halves)
+    first, both = composed_motions(problem.objective, problem.inequalities, problem.limbs, halves)
     assert first is halves[0]
     assert np.isfinite(problem.objective.value(both, 4.0))
 
@@ -163,10 +162,12 @@ def found(problem: Problem, steps: int, seed: int) -> list[Array]:
 
 def test_limbs_are_found_better_with_as_many_steps_than_all_joints_at_once() -> None:
     limbs, whole = design(), replace(design())
-    whole.__dict__["limbs"] = (Limb((0, 1, 2, 3), tuple(range(len(limbs.cases[0].shows.base)))),)
+    whole.__dict__["limbs"] = (
+        JointGroup((0, 1, 2, 3), tuple(range(len(limbs.cases[0].shows.base)))),
+    )
     values = []
     for problem in (limbs, whole):
-        whole_of = partial(composed, problem.objective, problem.inequalities, problem.limbs)
+        whole_of = partial(composed_motions, problem.objective, problem.inequalities, problem.limbs)
         best = [list(whole_of(found(problem, 250, seed)))[-1] for seed in range(2)]
         values.append([problem.objective.value(x, 64.0) for x in best])
     assert np.mean(values[0]) < np.mean(values[1])

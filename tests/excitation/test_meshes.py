@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from excitation.colliding import joint, link, urdf, written
-from steelyard.errors import ModelError
-from steelyard.excitation.shapes.meshes import find_mesh, mesh_points
-from steelyard.excitation.shapes.model_shapes import robot_shapes
-from steelyard.excitation.shapes.solids import Hull, height
-from steelyard.robot_file.file import load_robot
+from steelyard.base.errors import ModelError
+from steelyard.excite.collision.model_shapes import robot_shapes
+from steelyard.excite.collision.solids import Hull, find_mesh, height, mesh_points
+from steelyard.robot.file.robot_file import load_robot
 
 CORNERS = np.array([[0, 0, 0], [0.4, 0, 0], [0, 0.3, 0], [0, 0, 0.2], [0.05, 0.05, 0.05]])
 FACETS = [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3), (0, 1, 4)]

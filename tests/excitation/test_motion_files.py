@@ -6,18 +6,16 @@ import polars as pl
 import pytest
 from scipy.interpolate import CubicSpline
 
-from steelyard.errors import DataError
-from steelyard.excitation.export.export import write_export
-from steelyard.excitation.trajectories.files import (
+from steelyard.base.errors import DataError
+from steelyard.excite.motion_export import write_export
+from steelyard.excite.trajectories.fourier import FourierMotion, random_fourier
+from steelyard.excite.trajectories.polynomials import SampledMotion, end_speeds, from_scipy
+from steelyard.excite.trajectories.trajectory_files import (
     read_motion,
     read_table,
     trajectory_from_dict,
     write_motion,
 )
-from steelyard.excitation.trajectories.fourier import FourierMotion
-from steelyard.excitation.trajectories.piecewise import from_scipy
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.excitation.trajectories.sampled import SampledMotion, end_speeds
 from steelyard.robot.robot import Body, Coordinate, Robot
 
 

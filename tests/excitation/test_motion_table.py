@@ -12,19 +12,19 @@ import pytest
 from excitation.colliding import joint, link, urdf
 from excitation.tabled import OPEN, arm, designed, model_of, problem_of
 from oracles import body_positions, pinocchio_model
-from steelyard.arrays import Array
-from steelyard.errors import DataError
-from steelyard.excitation.bases.families import FAMILIES
-from steelyard.excitation.design import design
-from steelyard.excitation.from_tables import limits_of
-from steelyard.excitation.planned.plans import PLANS, planned
-from steelyard.excitation.search.parallel_search import SearchBudget
-from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.excitation.trajectories.files import read_motion
-from steelyard.files import write_json
-from steelyard.kernel.quantities.kinematics import frame_of
-from steelyard.robot_file.file import load_robot
-from steelyard.robot_file.motion_sections import KINDS
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.base.files import write_json
+from steelyard.excite.design import design
+from steelyard.excite.planned.plans import PLANS, planned
+from steelyard.excite.problem_from_tables import limits_of
+from steelyard.excite.search.parallel_search import SearchBudget
+from steelyard.excite.trajectories.families import FAMILIES
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.excite.trajectories.trajectory_files import read_motion
+from steelyard.model.equations.kinematics import frame_of
+from steelyard.robot.file.motion_sections import KINDS
+from steelyard.robot.file.robot_file import load_robot
 
 FIVE_BAR = urdf(
     link("base"),

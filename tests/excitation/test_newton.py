@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from designing import FAMILIES, box, problem, torques
-from steelyard.arrays import Array
-from steelyard.excitation.barrier import InequalityConstraints, bounds
-from steelyard.excitation.bases.reaching_basis import ReachingBasis
-from steelyard.excitation.search.newton import STAGES, minimised
-from steelyard.excitation.search.starts import random_starts
-from steelyard.progress import Stopped
+from steelyard.base.arrays import Array
+from steelyard.base.progress import Stopped
+from steelyard.excite.search.newton import STAGES, InequalityConstraints, joint_bounds, minimised
+from steelyard.excite.search.starts import random_starts
+from steelyard.excite.trajectories.linear_bases import ReachingBasis
 
 MIDDLE = np.array([-0.1, 0.1, 0.3])
 SHARP = tuple((1.0, 10.0**-k) for k in range(1, 9))
@@ -77,7 +76,7 @@ def oracle(objective: Bowl, inequalities: InequalityConstraints) -> Array:
     cost = 0.5 * cp.quad_form(flat, cp.psd_wrap(objective.matrix))
     kept = []
     for shape, offset, (lower, upper) in zip(
-        inequalities.shapes, inequalities.offsets, bounds(inequalities.limits), strict=True
+        inequalities.shapes, inequalities.offsets, joint_bounds(inequalities.limits), strict=True
     ):
         values = x @ shape.T + offset.T
         kept += [values <= upper[:, None], values >= lower[:, None]]

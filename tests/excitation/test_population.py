@@ -8,14 +8,18 @@ import numpy as np
 import pytest
 
 from designing import FAMILIES, box, problem, torques
-from steelyard.arrays import Array
-from steelyard.errors import DataError
-from steelyard.excitation.constraints.constraint import Constraint
-from steelyard.excitation.problem import Problem
-from steelyard.excitation.search.methods import Method, seeded
-from steelyard.excitation.search.population import NOTHING, CmaEsSearch, GeneticSearch, _Genes
-from steelyard.excitation.search.starts import random_starts
-from steelyard.progress import Stopped
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.base.progress import Stopped
+from steelyard.excite.constraints.constraint import Constraint
+from steelyard.excite.problem import Problem
+from steelyard.excite.search.population import (
+    NOTHING_SHOWN_COST,
+    CmaEsSearch,
+    GeneticSearch,
+    _Genes,
+)
+from steelyard.excite.search.starts import Method, random_starts, seeded
 
 METHODS: dict[str, Method] = {
     "genetic": GeneticSearch(population=20, generations=15),
@@ -115,9 +119,11 @@ def test_any_genes_are_a_motion_inside_or_none(name: str, constrained: bool) -> 
     costs = genes.costs(silently, kept[0])(np.array(drawn))
     nowhere = np.array([x is None for x in motions])
     assert costs.shape == (40,)
-    assert np.all(costs[~nowhere] <= NOTHING) and np.all(costs[nowhere] >= NOTHING)
+    assert np.all(costs[~nowhere] <= NOTHING_SHOWN_COST) and np.all(
+        costs[nowhere] >= NOTHING_SHOWN_COST
+    )
     shown = [design.objective(x, 64.0)[0] for x in kept]
-    np.testing.assert_array_equal(costs[~nowhere], np.minimum(shown, NOTHING))
+    np.testing.assert_array_equal(costs[~nowhere], np.minimum(shown, NOTHING_SHOWN_COST))
 
 
 def test_postures_that_are_not_free_are_worse_the_more_they_lack() -> None:
@@ -129,8 +135,8 @@ def test_postures_that_are_not_free_are_worse_the_more_they_lack() -> None:
     away[:, 0] = np.linspace(0.5, 1.0, 6)
     costs = genes.costs(silently, start)(away)
     lacks = [-design.inequalities.smallest_margin(genes.still(one)) for one in away]
-    assert lacks == sorted(lacks) and 0.0 < lacks[0] < lacks[-1] < NOTHING
-    np.testing.assert_allclose(costs, NOTHING + np.array(lacks))
+    assert lacks == sorted(lacks) and 0.0 < lacks[0] < lacks[-1] < NOTHING_SHOWN_COST
+    np.testing.assert_allclose(costs, NOTHING_SHOWN_COST + np.array(lacks))
 
 
 @BOTH
@@ -152,7 +158,8 @@ def test_a_missing_package_comes_with_the_line_that_installs_it(
 
 
 def test_settings_are_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    from steelyard.excitation.search import cma_es, genetic
+    from steelyard.excite.search import population as cma_es
+    from steelyard.excite.search import population as genetic
 
     given: list[dict[str, Any]] = []
 
@@ -160,8 +167,8 @@ def test_settings_are_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
         given.append(settings)
         raise Stopped("seen")
 
-    monkeypatch.setattr(genetic, "evolved", spy)
-    monkeypatch.setattr(cma_es, "adapted", spy)
+    monkeypatch.setattr(genetic, "minimised_by_genes", spy)
+    monkeypatch.setattr(cma_es, "minimised_by_cma_es", spy)
     for method in (GeneticSearch(7, 11), CmaEsSearch(123)):
         with pytest.raises(Stopped):
             method.search(problem(FAMILIES["rest"]), seeded(0, 0), silently)

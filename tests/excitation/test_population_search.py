@@ -7,27 +7,31 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steelyard.arrays import Array
-from steelyard.errors import DataError
-from steelyard.excitation.search.cma_es import Adapted, adapted
-from steelyard.excitation.search.genetic import Evolved, evolved
-from steelyard.progress import Event, Stopped
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.base.progress import Event, Stopped
+from steelyard.excite.search.population import (
+    AdaptedResult,
+    EvolvedResult,
+    minimised_by_cma_es,
+    minimised_by_genes,
+)
 
 LOWER, UPPER = np.array([-2.0, -20.0, 5.0]), np.array([3.0, 40.0, 5.5])
 BEST = np.array([0.5, -3.0, 5.4])
-Found = Evolved | Adapted
+Found = EvolvedResult | AdaptedResult
 Search = Callable[..., Found]
 
 
-def genetic(criterion: Callable[[Array], Array], **settings: Any) -> Evolved:
+def genetic(criterion: Callable[[Array], Array], **settings: Any) -> EvolvedResult:
     seed = settings.pop("seed", 0)
-    return evolved(criterion, LOWER, UPPER, seed=seed, **settings)
+    return minimised_by_genes(criterion, LOWER, UPPER, seed=seed, **settings)
 
 
-def cma(criterion: Callable[[Array], Array], **settings: Any) -> Adapted:
+def cma(criterion: Callable[[Array], Array], **settings: Any) -> AdaptedResult:
     random = np.random.default_rng(settings.pop("seed", 0))
     units = 1.0 / (UPPER - LOWER)
-    return adapted(criterion, LOWER, UPPER, units=units, random=random, **settings)
+    return minimised_by_cma_es(criterion, LOWER, UPPER, units=units, random=random, **settings)
 
 
 SEARCHES = pytest.mark.parametrize("search", [genetic, cma], ids=["genetic", "cma_es"])

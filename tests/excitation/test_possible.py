@@ -7,7 +7,7 @@ import pytest
 
 from excitation.colliding import link, urdf, written
 from excitation.tabled import OPEN, QUICK, designed, some_motion
-from steelyard.errors import SteelyardError
+from steelyard.base.errors import SteelyardError
 
 FREE = f'{OPEN}[excitation.limits]\neffort = "any"\n'
 

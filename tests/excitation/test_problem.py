@@ -7,19 +7,16 @@ import numpy as np
 import pytest
 
 from designing import ARM, FAMILIES, MIDDLE, MODEL, box, problem
-from steelyard.arrays import Array
-from steelyard.errors import DataError
-from steelyard.excitation.criteria.criteria import KINDS
-from steelyard.excitation.criteria.measure import Measure
-from steelyard.excitation.objective import Case
-from steelyard.excitation.problem import KEPT_PER_WAVE, SHOWN_PER_WAVE, Problem, jumping
-from steelyard.excitation.search.methods import Gradient, searches, seeded
-from steelyard.excitation.search.register import METHODS, method_of
-from steelyard.excitation.search.starts import random_starts
-from steelyard.progress import Stopped
-from steelyard.regression.information_gradient import InformationEvaluator
-from steelyard.regression.regressor import base_regressor
-from steelyard.terms.laws.coulomb import Coulomb
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.base.progress import Stopped
+from steelyard.estimate.information.information_gradient import InformationEvaluator
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.excite.criteria import CRITERIA, Measure
+from steelyard.excite.problem import KEPT_PER_WAVE, SHOWN_PER_WAVE, Case, Problem, jumping
+from steelyard.excite.search.population import METHODS, method_of
+from steelyard.excite.search.starts import Gradient, random_starts, searches, seeded
+from steelyard.model.laws.coulomb import Coulomb
 
 ALL = pytest.mark.parametrize("name", FAMILIES)
 
@@ -40,7 +37,7 @@ def test_figure_is_the_condition_number_of_the_regressor(name: str) -> None:
     assert design.criterion_value(x) == pytest.approx(np.linalg.cond(np.vstack(list(y))), rel=1e-6)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", CRITERIA)
 def test_weights_count_samples_of_a_second(kind: str) -> None:
     """The information is that of the whole motion, however it is sampled."""
     plain = problem(FAMILIES["rest"], kind=kind)
@@ -50,7 +47,9 @@ def test_weights_count_samples_of_a_second(kind: str) -> None:
     weighed = replace(plain, cases=[replace(case, shows=replace(case.shows, weights=weights))])
     y = regressor_along(plain, x) * np.sqrt(weights * plain.basis.duration / 1000)[:, None, None]
     rows = np.vstack(list(y))
-    assert weighed.criterion_value(x) == pytest.approx(KINDS[kind].value(rows.T @ rows), rel=1e-9)
+    assert weighed.criterion_value(x) == pytest.approx(
+        CRITERIA[kind].value(rows.T @ rows), rel=1e-9
+    )
     finer = replace(weighed, samples=4000)
     assert finer.criterion_value(x) == pytest.approx(weighed.criterion_value(x), rel=2e-3)
 
@@ -88,7 +87,9 @@ def test_jumps_are_softened_while_searching_and_not_in_the_criterion_value() -> 
     assert sharp.criterion is design.cases[0].criterion
     x = random_starts(design.inequalities, np.random.default_rng(0), 1)[0]
     wide = design.cases[0].shows
-    soft = replace(design, cases=[Case(replace(wide, widths=3.0 * np.ones(3)), KINDS["condition"])])
+    soft = replace(
+        design, cases=[Case(replace(wide, widths=3.0 * np.ones(3)), CRITERIA["condition"])]
+    )
     assert soft.criterion_value(x) == design.criterion_value(x)
     assert soft.objective(x, 16.0)[0] != pytest.approx(design.objective(x, 16.0)[0], rel=1e-3)
 
@@ -106,7 +107,7 @@ def test_the_worst_of_several_cases_is_the_criterion_value() -> None:
     design = problem(FAMILIES["rest"])
     shows, count = design.cases[0].shows, len(design.cases[0].shows.base)
     sizes = [np.geomspace(0.1, 10.0, count), np.geomspace(10.0, 0.1, count)]
-    cases = [Case(shows, Measure(KINDS["a_optimal"], None, None, s)) for s in sizes]
+    cases = [Case(shows, Measure(CRITERIA["a_optimal"], None, None, s)) for s in sizes]
     x = random_starts(design.inequalities, np.random.default_rng(0), 1)[0]
     figures = [replace(design, cases=[case]).criterion_value(x) for case in cases]
     assert figures[0] != pytest.approx(figures[1], rel=1e-2)
@@ -167,7 +168,7 @@ def test_a_model_of_other_laws_has_a_problem_too() -> None:
         np.ones(3),
         np.full(3, 0.01),
     )
-    design = replace(problem(FAMILIES["rest"]), cases=[Case(shows, KINDS["d_optimal"])])
+    design = replace(problem(FAMILIES["rest"]), cases=[Case(shows, CRITERIA["d_optimal"])])
     assert design.robot is ARM
     x = random_starts(design.inequalities, np.random.default_rng(0), 1)[0]
     assert np.isfinite(design.criterion_value(x))

@@ -4,18 +4,12 @@ import numpy as np
 import pytest
 
 from invented import dh_arm, single, tree
-from steelyard.arrays import Array
-from steelyard.errors import DataError
-from steelyard.excitation.limits import MotionLimits
-from steelyard.excitation.planned.attitudes import AnyAttitude, Attitude
-from steelyard.excitation.planned.moves import ToolLimits
-from steelyard.excitation.planned.process import (
-    PickAndPlace,
-    Square,
-    Waypoints,
-    upwards,
-)
-from steelyard.excitation.planned.tour import Manner, ProcessMotion
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.excite.constraints.constraint import MotionLimits
+from steelyard.excite.planned.inverse_kinematics import AnyAttitude, Attitude
+from steelyard.excite.planned.moves import ProcessMotion, ToolGuidance, ToolLimits
+from steelyard.excite.planned.process import PickAndPlace, Square, Waypoints, upwards
 from tooled import DOWN, Arm, arm, boxes, invented_arm, plan
 
 
@@ -68,7 +62,7 @@ def off_segments(motion: ProcessMotion, tooled: Arm, count: int = 60) -> float:
 @pytest.mark.parametrize("attitude", [AnyAttitude(), DOWN])
 def test_picks_and_places_on_straight_lines(name: str, attitude: Attitude) -> None:
     tooled, (pick, place) = arm(name), boxes(name)
-    manner = Manner(attitude=attitude, dwell=0.05)
+    manner = ToolGuidance(attitude=attitude, dwell=0.05)
     motion = plan(name, PickAndPlace(pick, place, cycles=2, lift=0.1, manner=manner), seed=1)
     check_keeps(motion, tooled.limits)
     check_rests(motion)
@@ -85,7 +79,7 @@ def test_picks_and_places_on_straight_lines(name: str, attitude: Attitude) -> No
 @pytest.mark.parametrize("path", ["line", "joint"])
 def test_points_lie_in_their_boxes_and_are_lifted(path: str) -> None:
     pick, place = boxes("ur10")
-    task = PickAndPlace(pick, place, cycles=4, lift=0.15, manner=Manner(path=path, dwell=0.2))
+    task = PickAndPlace(pick, place, cycles=4, lift=0.15, manner=ToolGuidance(path=path, dwell=0.2))
     motion = plan("ur10", task, seed=5)
     at = arm("ur10").places(motion.trajectory.sample(motion.arrivals).q)
     np.testing.assert_allclose(at, motion.places, atol=1e-6)
@@ -114,7 +108,7 @@ def test_seeds_decide_the_points() -> None:
 
 def test_joint_moves_are_straight_in_joint_space_and_as_fast_as_limits_allow() -> None:
     tooled = arm("panda")
-    motion = plan("panda", Square((0.5, 0.0, 0.3), 0.2, manner=Manner(path="joint")))
+    motion = plan("panda", Square((0.5, 0.0, 0.3), 0.2, manner=ToolGuidance(path="joint")))
     t = motion.trajectory.breaks
     assert len(t) == 5
     for k in range(4):
@@ -163,7 +157,7 @@ def test_horizontal_is_across_gravity() -> None:
 @pytest.mark.parametrize("path", ["line", "joint"])
 def test_the_tool_keeps_its_own_limits(path: str) -> None:
     tooled, tool = arm("ur10"), ToolLimits(speed=1.0, acceleration=0.5)
-    manner = Manner(path=path, tool=tool, share=0.8)
+    manner = ToolGuidance(path=path, tool=tool, share=0.8)
     motion = plan("ur10", Square((0.7, 0.0, 0.4), 0.4, manner=manner))
     t = np.linspace(0.0, motion.trajectory.duration, 6_001)
     at = tooled.places(motion.trajectory.sample(t).q)
@@ -172,7 +166,7 @@ def test_the_tool_keeps_its_own_limits(path: str) -> None:
     assert speed <= 0.8 and bend <= 0.4 * (1.0 + 1e-6)
     assert {pace.limit for pace in motion.paces} == {"acceleration of the tool"}
     assert bend > 0.97 * 0.4
-    quick = Manner(path=path, tool=ToolLimits(speed=0.1))
+    quick = ToolGuidance(path=path, tool=ToolLimits(speed=0.1))
     slow = plan("ur10", Square((0.7, 0.0, 0.4), 0.4, manner=quick))
     assert {pace.limit for pace in slow.paces} == {"speed of the tool"}
     if path == "line":
@@ -184,7 +178,7 @@ def test_a_share_and_jerks_slow_a_motion_down() -> None:
     tooled = arm("panda")
     task = Square((0.5, 0.0, 0.3), 0.2)
     whole = plan("panda", task)
-    part = plan("panda", replace(task, manner=Manner(share=0.64)))
+    part = plan("panda", replace(task, manner=ToolGuidance(share=0.64)))
     check_keeps(part, tooled.limits, share=0.64)
     assert part.trajectory.duration == pytest.approx(1.25 * whole.trajectory.duration, rel=0.01)
     limits = replace(tooled.limits, jerk=np.full(7, 20.0))
@@ -211,7 +205,7 @@ def test_waypoints_of_invented_arms(tooled: Arm) -> None:
         with pytest.raises(DataError, match="are not a valid path"):
             Waypoints(places)
         return
-    task = Waypoints(places, laps=2, manner=Manner(path="joint", dwell=0.1))
+    task = Waypoints(places, laps=2, manner=ToolGuidance(path="joint", dwell=0.1))
     motion = task.plan(tooled.robot, tooled.limits, tooled.frame)
     at = tooled.places(motion.trajectory.sample(motion.arrivals).q)
     np.testing.assert_allclose(at, np.vstack([places, places, places[:1]]), atol=1e-7)

@@ -1,11 +1,10 @@
 import numpy as np
 import pytest
 
-from steelyard.errors import DataError
-from steelyard.excitation.planned.follow import Astray
-from steelyard.excitation.planned.moves import ToolLimits
-from steelyard.excitation.planned.process import Box, PickAndPlace, Square, Waypoints
-from steelyard.excitation.planned.tour import Manner
+from steelyard.base.errors import DataError
+from steelyard.excite.planned.moves import ToolGuidance, ToolLimits
+from steelyard.excite.planned.postures import UnfollowableWay
+from steelyard.excite.planned.process import Box, PickAndPlace, Square, Waypoints
 from tooled import DOWN, arm, boxes, plan
 
 
@@ -19,7 +18,7 @@ def test_a_box_out_of_reach_names_the_least_move_that_works() -> None:
     advised = float(error.value.fix.split(" m, ")[1].split(" m")[0])
     assert advised == pytest.approx(np.linalg.norm(shift), abs=1e-3) and 0.1 < advised < 0.4
     moved = Box(tuple(far.centre + shift), far.size)
-    joint = Manner(path="joint")
+    joint = ToolGuidance(path="joint")
     assert plan("ur10", PickAndPlace(pick, moved, cycles=1, manner=joint)).cycles == 1
     less = Box(tuple(far.centre + 0.97 * shift), far.size)
     with pytest.raises(DataError, match="out of reach"):
@@ -38,12 +37,15 @@ def test_a_waypoint_out_of_reach_is_named() -> None:
 
 def test_lines_through_what_no_posture_can_do_are_refused() -> None:
     """Straight through the base, and from one elbow side to the other."""
-    with pytest.raises(Astray) as error:
-        plan("ur10", Waypoints([[0.6, 0.1, 0.3], [-0.6, 0.1, 0.3]], manner=Manner(attitude=DOWN)))
+    with pytest.raises(UnfollowableWay) as error:
+        plan(
+            "ur10",
+            Waypoints([[0.6, 0.1, 0.3], [-0.6, 0.1, 0.3]], manner=ToolGuidance(attitude=DOWN)),
+        )
     assert "from waypoint 1 to waypoint 2" in error.value.where
     assert "path = 'joint'" in error.value.fix
     assert "%" in error.value.wrong
-    joint = Manner(path="joint", attitude=DOWN)
+    joint = ToolGuidance(path="joint", attitude=DOWN)
     motion = plan("ur10", Waypoints([[0.6, 0.1, 0.3], [-0.6, 0.1, 0.3]], manner=joint))
     there = motion.trajectory.sample(motion.arrivals[1:2]).q
     np.testing.assert_allclose(arm("ur10").places(there), [[-0.6, 0.1, 0.3]], atol=1e-7)
@@ -70,9 +72,9 @@ def test_bad_input_is_refused_with_words() -> None:
         lambda: Square((0.0, 0.0, 0.0), 0.0),
         lambda: Waypoints([[0.0, 0.0, 0.0]]),
         lambda: Waypoints([[0.0, 0.0], [1.0, 1.0]]),
-        lambda: Manner(share=0.0),
-        lambda: Manner(dwell=-1.0),
-        lambda: Manner(path="curve"),  # type: ignore[arg-type]
+        lambda: ToolGuidance(share=0.0),
+        lambda: ToolGuidance(dwell=-1.0),
+        lambda: ToolGuidance(path="curve"),  # type: ignore[arg-type]
         lambda: ToolLimits(speed=0.0),
     ):
         with pytest.raises(DataError) as error:

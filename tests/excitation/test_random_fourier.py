@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from steelyard.excitation.limits import MotionLimits, motion_limits
-from steelyard.excitation.trajectories.random_fourier import random_fourier
+from steelyard.excite.constraints.constraint import MotionLimits, motion_limits
+from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.robot.robot import Body, Coordinate, Limits, Robot
 
 LIMITS = (

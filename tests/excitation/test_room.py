@@ -8,17 +8,16 @@ import pytest
 from closed_chains import five_bar
 from excitation.colliding import ARM_WITHOUT, distances, link, postures, ur10, urdf, waves, written
 from excitation.tabled import OPEN, arm, model_of, problem_of, some_motion
-from steelyard.errors import ModelError
-from steelyard.excitation.collision.room import RESERVE, Room
-from steelyard.excitation.constraints.certificate import certify
-from steelyard.excitation.from_tables import build
-from steelyard.excitation.shapes.solids import Ball, Box, Capsule
-from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.excitation.uncovered import Declined, Gap
-from steelyard.excitation.workspace_tables import up_of
-from steelyard.robot_file.file import load_robot
-from steelyard.virtual.demo import _above_table, write_demo_arm
+from steelyard.base.errors import ModelError
+from steelyard.excite.collision.cell import WALL_RESERVE, Room, up_of
+from steelyard.excite.collision.solids import Ball, Box, Capsule
+from steelyard.excite.constraints.certificate import certify
+from steelyard.excite.constraints.constraint import Declined, Gap
+from steelyard.excite.problem_from_tables import build
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.simulate.demo import _above_table, write_demo_arm
 
 ANY = f'{OPEN}[excitation.limits]\neffort = "any"\n[excitation.workspace]\n'
 WALLS = """floor = -0.1
@@ -37,7 +36,7 @@ def test_margins_are_distances_by_coal(tmp_path: Path) -> None:
     found = room(tmp_path, WALLS)
     q = postures(found.robot, 40)
     still = np.zeros_like(q)
-    values = found.margins(q, still, still).values + RESERVE
+    values = found.margins(q, still, still).values + WALL_RESERVE
     for k, pair in enumerate(found.pairs):
         apart = [distances(found.robot, found.scene.shapes, way, q) for way in pair.shapes]
         expected = np.min(apart, axis=0)
@@ -290,7 +289,7 @@ def test_closed_chains_are_refused(tmp_path: Path) -> None:
     from dataclasses import replace
 
     loaded = replace(arm(tmp_path, ANY + "floor = 0.0\n"), robot=five_bar())
-    from steelyard.excitation.workspace_tables import workspace_of
+    from steelyard.excite.collision.cell import workspace_of
 
     with pytest.raises(ModelError, match="closed chains") as caught:
         workspace_of(loaded, ())

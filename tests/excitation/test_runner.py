@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from excitation.tabled import OPEN, arm, model_of, searching_here
-from steelyard.errors import DataError
-from steelyard.excitation.from_tables import Recipe, build
-from steelyard.excitation.search import parallel_search
-from steelyard.excitation.search.parallel_search import SearchBudget, SearchResult, harvested
-from steelyard.progress import Event, Progress, Stopped, silent
+from steelyard.base.errors import DataError
+from steelyard.base.progress import Event, Progress, Stopped, silent
+from steelyard.excite.problem_from_tables import Recipe, build
+from steelyard.excite.search import parallel_search
+from steelyard.excite.search.parallel_search import SearchBudget, SearchResult, search_in_parallel
 
 pytestmark = pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at processes in /proc")
 
@@ -35,7 +35,9 @@ def harvest(
 ) -> SearchResult:
     loaded = arm(folder, TABLES)
     model = model_of(loaded)
-    return harvested(Recipe.of(loaded, model), build(loaded, model), method, effort, progress)
+    return search_in_parallel(
+        Recipe.of(loaded, model), build(loaded, model), method, effort, progress
+    )
 
 
 def workers() -> list[int]:
@@ -143,7 +145,7 @@ def test_an_error_in_a_worker_is_reported(tmp_path: Path) -> None:
     recipe, problem = Recipe.of(loaded, model), build(loaded, model)
     (tmp_path / "arm.urdf").unlink()
     with pytest.raises(DataError, match="does not exist"):
-        harvested(recipe, problem, "gradient", SearchBudget(60.0))
+        search_in_parallel(recipe, problem, "gradient", SearchBudget(60.0))
 
 
 def test_a_flaw_in_a_worker_is_reported_with_its_traceback(tmp_path: Path) -> None:
@@ -151,7 +153,7 @@ def test_a_flaw_in_a_worker_is_reported_with_its_traceback(tmp_path: Path) -> No
     model = model_of(loaded)
     broken = Recipe(str(loaded.sources[0].path), (), {"limits": 3})
     with pytest.raises(RuntimeError, match="ValidationError"):
-        harvested(broken, build(loaded, model), "gradient", SearchBudget(60.0))
+        search_in_parallel(broken, build(loaded, model), "gradient", SearchBudget(60.0))
 
 
 def task(folder: Path, searches: int | None, seconds: float = 60.0) -> str:
@@ -164,7 +166,7 @@ def task(folder: Path, searches: int | None, seconds: float = 60.0) -> str:
 
 def worker() -> "subprocess.Popen[str]":
     return subprocess.Popen(
-        [sys.executable, "-m", "steelyard.excitation.search.worker"],
+        [sys.executable, "-m", "steelyard.excite.search.worker"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -203,10 +205,10 @@ def test_a_worker_that_is_done_says_nothing_else(tmp_path: Path) -> None:
 
 SCRIPT = """
 import sys
-from steelyard.identification.logs import model_of
-from steelyard.excitation.design import design
-from steelyard.excitation.search.parallel_search import SearchBudget
-from steelyard.robot_file.file import load_robot
+from steelyard.identify.scores import model_of
+from steelyard.excite.design import design
+from steelyard.excite.search.parallel_search import SearchBudget
+from steelyard.robot.file.robot_file import load_robot
 
 loaded = load_robot("arm.toml")
 found = design(loaded, model_of(loaded), SearchBudget(60.0, searches=1))

@@ -8,14 +8,12 @@ import pytest
 
 import closed_chains
 from excitation.colliding import SNAKE, joint, link, panda, snake, urdf, written
-from steelyard.errors import ModelError
-from steelyard.excitation.collision.collision import self_clearance
-from steelyard.excitation.shapes.model_shapes import robot_shapes, world_shapes
-from steelyard.excitation.shapes.shapes import obstacle, placed, wall
-from steelyard.excitation.shapes.solids import (
-    Ball,
-)
-from steelyard.robot_file.file import load_robot
+from steelyard.base.errors import ModelError
+from steelyard.excite.collision.collision import self_clearance
+from steelyard.excite.collision.model_shapes import robot_shapes, world_shapes
+from steelyard.excite.collision.shapes import obstacle, placed, wall
+from steelyard.excite.collision.solids import Ball
+from steelyard.robot.file.robot_file import load_robot
 
 BOMB = """<?xml version="1.0"?><!DOCTYPE robot [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;">]>
 <{0} name="&b;"/>"""

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from excitation.tabled import OPEN, arm, designed
-from steelyard.excitation import advice
-from steelyard.excitation.predicted_accuracy import deviations
-from steelyard.identification.motion.design import DesignedMotion
+from steelyard.excite import designed as advice
+from steelyard.excite.designed import deviations
+from steelyard.excite.excite import DesignedMotion
 
 ANY = f'{OPEN}[excitation.limits]\neffort = "any"\n'
 
@@ -37,7 +37,7 @@ def test_what_is_not_distinguished_is_infinite_and_the_rest_is_not() -> None:
 
 
 def test_prior_information_makes_the_unseen_known() -> None:
-    from steelyard.excitation.predicted_accuracy import PredictedAccuracy
+    from steelyard.excite.designed import PredictedAccuracy
 
     gram = np.diag([4.0, 0.0])
     shown = PredictedAccuracy(("a", "b"), ("", ""), gram, 1.0, 1.0, 1.0, np.ones(2))
@@ -70,7 +70,7 @@ def test_other_motions_of_many_joints_are_looked_at_in_few_samples(
 ) -> None:
     tables = f"{ANY}[excitation.motion]\nperiod = 4.0\nharmonics = 3\n"
     wide = designed(tmp_path, tables).advice[1]
-    monkeypatch.setattr(advice, "ENOUGH", 400)
+    monkeypatch.setattr(advice, "ENOUGH_ADVICE_SAMPLES", 400)
     few = designed(tmp_path, tables).advice[1]
     assert wide.seconds == few.seconds > 400 / advice.SAMPLES_A_SECOND
     np.testing.assert_allclose(few.std, wide.std, rtol=0.05)

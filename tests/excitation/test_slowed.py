@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from excitation.exportable import Jumps, Swings, arm
-from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.excitation.trajectories.files import trajectory_from_dict
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.excitation.trajectories.slowed import SlowedMotion
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.excite.trajectories.trajectory import ExactTrajectory, SlowedMotion
+from steelyard.excite.trajectories.trajectory_files import trajectory_from_dict
 
 
 @pytest.mark.parametrize("motion", [Swings(), Jumps()])

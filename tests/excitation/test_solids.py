@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from steelyard.excitation.shapes.solids import (
-    FLAT,
+from steelyard.excite.collision.solids import (
+    FLAT_HULL_THICKNESS,
     Ball,
     Box,
     Capsule,
@@ -61,8 +61,8 @@ def test_the_farthest_point_is_of_the_solid_and_none_is_farther(solid: Solid) ->
 def test_a_hull_without_volume_is_thickened() -> None:
     plate = Hull([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
     up = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
-    np.testing.assert_allclose(height(plate, up), [FLAT, 1.0 + FLAT])
-    assert height(Hull([[0, 0, 0.5]]), up)[0] == pytest.approx(0.5 + FLAT)
+    np.testing.assert_allclose(height(plate, up), [FLAT_HULL_THICKNESS, 1.0 + FLAT_HULL_THICKNESS])
+    assert height(Hull([[0, 0, 0.5]]), up)[0] == pytest.approx(0.5 + FLAT_HULL_THICKNESS)
 
 
 @pytest.mark.parametrize(

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from designing import END, FAMILIES, MIDDLE, START, box, limits, problem, torques
-from steelyard.arrays import Array
-from steelyard.errors import DataError
-from steelyard.excitation.constraints.constraint import Constraint, Margins
-from steelyard.excitation.search.starts import (
-    ATTEMPTS,
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.base.progress import Progress, silent
+from steelyard.excite.constraints.constraint import Constraint, Margins
+from steelyard.excite.search.starts import (
+    POSTURE_ATTEMPTS,
     nearest_free,
     postures,
     random_starts,
     standing,
     widened,
 )
-from steelyard.excitation.trajectories.exact import ExactTrajectory
-from steelyard.progress import Progress, silent
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
 
 CONSTRAINTS: dict[str, list[Constraint]] = {
     "none": [],
@@ -177,8 +177,8 @@ def test_postures_are_drawn_near_the_middle_and_then_everywhere() -> None:
     assert reach[:200].max() < 0.4 < 0.9 < reach[200:].max() <= 0.95
     assert reach[:200].max() > 0.39
     constrained = list(postures(bounds, [box(0.3)], np.random.default_rng(0)))
-    assert len(constrained) == ATTEMPTS
+    assert len(constrained) == POSTURE_ATTEMPTS
     free = [p for p in constrained if not p.lacks]
-    assert len(free) > ATTEMPTS // 2
+    assert len(free) > POSTURE_ATTEMPTS // 2
     for place in free:
         assert not standing([box(0.3)], place.posture).lacks

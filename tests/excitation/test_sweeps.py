@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from steelyard.errors import DataError
-from steelyard.excitation.limits import MotionLimits
-from steelyard.excitation.planned.sweeps import friction_sweeps, static_postures
-from steelyard.excitation.trajectories.piecewise import PiecewiseMotion
+from steelyard.base.errors import DataError
+from steelyard.excite.constraints.constraint import MotionLimits
+from steelyard.excite.planned.sweeps import friction_sweeps, static_postures
+from steelyard.excite.trajectories.polynomials import PiecewiseMotion
 
 LIMITS = MotionLimits(
     [-2.9, -0.3, 0.0, -0.05], [2.9, 0.3, 4.0, 0.4], [2.2, 2.2, 1.0, 0.2], [15.0, 7.5, 1.0, 0.5]

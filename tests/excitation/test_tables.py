@@ -9,12 +9,12 @@ import pytest
 from excitation.colliding import link, urdf, written
 from excitation.tabled import OPEN, arm, designed, model_of, problem_of
 from oracles import body_positions, pinocchio_model, pinocchio_torque
-from steelyard.arrays import Array
-from steelyard.errors import ModelError
-from steelyard.excitation.constraints.constraint import Constraint
-from steelyard.excitation.from_tables import build
-from steelyard.excitation.search.register import METHODS
-from steelyard.kernel.quantities.kinematics import frame_of
+from steelyard.base.arrays import Array
+from steelyard.base.errors import ModelError
+from steelyard.excite.constraints.constraint import Constraint
+from steelyard.excite.problem_from_tables import build
+from steelyard.excite.search.population import METHODS
+from steelyard.model.equations.kinematics import frame_of
 from steelyard.robot.robot import Robot
 
 Q, DQ, DDQ = np.array([[0.4, -0.6, 0.9], [0.3, -0.5, 0.8], [1.0, -2.0, 0.7]])[:, None, :]

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from closed_chains import Oracle, bar, five_bar, palletizer, parallelogram
-from steelyard.arrays import Array
-from steelyard.errors import DataError, ModelError
-from steelyard.excitation.limits import MotionLimits, motion_limits
-from steelyard.excitation.planned.along_path import PathMotion, along_path
-from steelyard.excitation.planned.follow import Astray
-from steelyard.excitation.planned.tool_paths import (
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError, ModelError
+from steelyard.excite.constraints.constraint import MotionLimits, motion_limits
+from steelyard.excite.planned.along_path import PathMotion, along_path
+from steelyard.excite.planned.postures import UnfollowableWay
+from steelyard.excite.planned.tool_paths import (
     Circle,
     Reaches,
     ToolPath,
@@ -20,8 +20,8 @@ from steelyard.excitation.planned.tool_paths import (
     out_and_back,
     plane_axes,
 )
-from steelyard.kernel.quantities.passive_joints import passive_positions
-from steelyard.robot.inertia import Inertia
+from steelyard.model.equations.passive_joints import passive_positions
+from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Coordinate, Frame, Limits, Robot
 from tooled import DOWN, arm
 
@@ -247,16 +247,16 @@ def planar(reach: float = 2.0) -> tuple[Robot, MotionLimits]:
 def test_a_path_that_leaves_the_plane_or_the_reach_says_where() -> None:
     robot, limits = planar()
     with pytest.raises(
-        Astray, match=r"start of the path is out of reach: .* found is 0\.05 m"
+        UnfollowableWay, match=r"start of the path is out of reach: .* found is 0\.05 m"
     ) as e:
         along_path(robot, limits, "tip", circle(centre=[0.3, 0.0, 0.05], normal=UP))
     assert "frame 'tip' of robot 'planar', at (0.392, 0.039, 0.050) m, t = 0.000 s" == e.value.where
     far = Reaches(np.array([[0.4, 0.0, 0.0], [0.7, 0.0, 0.0]]), 1.0, 0.0)
-    with pytest.raises(Astray, match="singular there|out of reach") as e:
+    with pytest.raises(UnfollowableWay, match="singular there|out of reach") as e:
         along_path(robot, limits, "tip", far)
     assert 0.5 < e.value.progress < 0.7 and "at (0.6" in e.value.where
     tilted = circle(centre=[0.3, 0.0, 0.0], normal=[0.1, 0.0, 1.0], angle=np.pi / 2)
-    with pytest.raises(Astray, match="out of reach"):
+    with pytest.raises(UnfollowableWay, match="out of reach"):
         along_path(robot, limits, "tip", tilted)
 
 
@@ -264,11 +264,11 @@ def test_a_path_through_a_singular_posture_is_refused_there() -> None:
     """Through the base: the first joint would have to turn at once."""
     robot, limits = planar(np.pi)
     path = Reaches(np.array([[0.3, 1e-5, 0.0], [-0.3, 1e-5, 0.0]]), 1.0, 0.0)
-    with pytest.raises(Astray, match="singular there|move too fast") as error:
+    with pytest.raises(UnfollowableWay, match="singular there|move too fast") as error:
         along_path(robot, limits, "tip", path)
     assert error.value.progress == pytest.approx(0.5, abs=0.05)
     start = Reaches(np.array([[0.6, 0.0, 0.0], [0.4, 0.0, 0.0]]), 1.0, 0.0)
-    with pytest.raises(Astray, match="the posture at the start of the path is singular"):
+    with pytest.raises(UnfollowableWay, match="the posture at the start of the path is singular"):
         along_path(robot, limits, "tip", start)
 
 
@@ -276,7 +276,9 @@ def test_a_joint_at_its_limit_is_named() -> None:
     robot, _ = planar()
     ranges = MotionLimits([-2.0, -2.0], [0.5, 2.0], [3.0, 3.0], [5.0, 5.0])
     path = circle(centre=[0.0, 0.0, 0.0], radius=0.4, normal=UP, angle=0.0)
-    with pytest.raises(Astray, match="joint 'near_joint' exceeds its upper limit of 0.5 rad there"):
+    with pytest.raises(
+        UnfollowableWay, match="joint 'near_joint' exceeds its upper limit of 0.5 rad there"
+    ):
         along_path(robot, ranges, "tip", path)
 
 

@@ -9,33 +9,32 @@ from closed_chains import five_bar
 from exact_motions import MAKERS
 from invented import ball, dh_arm, measured, mimic, tree
 from oracles import pinocchio_torque
-from steelyard.arrays import Array
-from steelyard.errors import ModelError
-from steelyard.excitation.constraints.torque import (
-    TOLERANCE,
+from steelyard.base.arrays import Array, Parameters
+from steelyard.base.errors import ModelError
+from steelyard.base.motion import Motion
+from steelyard.excite.constraints.torque import (
+    TORQUE_TOLERANCE,
     EffortLimit,
     loaded,
     power_limit,
     torque_limit,
 )
-from steelyard.excitation.trajectories.fourier import FourierMotion
-from steelyard.model import Model, ValuedModel
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
-from steelyard.robot.inertia import Inertia
+from steelyard.excite.trajectories.fourier import FourierMotion
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.coupled import Coupled
+from steelyard.model.laws.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.model.laws.offset import Offset
+from steelyard.model.laws.powers import Cubic, Quadratic, Root
+from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.rotor_inertia import RotorInertia
+from steelyard.model.laws.spring import Spring
+from steelyard.model.laws.stribeck import Stribeck
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model, ValuedModel
+from steelyard.model.terms.term import Term
+from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Body, Robot
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.coupled import Coupled
-from steelyard.terms.laws.directional import DirectionalCoulomb, DirectionalViscous
-from steelyard.terms.laws.offset import Offset
-from steelyard.terms.laws.powers import Cubic, Quadratic, Root
-from steelyard.terms.laws.presliding import Dahl
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.rotor_inertia import RotorInertia
-from steelyard.terms.laws.spring import Spring
-from steelyard.terms.laws.stribeck import Stribeck
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.term import Term
 
 LAWS: dict[str, tuple[Term, ...]] = {
     "plain": (RotorInertia(), Coulomb(), Viscous(), Offset()),
@@ -174,7 +173,7 @@ def test_proofs_hold_and_are_near(make, power: bool) -> None:
     sampled = limit.margins(*states).values.min(axis=0)
     proven = limit.proven(motion)
     assert np.all(proven <= sampled + 1e-9 * np.tile(limits, 2))
-    assert np.all(sampled - proven <= 3.0 * TOLERANCE * np.tile(limits, 2))
+    assert np.all(sampled - proven <= 3.0 * TORQUE_TOLERANCE * np.tile(limits, 2))
 
 
 @pytest.mark.parametrize("laws", LAWS)

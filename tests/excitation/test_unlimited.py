@@ -7,15 +7,15 @@ import pytest
 from excitation.colliding import written
 from excitation.tabled import ARM, OPEN, arm, model_of, problem_of
 from excitation.test_criterion_table import earlier
-from steelyard.errors import ModelError, OutputError
-from steelyard.excitation.constraints.torque import EffortLimit
-from steelyard.excitation.design import design
-from steelyard.excitation.from_tables import build
-from steelyard.excitation.problem import Problem
-from steelyard.excitation.search.parallel_search import SearchBudget
-from steelyard.excitation.uncovered import Declined
-from steelyard.identification.motion.excitation_inputs import refuse_formats
-from steelyard.robot_file.file import load_robot
+from steelyard.base.errors import ModelError, OutputError
+from steelyard.excite.constraints.constraint import Declined
+from steelyard.excite.constraints.torque import EffortLimit
+from steelyard.excite.design import design
+from steelyard.excite.excite import refuse_formats
+from steelyard.excite.problem import Problem
+from steelyard.excite.problem_from_tables import build
+from steelyard.excite.search.parallel_search import SearchBudget
+from steelyard.robot.file.robot_file import load_robot
 
 COMPENSATED = """[signals]
 time = "t"

@@ -9,13 +9,12 @@ import pytest
 from exact_motions import MAKERS
 from invented import dh_arm, measured, tree
 from oracles import pinocchio_model
-from steelyard.arrays import Array
-from steelyard.errors import ModelError
-from steelyard.excitation.constraints.constraint import Constraint
-from steelyard.excitation.constraints.keep_out import box_distance, keep_out
-from steelyard.excitation.constraints.markers import TOLERANCE, Marker
-from steelyard.excitation.constraints.workspace import planes, tool_box
-from steelyard.excitation.trajectories.fourier import FourierMotion
+from steelyard.base.arrays import Array
+from steelyard.base.errors import ModelError
+from steelyard.excite.constraints.constraint import Constraint
+from steelyard.excite.constraints.markers import MARKER_TOLERANCE, Marker
+from steelyard.excite.constraints.workspace import box_distance, keep_out, planes, tool_box
+from steelyard.excite.trajectories.fourier import FourierMotion
 from steelyard.robot.robot import Frame, Robot
 
 OFFSET = (0.02, -0.03, 0.1)
@@ -98,7 +97,7 @@ def test_proofs_hold_and_are_near(make, kind: int) -> None:
     t = np.linspace(0.0, motion.duration, 100_000)
     sampled = constraint.margins(motion.derivative(t, 0), t, t).values.min(axis=0)
     assert np.all(proven <= sampled)
-    assert np.all(sampled - proven <= 1.2 * TOLERANCE)
+    assert np.all(sampled - proven <= 1.2 * MARKER_TOLERANCE)
 
 
 def test_panda_in_its_box() -> None:
@@ -113,7 +112,7 @@ def test_panda_in_its_box() -> None:
     assert perf_counter() - begun < 0.3
     t = np.linspace(0.0, 10.0, 100_000)
     sampled = box.margins(motion.derivative(t, 0), t, t).values.min(axis=0)
-    assert np.all(proven <= sampled) and np.all(sampled - proven < TOLERANCE)
+    assert np.all(proven <= sampled) and np.all(sampled - proven < MARKER_TOLERANCE)
     assert proven.min() < 0.0, "this motion leaves its box, and the proof must say so"
 
 

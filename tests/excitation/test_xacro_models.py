@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from steelyard.excitation.collision.pairs import find_srdf
-from steelyard.excitation.shapes.model_shapes import world_shapes
-from steelyard.robot_file.file import load_robot
+from steelyard.excite.collision.model_shapes import world_shapes
+from steelyard.excite.collision.pairs import find_srdf
+from steelyard.robot.file.robot_file import load_robot
 
 CELL = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="cell">
 <xacro:property name="size" value="0.5"/><link name="table"><collision><geometry>

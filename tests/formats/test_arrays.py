@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 import scipy.io
 
-from steelyard.errors import LogError
-from steelyard.formats import open_log
-from steelyard.formats.arrays.arrays_log import ArraysLog
+from steelyard.base.errors import LogError
+from steelyard.logs.formats import open_log
+from steelyard.logs.named_arrays import ArraysLog
 
 N = 40
 T = 0.01 * np.arange(N)
@@ -323,13 +323,13 @@ def test_a_crash_of_the_hdf5_library_is_an_error(
     path = of_hdf5(tmp_path / "run", {"t": T})
     log = opened(path)
     code = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
-    monkeypatch.setattr("steelyard.formats.arrays.hdf5.CHILD", (*_python(), "-c", code))
+    monkeypatch.setattr("steelyard.logs.hdf5_matlab.CHILD", (*_python(), "-c", code))
     with pytest.raises(LogError, match="the HDF5 library crashed on it"):
         list(log.parts(("t",)))
 
 
 def _python() -> tuple[str, ...]:
-    from steelyard.formats.arrays.hdf5 import CHILD
+    from steelyard.logs.hdf5_matlab import CHILD
 
     return CHILD[:1]
 

@@ -18,10 +18,10 @@ from bag_writers import (
     write_bag2,
     write_mcap,
 )
-from steelyard.errors import LogError
-from steelyard.formats import open_log
-from steelyard.formats.log import Log
-from steelyard.formats.messages.message_log import topics
+from steelyard.base.errors import LogError
+from steelyard.logs.formats import open_log
+from steelyard.logs.log import Log
+from steelyard.logs.messages.message_log import topics
 
 NAMES = tuple(f"arm_{k}_joint" for k in range(1, 7))
 JOINTS = tuple(

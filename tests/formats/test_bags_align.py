@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bag_writers import floats, in_order, joint_state, wrench, write_bag1, write_bag2, write_mcap
-from steelyard.formats import open_log
-from steelyard.formats.messages.align import KEPT, Track
+from steelyard.logs.formats import open_log
+from steelyard.logs.messages.message_log import SAMPLES_KEPT_BEHIND, Track
 
 MS = 1_000_000
 Q, FX = "/joint_states/position/a", "/wrench/wrench/force/x"
@@ -130,4 +130,4 @@ def test_memory_is_bounded_however_long_the_rows_pause() -> None:
     other.at(199.0, 199.0)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert peak < 100_000 + 10 * KEPT * 8 * 10
+    assert peak < 100_000 + 10 * SAMPLES_KEPT_BEHIND * 8 * 10

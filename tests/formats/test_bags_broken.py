@@ -29,9 +29,9 @@ from bag_writers import (
     write_bag2,
     write_mcap,
 )
-from steelyard.errors import LogError
-from steelyard.formats import open_log
-from steelyard.formats.messages.byte_streams import RATIO, SPARE
+from steelyard.base.errors import LogError
+from steelyard.logs.formats import open_log
+from steelyard.logs.messages.byte_streams import RATIO, SPARE
 
 COLUMNS = ("/joint_states/stamp", "/joint_states/position/a", "/wrench/wrench/force/x")
 COUNT = 40
@@ -210,7 +210,7 @@ def test_a_packed_bag_that_unpacks_without_end_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """rosbags' reader fills the disk with it."""
-    monkeypatch.setattr("steelyard.formats.messages.byte_streams.SPARE", 1 << 20)
+    monkeypatch.setattr("steelyard.logs.messages.byte_streams.SPARE", 1 << 20)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     path = tmp_path / "run.db3.zstd"
     path.write_bytes(zeros("zstd", 64 << 20))
@@ -277,7 +277,7 @@ READ_IN_LITTLE = """
     import resource, sys
     from pathlib import Path
     import rosbags.typesys, mcap.records, zstandard, lz4.frame
-    from steelyard.errors import LogError
+    from steelyard.base.errors import LogError
     from steelyard.formats import open_log
     now = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (now + (64 << 20), now + (64 << 20)))

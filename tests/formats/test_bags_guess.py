@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from bag_writers import floats, in_order, joint_state, write_mcap
-from steelyard.formats import open_log
+from steelyard.logs.formats import open_log
+from steelyard.robot.init.column_names import Column
+from steelyard.robot.init.guess_columns import guess_columns
+from steelyard.robot.init.guess_motion import guess_time
 from steelyard.robot.robot import Coordinate
-from steelyard.robot_file.column_names import Column
-from steelyard.robot_file.template.guess_columns import guess_columns
-from steelyard.robot_file.template.guess_time import guess_time
 
 NAMES = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint")
 JOINTS = tuple(Coordinate(name, "revolute") for name in NAMES)

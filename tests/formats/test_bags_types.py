@@ -12,9 +12,9 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from bag_writers import FLOATS, ROS2, Note, joint_state, message, write_json_mcap, write_mcap
-from steelyard.errors import LogError
-from steelyard.formats import open_log
-from steelyard.formats.messages.message_log import topics
+from steelyard.base.errors import LogError
+from steelyard.logs.formats import open_log
+from steelyard.logs.messages.message_log import topics
 
 DRIVES = """
 std_msgs/Header header

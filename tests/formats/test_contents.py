@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steelyard.errors import LogError
-from steelyard.formats import Cut, open_log
-from steelyard.formats.contents import content_of, kind_of
-from steelyard.formats.window import windowed
-from steelyard.progress import Event, Stopped
+from steelyard.base.errors import LogError
+from steelyard.base.progress import Event, Stopped
+from steelyard.logs.contents import content_of, kind_of, windowed
+from steelyard.logs.formats import open_log
+from steelyard.logs.log import Cut
 
 
 @pytest.fixture

@@ -3,8 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from steelyard.errors import LogError
-from steelyard.formats import Cut, parse_log_argument
+from steelyard.base.errors import LogError
+from steelyard.logs.log import Cut, parse_log_argument
 
 
 @pytest.mark.parametrize(

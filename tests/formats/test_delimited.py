@@ -4,11 +4,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steelyard.errors import LogError
-from steelyard.formats import open_log
-from steelyard.formats.tables import delimited as delimited_module
+from steelyard.base.errors import LogError
+from steelyard.logs import text_table as delimited_module
+from steelyard.logs.formats import open_log
+from steelyard.robot.init.guess_columns import guess_columns
 from steelyard.robot.robot import Coordinate
-from steelyard.robot_file.template.guess_columns import guess_columns
 
 NAN = np.nan
 

@@ -10,9 +10,9 @@ import scipy.io
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from steelyard.errors import LogError
-from steelyard.formats import FORMATS, open_log
-from steelyard.formats.log import Log
+from steelyard.base.errors import LogError
+from steelyard.logs.formats import FORMATS, open_log
+from steelyard.logs.log import Log
 
 COLUMNS = ("time_s", "q1_rad", "q2_rad", "current1_A")
 TABLE = np.arange(240.0).reshape(60, 4) / 7.0

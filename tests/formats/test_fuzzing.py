@@ -12,8 +12,8 @@ import scipy.io
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from steelyard.errors import LogError
-from steelyard.formats import open_log
+from steelyard.base.errors import LogError
+from steelyard.logs.formats import open_log
 
 TABLE = np.random.default_rng(0).normal(size=(40, 4))
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from steelyard.formats import open_log
-from steelyard.formats.numbered import Numbered
-from steelyard.robot_file.signals import ROW
+from steelyard.logs.formats import open_log
+from steelyard.logs.log import Numbered
+from steelyard.robot.file.signals import ROW
 
 
 def test_rows_are_numbered_from_the_first_whatever_is_read(tmp_path: Path) -> None:

@@ -4,8 +4,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from steelyard.errors import LogError
-from steelyard.formats import open_log
+from steelyard.base.errors import LogError
+from steelyard.logs.formats import open_log
 
 
 def test_numbers_of_every_kind_become_floats(tmp_path: Path) -> None:

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from steelyard.errors import LogError
-from steelyard.formats.tables.parquet_folder import PartitionedParquet
+from steelyard.base.errors import LogError
+from steelyard.logs.parquet import PartitionedParquet
 
 LENGTHS = (13, 1, 0, 20, 6)
 TABLE = np.arange(2.0 * sum(LENGTHS)).reshape(-1, 2)

@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 
 from bag_writers import joint_state, write_mcap
-from steelyard.arrays import Array
-from steelyard.errors import LogError
-from steelyard.formats.register import open_log
-from steelyard.formats.streams.lines import Lines
-from steelyard.formats.streams.pieces import file_pieces, pipe_pieces
-from steelyard.formats.streams.source import BATCH, rows_of
+from steelyard.base.arrays import Array
+from steelyard.base.errors import LogError
+from steelyard.logs.formats import open_log
+from steelyard.logs.streams import BATCH_ROWS, Lines, file_pieces, pipe_pieces, rows_of
 
 WANTED = ("t", "b")
 TABLE = b"Recorder 3.1\ngain 2\n# free text\nt,a,b\n0,1,2\n0.1,1.5,3\n\n0.2,x,\n0.3,1,4\n0.4,1"
@@ -155,7 +153,7 @@ def test_mcap_that_grows_has_the_rows_of_the_finished_file(
     waiting = appended(path, cut(data[3:], 2777))
     parts = list(rows_of(str(path), COLUMNS, waiting, no_input))
     assert np.array_equal(np.concatenate(parts), wanted, equal_nan=True)
-    assert len(wanted) == 400 and max(map(len, parts)) <= BATCH
+    assert len(wanted) == 400 and max(map(len, parts)) <= BATCH_ROWS
 
 
 def test_mcap_that_ends_in_the_middle_gives_what_is_there(tmp_path: Path) -> None:

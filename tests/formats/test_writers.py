@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from bag_writers import joint_state, write_bag2
-from steelyard.errors import OutputError
-from steelyard.formats import open_log
-from steelyard.formats.writers import WRITERS, matlab_names, parquet, writer_for
+from steelyard.base.errors import OutputError
+from steelyard.logs.formats import WRITERS, matlab_names, open_log, parquet, writer_for
 
 COLUMNS = ("t", "q_1", "q, in \"rad\"")  # fmt: skip
 SUFFIXES = sorted(WRITERS)

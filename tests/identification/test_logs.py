@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from steelyard.errors import OutputError
-from steelyard.files import new_folder
+from steelyard.base.errors import OutputError
+from steelyard.base.files import new_folder
 
 
 def test_default_folders_are_numbered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,15 +9,15 @@ import pytest
 
 import steelyard
 from small_arm import URDF
-from steelyard.errors import ModelError, SteelyardError
-from steelyard.estimation.register import ESTIMATORS
-from steelyard.excitation.trajectories.files import write_motion
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.identification.fitting.fitting import _method
-from steelyard.identification.identify import Identification
-from steelyard.identification.method import Sources
-from steelyard.progress import silent
-from steelyard.regression.regressor import base_regressor
+from steelyard.base.errors import ModelError, SteelyardError
+from steelyard.base.progress import silent
+from steelyard.estimate.estimators import ESTIMATORS
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.requested_estimator import Sources
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.excite.trajectories.trajectory_files import write_motion
+from steelyard.identify.fit import _method
+from steelyard.identify.identify import Identification
 
 BODIES = {"consistent", "pullback", "SDP", "log-Cholesky"}
 """Estimators that give values of all standard parameters."""

@@ -6,13 +6,12 @@ import polars as pl
 import pytest
 
 from short_arm import without_wrist
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.identification.proposed_cut import Parted, parted
-from steelyard.motion import run
+from steelyard.base.motion import run
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.identify.validation_data import ProposedCut, propose_cut
 from steelyard.robot.robot import Robot
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.robot import VirtualRobot
-from steelyard.virtual.simulate import customary_sensors
+from steelyard.simulate.truth import random_truth
+from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 
 
 def recorded(robot: Robot, period: float, periods: int, folder: Path) -> Path:
@@ -29,7 +28,7 @@ def test_the_second_part_ends_with_the_first_round(
 ) -> None:
     robot = without_wrist(tmp_path)
     log = recorded(robot.robot, period, periods, tmp_path)
-    found = parted(robot, [str(log)])
+    found = propose_cut(robot, [str(log)])
     first, second = found.logs
     assert first.startswith(f"{log}@0:") and second.startswith(f"{log}@{first.rsplit(':')[-1]}:")
     end = float(second.rsplit(":")[-1])
@@ -38,13 +37,13 @@ def test_the_second_part_ends_with_the_first_round(
         f"rows after {end:g} s are left out: the motion repeats" if periods > 1 else ""
     )
     assert float(first.rsplit(":")[-1]) == pytest.approx(1.0 + 0.7 * period, abs=0.3)
-    assert parted(robot, [f"{log}@{second.rsplit('@')[-1]}"]) == Parted((second,))
+    assert propose_cut(robot, [f"{log}@{second.rsplit('@')[-1]}"]) == ProposedCut((second,))
 
 
 def test_a_log_whose_motion_repeats_early_is_left_whole(tmp_path: Path) -> None:
     robot = without_wrist(tmp_path)
     log = recorded(robot.robot, 2.0, 5, tmp_path)
-    assert parted(robot, [str(log)]) == Parted((str(log),))
+    assert propose_cut(robot, [str(log)]) == ProposedCut((str(log),))
 
 
 def test_a_long_rest_before_the_motion_counts_for_neither_part(tmp_path: Path) -> None:
@@ -57,7 +56,7 @@ def test_a_long_rest_before_the_motion_counts_for_neither_part(tmp_path: Path) -
         [rows[-1:].with_columns(pl.lit(41.1 + 0.01 * k).alias("time_s")) for k in range(500)]
     )
     pl.concat([rest, later, still]).write_csv(log)
-    found = parted(robot, [str(log)])
+    found = propose_cut(robot, [str(log)])
     first, second = found.logs
     begin, end = (float(x) for x in second.rpartition("@")[2].split(":"))
     assert found.ends == f"rows after {end:g} s are left out: no joint moves"

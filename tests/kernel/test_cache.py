@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import steelyard
-from steelyard.kernel.native import cache, compiled, machine
-from steelyard.kernel.program.program import Array, Program, Step
+from steelyard.symbolic.native import cache, compiled, machine
+from steelyard.symbolic.program import InputArray, Program, Step
 
-DOUBLE = Program((Array("x", 1),), (Step("input", (0, 0)), Step("add", (0, 0))), (1,))
+DOUBLE = Program((InputArray("x", 1),), (Step("input", (0, 0)), Step("add", (0, 0))), (1,))
 
 
 @pytest.fixture

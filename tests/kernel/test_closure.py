@@ -3,29 +3,28 @@ import pytest
 
 from closed_chains import CHAINS, Oracle, five_bar, independent_path, parallelogram, slider_crank
 from invented import ball
-from steelyard.arrays import Array
-from steelyard.errors import DataError
-from steelyard.kernel.equations import small_systems
-from steelyard.kernel.equations.closed_chains import completed
-from steelyard.kernel.equations.dynamics import JointState
-from steelyard.kernel.program import numpy_backend
-from steelyard.kernel.program.program import Array as Input
-from steelyard.kernel.program.trace import symbolic
-from steelyard.kernel.quantities.passive_joints import (
+from steelyard.base.arrays import Array, Parameters
+from steelyard.base.errors import DataError
+from steelyard.base.motion import Motion
+from steelyard.estimate.information.base_parameters import base_parameters, full_regressor
+from steelyard.estimate.information.regressor import standard_regressor
+from steelyard.model.equations import closed_chains as small_systems
+from steelyard.model.equations.closed_chains import completed
+from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.equations.passive_joints import (
     Follower,
     all_joints,
     newton_code,
     random_positions,
 )
-from steelyard.model import Model
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
-from steelyard.regression.base import base_parameters, full_regressor
-from steelyard.regression.regressor import standard_regressor
-from steelyard.robot.loop_equations import gaps, loop_equations
-from steelyard.robot.robot import Coordinate, Limits, Loop, Robot
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.viscous import Viscous
+from steelyard.model.equations.trace import symbolic
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.robot.loop_closures import gaps, loop_equations
+from steelyard.robot.robot import Coordinate, Limits, LoopClosure, Robot
+from steelyard.symbolic import program as numpy_backend
+from steelyard.symbolic.program import InputArray as Input
 
 REACH = 0.25
 
@@ -130,7 +129,7 @@ def test_a_slider_crank_by_hand() -> None:
     flat = type(piston)(**{**vars(piston), "position": (0.0, 0.0, 0.0), "axis": (0.0, -1.0, 0.0)})
     robot = robot.changed(
         bodies=(crank, rod, flat),
-        loops=(Loop("pin", (1, 2), [[0.35, 0.0, 0.0], [0.0, 0.0, 0.0]]),),
+        loops=(LoopClosure("pin", (1, 2), [[0.35, 0.0, 0.0], [0.0, 0.0, 0.0]]),),
         assembly=(0.4, 0.2, 0.4),
     )
     q = np.linspace(0.4, 6.0, 400)
@@ -160,7 +159,7 @@ def test_a_far_start_is_reached_on_the_way_the_mechanism_is_assembled() -> None:
 
 def opening() -> tuple[Robot, Array, Array]:
     """A five-bar whose elbows go too far apart and come back; the gap of every sample [m]."""
-    tip = Loop("tip", (1, 3), [[0.3, 0.0, 0.0], [0.32, 0.0, 0.0]])
+    tip = LoopClosure("tip", (1, 3), [[0.3, 0.0, 0.0], [0.32, 0.0, 0.0]])
     robot = five_bar().changed(loops=(tip,), assembly=(2.0, 1.1, -1.0, 1.0))
     spread = np.sin(np.linspace(0.0, np.pi, 301)) ** 2
     left, right = path = np.stack([2.0 + 0.9 * spread, 1.1 - 1.1 * spread])

@@ -1,11 +1,11 @@
 import numpy as np
 
 from closed_chains import twin_loops
-from steelyard.model import Model
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
-from steelyard.robot.loop_equations import loop_equations
-from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.base.arrays import Parameters
+from steelyard.base.motion import Motion
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
+from steelyard.robot.loop_closures import loop_equations
 
 
 def test_far_steps_of_one_joint_are_the_torque_of_the_whole() -> None:

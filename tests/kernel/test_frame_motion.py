@@ -9,9 +9,8 @@ import pytest
 from closed_chains import CHAINS, independent_path
 from invented import ROBOTS, turned
 from oracles import body_map, body_positions, pinocchio_model
-from steelyard.kernel.quantities.frame_motion import frame_motion
-from steelyard.kernel.quantities.kinematics import frame_kinematics
-from steelyard.kernel.quantities.passive_joints import passive_positions
+from steelyard.model.equations.kinematics import frame_kinematics, frame_motion
+from steelyard.model.equations.passive_joints import passive_positions
 from steelyard.robot.robot import Frame
 
 PLACE = np.array([0.2, -0.1, 0.3])

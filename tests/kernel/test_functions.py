@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steelyard.kernel.native.compiled import compiled
-from steelyard.kernel.native.emit import CHUNK
-from steelyard.kernel.program import numpy_backend
-from steelyard.kernel.program.program import Array, Program, Step
-from steelyard.kernel.program.trace import symbolic
-from steelyard.model import Model
-from steelyard.robot_file.file import load_robot
-from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.model.equations.trace import symbolic
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.symbolic import program as numpy_backend
+from steelyard.symbolic.native.compiled import compiled
+from steelyard.symbolic.native.emit import CHUNK
+from steelyard.symbolic.program import InputArray, Program, Step
 
 WIDE = np.concatenate(
     [[0.0, -0.0], *(s * np.logspace(-9, e, 4001) for s in (1, -1) for e in (0, 2, 5))]
@@ -34,7 +34,7 @@ RANGES: dict[str, np.ndarray] = {
 
 
 def unary(operation: str) -> Program:
-    return Program((Array("x", 1),), (Step("input", (0, 0)), Step(operation, (0,))), (1,))
+    return Program((InputArray("x", 1),), (Step("input", (0, 0)), Step(operation, (0,))), (1,))
 
 
 @pytest.mark.parametrize("operation", list(RANGES))
@@ -54,7 +54,7 @@ def test_unary_functions(operation: str) -> None:
 )
 def test_binary_functions(operation: str) -> None:
     steps = (Step("input", (0, 0)), Step("input", (0, 1)), Step(operation, (0, 1)))
-    program = Program((Array("x", 2),), steps, (2,))
+    program = Program((InputArray("x", 2),), steps, (2,))
     x = np.random.default_rng(0).choice([-1.5, -1.0, 0.5, 1.0, 2.0], (2, 103))
     code = compiled(["test", operation], lambda: (program, {}))
     assert np.array_equal(code([x]), numpy_backend.run(program, [x]))
@@ -69,7 +69,7 @@ def test_binary_functions(operation: str) -> None:
     ],
 )
 def test_traced_expressions(build: Callable[..., list[Any]]) -> None:
-    program = symbolic(build, [Array("x", 2)])
+    program = symbolic(build, [InputArray("x", 2)])
     x = np.random.default_rng(1).normal(size=(2, 50))
     wanted = [np.broadcast_to(w, (50,)) for w in build(x)]
     assert np.abs(numpy_backend.run(program, [x]) - wanted).max() < 1e-14
@@ -77,7 +77,7 @@ def test_traced_expressions(build: Callable[..., list[Any]]) -> None:
 
 def test_unknown_operations_are_refused() -> None:
     with pytest.raises(NotImplementedError, match="programs do not know NumPy.s .arcsin."):
-        symbolic(lambda x: [np.arcsin(x[0])], [Array("x", 1)])
+        symbolic(lambda x: [np.arcsin(x[0])], [InputArray("x", 1)])
 
 
 def test_long_programs_are_cut_into_pieces() -> None:

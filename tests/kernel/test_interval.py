@@ -9,12 +9,18 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from invented import tree
-from steelyard.arrays import Array
-from steelyard.kernel.program.interval import CHUNK, enclosed
-from steelyard.kernel.program.json import program_from_json, program_to_json
-from steelyard.kernel.program.numpy_backend import run
-from steelyard.kernel.program.program import BINARY, UNARY, Program, Step
-from steelyard.kernel.program.program import Array as Input
+from steelyard.base.arrays import Array
+from steelyard.symbolic.interval import CHUNK, enclosed
+from steelyard.symbolic.program import (
+    BINARY,
+    UNARY,
+    Program,
+    Step,
+    program_from_json,
+    program_to_json,
+    run,
+)
+from steelyard.symbolic.program import InputArray as Input
 
 INPUTS = (Input("x", 3), Input("p", 2, shared=True))
 
@@ -141,10 +147,10 @@ def test_shared_boxes_and_many_boxes() -> None:
 
 def torque_program() -> Program:
     """Inverse dynamics of a branched robot with its own bodies."""
-    from steelyard.kernel.equations.dynamics import JointState
-    from steelyard.kernel.program.trace import symbolic
-    from steelyard.model import Model
-    from steelyard.terms.laws.rigid_body import RigidBody
+    from steelyard.model.equations.inverse_dynamics import JointState
+    from steelyard.model.equations.trace import symbolic
+    from steelyard.model.laws.rigid_body import RigidBody
+    from steelyard.model.model import Model
 
     model = Model(tree(), (RigidBody(),))
     values = tree().nominal.ravel()

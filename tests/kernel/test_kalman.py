@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from steelyard.kernel.native.kalman_loops import filtered, smoothed
+from steelyard.symbolic.native.kalman_loops import filtered, smoothed
 
 
 def model(step: float, ratio: float, order: int) -> tuple[np.ndarray, np.ndarray]:

@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from steelyard.arrays import Array as Values
-from steelyard.kernel.native.compiled import compiled
-from steelyard.kernel.program.numpy_backend import run
-from steelyard.kernel.program.program import BINARY, UNARY, Array, Program, Step
-from steelyard.kernel.program.trace import pulled_back
+from steelyard.base.arrays import Array as Values
+from steelyard.model.equations.trace import pulled_back
+from steelyard.symbolic.native.compiled import compiled
+from steelyard.symbolic.program import BINARY, UNARY, InputArray, Program, Step, run
 
 KINKED = ("abs", "sign", "less", "less_equal", "minimum", "maximum")
-INPUTS = (Array("x", 3), Array("y", 2), Array("w", 2, shared=True))
+INPUTS = (InputArray("x", 3), InputArray("y", 2), InputArray("w", 2, shared=True))
 FAR = 0.02
 """How far from a kink a sample is kept."""
 
@@ -94,7 +93,7 @@ def test_random_programs(seed: int) -> None:
     assert {s.operation for s in program.steps} >= {*UNARY, *BINARY}
     seeds = np.random.default_rng(seed).normal(size=(len(program.outputs), count))
     back = pulled_back(program, (1, 0, 2))
-    assert back.inputs == (*program.inputs, Array("seeds", len(program.outputs)))
+    assert back.inputs == (*program.inputs, InputArray("seeds", len(program.outputs)))
     found = run(back, [*inputs, seeds])
     assert found.shape == (7, count)
     expected = np.vstack([differences(program, inputs, seeds, array) for array in (1, 0, 2)])
@@ -107,7 +106,7 @@ def test_random_programs(seed: int) -> None:
 def test_each_operation_alone(operation: str) -> None:
     arguments = (0, 1) if operation in BINARY else (0,)
     steps = (Step("input", (0, 0)), Step("input", (0, 1)), Step(operation, arguments))
-    program = Program((Array("x", 2),), steps, (2,))
+    program = Program((InputArray("x", 2),), steps, (2,))
     x = np.array([[0.3, 1.7, 0.2], [0.7, 0.4, 1.1]])
     found = run(pulled_back(program, (0,)), [x, np.ones((1, 3))])
     expected = np.empty((2, 3))
@@ -120,7 +119,7 @@ def test_each_operation_alone(operation: str) -> None:
 
 def test_what_depends_on_nothing_has_no_slope() -> None:
     steps = (Step("input", (0, 0)), Step("constant", (), 3.0), Step("sign", (0,)))
-    program = Program((Array("x", 2), Array("y", 1)), steps, (1, 2, 1))
+    program = Program((InputArray("x", 2), InputArray("y", 1)), steps, (1, 2, 1))
     found = run(
         pulled_back(program, (0, 1)), [np.ones((2, 4)), np.ones((1, 4)), np.full((3, 4), 7.0)]
     )

@@ -7,18 +7,17 @@ import numpy as np
 import pytest
 
 from invented import tree
-from steelyard.kernel.program import trace
-from steelyard.kernel.program.numpy_backend import run
-from steelyard.kernel.program.program import Array, Program, Step
-from steelyard.kernel.program.trace import affine, carried_along, slopes_of, symbolic
-from steelyard.model import Model
-from steelyard.regression.regressor import base_regressor
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.model.equations import trace
+from steelyard.model.equations.trace import affine, carried_along, slopes_of, symbolic
+from steelyard.model.model import Model
+from steelyard.symbolic.program import InputArray, Program, Step, run
 
 X = np.random.default_rng(2).normal(size=(3, 40))
 
 
 def traced(build: Callable[[Any], Any]) -> Program:
-    return symbolic(lambda x: [build(x)], [Array("x", 3)])
+    return symbolic(lambda x: [build(x)], [InputArray("x", 3)])
 
 
 @pytest.mark.parametrize(
@@ -91,7 +90,7 @@ def test_arrays_of_symbols() -> None:
 
 
 def test_constants_are_outputs_too() -> None:
-    program = symbolic(lambda x: [0.0, x[0], 2.5], [Array("x", 1)])
+    program = symbolic(lambda x: [0.0, x[0], 2.5], [InputArray("x", 1)])
     assert run(program, [X[:1]]).T.tolist() == [[0.0, x, 2.5] for x in X[0]]
 
 
@@ -107,10 +106,12 @@ def slopes(x: np.ndarray) -> np.ndarray:
 
 def test_derivatives() -> None:
     wanted = slopes(X)
-    program = symbolic(lambda x: slopes_of(smooth(x), x), [Array("x", 3)])
+    program = symbolic(lambda x: slopes_of(smooth(x), x), [InputArray("x", 3)])
     found = run(program, [X]).reshape(3, 3, -1)
     np.testing.assert_allclose(found, wanted.swapaxes(0, 1), rtol=1e-12, atol=1e-14)
-    rates = symbolic(lambda x, v: carried_along(smooth(x), x, v), [Array("x", 3), Array("v", 3)])
+    rates = symbolic(
+        lambda x, v: carried_along(smooth(x), x, v), [InputArray("x", 3), InputArray("v", 3)]
+    )
     speeds = X[:, ::-1].copy()
     along = np.einsum("vok,vk->ok", wanted, speeds)
     np.testing.assert_allclose(run(rates, [X, speeds]), along, rtol=1e-12, atol=1e-14)
@@ -122,7 +123,7 @@ def test_slopes_and_rest_of_what_is_linear() -> None:
         return [entry for row in found for entry in row] + rest
 
     wanted = [X[0], np.full(40, -1.0), np.zeros(40), np.zeros(40), X[1], np.cos(X[2])]
-    assert np.allclose(run(symbolic(build, [Array("x", 3)]), [X]), wanted)
+    assert np.allclose(run(symbolic(build, [InputArray("x", 3)]), [X]), wanted)
 
 
 def test_steps_that_no_output_needs_are_left_out() -> None:
@@ -133,7 +134,7 @@ def test_steps_that_no_output_needs_are_left_out() -> None:
         Step("mul", (0, 1)),
         Step("add", (2, 1)),
     )
-    short = Program((Array("x", 3),), steps, (4, 4)).pruned()
+    short = Program((InputArray("x", 3),), steps, (4, 4)).pruned()
     assert short.steps == (steps[1], steps[2], Step("add", (1, 0)))
     assert short.outputs == (2, 2)
 

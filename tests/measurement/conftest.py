@@ -8,10 +8,11 @@ import numpy as np
 import polars as pl
 import pytest
 
-from steelyard.arrays import frozen
-from steelyard.formats import open_log, parse_log_argument
-from steelyard.measurement import Recording
-from steelyard.robot_file.signals import Signals
+from steelyard.base.arrays import frozen
+from steelyard.logs.formats import open_log
+from steelyard.logs.log import parse_log_argument
+from steelyard.robot.file.signals import Signals
+from steelyard.runs.recording import Recording
 
 Arrays = dict[str, np.ndarray]
 Make = Callable[..., Recording]

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from steelyard.errors import LogError
-from steelyard.measurement.chunks import continued
-from steelyard.measurement.methods.auto import Auto, LowPasses, MeanPeriod, likeliest_cutoffs
-from steelyard.measurement.methods.butterworth import Butterworth
-from steelyard.measurement.methods.kalman import kalman_smoothed
-from steelyard.measurement.methods.protocols import Choosing
+from steelyard.base.errors import LogError
+from steelyard.runs.smoothing.auto import Auto, LowPasses, MeanPeriod, likeliest_cutoffs
+from steelyard.runs.smoothing.filters import continued_at_ends
+from steelyard.runs.smoothing.kalman_smoother import kalman_smoothed
+from steelyard.runs.smoothing.method import Butterworth, Choosing
 
 RATE = 250.0
 
@@ -35,7 +34,9 @@ def motion(count: int, period: float | None = None) -> tuple[np.ndarray, np.ndar
 def applied(method: Auto, q: np.ndarray, dq: np.ndarray | None = None) -> np.ndarray:
     designed = method.designed(30.0, RATE)
     halo = designed.halo or 0
-    return designed(continued(q, halo, halo), None if dq is None else continued(dq, halo, halo))
+    return designed(
+        continued_at_ends(q, halo, halo), None if dq is None else continued_at_ends(dq, halo, halo)
+    )
 
 
 def test_white_noise_gives_the_kalman_smoother_as_a_filter() -> None:
@@ -64,18 +65,18 @@ def test_noise_that_is_not_white_leaves_the_butterworth() -> None:
     method = Auto().chosen(jumpy, None, RATE, 0.8, whole=True)
     assert method == Auto()
     designed = Butterworth().designed(30.0, RATE)
-    extended = continued(jumpy, designed.halo or 0, designed.halo or 0)
+    extended = continued_at_ends(jumpy, designed.halo or 0, designed.halo or 0)
     np.testing.assert_array_equal(applied(method, jumpy), designed(extended, None))
     white = q + 1e-4 * rng.standard_normal(q.shape)
     smooth = dq + np.repeat(1e-2 * rng.standard_normal((2, 1500)), 4, axis=1)
     mixed = Auto().chosen(white, smooth, RATE, 0.8, whole=True)
     assert mixed.cutoffs is not None and mixed.velocity_cutoffs is None
     found = applied(mixed, white, smooth)
-    extended = continued(smooth, designed.halo or 0, designed.halo or 0)
+    extended = continued_at_ends(smooth, designed.halo or 0, designed.halo or 0)
     wide = designed(extended, extended)
     np.testing.assert_allclose(found[1:], wide[1:], atol=1e-9)
     alone = LowPasses(mixed.cutoffs, 3, RATE)
-    np.testing.assert_allclose(found[0], alone(continued(white, alone.halo, alone.halo))[0])
+    np.testing.assert_allclose(found[0], alone(continued_at_ends(white, alone.halo, alone.halo))[0])
 
 
 def test_logged_velocities_have_their_own_low_passes() -> None:

@@ -6,17 +6,24 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from steelyard.errors import LogError, ModelError
-from steelyard.measurement import Processing, Recording, prepare
-from steelyard.measurement.methods.butterworth import Butterworth
-from steelyard.measurement.methods.kalman import KalmanSmoother
-from steelyard.measurement.methods.kalman_filter import CausalKalman
-from steelyard.measurement.methods.moving_average import MovingAverage
-from steelyard.measurement.methods.register import METHODS, method_of
-from steelyard.measurement.processing import requested_processing
-from steelyard.measurement.rows.interpolation import CUBIC, INTERPOLATIONS, Worst
-from steelyard.measurement.rows.resample import Lane, Thinning, sample_count, uniform
-from steelyard.robot_file.sections import ProcessingSection
+from steelyard.base.errors import LogError, ModelError
+from steelyard.robot.file.sections import ProcessingSection
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import METHODS, Processing, method_of, requested_processing
+from steelyard.runs.recording import Recording
+from steelyard.runs.rows.resampling import (
+    CUBIC,
+    INTERPOLATIONS,
+    Lane,
+    Thinning,
+    WorstReach,
+    sample_count,
+    uniform,
+)
+from steelyard.runs.smoothing.fir_methods import MovingAverage
+from steelyard.runs.smoothing.kalman_filter import CausalKalman
+from steelyard.runs.smoothing.kalman_smoother import KalmanSmoother
+from steelyard.runs.smoothing.method import Butterworth
 
 WHOLE = [n for n, method in METHODS.items() if method().designed(8.0, 100.0).halo is None]
 CHAINS = {
@@ -64,7 +71,7 @@ def test_any_split_gives_the_same(recording, sines, monkeypatch, name: str, velo
     data = whole.whole()
     raw = Recording.raw
     monkeypatch.setattr(Recording, "raw", lambda self, rows, size=0: raw(self, rows, 331))
-    monkeypatch.setattr("steelyard.measurement.chunks.apply.__defaults__", (500,))
+    monkeypatch.setattr("steelyard.runs.smoothing.filters.apply.__defaults__", (500,))
     again = prepare(made, CHAINS[name])
     parts = again.whole()
     assert again.quality.marked == whole.quality.marked
@@ -108,7 +115,7 @@ def test_flags_take_the_worse_neighbour() -> None:
     t, flags = np.arange(5.0), np.array([[0.0, 2.0, 0.0, 0.0, 1.0]])
     at = np.array([0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.5, 4.0])
     expected = [[0.0, 2.0, 2.0, 2.0, 0.0, 0.0, 1.0, 1.0]]
-    np.testing.assert_array_equal(Worst()(t, flags, at), expected)
+    np.testing.assert_array_equal(WorstReach()(t, flags, at), expected)
 
 
 def test_lanes_read_late_channels_later() -> None:

@@ -7,19 +7,20 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from steelyard.errors import LogError
-from steelyard.measurement import Processing, prepare
-from steelyard.measurement.recording import Recording
-from steelyard.measurement.rows.clock import Scan, learn_clock, nice_rate
-from steelyard.measurement.rows.validity import Verdict
+from steelyard.base.errors import LogError
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import Recording
+from steelyard.runs.rows.clock import RowScan, learn_clock, nice_rate
+from steelyard.runs.rows.faulty_rows import RowVerdict
 
 
 def scanned(recording: Recording) -> tuple[np.ndarray, np.ndarray, dict[str, int]]:
-    scan = Scan(learn_clock(recording), recording)
+    scan = RowScan(learn_clock(recording), recording)
     pieces = list(scan.pieces())
     t = np.concatenate([p.t for p in pieces])
     segment = np.concatenate([np.full(len(p.t), p.segment) for p in pieces])
-    counts = {v.name: int(scan.counts[v]) for v in Verdict if scan.counts[v]}
+    counts = {v.name: int(scan.counts[v]) for v in RowVerdict if scan.counts[v]}
     return t, segment, counts
 
 

@@ -6,12 +6,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from steelyard.errors import LogError
-from steelyard.measurement.chunks import apply
-from steelyard.measurement.convolve import Bank, fast_length
-from steelyard.measurement.methods.derivative import derivatives, smooth_derivatives
-from steelyard.measurement.methods.kaiser import kaiser_lowpass
-from steelyard.measurement.methods.lowpass import butterworth, low_pass, settling, zero_phase
+from steelyard.base.errors import LogError
+from steelyard.runs.smoothing.filters import (
+    Bank,
+    apply,
+    butterworth,
+    derivatives,
+    fast_length,
+    kaiser_lowpass,
+    low_pass,
+    settling,
+    smooth_derivatives,
+    zero_phase,
+)
 
 
 def split(x: np.ndarray, cuts: list[int]) -> list[np.ndarray]:

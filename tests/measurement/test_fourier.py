@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from steelyard.errors import LogError, ModelError
-from steelyard.measurement.methods.fourier import Fourier, fourier_series, refined_frequency
-from steelyard.measurement.periods import moving_span
+from steelyard.base.errors import LogError, ModelError
+from steelyard.runs.smoothing.fourier import Fourier, fourier_series, refined_frequency
+from steelyard.runs.spectrum import moving_span
 
 RATE = 100.0
 

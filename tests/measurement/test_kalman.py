@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from steelyard.errors import LogError
-from steelyard.measurement import Processing, prepare
-from steelyard.measurement.methods.kalman import (
+from steelyard.base.errors import LogError
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing, smoother_of
+from steelyard.runs.smoothing.kalman_smoother import (
     Kalman,
     KalmanSmoother,
     kalman_smoothed,
     likeliest_ratio,
 )
-from steelyard.measurement.methods.register import smoother_of
 
 
 def wandering(seed: int, count: int, jerk: float, step: np.ndarray) -> np.ndarray:

@@ -7,10 +7,10 @@ import pytest
 
 import steelyard
 from measurement.test_kalman import wandering
-from steelyard.errors import DataError, LogError
-from steelyard.measurement import Processing, prepare
-from steelyard.measurement.kalman_filter import KalmanFilter, transition
-from steelyard.measurement.methods.kalman_filter import CausalKalman
+from steelyard.base.errors import DataError, LogError
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.smoothing.kalman_filter import CausalKalman, KalmanFilter, transition
 
 NOISE, JERK, SPEED, ACCELERATION = 0.01, 3.0, 2.0, 5.0
 

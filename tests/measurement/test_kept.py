@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from steelyard.measurement import run as run_module
-from steelyard.measurement.run import Block, Run
+from steelyard.runs import run as run_module
+from steelyard.runs.run import Block, Run
 from swinging import GAIN, run_of, valued
 
 SIGNALS = ("t", "q", "dq", "ddq", "effort", "moving")

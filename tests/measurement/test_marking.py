@@ -2,10 +2,17 @@
 
 import numpy as np
 
-from steelyard.measurement import Processing, prepare
-from steelyard.measurement.rows.outliers import bridged, outlying, sensor_step, usual_distance
-from steelyard.measurement.rows.saturation import Extremes, saturated
-from steelyard.measurement.rows.stale import stale
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.rows.faulty_rows import (
+    Extremes,
+    bridged,
+    outlying,
+    saturated,
+    sensor_step,
+    stale_rows,
+    usual_distance,
+)
 
 RATE = 250.0
 
@@ -117,7 +124,7 @@ def test_repeated_rows_are_bridged_in_motion_only(recording, sines) -> None:
 def test_a_slow_coarse_sensor_is_not_stale() -> None:
     t = np.arange(4000) * 0.001
     q = np.round(np.stack((0.02 * np.sin(t), 0.05 * np.cos(t))), 4)
-    assert not stale(q, sensor_step(q)).any()
+    assert not stale_rows(q, sensor_step(q)).any()
 
 
 def test_saturation_is_distinguished_from_peaks(recording, sines) -> None:

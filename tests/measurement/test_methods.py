@@ -4,26 +4,25 @@ import numpy as np
 import pytest
 from scipy.signal import butter, savgol_filter, sosfiltfilt
 
-from steelyard.errors import LogError, ModelError
-from steelyard.measurement.chunks import apply
-from steelyard.measurement.methods.butterworth import Butterworth
-from steelyard.measurement.methods.fir import FIR
-from steelyard.measurement.methods.kalman_filter import CausalKalman
-from steelyard.measurement.methods.moving_average import (
-    MovingAverage,
-    central_differences,
-    moving_average,
-)
-from steelyard.measurement.methods.protocols import Method, Smoother
-from steelyard.measurement.methods.register import (
+from steelyard.base.errors import LogError, ModelError
+from steelyard.runs.processing import (
     METHODS,
     SMOOTHERS,
     description_of,
-    in_words,
+    method_in_words,
     method_of,
     smoother_of,
 )
-from steelyard.measurement.methods.savitzky_golay import SavitzkyGolay
+from steelyard.runs.smoothing.filters import apply
+from steelyard.runs.smoothing.fir_methods import (
+    FIR,
+    MovingAverage,
+    SavitzkyGolay,
+    central_differences,
+    moving_average,
+)
+from steelyard.runs.smoothing.kalman_filter import CausalKalman
+from steelyard.runs.smoothing.method import Butterworth, Method, Smoother
 
 RATE, CUTOFF = 200.0, 10.0
 
@@ -216,17 +215,17 @@ def test_smoothers_keep_a_constant(name: str) -> None:
 def test_descriptions_come_back(name: str) -> None:
     method: Method = method_of(name, "here")
     assert method_of(description_of(method), "here") == method
-    assert in_words(method).startswith(name.replace("_", " "))
+    assert method_in_words(method).startswith(name.replace("_", " "))
 
 
 def test_settings_are_kept() -> None:
     method = method_of({"method": "savitzky_golay", "window": 21, "degree": 3}, "here")
     assert method == SavitzkyGolay(21, 3)
     assert method_of(description_of(method), "here") == method
-    assert in_words(method) == "savitzky golay, window 21, degree 3"
+    assert method_in_words(method) == "savitzky golay, window 21, degree 3"
     twice = smoother_of({"method": "moving_average", "span": 9, "passes": 2}, "here")
     assert twice == MovingAverage(9, 2) and smoother_of(description_of(twice), "here") == twice
-    assert in_words(twice) == "moving average, span 9, passes 2"
+    assert method_in_words(twice) == "moving average, span 9, passes 2"
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from steelyard.errors import ModelError
-from steelyard.measurement.periods import (
+from steelyard.base.errors import ModelError
+from steelyard.runs.spectrum import (
     Repetitions,
     distance,
     find_period,

@@ -6,9 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steelyard.errors import LogError
-from steelyard.formats import open_log
-from steelyard.measurement import Block, Processing, Recording, prepare
+from steelyard.base.errors import LogError
+from steelyard.logs.formats import open_log
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import Recording
+from steelyard.runs.run import Block
 
 
 def jittered(n: int, seed: int = 0) -> np.ndarray:

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from steelyard.errors import LogError
-from steelyard.measurement import Processing, prepare
+from steelyard.base.errors import LogError
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
 
 
 def test_a_garbage_head_is_dropped(real) -> None:

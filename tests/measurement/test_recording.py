@@ -5,11 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.arrays import frozen
-from steelyard.formats import Cut
-from steelyard.measurement import Recording
-from steelyard.measurement.recording import LogInMemory
-from steelyard.robot_file.signals import Signals
+from steelyard.base.arrays import frozen
+from steelyard.logs.log import Cut
+from steelyard.robot.file.signals import Signals
+from steelyard.runs.recording import LogInMemory, Recording
 
 RATIOS = np.array([[50.0, 0.0], [40.0, -40.0]])
 OFFSET = np.array([0.3, -0.2])

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steelyard.errors import LogError
-from steelyard.measurement import Processing, Recording, prepare
-from steelyard.measurement.periods import Repetitions
-from steelyard.measurement.prepare import prepare_mean
-from steelyard.measurement.repetition.alignment import averaged
-from steelyard.measurement.repetition.repetitions import mean_of_logs, mean_of_periods, weights_of
+from steelyard.base.errors import LogError
+from steelyard.runs.prepare import prepare, prepare_mean
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import Recording
+from steelyard.runs.repetitions import average_aligned, mean_of_logs, mean_of_periods, weights_of
+from steelyard.runs.spectrum import Repetitions
 
 RATE = 200.0
 
@@ -36,7 +36,7 @@ def made(
 def test_mean_and_variance_are_numpys() -> None:
     rng = np.random.default_rng(0)
     x = np.concatenate((wave(np.arange(3000) / RATE).T, rng.standard_normal((1, 3000))))
-    found = averaged([x], [np.array([0.0, 600, 1200, 1800, 2400])], 600, slice(0, 2))
+    found = average_aligned([x], [np.array([0.0, 600, 1200, 1800, 2400])], 600, slice(0, 2))
     pieces = x.reshape(3, 5, 600)
     np.testing.assert_allclose(found.starts, [0, 600, 1200, 1800, 2400], atol=1e-6)
     np.testing.assert_allclose(found.mean, pieces.mean(axis=1), atol=1e-6)
@@ -48,7 +48,7 @@ def test_repetitions_are_aligned_between_samples() -> None:
     late = np.array([0.0, 0.3, -0.4, 0.25, -0.15])
     at = np.arange(700) / RATE
     logs = [wave(at - shift / RATE).T for shift in late]
-    found = averaged(logs, [np.array([30.0])] * 5, 600, slice(0, 2), context=20)
+    found = average_aligned(logs, [np.array([30.0])] * 5, 600, slice(0, 2), context=20)
     np.testing.assert_allclose(found.starts - 30.0, late - late.mean(), atol=1e-3)
     np.testing.assert_allclose(found.mean[:, 20:-20], logs[0][:, 30:630], atol=1e-5)
     assert found.mean.shape == (2, 640)
@@ -57,9 +57,9 @@ def test_repetitions_are_aligned_between_samples() -> None:
 def test_another_motion_is_no_repetition() -> None:
     logs = [wave(np.arange(600) / RATE).T] * 4 + [wave(np.arange(600) / RATE, 2.7).T]
     with pytest.raises(LogError, match="repetition 5 of 5 differs from the others"):
-        averaged(logs, [np.zeros(1)] * 5, 600, slice(0, 2))
+        average_aligned(logs, [np.zeros(1)] * 5, 600, slice(0, 2))
     with pytest.raises(LogError, match="fewer than two whole repetitions"):
-        averaged(logs[:1], [np.zeros(1)], 600, slice(0, 2))
+        average_aligned(logs[:1], [np.zeros(1)], 600, slice(0, 2))
 
 
 def test_a_log_of_periods_becomes_its_mean(recording: Callable[..., Recording]) -> None:
@@ -141,9 +141,9 @@ def test_the_choice_is_kept_in_files() -> None:
 
 @pytest.mark.parametrize("text", ['"find"', "{period = 13.333, drop_first = 0, drop_last = 0}"])
 def test_robot_files_ask_for_it(text: str) -> None:
-    from steelyard.measurement.processing import requested_processing
-    from steelyard.robot_file.sections import ProcessingSection
-    from steelyard.robot_file.toml_reader import tomllib
+    from steelyard.robot.file.sections import ProcessingSection
+    from steelyard.robot.file.toml import tomllib
+    from steelyard.runs.processing import requested_processing
 
     section = ProcessingSection(**tomllib.loads(f"repetitions = {text}"))
     found = requested_processing(section, lambda *place: ".".join(place)).repetitions
@@ -153,10 +153,10 @@ def test_robot_files_ask_for_it(text: str) -> None:
 
 def test_the_panda_comes_back_after_its_period(real: Callable[[str], Recording]) -> None:
     log = real("panda/panda_gaz2019_trajectory1.parquet")
-    from steelyard.measurement.periods import find_period
-    from steelyard.measurement.repetition.repetitions import _even
+    from steelyard.runs.repetitions import _evenly_sampled
+    from steelyard.runs.spectrum import find_period
 
-    channels, rate = _even(log.in_memory())
+    channels, rate = _evenly_sampled(log.in_memory())
     assert find_period(channels[log.channels.q], rate) == pytest.approx(13.333, abs=0.005)
 
 

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import PchipInterpolator
 
-from steelyard.measurement.rows.resample import sample_count, uniform
+from steelyard.runs.rows.resampling import sample_count, uniform
 
 
 def uneven(n: int, seed: int) -> np.ndarray:

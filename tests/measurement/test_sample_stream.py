@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from invented import tree
-from steelyard.arrays import Array
-from steelyard.measurement.rows.validity import Verdict
-from steelyard.measurement.sample_stream import (
-    JUMPS,
-    PAUSE,
+from steelyard.base.arrays import Array
+from steelyard.robot.file.signals import ROW, Signals
+from steelyard.runs.rows.faulty_rows import RowVerdict
+from steelyard.runs.sample_stream import (
+    JUMPS_UNTIL_RESTART,
+    PAUSE_SECONDS,
     RESTARTED,
     SampleStream,
     StreamSample,
 )
-from steelyard.robot_file.signals import ROW, Signals
 
 ROBOT = tree()
 N = ROBOT.n
@@ -65,11 +65,11 @@ def test_broken_rows_are_left_out_and_counted(size: int) -> None:
     stream = SampleStream(SIGNALS, ROBOT)
     found = [s for k in range(0, 60, size) for s in stream.samples(table[k : k + size])]
     assert dict(stream.dropped) == {
-        Verdict.UNREADABLE: 1,
-        Verdict.ABSURD: 1,
-        Verdict.REPEATED: 1,
-        Verdict.BACKWARD: 1,
-        Verdict.JUMP: 1,
+        RowVerdict.UNREADABLE: 1,
+        RowVerdict.ABSURD: 1,
+        RowVerdict.REPEATED: 1,
+        RowVerdict.BACKWARD: 1,
+        RowVerdict.JUMP: 1,
     }
     assert len(found) == 55 and stream.start == pytest.approx(5.0)
     assert np.all(np.diff([s.t for s in found]) > 0.0)
@@ -81,7 +81,10 @@ def test_positions_that_stay_elsewhere_are_taken() -> None:
     table[30:, 1 + prismatic] += 40.0
     stream = SampleStream(SIGNALS, ROBOT)
     found = list(stream.samples(table))
-    assert dict(stream.dropped) == {Verdict.JUMP: JUMPS} and len(found) == 60 - JUMPS
+    assert (
+        dict(stream.dropped) == {RowVerdict.JUMP: JUMPS_UNTIL_RESTART}
+        and len(found) == 60 - JUMPS_UNTIL_RESTART
+    )
 
 
 def test_time_goes_on_when_the_clock_is_set_back() -> None:
@@ -89,9 +92,9 @@ def test_time_goes_on_when_the_clock_is_set_back() -> None:
     table[60:, 0] -= 4000.0
     stream = SampleStream(SIGNALS, ROBOT)
     found = list(stream.samples(table))
-    assert stream.restarts == 1 and dict(stream.dropped) == {Verdict.BACKWARD: RESTARTED}
+    assert stream.restarts == 1 and dict(stream.dropped) == {RowVerdict.BACKWARD: RESTARTED}
     steps = np.diff([s.t for s in found])
-    assert np.sum(steps > 0.011) == 1 and steps.max() == pytest.approx(PAUSE)
+    assert np.sum(steps > 0.011) == 1 and steps.max() == pytest.approx(PAUSE_SECONDS)
     assert found[-1].row[0] == pytest.approx(1e3 * (5.0 + found[-1].t))
 
 
@@ -100,7 +103,7 @@ def test_a_clock_that_stands_still_is_not_set_back() -> None:
     table[20:, 0] = table[20, 0]
     stream = SampleStream(SIGNALS, ROBOT)
     assert len(list(stream.samples(table))) == 21
-    assert stream.restarts == 0 and stream.dropped[Verdict.REPEATED] == 39
+    assert stream.restarts == 0 and stream.dropped[RowVerdict.REPEATED] == 39
 
 
 def test_jumps_of_a_turn_are_taken_out_of_revolute_joints() -> None:

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from steelyard.errors import LogError
-from steelyard.measurement.defaults import (
+from steelyard.base.errors import LogError
+from steelyard.runs.defaults import (
     MATCHED_FACTOR,
     Processing,
+    SpeedHistogram,
     cutoffs,
     default_rest_speed,
     given_rest_speed,
 )
-from steelyard.measurement.rows.standstill import SpeedHistogram
-from steelyard.measurement.spectrum import motion_band, welch
+from steelyard.runs.spectrum import motion_band, welch
 
 
 def test_welch_is_scipys() -> None:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_smoothing_spline
 
-from steelyard.errors import LogError
-from steelyard.measurement.methods.spline import SmoothingSpline, cross_validated, smoothing_spline
+from steelyard.base.errors import LogError
+from steelyard.runs.smoothing.spline import SmoothingSpline, cross_validated, smoothing_spline
 
 
 @pytest.mark.parametrize("weight", [1e-8, 1e-4, 1.0])

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steelyard.arrays import Array
-from steelyard.measurement import Processing, Recording, prepare
-from steelyard.measurement.recording import LogInMemory
-from steelyard.measurement.wrapped import TURN, wrapped_middles
-from steelyard.virtual.demo import write_demo_arm
+from steelyard.base.arrays import Array
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import TURN, LogInMemory, Recording, wrapped_middles
+from steelyard.simulate.demo import write_demo_arm
 
 
 def motion(duration: float = 20.0) -> tuple[Array, Array]:

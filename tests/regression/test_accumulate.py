@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 
 from invented import ROBOTS, single
-from steelyard.measurement.run import Block
-from steelyard.model import Model
-from steelyard.regression.accumulate import MOVING, RESTING, Accumulator, Stretch, Sums
-from steelyard.regression.gather import accumulate, cut
-from steelyard.regression.information import Information, Signature
-from steelyard.regression.parallel_filter import ParallelFilter
-from steelyard.regression.regressor import Regressor, base_regressor
-from steelyard.regression.windows import MOST_WINDOWS
+from steelyard.estimate.information.accumulate import MOVING, RESTING, Accumulator, Stretch, Sums
+from steelyard.estimate.information.gather import MOST_WINDOWS, accumulate, cut_pieces
+from steelyard.estimate.information.information import Information, Signature
+from steelyard.estimate.information.regressor import ParallelFilter, Regressor, base_regressor
+from steelyard.model.model import Model
+from steelyard.runs.run import Block
 
 FILTERS = {"none": None, "8 of 100 Hz": (8.0, 100.0), "5 of 1000 Hz": (5.0, 1000.0)}
 
@@ -94,7 +92,7 @@ def gathered(
 ) -> Information:
     accumulator = Accumulator(found, matched)
     signature = Signature("m", found.layout.columns, ("Nm",), "f")
-    return accumulate(accumulator, cut(parts, "run", accumulator), signature, threads)
+    return accumulate(accumulator, cut_pieces(parts, "run", accumulator), signature, threads)
 
 
 @pytest.mark.parametrize("kind", list(FILTERS))

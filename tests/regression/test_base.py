@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 from invented import ROBOTS, measured
-from steelyard.errors import ModelError
-from steelyard.model import Model
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
-from steelyard.regression.base import BaseMap, base_parameters, refuse_twins
+from steelyard.base.arrays import Parameters
+from steelyard.base.errors import ModelError
+from steelyard.base.motion import Motion
+from steelyard.estimate.information.base_parameters import BaseMap, base_parameters, refuse_twins
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.offset import Offset
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.rotor_inertia import RotorInertia
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.model.terms.term import Term
 from steelyard.robot.robot import Body, Coordinate, Robot
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.offset import Offset
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.rotor_inertia import RotorInertia
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.term import Term
 
 
 @pytest.mark.parametrize(

@@ -7,17 +7,18 @@ import numpy as np
 import pytest
 
 from invented import single
-from steelyard.measurement import Processing, Recording, Run, prepare
-from steelyard.measurement.recording import LogInMemory
-from steelyard.model import Model
-from steelyard.regression.gather import gather
-from steelyard.regression.information import Window
-from steelyard.regression.regressor import base_regressor
-from steelyard.regression.windows import MOST_WINDOWS
-from steelyard.robot_file.signals import Signals
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.presliding import Dahl
-from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.estimate.information.gather import MOST_WINDOWS, gather
+from steelyard.estimate.information.information import Window
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
+from steelyard.robot.file.signals import Signals
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.runs.run import Run
 
 PLAIN = base_regressor(Model(single(), (RigidBody(), Coulomb())))
 RATE = 100.0

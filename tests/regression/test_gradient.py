@@ -12,25 +12,23 @@ from closed_chains import CHAINS, independent_path, parallelogram
 from invented import ball, mimic, tree
 from law_cases import memoryless, name_of
 from moving import geared
-from steelyard.arrays import Array
-from steelyard.excitation.bases.basis import Basis
-from steelyard.excitation.bases.fourier_bases import RestFourier
-from steelyard.excitation.bases.spline_bases import SplineBasis
-from steelyard.excitation.criteria.criteria import KINDS, worst
-from steelyard.excitation.criteria.measure import Measure
-from steelyard.excitation.objective import Case, Objective
-from steelyard.model import Model
-from steelyard.regression.information_gradient import InformationEvaluator
-from steelyard.regression.regressor import Regressor, base_regressor
+from steelyard.base.arrays import Array
+from steelyard.estimate.information.information_gradient import InformationEvaluator
+from steelyard.estimate.information.regressor import Regressor, base_regressor
+from steelyard.excite.criteria import CRITERIA, Measure, worst
+from steelyard.excite.problem import Case, Objective
+from steelyard.excite.trajectories.fourier_bases import RestFourier
+from steelyard.excite.trajectories.linear_bases import Basis, SplineBasis
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.coupled import Coupled
+from steelyard.model.laws.offset import Offset
+from steelyard.model.laws.powers import Cubic, Root
+from steelyard.model.laws.register import DEFAULT_TERMS
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.model.terms.term import Term
 from steelyard.robot.robot import Robot
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.coupled import Coupled
-from steelyard.terms.laws.offset import Offset
-from steelyard.terms.laws.powers import Cubic, Root
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.register import DEFAULT_TERMS
-from steelyard.terms.term import Term
 
 CHOSEN = ("slider_joint", "tip_joint")
 WRIST = (("wrist", (("left_joint", 1.0), ("tip_joint", -2.0))),)
@@ -234,12 +232,12 @@ def check_objective(objective: Objective, x: Array, sharpness: float, reach: flo
 
 
 @pytest.mark.parametrize("basis", BASES)
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", CRITERIA)
 def test_criteria_by_coefficients(kind: str, basis: str) -> None:
     soft = shows(tree(), FEW, 0.3)
     chosen = BASES[basis]
     t = np.linspace(0.0, chosen.duration, 60, endpoint=False)
-    objective = Objective(chosen, [Case(soft, KINDS[kind])], t)
+    objective = Objective(chosen, [Case(soft, CRITERIA[kind])], t)
     x = 0.6 * np.random.default_rng(7).normal(size=(4, chosen.count))
     check_objective(objective, x, 8.0, 4e-3)
 
@@ -250,9 +248,11 @@ def test_the_worst_of_several_loads_with_earlier_runs() -> None:
     random = np.random.default_rng(0)
     prior = np.diag(random.uniform(0.5, 2.0, count))
     cases = [
-        Case(soft, Measure(KINDS["a_optimal"], prior, None, random.uniform(0.5, 2.0, count))),
-        Case(soft, Measure(KINDS["a_optimal"], prior, (0, 3, 5), random.uniform(0.5, 2.0, count))),
-        Case(shows(tree(), FEW, 0.1), KINDS["e_optimal"]),
+        Case(soft, Measure(CRITERIA["a_optimal"], prior, None, random.uniform(0.5, 2.0, count))),
+        Case(
+            soft, Measure(CRITERIA["a_optimal"], prior, (0, 3, 5), random.uniform(0.5, 2.0, count))
+        ),
+        Case(shows(tree(), FEW, 0.1), CRITERIA["e_optimal"]),
     ]
     t = np.linspace(0.0, basis.duration, 60, endpoint=False)
     x = 0.6 * random.normal(size=(4, basis.count))
@@ -271,13 +271,13 @@ def test_information_does_not_depend_on_how_densely_it_is_sampled() -> None:
     grams = []
     for samples in (200, 800):
         t = np.linspace(0.0, basis.duration, samples, endpoint=False)
-        grams.append(Objective(basis, [Case(soft, KINDS["condition"])], t).seen(x)[0].gram)
+        grams.append(Objective(basis, [Case(soft, CRITERIA["condition"])], t).seen(x)[0].gram)
     np.testing.assert_allclose(grams[0], grams[1], rtol=1e-3, atol=1e-3 * np.abs(grams[1]).max())
 
 
 def test_a_motion_that_shows_nothing() -> None:
     basis = BASES["rest"]
     t = np.linspace(0.0, basis.duration, 60, endpoint=False)
-    objective = Objective(basis, [Case(shows(tree(), FEW, 0.3), KINDS["condition"])], t)
+    objective = Objective(basis, [Case(shows(tree(), FEW, 0.3), CRITERIA["condition"])], t)
     value, slope = objective(basis.still(np.full(4, 0.2)), 8.0)
     assert value == np.inf and not np.any(slope)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from invented import tree
-from steelyard.errors import DataError
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.model import Model
-from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.information import Information, Signature, Window
-from steelyard.regression.predicted import with_predicted
-from steelyard.regression.regressor import base_regressor
+from steelyard.base.errors import DataError
+from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.information import Information, Signature, Window
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.nonlinear.effort_scales import with_predicted
+from steelyard.model.model import Model
 
 REGRESSOR = base_regressor(Model(tree()))
 P = len(REGRESSOR.layout.columns)

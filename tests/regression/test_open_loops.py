@@ -5,30 +5,30 @@ import numpy as np
 import pytest
 
 from closed_chains import five_bar
-from steelyard.arrays import Array
-from steelyard.errors import DataError
-from steelyard.identification.descriptions import dropped, first_dropped
-from steelyard.measurement import Processing, Recording, prepare
-from steelyard.measurement.closure_failures import open_stretches
-from steelyard.measurement.recording import LogInMemory
-from steelyard.measurement.run import Run
-from steelyard.model import Model
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
-from steelyard.regression.gather import gather
-from steelyard.regression.regressor import base_regressor
-from steelyard.robot.robot import Loop, Robot
-from steelyard.robot_file.signals import Signals
-from steelyard.terms.laws.presliding import Dahl
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.validation.score import score
+from steelyard.base.arrays import Array, Parameters
+from steelyard.base.errors import DataError
+from steelyard.base.motion import Motion
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.scores.score import score
+from steelyard.identify.run_notes import dropped, first_dropped
+from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
+from steelyard.robot.file.signals import Signals
+from steelyard.robot.robot import LoopClosure, Robot
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.runs.run import Run
+from steelyard.runs.run_samples import open_stretches
 
 RATE = 200.0
 
 
 def robot(open_loops: str = "drop") -> Robot:
     """A five-bar with short forearms: the elbows can go too far apart."""
-    tip = Loop("tip", (1, 3), [[0.3, 0.0, 0.0], [0.32, 0.0, 0.0]])
+    tip = LoopClosure("tip", (1, 3), [[0.3, 0.0, 0.0], [0.32, 0.0, 0.0]])
     return five_bar().changed(loops=(tip,), assembly=(2.0, 1.1, -1.0, 1.0), open_loops=open_loops)
 
 

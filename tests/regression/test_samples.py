@@ -7,17 +7,18 @@ import numpy as np
 import pytest
 
 from invented import single
-from steelyard.errors import DataError, LogError
-from steelyard.measurement import Processing, Recording, Run, prepare
-from steelyard.measurement.noise_propagation import motion_error
-from steelyard.measurement.recording import LogInMemory
-from steelyard.model import Model
-from steelyard.regression.gather import gather
-from steelyard.regression.gather_samples import gather_samples
-from steelyard.regression.information import Information, Window
-from steelyard.regression.parallel_filter import ParallelFilter
-from steelyard.regression.regressor import base_regressor
-from steelyard.robot_file.signals import Signals
+from steelyard.base.errors import DataError, LogError
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.information import Information, Window
+from steelyard.estimate.information.regressor import ParallelFilter, base_regressor
+from steelyard.estimate.information.samples import gather_samples
+from steelyard.model.model import Model
+from steelyard.robot.file.signals import Signals
+from steelyard.runs.noise_propagation import motion_error
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.runs.run import Run
 
 REGRESSOR = base_regressor(Model(single()))
 RATE, ENCODER = 100.0, 2e-4

@@ -3,13 +3,18 @@
 import numpy as np
 import pytest
 
-from steelyard.excitation.from_tables import memoryless
-from steelyard.model import Model
-from steelyard.regression.base import base_parameters, clear_map, full_regressor
-from steelyard.regression.independence import independent_columns, rank
+from steelyard.estimate.information.base_parameters import (
+    base_parameters,
+    clear_map,
+    full_regressor,
+    independent_columns,
+    rank,
+)
+from steelyard.excite.problem_from_tables import memoryless
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.rotor_inertia import RotorInertia
+from steelyard.model.model import Model
 from steelyard.robot.robot import Body, Coordinate, Robot
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.rotor_inertia import RotorInertia
 from tilted import ARMS, drawn, rank_by_gap, singular_values, tilted
 
 TERMS = (RigidBody(), RotorInertia())

@@ -9,38 +9,34 @@ import numpy as np
 import pytest
 
 from browser import Rendered, Tab, look
-from steelyard.diagnosis import Diagnosis, Edit, Fix, Severity
-from steelyard.diagnosis import Finding as SaidFinding
-from steelyard.diagnosis.finding import ComparedHypothesis, Picture, Trace
-from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.effort_scales import Scaled, Scales
-from steelyard.estimation.estimate import Estimate, RunParameters, StandardEstimate, Unidentifiable
-from steelyard.estimation.fields.fields import Finding
-from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
-from steelyard.estimation.knowledge import Knowledge
-from steelyard.estimation.least_squares.bootstrap import Bootstrap
-from steelyard.estimation.payload.gains import GainEstimate
-from steelyard.estimation.repeated import RepeatedEstimates
-from steelyard.estimation.zero_offset import ZeroOffsets
-from steelyard.model import Model
-from steelyard.parameters import Parameters
-from steelyard.regression.base import BaseMap, base_parameters
-from steelyard.report import render
-from steelyard.report.content import ReportContent
-from steelyard.report.sections.register import sections_of
-from steelyard.report.sections.section import Section
-from steelyard.robot.inertia import Inertia
+from steelyard.base.arrays import Parameters
+from steelyard.check.examine import Diagnosis
+from steelyard.check.finding import ComparedHypothesis, Edit, Fix, Picture, Severity, Trace
+from steelyard.check.finding import Finding as SaidFinding
+from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.estimate import Estimate, RunParameters, StandardEstimate, Unidentifiable
+from steelyard.estimate.estimate_scatter import Bootstrap, RepeatedEstimates, Sensitivity, Variation
+from steelyard.estimate.friction.friction_choice import FrictionChoice, MixScore
+from steelyard.estimate.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimate.information.base_parameters import BaseMap, base_parameters
+from steelyard.estimate.nonlinear.effort_scales import EffortScales, Scaled, Scales
+from steelyard.estimate.nonlinear.fields import Finding
+from steelyard.estimate.nonlinear.zero_offset import ZeroOffsets
+from steelyard.estimate.payload.drive_gains import GainEstimate
+from steelyard.estimate.prior.prior import Knowledge
+from steelyard.estimate.scores.estimator_advice import Comparison, EstimatorScore, Failure
+from steelyard.estimate.scores.joint_errors import BandErrors, JointError
+from steelyard.estimate.scores.residuals import TorqueParts
+from steelyard.estimate.scores.score import JointScore, RunScore, Traces
+from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.section_register import render, sections_of
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.report.page import Section
+from steelyard.robot.file.signals import Signals
+from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Body, Coordinate, Robot
-from steelyard.robot_file.signals import Signals
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.validation.comparison import Comparison, EstimatorScore, Failure
-from steelyard.validation.effort_scales import EffortScales
-from steelyard.validation.friction.friction import FrictionChoice, MixScore
-from steelyard.validation.headline import BandErrors, JointError
-from steelyard.validation.score import JointScore, RunScore, Traces
-from steelyard.validation.sensitivity import Sensitivity, Variation
-from steelyard.validation.torque_parts import TorqueParts
 
 EVIL = "<script>document.body.dataset.errors='ran'</script></script><b>\"'&{{7*7}}"
 

@@ -4,23 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from steelyard.excitation.advice import advice
-from steelyard.excitation.constraints.certificate import certify
-from steelyard.excitation.constraints.markers import Marker
-from steelyard.excitation.constraints.workspace import tool_box
-from steelyard.excitation.criteria.criteria import KINDS
-from steelyard.excitation.criteria.measure import Measure
-from steelyard.excitation.limits import motion_limits
-from steelyard.excitation.objective import Case
-from steelyard.excitation.predicted_accuracy import shown
-from steelyard.excitation.result import Designed
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.model import Model
-from steelyard.regression.information_gradient import InformationEvaluator
+from steelyard.estimate.information.information_gradient import InformationEvaluator
+from steelyard.excite.constraints.certificate import certify
+from steelyard.excite.constraints.constraint import motion_limits
+from steelyard.excite.constraints.markers import Marker
+from steelyard.excite.constraints.workspace import tool_box
+from steelyard.excite.criteria import CRITERIA, Measure
+from steelyard.excite.designed import Designed, advised_motions, predicted_accuracy
+from steelyard.excite.problem import Case
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
 from steelyard.robot.robot import Frame, Robot
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.viscous import Viscous
 
 REACH = 0.8
 """Length of the arm: two links of 0.4 m about y."""
@@ -43,7 +40,7 @@ def designed_for(arm: Robot, *, height: float = 1.0, known: bool = True) -> Desi
     tool, limits = Marker("tip"), motion_limits(arm)
     motion = random_fourier(arm, seed=1, period=4.0, harmonics=4)
     model = Model(arm, (RigidBody(), Viscous(), Coulomb()))
-    kind = KINDS["condition"]
+    kind = CRITERIA["condition"]
     cases = [
         Case(
             InformationEvaluator(model, np.ones(arm.n), np.full(arm.n, 0.01)),
@@ -53,7 +50,7 @@ def designed_for(arm: Robot, *, height: float = 1.0, known: bool = True) -> Desi
     box = tool_box(arm, [tool], (-1.0, None, -height), (1.0, None, height))
     noise = np.array([0.5, 0.2])
     weights = 20.0 / noise**2
-    seen = shown(motion, cases, weights, 400)
+    seen = predicted_accuracy(motion, cases, weights, 400)
     sizes = np.arange(1.0, len(seen.names) + 1.0)
     return Designed(
         robot=arm,
@@ -71,7 +68,7 @@ def designed_for(arm: Robot, *, height: float = 1.0, known: bool = True) -> Desi
         noise_from="assumed: something",
         prior=None,
         values=dict(zip(seen.names, sizes, strict=True)) if known else {},
-        advice=advice(seen, motion, cases, weights, limits),
+        advice=advised_motions(seen, motion, cases, weights, limits),
         tool=tool,
         notes=("the acceleration is a guess",),
     )

@@ -2,19 +2,19 @@
 
 import numpy as np
 
-from steelyard.application.contact import ContactEvent, JointLoad
-from steelyard.application.health import changes_of
-from steelyard.application.health_windows import QUANTITIES, Series
-from steelyard.application.payload_changes import SlidingMass
-from steelyard.application.payload_events import Carried, Kind, PayloadEvent, PayloadEvents
-from steelyard.application.wrench.wrench import WrenchEstimate
-from steelyard.estimation.external.wrench import Expected
-from steelyard.estimation.payload.load import PayloadEstimate
-from steelyard.estimation.residual_peaks import RANGES, ContactThresholds
-from steelyard.report.contact_page import ContactContent
-from steelyard.report.health_page import HealthContent
-from steelyard.report.wrench_page import WrenchContent
-from steelyard.validation.residual_traces import ResidualTrace
+from steelyard.estimate.external.effort_to_wrench import Expected
+from steelyard.estimate.external.residual_peaks import RANGES, ContactThresholds
+from steelyard.estimate.payload.payload_estimate import PayloadEstimate
+from steelyard.estimate.scores.residuals import ResidualTrace
+from steelyard.uses.contact.contact_events import ContactEvent, JointLoad
+from steelyard.uses.contact.contact_page import ContactContent
+from steelyard.uses.health.health_changes import changes_of
+from steelyard.uses.health.health_page import HealthContent
+from steelyard.uses.health.health_windows import QUANTITIES, Series
+from steelyard.uses.payload.payload_changes import SlidingMass
+from steelyard.uses.payload.payload_events import Carried, Kind, PayloadEvent, PayloadEvents
+from steelyard.uses.wrench.wrench_along_run import WrenchEstimate
+from steelyard.uses.wrench.wrench_page import WrenchContent
 
 JOINTS = ("shoulder_lift_joint", "a_joint_with_a_name_that_is_rather_long")
 

@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from steelyard.estimation.payload.load import PayloadEstimate
-from steelyard.report import ReportContent
-from steelyard.report.sections.estimation.per_run import PerRunSection
-from steelyard.report.sections.model.drives import DrivesSection
-from steelyard.report.sections.model.friction import FrictionSection
-from steelyard.report.sections.section import Section
-from steelyard.report.sections.tables import PlainTable
-from steelyard.terms.laws.presliding import Dahl
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.validation.friction.friction import MixScore
+from steelyard.estimate.friction.friction_choice import MixScore
+from steelyard.estimate.payload.payload_estimate import PayloadEstimate
+from steelyard.identify.page.calibration_tables import DrivesSection, PerRunSection
+from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.friction_sections import FrictionSection
+from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.viscous import Viscous
+from steelyard.report.page import Section
+from steelyard.report.tables import PlainTable
 
 NEW: tuple[Section, ...] = (FrictionSection(), DrivesSection(), PerRunSection())
 

@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from steelyard.report import ReportContent
-from steelyard.report.compare_page import render_comparison
-from steelyard.report.sections.estimation.compare import CompareSection, time_words
-from steelyard.report.terminal.compare import comparison_lines
-from steelyard.validation.comparison import Comparison
+from steelyard.estimate.scores.estimator_advice import Comparison
+from steelyard.identify.comparison.estimators_page import (
+    CompareSection,
+    comparison_lines,
+    render_comparison,
+    time_words,
+)
+from steelyard.identify.page.content import ReportContent
 
 
 def cells(page: str) -> list[list[str]]:

@@ -14,34 +14,32 @@ from browser import Rendered
 from report.conftest import EVIL, identified, robot
 from report.designed import REACH, designed_for, renamed
 from report.test_page import own_html
-from steelyard.excitation.advice import Advice
-from steelyard.excitation.constraints.markers import Marker
-from steelyard.excitation.constraints.proof import proof_of
-from steelyard.excitation.constraints.torque import torque_limit
-from steelyard.excitation.result import Designed
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.excitation.uncovered import Declined, Gap
-from steelyard.model import Model
-from steelyard.progress import silent
-from steelyard.report import ReportContent, render
-from steelyard.report.sections.register import DESIGN_SECTIONS, SECTIONS
-from steelyard.report.skeleton import all_joints, skeleton, way_of
-from steelyard.report.terminal.design import design_summary
-from steelyard.report.text.design_words import (
+from steelyard.base.progress import silent
+from steelyard.excite.constraints.constraint import Declined, Gap, proof_of
+from steelyard.excite.constraints.markers import Marker
+from steelyard.excite.constraints.torque import torque_limit
+from steelyard.excite.designed import Advice, Designed
+from steelyard.excite.page.design_words import (
     brings,
-    detail,
+    design_detail,
+    design_headline,
+    design_level,
     expected,
     hardest,
-    headline,
     instead,
-    level,
     margin,
     nearest,
+    print_design,
     tightest,
     used,
 )
-from steelyard.robot_file.excitation_sections import BoxSpans, PlaneSection, WorkspaceSection
-from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.excite.page.robot_in_space import all_joints, skeleton, tool_path
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.section_register import DESIGN_SECTIONS, SECTIONS, render
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
+from steelyard.robot.file.excitation_sections import BoxSpans, PlaneSection, WorkspaceSection
 
 ROOM = WorkspaceSection(
     box=BoxSpans(x=(-1.0, 1.0), z=(-1.0, 1.0)),
@@ -74,7 +72,7 @@ def text(page: str) -> str:
 
 def printed(designed: Designed, width: int = 100, verbose: bool = False) -> str:
     stream = io.StringIO()
-    design_summary(designed, Console(file=stream, width=width, no_color=True), verbose)
+    print_design(designed, Console(file=stream, width=width, no_color=True), verbose)
     return stream.getvalue().replace("\u00a0", " ")
 
 
@@ -217,7 +215,7 @@ def replace_tables(room: WorkspaceSection, **changes: object) -> WorkspaceSectio
 
 
 def test_a_search_that_did_not_end_is_no_best_of_none(designed: Designed) -> None:
-    said = detail(replace(designed, searches=0))
+    said = design_detail(replace(designed, searches=0))
     assert "best of" not in said and "from an unfinished search of 2.5 s" in said
 
 
@@ -230,8 +228,8 @@ def test_margins_have_a_unit_for_people() -> None:
 
 
 def test_a_motion_that_is_not_proven_is_called_so_everywhere(beyond: Designed) -> None:
-    assert level(beyond) == "poor"
-    assert "not safe" in headline(beyond)
+    assert design_level(beyond) == "poor"
+    assert "not safe" in design_headline(beyond)
     words = text(render(content(beyond)))
     assert "Not proven: do not run this motion" in words
     assert re.search(r"tool box: z of 'tip' (below|above) -?0\.3 m: violated by 0\.\d+ m", words)
@@ -243,16 +241,16 @@ def test_a_motion_that_is_not_proven_is_called_so_everywhere(beyond: Designed) -
 
 def test_a_safe_motion_says_what_it_shows_and_that_it_is_proven(designed: Designed) -> None:
     every = len(designed.shown.names)
-    assert headline(designed).startswith(
+    assert design_headline(designed).startswith(
         f"The motion makes all {every} base parameters identifiable"
     )
     limits = "every limit is proven to hold at all times"
-    assert headline(designed).endswith(f"; {limits}")
+    assert design_headline(designed).endswith(f"; {limits}")
     fainter = replace(designed, faint=3)
-    assert headline(fainter).startswith(
+    assert design_headline(fainter).startswith(
         f"The motion makes {every} of {every + 3} base parameters identifiable; "
     )
-    assert level(designed) == "good"
+    assert design_level(designed) == "good"
     words = text(render(content(designed)))
     figure = f"condition number (raw) {designed.shown.raw:.3g} (smaller is better)"
     assert f"4 s, Fourier series from rest to rest; {figure}, best of 7 searches in 2.5 s" in words
@@ -268,8 +266,8 @@ def test_a_safe_motion_says_what_it_shows_and_that_it_is_proven(designed: Design
 def test_what_was_not_looked_at_is_said(designed: Designed) -> None:
     gap = Gap("torque is not limited: nothing is known <b>")
     told = _noted(designed, gap, "the acceleration is a guess")
-    assert "; every checked limit is proven to hold at all times" in headline(told)
-    assert level(told) == "fair"
+    assert "; every checked limit is proven to hold at all times" in design_headline(told)
+    assert design_level(told) == "fair"
     words = text(render(content(told)))
     assert "Not covered: torque is not limited: nothing is known <b>" in words
     assert "Assumed the acceleration is a guess" in words
@@ -277,22 +275,25 @@ def test_what_was_not_looked_at_is_said(designed: Designed) -> None:
     assert "not covered: torque is not limited: nothing is known <b>" in lines
     guess = _noted(designed, "the acceleration is a guess")
     assert (
-        "; every limit is proven to hold at all times" in headline(guess) and level(guess) == "good"
+        "; every limit is proven to hold at all times" in design_headline(guess)
+        and design_level(guess) == "good"
     )
     assert "Not covered:" not in text(render(content(designed)))
 
 
 def test_what_is_left_out_as_asked_is_said_but_no_reason_to_doubt(designed: Designed) -> None:
     told = _noted(designed, Declined("collisions are not looked at, as asked"))
-    assert "; every checked limit is proven" in headline(told) and level(told) == "good"
+    assert (
+        "; every checked limit is proven" in design_headline(told) and design_level(told) == "good"
+    )
     assert "not covered: collisions are not looked at" in " ".join(printed(told).split())
 
 
 def test_no_search_that_ended_is_said(designed: Designed) -> None:
     told = replace(designed, searches=0)
-    assert ", but no search converged; every limit" in headline(told)
-    assert level(told) == "fair"
-    assert level(replace(told, kind="sweeps")) == "good"
+    assert ", but no search converged; every limit" in design_headline(told)
+    assert design_level(told) == "fair"
+    assert design_level(replace(told, kind="sweeps")) == "good"
 
 
 def test_parameters_hidden_behind_others_are_no_good_motion(designed: Designed) -> None:
@@ -302,14 +303,14 @@ def test_parameters_hidden_behind_others_are_no_good_motion(designed: Designed) 
     told = replace(designed, shown=replace(designed.shown, gram=gram), kind="fourier")
     assert (
         f"The motion makes all {size} base parameters identifiable, 2 of them poorly; "
-        in headline(told)
+        in design_headline(told)
     )
-    assert level(told) == "fair"
-    assert level(replace(told, chosen=(2, 3))) == "good"
-    assert level(replace(told, kind="sweeps")) == "good"
-    assert level(replace(told, chosen=(1, 2))) == "fair"
+    assert design_level(told) == "fair"
+    assert design_level(replace(told, chosen=(2, 3))) == "good"
+    assert design_level(replace(told, kind="sweeps")) == "good"
+    assert design_level(replace(told, chosen=(1, 2))) == "fair"
     gram[0, 1] = gram[1, 0] = 0.99
-    assert level(replace(told, shown=replace(told.shown, gram=gram))) == "good"
+    assert design_level(replace(told, shown=replace(told.shown, gram=gram))) == "good"
 
 
 def test_the_way_to_the_start_is_said_not_to_be_covered(designed: Designed) -> None:
@@ -390,7 +391,7 @@ def test_the_page_stands_alone(designed: Designed) -> None:
 def test_the_path_is_that_of_two_links(designed: Designed) -> None:
     arm = designed.robot
     q = np.array([[0.3, -0.7], [1.2, 0.4]])
-    path = way_of(arm, designed.tool, all_joints(arm, q))
+    path = tool_path(arm, designed.tool, all_joints(arm, q))
     both = q.sum(axis=1)
     x = 0.4 * np.cos(q[:, 0]) + 0.4 * np.cos(both)
     z = -0.4 * np.sin(q[:, 0]) - 0.4 * np.sin(both)

@@ -9,22 +9,26 @@ import pytest
 
 from invented import ball
 from report.conftest import rendered_only
-from steelyard.estimation.estimate import Z95
-from steelyard.parameters import Parameters
-from steelyard.report import ReportContent, render
+from steelyard.base.arrays import Parameters
+from steelyard.estimate.estimate import Z95
+from steelyard.estimate.scores.residuals import PARTS
+from steelyard.excite.page.robot_in_space import frame_origins
+from steelyard.identify.page.conditioning import CorrelationsSection, correlations
+from steelyard.identify.page.content import ReportContent, fitted_samples, unseen_samples
+from steelyard.identify.page.effort_figures import (
+    MOST_POINTS_OF_TORQUE_PART,
+    TORQUE_PART_NAMES,
+    TorqueSplitSection,
+)
+from steelyard.identify.page.friction_sections import FrictionCurvesSection, curves_of
+from steelyard.identify.page.inertia_ellipsoids import EllipsoidsSection, semi_axes
+from steelyard.identify.page.link_inertias import MassesSection
+from steelyard.identify.page.parameter_table import TruthSection
+from steelyard.identify.page.residual_figures import ResidualsSection, binned
+from steelyard.identify.page.section_register import render
 from steelyard.report.figures import Figure
-from steelyard.report.parts import fitted_samples, unseen_samples
-from steelyard.report.sections.estimation.correlations import CorrelationsSection, correlations
-from steelyard.report.sections.model.ellipsoids import EllipsoidsSection, semi_axes
-from steelyard.report.sections.model.friction_curves import FrictionCurvesSection, curves_of
-from steelyard.report.sections.model.masses import MassesSection
-from steelyard.report.sections.model.residuals import ResidualsSection, binned
-from steelyard.report.sections.model.torque_split import POINTS, WORDS, TorqueSplitSection
-from steelyard.report.sections.model.truth import TruthSection
-from steelyard.report.skeleton import places
-from steelyard.robot.inertia import Inertia
+from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Frame
-from steelyard.validation.torque_parts import PARTS
 
 
 def unpacked(values: dict[str, str]) -> np.ndarray:
@@ -43,19 +47,19 @@ def test_the_parts_of_the_figure_add_up_to_the_prediction(usual: ReportContent) 
     for j, group in enumerate(numbers["groups"]):
         (figure,) = group.figures
         names = [trace["name"] for trace in figure.traces]
-        assert names == ["measured", "predicted", *(WORDS[name] for name in PARTS[:4])]
+        assert names == ["measured", "predicted", *(TORQUE_PART_NAMES[name] for name in PARTS[:4])]
         t, predicted = drawn(figure, "predicted")
-        total = sum(drawn(figure, WORDS[name])[1] for name in PARTS[:4])
+        total = sum(drawn(figure, TORQUE_PART_NAMES[name])[1] for name in PARTS[:4])
         np.testing.assert_allclose(total, predicted, rtol=1e-5, atol=1e-4)
         at = np.searchsorted(parts.t, t - 1e-3)
         np.testing.assert_allclose(predicted, parts.predicted[at, j], rtol=1e-6)
-        assert len(t) <= POINTS
+        assert len(t) <= MOST_POINTS_OF_TORQUE_PART
 
 
 def test_many_joints_share_the_points(
     usual: ReportContent, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    place = "steelyard.report.sections.model.torque_split.BUDGET"
+    place = "steelyard.identify.page.effort_figures.MOST_POINTS_OF_TORQUE_PARTS"
     monkeypatch.setattr(place, 100 * 7 * 2)
     numbers = TorqueSplitSection().numbers(usual)
     (figure,) = numbers["groups"][1].figures
@@ -200,7 +204,7 @@ def test_ellipsoids_stand_where_the_links_are(usual) -> None:
     robot = usual.identified.model.robot
     joints = parts.q[len(parts.q) // 2]
     frames = [Frame("c", k, np.eye(3), body.inertia.com) for k, body in enumerate(robot.bodies)]
-    expected = places(robot, frames, joints[None])[0]
+    expected = frame_origins(robot, frames, joints[None])[0]
 
     def points(name: str) -> np.ndarray:
         own = traces[name]

@@ -7,13 +7,19 @@ import pytest
 from rich.console import Console
 
 from report.conftest import EVIL, diagnosis
-from steelyard.diagnosis import Diagnosis, Finding, Severity
-from steelyard.diagnosis.finding import ComparedHypothesis, Edit, Fix
-from steelyard.identification.checks.precheck import refusal
-from steelyard.report.check_page import CheckContent, render_check
-from steelyard.report.sections.model.check import CheckSection, findings_of
-from steelyard.report.terminal.findings import notes, show
-from steelyard.report.text.findings import by_edits, diagnosis_dict, groups, headline, tally
+from steelyard.check.examine import Diagnosis
+from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Severity
+from steelyard.check.findings_page import CheckContent, CheckSection, findings_of, render_check
+from steelyard.check.findings_text import (
+    by_edits,
+    check_headline,
+    diagnosis_dict,
+    groups,
+    print_findings,
+    print_notes,
+    tally,
+)
+from steelyard.check.subject import refusal
 
 
 def content(name: str = "arm", most: float = 1.0) -> CheckContent:
@@ -23,7 +29,7 @@ def content(name: str = "arm", most: float = 1.0) -> CheckContent:
 
 def printed(said: Diagnosis, width: int = 80, verbose: bool = True) -> str:
     console = Console(file=io.StringIO(), width=width)
-    show(said, console, verbose=verbose)
+    print_findings(said, console, verbose=verbose)
     return console.file.getvalue()
 
 
@@ -86,12 +92,12 @@ def test_rows_fit_the_terminal(width: int) -> None:
 )
 def test_joints_that_the_sentence_names_are_not_named_before_it(says: str, before: str) -> None:
     finding = Finding("effort sign", "run", Severity.WRONG, says, "3 σ", ("joint_1", "joint_2"))
-    assert notes(Diagnosis((finding,))) == (f"check, effort sign: {before}{says} (3 σ)",)
+    assert print_notes(Diagnosis((finding,))) == (f"check, effort sign: {before}{says} (3 σ)",)
 
 
 def test_what_is_ok_may_be_left_out() -> None:
     console = Console(file=io.StringIO(), width=80)
-    show(many(Severity.OK, 2), console, fine=False)
+    print_findings(many(Severity.OK, 2), console, fine=False)
     assert console.file.getvalue() == "Ok: no error was found\n"
 
 
@@ -114,16 +120,16 @@ def test_of_many_that_are_not_some_are_told_and_the_others_named() -> None:
     text = printed(many(Severity.DOUBTFUL, 9))
     assert text.count("steps scatter") == 3 and "run2: steps scatter" in text
     assert "and 6 more: run3, run4, run5, run6 and 2 others" in text
-    assert notes(many(Severity.DOUBTFUL, 2)) == (
+    assert print_notes(many(Severity.DOUBTFUL, 2)) == (
         "check, clock: run0: steps scatter (0 ms); and 1 more: run1",
     )
-    assert notes(many(Severity.OK, 2)) == ()
+    assert print_notes(many(Severity.OK, 2)) == ()
 
 
 def test_words_of_the_verdict() -> None:
-    assert headline(many(Severity.OK, 2)) == "Ok: no error was found"
-    assert headline(many(Severity.DOUBTFUL, 2)) == "Doubtful: clock"
-    assert (headline(Diagnosis(())), tally(Diagnosis(()))) == (
+    assert check_headline(many(Severity.OK, 2)) == "Ok: no error was found"
+    assert check_headline(many(Severity.DOUBTFUL, 2)) == "Doubtful: clock"
+    assert (check_headline(Diagnosis(())), tally(Diagnosis(()))) == (
         "No check applies",
         "no findings",
     )
@@ -165,7 +171,7 @@ def test_basic_questions_that_a_misfit_leaves_open_are_doubtful(
     checks: str, hidden: bool, words: str
 ) -> None:
     said = opened(checks, hidden)
-    assert headline(said).startswith(words)
+    assert check_headline(said).startswith(words)
     assert said.inconclusive == words.startswith("Inconclusive")
     assert said.severity == (Severity.DOUBTFUL if said.inconclusive else Severity.OK)
     assert words.split(":")[0] in printed(said) and not said.edits
@@ -178,7 +184,7 @@ def test_a_check_counts_once_with_the_worst_that_it_found() -> None:
     fine = Finding("gain", "run2", Severity.OK, "right", "")
     said = Diagnosis((*clock, fine, gain))
     assert tally(said) == "2 checks: 1 open, 1 ok"
-    assert headline(said) == "Ok, but 1 of 2 checks could not be decided: gain"
+    assert check_headline(said) == "Ok, but 1 of 2 checks could not be decided: gain"
     short = printed(said, verbose=False)
     assert short.startswith("ok    1 check  clock") and "right" not in short
     assert "right" in printed(said) and "3 logs: steady" in printed(said)
@@ -187,7 +193,7 @@ def test_a_check_counts_once_with_the_worst_that_it_found() -> None:
 
 def test_a_finding_comes_before_open_questions() -> None:
     wrong = Diagnosis((*opened(BASIC).findings, *many(Severity.WRONG, 1).findings))
-    assert not wrong.inconclusive and headline(wrong) == "Wrong: clock"
+    assert not wrong.inconclusive and check_headline(wrong) == "Wrong: clock"
 
 
 def test_json_has_stable_keys_and_no_infinity() -> None:

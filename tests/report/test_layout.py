@@ -17,16 +17,17 @@ from report.test_findings import content as check_content
 from report.test_models import models_content
 from report.test_page import own_html
 from report.test_tracking import tracking_content
-from steelyard.report import ReportContent, render
-from steelyard.report.check_page import render_check
-from steelyard.report.compare_page import render_comparison
-from steelyard.report.contact_page import render_contact
-from steelyard.report.health_page import render_health
-from steelyard.report.html import TEMPLATES
-from steelyard.report.models_page import render_models
-from steelyard.report.payload_page import render_payload_events
-from steelyard.report.track_page import render_tracking
-from steelyard.report.wrench_page import render_wrench
+from steelyard.check.findings_page import render_check
+from steelyard.identify.comparison.estimators_page import render_comparison
+from steelyard.identify.comparison.models_page import render_models
+from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.section_register import render
+from steelyard.report.page import TEMPLATES
+from steelyard.simulate.tracking_sections import render_tracking
+from steelyard.uses.contact.contact_page import render_contact
+from steelyard.uses.health.health_page import render_health
+from steelyard.uses.payload.payload_page import render_payload_events
+from steelyard.uses.wrench.wrench_page import render_wrench
 
 PAGES = (
     "identification",

@@ -9,14 +9,18 @@ import pytest
 from rich.console import Console
 
 from report.conftest import EVIL, estimate, identified, robot, run_score
-from steelyard.estimation.estimate import Removed
-from steelyard.estimation.identified import IdentifiedModel
-from steelyard.report.content import ReportContent
-from steelyard.report.models_page import SECTIONS, render_models
-from steelyard.report.sections.models.errors import headline, tables
-from steelyard.report.sections.models.masses import ModelMassesSection
-from steelyard.report.sections.models.parameters import ModelParametersSection, ModelsSection
-from steelyard.validation.model_comparison import ComparedModel, ModelComparison, ModelErrors
+from steelyard.estimate.estimate import Removed
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.scores.model_comparison import ComparedModel, ModelComparison, ModelErrors
+from steelyard.identify.comparison.model_errors import error_tables, models_headline
+from steelyard.identify.comparison.models_page import (
+    COMPARE_MODELS_SECTIONS,
+    ModelMassesSection,
+    ModelParametersSection,
+    ModelsSection,
+    render_models,
+)
+from steelyard.identify.page.content import ReportContent
 
 JOINTS = ("shoulder", "elbow")
 
@@ -61,12 +65,12 @@ def models_content(
 def test_tables_have_errors_and_their_share_of_the_effort() -> None:
     found = models_content().models
     assert found is not None
-    every, points, circle = tables(found)
+    every, points, circle = error_tables(found)
     assert every.headings == ("Joint", "Effort used", "full", "reduced", "Unit")
     assert points.rows[0].cells[:2] == ("shoulder", "20.0")
     assert points.rows[0].cells[2:] == ("2.00 (10\u00a0%)", "4.00 (20\u00a0%)", "Nm")
     assert circle.rows[1].cells[3] == "12.0 (40\u00a0%)*" and "no validation" in every.words
-    (single,) = tables(models_content(runs=("points",)).models)  # type: ignore[arg-type]
+    (single,) = error_tables(models_content(runs=("points",)).models)  # type: ignore[arg-type]
     assert single.caption == "points" and "*" not in single.words
 
 
@@ -84,7 +88,7 @@ def test_errors_are_pooled_over_logs_that_no_model_knows(
     """The second log has errors twice as large."""
     found = models_content(used=used).models
     assert found is not None
-    every = tables(found)[0]
+    every = error_tables(found)[0]
     pooled = factor * np.sqrt((2.0**2 + 3.0**2) / 2.0)
     assert every.caption == caption
     assert every.rows[0].cells[2].startswith(f"{2.0 * factor:.2f} (")
@@ -92,7 +96,7 @@ def test_errors_are_pooled_over_logs_that_no_model_knows(
     assert every.rows[-1].cells[3].endswith(f"){mark}")
     assert ("no validation" in every.note) == bool(mark)
     assert ("no validation" in every.words) == bool(used)
-    assert f"full {pooled:.2f} Nm (1" in headline(found)
+    assert f"full {pooled:.2f} Nm (1" in models_headline(found)
 
 
 def test_a_joint_at_rest_has_no_share() -> None:
@@ -103,10 +107,10 @@ def test_a_joint_at_rest_has_no_share() -> None:
     joints = (replace(run.errors.joints[0], counted=False), run.errors.joints[1])
     run = replace(run, errors=replace(run.errors, joints=joints))
     found = ModelComparison((replace(model, runs=(run,)), content.models.models[1]))
-    assert tables(found)[0].rows[0].cells[2] == "2.00 (at rest)"
+    assert error_tables(found)[0].rows[0].cells[2] == "2.00 (at rest)"
     twice = ModelComparison(tuple(replace(x, runs=x.runs * 2) for x in found.models))
     assert twice.pooled_runs == (0, 1)
-    assert tables(twice)[0].rows[0].cells[1:3] == ("–", "–")
+    assert error_tables(twice)[0].rows[0].cells[1:3] == ("–", "–")
 
 
 def test_parameters_stand_in_one_set() -> None:
@@ -141,7 +145,7 @@ def test_masses_are_of_models_that_know_them() -> None:
 def test_numbers_as_json() -> None:
     content = models_content()
     told = {}
-    for section in SECTIONS:
+    for section in COMPARE_MODELS_SECTIONS:
         told |= section.to_dict(content)
     told = json.loads(json.dumps(told, allow_nan=False))
     first = told["errors"][0]
@@ -175,7 +179,7 @@ def test_strange_names_are_only_names() -> None:
 def test_nothing_is_shown_without_models() -> None:
     empty = ReportContent("nothing", "arm")
     console = Console(file=io.StringIO())
-    for section in SECTIONS:
+    for section in COMPARE_MODELS_SECTIONS:
         assert section.numbers(empty) is None and section.to_dict(empty) in ({}, {"models": None})
         for part in (*section.printed(empty), *section.detailed(empty)):
             console.print(part)

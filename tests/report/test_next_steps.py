@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steelyard.diagnosis import Diagnosis, Finding, Fix, Severity
-from steelyard.diagnosis.fitted.rotors_at_zero import RotorsAtZero
-from steelyard.parameters import Parameters
-from steelyard.report import ReportContent
-from steelyard.report.text.next_steps import (
-    fixing,
+from steelyard.base.arrays import Parameters
+from steelyard.check.examine import Diagnosis
+from steelyard.check.finding import Finding, Fix, Severity
+from steelyard.check.fitted.gear_side import RotorsAtZero
+from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.model_verdict import (
+    fix_commands,
     next_steps,
     path_word,
     robot_file,
@@ -64,7 +65,7 @@ def test_rotor_inertias_at_zero_propose_sensors_behind_the_gears(usual):
 def test_what_is_wrong_with_a_log_comes_first_with_its_path(usual):
     content = replace(usual, limitations=(LOADED,), logs={"points": "logs/points.csv@0:5"})
     assert commands(content) == ["steelyard payload out logs/points.csv@0:5"]
-    assert fixing(replace(content, logs={}), "out") == (("steelyard payload out LOG", ""),)
+    assert fix_commands(replace(content, logs={}), "out") == (("steelyard payload out LOG", ""),)
 
 
 def test_where_much_is_unknown_another_motion_is_proposed(usual):

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from report.conftest import rendered_only, run_score
-from steelyard.report import ReportContent, render
-from steelyard.report.sections.model.effort import EffortSection
-from steelyard.report.sections.register import SECTIONS
-from steelyard.report.thin import thin
+from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.effort_figures import EffortSection
+from steelyard.identify.page.section_register import SECTIONS, render
+from steelyard.report.figures import thin
 
 MEGABYTE = 1_000_000
 ARCHIVE = '<script type="application/gzip" id="plotly">'

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from report.conftest import rendered_only
-from steelyard.report.html import PLOTLY
+from steelyard.report.page import PLOTLY
 
 ENTRY = Path(__file__).parents[2] / "tools" / "plotly_entry.js"
 PLOTLY_JS = gzip.decompress(PLOTLY.read_bytes())

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from report.conftest import run_score
-from steelyard.report import render
-from steelyard.report.text.residual_times import fitted_larger
-from steelyard.validation.score import RunScore
+from steelyard.estimate.scores.score import RunScore
+from steelyard.identify.page.section_register import render
+from steelyard.identify.page.verdict_section import fitted_larger
 
 
 def with_residuals(ends: float) -> RunScore:

@@ -8,15 +8,15 @@ from typing import cast
 import numpy as np
 import pytest
 
-from steelyard.estimation.reduction.reduce import Reduction
-from steelyard.parameters import Parameters
-from steelyard.report import ReportContent
-from steelyard.report.sections.estimation.reduction import samples_of
-from steelyard.report.sections.register import SECTIONS
-from steelyard.report.sections.section import Section
-from steelyard.report.text.table import rows
-from steelyard.report.text.verdict import exit_code, level_of, verdict
-from steelyard.report.text.words import percent
+from steelyard.base.arrays import Parameters
+from steelyard.estimate.reduction.reduction import Reduction
+from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.model_verdict import exit_code, level_of, verdict
+from steelyard.identify.page.parameter_table import parameter_rows
+from steelyard.identify.page.reduction_sections import samples_of
+from steelyard.identify.page.section_register import SECTIONS
+from steelyard.report.page import Section
+from steelyard.report.words import percent
 
 BY_NAME: dict[str, Section] = {section.name: section for section in SECTIONS}
 
@@ -190,7 +190,7 @@ def test_levels():
 
 
 def test_poor_parameters_are_marked(usual):
-    table = rows(usual.identified)
+    table = parameter_rows(usual.identified)
     words = ["identified", "poorly identified", "small effect", "identified"]
     assert [row.status for row in table[:4]] == words
     assert table[-1].status == "not identifiable" and table[-1].value is None
@@ -206,11 +206,11 @@ def test_poor_parameters_are_marked(usual):
 
 def test_intervals_and_nominal_values(usual):
     estimate = usual.identified.estimate
-    first = rows(usual.identified)[0]
+    first = parameter_rows(usual.identified)[0]
     assert first.upper95 - first.lower95 == pytest.approx(2 * 1.959964 * estimate.std[0])
     assert first.relative_std_percent == pytest.approx(3.0)
     assert first.nominal == pytest.approx(2.0 * 0.2 + 0.4 * 2.0)
-    friction = next(r for r in rows(usual.identified) if r.name == "viscous.elbow")
+    friction = next(r for r in parameter_rows(usual.identified) if r.name == "viscous.elbow")
     assert friction.nominal is None
 
 
@@ -271,7 +271,7 @@ def test_estimates_are_compared_in_the_std_of_both(usual):
 def test_groupings_stand_in_rows_of_their_own(usual):
     html = shown("parameters", usual)
     assert '<input type="checkbox" id="parameter-groups"' in html
-    groups = [row for row in rows(usual.identified) if row.status != "not identifiable"]
+    groups = [row for row in parameter_rows(usual.identified) if row.status != "not identifiable"]
     folded = [row for row in groups if row.group != row.name]
     assert html.count('<tr class="group follows">') == len(folded) > 0
     assert "mx.<wbr>link of shoulder" in html and "+&nbsp;1</small>" in html

@@ -8,8 +8,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from closed_chains import five_bar, independent_path, slider_crank, spatial
-from steelyard.excitation.constraints.markers import Marker
-from steelyard.excitation.shapes.solids import (
+from steelyard.excite.collision.solids import (
     Ball,
     Box,
     Capsule,
@@ -18,12 +17,13 @@ from steelyard.excitation.shapes.solids import (
     HalfSpace,
     Hull,
 )
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.report.replay.solid_mesh import mesh_of
-from steelyard.report.replay.stage import Stage, staged, sticks
-from steelyard.report.skeleton import all_joints
-from steelyard.robot.loop_equations import gaps
-from steelyard.robot_file.file import load_robot
+from steelyard.excite.constraints.markers import Marker
+from steelyard.excite.page.replay import mesh_of
+from steelyard.excite.page.robot_in_space import all_joints
+from steelyard.excite.page.stage import Stage, staged, sticks
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.loop_closures import gaps
 
 CORNERS = np.random.default_rng(1).standard_normal((30, 3))
 VOLUMES = [
@@ -125,7 +125,7 @@ def test_a_model_whose_shapes_cannot_be_read_is_drawn_as_sticks(pair: Path) -> N
 
 
 def test_sticks_hang_together() -> None:
-    arm = load_robot(Path(__file__).parents[2] / "src/steelyard/virtual/demo_arm.urdf").robot
+    arm = load_robot(Path(__file__).parents[2] / "src/steelyard/simulate/demo_arm.urdf").robot
     last = arm.bodies[-1].name
     bare = sticks(arm, Marker(last, (0.0, 0.0, 0.2)), set())
     longest = [s for s in bare if isinstance(s.solid, Cylinder)]

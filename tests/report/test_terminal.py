@@ -8,23 +8,28 @@ import pytest
 from rich.console import Console
 
 from report.inspected import contact_content, payload_events
-from steelyard.application.watch.records import summary_record
-from steelyard.application.watch.watcher import StreamSummary
-from steelyard.diagnosis.finding import Finding, Severity
-from steelyard.estimation.known_scales import KnownScales
-from steelyard.report import ReportContent, parameters_csv, render, summary
-from steelyard.report.contact_page import contact_lines
-from steelyard.report.terminal.payload import event_lines
-from steelyard.report.terminal.terminal import CSV_COLUMNS
-from steelyard.report.terminal.watch import summary_lines
-from steelyard.report.text.score_words import coverage_words
-from steelyard.report.text.verdict import verdict
-from steelyard.validation.headline import pooled
+from steelyard.check.finding import Finding, Severity
+from steelyard.estimate.effort_uncertainty import KnownScales
+from steelyard.estimate.scores.joint_errors import pooled
+from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.model_verdict import verdict
+from steelyard.identify.page.score_words import coverage_words
+from steelyard.identify.page.section_register import (
+    CSV_COLUMNS,
+    parameters_csv,
+    print_report,
+    render,
+)
+from steelyard.uses.contact.contact_page import contact_lines
+from steelyard.uses.payload.payload_page import event_lines
+from steelyard.uses.watch.records import summary_record
+from steelyard.uses.watch.watch_text import summary_lines
+from steelyard.uses.watch.watcher import StreamSummary
 
 
 def printed(content: ReportContent, width: int = 120, verbose: bool = False) -> str:
     console = Console(file=io.StringIO(), width=width)
-    summary(content, console, verbose)
+    print_report(content, console, verbose)
     return console.file.getvalue()
 
 

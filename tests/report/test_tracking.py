@@ -10,12 +10,18 @@ import pytest
 from rich.console import Console
 
 from report.conftest import EVIL, robot
-from steelyard.report.content import ReportContent
-from steelyard.report.sections.tracking.errors import TrackingErrorsSection, headline, tables
-from steelyard.report.sections.tracking.path import magnification, plane
-from steelyard.report.track_page import SECTIONS, render_tracking
+from steelyard.identify.page.content import ReportContent
 from steelyard.robot.robot import Frame, Robot
-from steelyard.virtual.tracking import TrackedRun, Tracking
+from steelyard.simulate.track import TrackedRun, Tracking
+from steelyard.simulate.tracking_sections import (
+    TRACK_SECTIONS,
+    TrackingErrorsSection,
+    headline,
+    magnification,
+    plane,
+    render_tracking,
+    tables,
+)
 
 
 def tracking_content(arm: Robot, *names: str) -> ReportContent:
@@ -94,8 +100,13 @@ def test_the_page_has_a_picture_of_every_joint_and_escapes_names() -> None:
     assert EVIL not in page and "ran'" not in re.sub(r"&#39;|\\u0027", "", page).split("<h1")[0]
     assert page.count('class="picture"') == 2 + 1 + 2
     assert "deviations 2 times as large" in page.replace("\u00a0", " ")
-    assert [s.name for s in SECTIONS] == ["tracking", "tool-path", "errors-over-time", "settings"]
-    for section in SECTIONS[:3]:
+    assert [s.name for s in TRACK_SECTIONS] == [
+        "tracking",
+        "tool-path",
+        "errors-over-time",
+        "settings",
+    ]
+    for section in TRACK_SECTIONS[:3]:
         assert section.numbers(ReportContent("", "")) is None
 
 

@@ -10,13 +10,13 @@ import pytest
 from rich.console import Console
 
 from report.conftest import rendered_only
-from steelyard.report import ReportContent, parameters_csv, render, summary
-from steelyard.report.sections.model.bodies import BodiesSection, margin, solids
-from steelyard.report.sections.model.effort import EffortSection
-from steelyard.report.sections.model.parameters import ParametersSection
-from steelyard.report.text.table import rows
-from steelyard.report.thin import outline
-from steelyard.robot.inertia import Inertia
+from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.effort_figures import EffortSection
+from steelyard.identify.page.link_inertias import BodiesSection, identified_links, margin
+from steelyard.identify.page.parameter_table import ParametersSection, parameter_rows
+from steelyard.identify.page.section_register import parameters_csv, print_report, render
+from steelyard.report.figures import outline
+from steelyard.robot.rigid_body import Inertia
 
 
 def decoded(packed: dict[str, str]) -> np.ndarray:
@@ -25,7 +25,7 @@ def decoded(packed: dict[str, str]) -> np.ndarray:
 
 def printed(content: ReportContent) -> str:
     console = Console(file=io.StringIO(), width=200)
-    summary(content, console, verbose=True)
+    print_report(content, console, verbose=True)
     return console.file.getvalue()
 
 
@@ -91,7 +91,7 @@ def test_an_outline_is_closed_between_jumps_of_time():
 
 
 def test_the_table_shows_the_share_from_data(usual):
-    table = [row for row in rows(usual.identified) if row.status != "not identifiable"]
+    table = [row for row in parameter_rows(usual.identified) if row.status != "not identifiable"]
     assert [row.from_data_percent for row in table[:2]] == [93.0, 93.0]
     assert table[-1].from_data_percent == 12.5 and table[-1].status == "from the prior"
     section = ParametersSection()
@@ -106,7 +106,7 @@ def test_without_a_prior_there_is_no_share(usual):
     content = with_estimate(usual, learned=None, standard=None)
     section = ParametersSection()
     assert "From data" not in section.show(section.numbers(content))
-    assert all(row.from_data_percent is None for row in rows(content.identified))
+    assert all(row.from_data_percent is None for row in parameter_rows(content.identified))
     assert "prior" not in printed(content)
     assert BodiesSection().numbers(content) is None
 
@@ -125,7 +125,7 @@ def test_bodies_have_masses_centres_and_intervals(usual):
 
 
 def test_the_centre_s_interval_is_that_of_draws(usual):
-    link = next(solids(usual.identified))
+    link = next(identified_links(usual.identified))
     drawn = np.random.default_rng(0).multivariate_normal(
         link.inertia.ten[:4], link.covariance[:4, :4], 100_000
     )
@@ -179,11 +179,11 @@ def test_what_a_bound_holds_has_no_interval(usual):
     values[names.index(held)] = 3e-12
     parameters = replace_values(usual.identified.estimate.parameters, values)
     content = with_estimate(usual, parameters=parameters, at_bound=(held, names[0]))
-    row = next(row for row in rows(content.identified) if row.name == held)
+    row = next(row for row in parameter_rows(content.identified) if row.name == held)
     assert (row.status, row.value) == ("at a bound", 0.0)
     empty = ("std", "lower95", "upper95", "relative_std_percent", "from_data_percent")
     assert [getattr(row, name) for name in empty] == [None] * 5
-    assert rows(content.identified)[0].value == values[0]
+    assert parameter_rows(content.identified)[0].value == values[0]
     section = ParametersSection()
     html = section.show(section.numbers(content))
     assert ", 2 at a bound, " in html and html.count("at a bound</span>") == 2
@@ -203,7 +203,7 @@ def test_a_bound_of_the_user_keeps_its_value(usual):
     far[names.index(held)] = 4.0
     parameters = replace_values(usual.identified.estimate.parameters, far)
     content = with_estimate(usual, parameters=parameters, at_bound=(held,))
-    row = next(row for row in rows(content.identified) if row.name == held)
+    row = next(row for row in parameter_rows(content.identified) if row.name == held)
     assert row.value == 4.0 and row.status == "at a bound"
 
 

@@ -1,13 +1,13 @@
 import pytest
 
-from steelyard.report.text.words import (
-    alike,
+from steelyard.report.words import (
     count,
     fixed,
     kept,
     percent,
     pieces,
     relative,
+    rounded_to_uncertainty,
     share,
     significant,
 )
@@ -55,7 +55,7 @@ def test_percentages(value, text):
     ],
 )
 def test_decimals_follow_the_uncertainty(value, scale, text):
-    assert alike(value, scale) == text
+    assert rounded_to_uncertainty(value, scale) == text
 
 
 def test_plurals():

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from report.inspected import wrench_content
-from steelyard.estimation.external.wrench import Expected
-from steelyard.report.wrench_page import WrenchContent, render_wrench
+from steelyard.estimate.external.effort_to_wrench import Expected
+from steelyard.uses.wrench.wrench_page import WrenchContent, render_wrench
 
 CONTENT = wrench_content()
 

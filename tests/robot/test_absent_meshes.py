@@ -3,12 +3,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steelyard.errors import ModelError
-from steelyard.excitation.shapes.model_shapes import robot_shapes
+from steelyard.base.errors import ModelError
+from steelyard.excite.collision.model_shapes import robot_shapes
+from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.from_mechanism import reduced
-from steelyard.robot.mjcf.assets import compiled
-from steelyard.robot.mjcf.read import read_mjcf
-from steelyard.robot_file.file import load_robot
+from steelyard.robot.models.mjcf import compiled, read_mjcf
 
 CORNERS = [(0, 0, 0), (0.3, 0, 0), (0, 0.2, 0), (0, 0, 0.1)]
 SURFACE = [(1, 3, 2), (1, 2, 4), (2, 3, 4), (3, 1, 4)]

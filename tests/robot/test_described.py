@@ -5,11 +5,11 @@ from typing import Any, ClassVar
 
 import pytest
 
-from steelyard.errors import ModelError
-from steelyard.estimation.prior.register import KINDS as KNOWLEDGE
-from steelyard.measurement.methods.register import method_of
-from steelyard.robot_file.described import Kinds
-from steelyard.terms.register import term_of
+from steelyard.base.errors import ModelError
+from steelyard.estimate.prior.constraint_kinds import KINDS as KNOWLEDGE
+from steelyard.model.laws.register import term_of
+from steelyard.robot.file.kinds import Kinds
+from steelyard.runs.processing import method_of
 
 
 @dataclass(frozen=True)

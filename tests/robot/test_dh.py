@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from oracles import body_positions, pinocchio_torque
-from steelyard.errors import ModelError
+from steelyard.base.errors import ModelError
+from steelyard.robot.file.model_source import DHConvention, DHRow, dh_mechanism
 from steelyard.robot.from_mechanism import reduced
-from steelyard.robot.geometry import turn
-from steelyard.robot.model_files.dh import DHConvention, DHRow, dh_mechanism
+from steelyard.robot.rigid_body import turn
 from steelyard.robot.robot import Robot
 
 ROWS = (

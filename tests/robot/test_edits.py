@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steelyard.errors import ModelError
-from steelyard.robot_file.edits import edited, lines_of
-from steelyard.robot_file.file import load_robot
-from steelyard.robot_file.toml_reader import tomllib
+from steelyard.base.errors import ModelError
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.file.toml import tomllib
+from steelyard.robot.file.toml_edits import edited, lines_of
 
 
 @dataclass(frozen=True)

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from steelyard.errors import ModelError
-from steelyard.robot_file.excitation_sections import ExcitationSection, changed_excitation
-from steelyard.robot_file.motion_sections import KINDS, MOTIONS
-from steelyard.robot_file.sections import RobotFile
-from steelyard.robot_file.toml_check import checked
+from steelyard.base.errors import ModelError
+from steelyard.robot.file.excitation_sections import ExcitationSection, changed_excitation
+from steelyard.robot.file.motion_sections import KINDS, MOTIONS
+from steelyard.robot.file.sections import RobotFile
+from steelyard.robot.file.toml import checked
 
 
 def read(tables: str) -> ExcitationSection:

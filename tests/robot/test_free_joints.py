@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 
 from oracles import pinocchio_torque
-from steelyard.errors import ModelError
-from steelyard.excitation.from_tables import Recipe
-from steelyard.model import Model
+from steelyard.base.errors import ModelError
+from steelyard.excite.problem_from_tables import Recipe
+from steelyard.model.model import Model
+from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.from_mechanism import reduced
-from steelyard.robot.mjcf.read import read_mjcf
-from steelyard.robot_file.file import load_robot
-from steelyard.robot_file.template.proposal import proposed
-from steelyard.robot_file.template.template import assigned, drafted
+from steelyard.robot.init.proposal import proposed
+from steelyard.robot.init.template import assigned, drafted
+from steelyard.robot.models.mjcf import read_mjcf
 
 BALL = '<geom type="sphere" size=".05" pos=".1 .02 0" mass=".7"/>'
 CUBE = '<body name="{}" pos="1 0 0"><freejoint/><geom type="box" size=".1 .1 .1"/></body>'

@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from steelyard.errors import ModelError
+from steelyard.base.errors import ModelError
+from steelyard.robot.file.efforts import build_transmission
+from steelyard.robot.file.sections import EffortSection, SignalsSection, TransmissionSection
+from steelyard.robot.file.signals import Signals, build_signals, signals_from_dict, signals_to_dict
 from steelyard.robot.robot import Coordinate, Transmission
-from steelyard.robot_file.sections import EffortSection, SignalsSection, TransmissionSection
-from steelyard.robot_file.signals import Signals, build_signals, signals_from_dict, signals_to_dict
-from steelyard.robot_file.transmission import build_transmission
 
 JOINTS = ("elbow", "wrist")
 COORDINATES = tuple(Coordinate(name, "revolute") for name in JOINTS)

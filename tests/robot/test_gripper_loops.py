@@ -3,12 +3,12 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from steelyard.errors import ModelError, OpenModelError
+from steelyard.base.errors import ModelError, OpenModelError
+from steelyard.robot.file.robot_file import LoadedRobot, load_robot
 from steelyard.robot.from_mechanism import reduced
-from steelyard.robot.mjcf.read import read_mjcf
-from steelyard.robot_file.file import LoadedRobot, load_robot
-from steelyard.robot_file.template.proposal import proposed
-from steelyard.robot_file.template.template import assigned, drafted
+from steelyard.robot.init.proposal import proposed
+from steelyard.robot.init.template import assigned, drafted
+from steelyard.robot.models.mjcf import read_mjcf
 
 BALL = '<geom type="sphere" size=".05" pos=".1 .02 0" mass=".7"/>'
 HAND = """

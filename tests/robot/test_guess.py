@@ -3,15 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from steelyard.errors import LogError, ModelError
-from steelyard.robot.inertia import Inertia
+from steelyard.base.errors import LogError, ModelError
+from steelyard.robot.init.column_names import Column, words_of
+from steelyard.robot.init.guess_columns import guess_columns, guess_signals, velocities_beside
+from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Body, Coordinate, Limits, Robot
-from steelyard.robot_file.column_names import Column, words_of
-from steelyard.robot_file.template.guess_columns import (
-    guess_columns,
-    guess_signals,
-    velocities_beside,
-)
 
 UR = tuple(
     Coordinate(f"{n}_joint", "revolute")

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from robot.test_guess import TWO, numbered
-from steelyard.robot_file.signals import POSITION_UNITS, VELOCITY_UNITS
-from steelyard.robot_file.template.guess_columns import guess_columns
-from steelyard.robot_file.template.guess_velocities import compared
+from steelyard.robot.file.signals import POSITION_UNITS, VELOCITY_UNITS
+from steelyard.robot.init.guess_columns import guess_columns
+from steelyard.robot.init.guess_motion import compared
 
 T = np.arange(4000) * 0.005
 

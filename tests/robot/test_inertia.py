@@ -5,8 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from steelyard.robot.geometry import rpy_rotation
-from steelyard.robot.inertia import Inertia, six_numbers, skew, symmetric
+from steelyard.robot.rigid_body import Inertia, rpy_rotation, six_numbers, skew, symmetric
 
 numbers = st.floats(-2.0, 2.0)
 vectors = arrays(np.float64, 3, elements=numbers)

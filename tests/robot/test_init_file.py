@@ -5,15 +5,15 @@ import numpy as np
 import polars as pl
 import pytest
 
-from steelyard.errors import ModelError
-from steelyard.estimation.identified import BAND
-from steelyard.identification.described_model import model_with_open_friction
+from steelyard.base.errors import ModelError
+from steelyard.estimate.identified import BAND
+from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.robot.file.robot_file import LoadedRobot, load_robot
+from steelyard.robot.file.sections import PriorSection, ProcessingSection
+from steelyard.robot.init.guess_efforts import link_side
+from steelyard.robot.init.proposal import proposed
+from steelyard.robot.init.template import assigned, drafted, path_from
 from steelyard.robot.robot import Limits
-from steelyard.robot_file.file import LoadedRobot, load_robot
-from steelyard.robot_file.sections import PriorSection, ProcessingSection
-from steelyard.robot_file.template.guess_efforts import link_side
-from steelyard.robot_file.template.proposal import proposed
-from steelyard.robot_file.template.template import assigned, drafted, path_from
 
 DATA = os.environ.get("STEELYARD_DATA")
 needs_data = pytest.mark.skipif(not DATA, reason="STEELYARD_DATA names no folder with robots")

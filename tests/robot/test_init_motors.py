@@ -5,15 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steelyard.errors import LogError, ModelError
-from steelyard.identification.described_model import model_with_open_friction
+from steelyard.base.errors import LogError, ModelError
+from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.robot.file.robot_file import LoadedRobot, load_robot
+from steelyard.robot.init.guess_columns import Guess, guess_columns
+from steelyard.robot.init.guess_efforts import Gears, regressed
+from steelyard.robot.init.proposal import proposed
+from steelyard.robot.init.signals_section import Known
+from steelyard.robot.init.template import Draft, assigned, drafted
 from steelyard.robot.robot import Coordinate, Limits
-from steelyard.robot_file.file import LoadedRobot, load_robot
-from steelyard.robot_file.template.guess_columns import Guess, guess_columns
-from steelyard.robot_file.template.guess_motors import Gears, regressed
-from steelyard.robot_file.template.known import Known
-from steelyard.robot_file.template.proposal import proposed
-from steelyard.robot_file.template.template import Draft, assigned, drafted
 
 LIMITED = tuple(
     Coordinate(name, "revolute", Limits(-3.0, 3.0, 2.0, 50.0)) for name in ("joint1", "joint2")

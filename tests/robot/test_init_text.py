@@ -1,4 +1,4 @@
-from steelyard.robot_file.template.text import comment
+from steelyard.robot.file.toml_edits import comment
 
 
 def test_a_long_comment_keeps_its_indentation() -> None:

@@ -8,13 +8,12 @@ import pytest
 
 from closed_chains import CHAINS, Oracle, five_bar, parallelogram, spatial, twin_loops
 from invented import ball
-from steelyard.errors import ModelError
+from steelyard.base.errors import ModelError
+from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.from_mechanism import reduced
-from steelyard.robot.json import robot_from_dict, robot_to_dict
-from steelyard.robot.loop_equations import closest, gaps, loop_equations, residual
-from steelyard.robot.mjcf.read import read_mjcf
-from steelyard.robot.robot import Loop, Robot
-from steelyard.robot_file.file import load_robot
+from steelyard.robot.loop_closures import closest, gaps, loop_equations, residual
+from steelyard.robot.models.mjcf import read_mjcf
+from steelyard.robot.robot import LoopClosure, Robot, robot_from_dict, robot_to_dict
 
 
 @pytest.mark.parametrize("name", CHAINS)
@@ -60,7 +59,7 @@ def test_closest_comes_as_near_as_the_bars_reach() -> None:
     elbows = np.array([[-0.3, 0.0], [0.53, 0.05]])
     apart = np.linalg.norm(elbows[1] - elbows[0]) - 0.4 - np.hypot(0.45, 0.02)
     assert apart < 0.0
-    short = robot.changed(loops=(Loop("tip", (1, 3), [[0.2, 0.0, 0.0], [0.3, 0.0, 0.0]]),))
+    short = robot.changed(loops=(LoopClosure("tip", (1, 3), [[0.2, 0.0, 0.0], [0.3, 0.0, 0.0]]),))
     apart = np.linalg.norm(elbows[1] - elbows[0]) - 0.5
     assert gaps(short, closest(short, start, [2, 3]))[0] == pytest.approx(apart, abs=1e-9)
 
@@ -73,7 +72,7 @@ def _three_motors() -> Robot:
 
 def _short() -> Robot:
     robot = five_bar()
-    return robot.changed(loops=(Loop("tip", (1, 3), [[0.1, 0.0, 0.0], [0.12, 0.0, 0.0]]),))
+    return robot.changed(loops=(LoopClosure("tip", (1, 3), [[0.1, 0.0, 0.0], [0.12, 0.0, 0.0]]),))
 
 
 def _flat() -> Robot:

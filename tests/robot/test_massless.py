@@ -5,18 +5,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steelyard.errors import ModelError
-from steelyard.estimation.payload.load_case import carrier
-from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.estimation.prior.prior_given import body_index
-from steelyard.model import Model
-from steelyard.regression.base import base_parameters, full_regressor
+from steelyard.base.errors import ModelError
+from steelyard.estimate.information.base_parameters import base_parameters, full_regressor
+from steelyard.estimate.payload.load_case import carrier
+from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.estimate.prior.prior_constraint import body_index
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
 from steelyard.robot.from_mechanism import reduced
-from steelyard.robot.json import robot_from_dict, robot_to_dict
-from steelyard.robot.mjcf.read import read_mjcf
-from steelyard.robot.robot import Robot
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.virtual.invent import random_truth
+from steelyard.robot.models.mjcf import read_mjcf
+from steelyard.robot.robot import Robot, robot_from_dict, robot_to_dict
+from steelyard.simulate.truth import random_truth
 
 HIP = """
 <mujoco model="leg">

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from steelyard.base.errors import LogError
 from steelyard.cli.app import app
-from steelyard.errors import LogError
+from steelyard.robot.init.guess_columns import guess_columns
 from steelyard.robot.robot import Coordinate, Limits
-from steelyard.robot_file.template.guess_columns import guess_columns
 
 SCARA = (
     Coordinate("shoulder", "revolute"),

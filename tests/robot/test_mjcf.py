@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from oracles import body_map, body_positions, pinocchio_torque
-from steelyard.errors import ModelError
+from steelyard.base.errors import ModelError
 from steelyard.robot.from_mechanism import reduced
-from steelyard.robot.mjcf.read import read_mjcf
+from steelyard.robot.models.mjcf import read_mjcf
 from steelyard.robot.robot import Robot
 
 ARM = """

@@ -4,10 +4,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from steelyard.robot.mechanism import Mechanism
-from steelyard.robot.mjcf.read import read_mjcf
-from steelyard.robot.placeholders import is_placeholder
-from steelyard.robot_file.file import LoadedRobot, load_robot
+from steelyard.robot.file.robot_file import LoadedRobot, load_robot
+from steelyard.robot.mechanism import Mechanism, is_placeholder
+from steelyard.robot.models.mjcf import read_mjcf
 
 WORLD = """
 <mujoco model="arm">{options}

@@ -6,13 +6,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from steelyard.identification.described_model import model_with_open_friction
-from steelyard.kernel.equations.dynamics import JointState
-from steelyard.robot.model_notes import Listed
-from steelyard.robot_file.file import LoadedRobot, load_robot
-from steelyard.robot_file.template import proposal as init_proposal
-from steelyard.robot_file.template.template import assigned, drafted, notes_beside
-from steelyard.terms.laws.spring import Spring
+from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.laws.spring import Spring
+from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.robot.file.robot_file import LoadedRobot, load_robot
+from steelyard.robot.init import proposal as init_proposal
+from steelyard.robot.init.template import assigned, drafted, notes_beside
+from steelyard.robot.mechanism import Listed
 
 ARM = """
 <mujoco model="arm">

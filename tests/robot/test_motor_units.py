@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steelyard.errors import ModelError
-from steelyard.robot_file.file import load_robot
+from steelyard.base.errors import ModelError
+from steelyard.robot.file.robot_file import load_robot
 
 URDF = """<robot name="gantry"><link name="base"/><link name="slide"/><link name="hand"/>
 <joint name="lift" type="prismatic"><parent link="base"/><child link="slide"/><axis xyz="0 0 1"/>

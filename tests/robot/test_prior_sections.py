@@ -5,11 +5,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from steelyard.errors import ModelError
-from steelyard.robot_file.edits import edited
-from steelyard.robot_file.file import LoadedRobot, load_robot
-from steelyard.robot_file.template.proposal import proposed
-from steelyard.robot_file.template.template import assigned, drafted
+from steelyard.base.errors import ModelError
+from steelyard.robot.file.robot_file import LoadedRobot, load_robot
+from steelyard.robot.file.toml_edits import edited
+from steelyard.robot.init.proposal import proposed
+from steelyard.robot.init.template import assigned, drafted
 
 URDF = """<robot name="one"><link name="a"/><link name="b"/>
 <joint name="elbow" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint>

@@ -2,11 +2,10 @@ import numpy as np
 import pytest
 
 from oracles import body_positions, pinocchio_torque
-from steelyard.errors import ModelError
+from steelyard.base.errors import ModelError
 from steelyard.robot.from_mechanism import reduced
-from steelyard.robot.geometry import Placement, rpy_rotation
-from steelyard.robot.inertia import Inertia
 from steelyard.robot.mechanism import Joint, Link, Mechanism, Mimic
+from steelyard.robot.rigid_body import Inertia, Placement, rpy_rotation
 from steelyard.robot.robot import Limits
 
 BALL = Inertia.about_com(1.0, [0.1, 0.2, 0.3], 0.01 * np.eye(3))

@@ -7,9 +7,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from steelyard.errors import ModelError
-from steelyard.robot_file.file import load_robot, load_robot_file, read_mechanism
-from steelyard.robot_file.signals import signals_from_dict, signals_to_dict
+from steelyard.base.errors import ModelError
+from steelyard.robot.file.robot_file import load_robot, load_robot_file, read_mechanism
+from steelyard.robot.file.signals import signals_from_dict, signals_to_dict
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DATA = os.environ.get("STEELYARD_DATA")

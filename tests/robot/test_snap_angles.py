@@ -6,10 +6,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from steelyard.model import Model
-from steelyard.motion import Motion
-from steelyard.robot_file.file import load_robot
-from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.base.motion import Motion
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
+from steelyard.robot.file.robot_file import load_robot
 
 URDF = """<robot name="rounded">
   <link name="base"/>

@@ -1,8 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steelyard.robot_file.toml_lines import KeyPath, toml_lines
-from steelyard.robot_file.toml_reader import tomllib
+from steelyard.robot.file.toml import KeyPath, toml_lines, tomllib
 
 TEXT = '''# a comment with [brackets] and "quotes"
 [robot] # another

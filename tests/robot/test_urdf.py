@@ -7,9 +7,9 @@ import pinocchio as pin
 import pytest
 
 from oracles import body_map, body_positions, pinocchio_torque
-from steelyard.errors import ModelError
+from steelyard.base.errors import ModelError
 from steelyard.robot.from_mechanism import reduced
-from steelyard.robot.model_files.urdf import read_urdf
+from steelyard.robot.models.urdf import read_urdf
 
 DATA = os.environ.get("STEELYARD_DATA")
 URDFS = [

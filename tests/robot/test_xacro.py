@@ -10,9 +10,15 @@ from xml.etree import ElementTree
 
 import pytest
 
-from steelyard.errors import ModelError
-from steelyard.robot.xacro.read import expand, is_xacro, joined_reference, split_reference, stem_of
-from steelyard.robot_file.file import load_robot
+from steelyard.base.errors import ModelError
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.models.xacro import (
+    expand,
+    is_xacro,
+    joined_reference,
+    split_reference,
+    stem_of,
+)
 
 Write = Callable[[str, str], Path]
 HEAD = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="r">'

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from invented import ROBOTS, dh_arm
-from steelyard.kernel.equations.dynamics import JointState
-from steelyard.model import Model
-from steelyard.parameters import Parameters
-from steelyard.robot.inertia import skew
+from steelyard.base.arrays import Parameters
+from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
+from steelyard.model.terms.error_columns import GeometryErrors
+from steelyard.robot.rigid_body import skew
 from steelyard.robot.robot import Body, Robot
-from steelyard.terms.errors.geometry_errors import Displaced
-from steelyard.terms.laws.rigid_body import RigidBody
 
 STEP = 1e-6
 
@@ -36,9 +36,9 @@ def columns(robot: Robot, kind: Any, motion: np.ndarray) -> dict[str, np.ndarray
     """Per parameter the column, `(n_joints, N)`."""
     names = [p.name for p in RigidBody().parameters(robot)]
     reference = tuple(zip(names, robot.nominal.ravel().tolist(), strict=True))
-    model = Model(robot, (Displaced((kind,), reference),))
+    model = Model(robot, (GeometryErrors((kind,), reference),))
     channels = model.scan()(*motion)
-    found = Displaced((kind,)).columns(robot, JointState(*map(list, motion), list(channels)))
+    found = GeometryErrors((kind,)).columns(robot, JointState(*map(list, motion), list(channels)))
     return {
         name: np.array([found[row, k] for row in range(robot.n_joints)])
         for k, name in enumerate(model.names)
@@ -96,4 +96,4 @@ def test_a_closed_chain_has_no_columns() -> None:
     closed = robot.changed(
         coordinates=robot.coordinates[:2], passive=robot.coordinates[2:], assembly=np.zeros(3)
     )
-    assert Displaced(("zero_offset", "axis")).parameters(closed) == ()
+    assert GeometryErrors(("zero_offset", "axis")).parameters(closed) == ()

@@ -7,22 +7,21 @@ import pytest
 
 from invented import tree
 from moving import geared, torque
-from steelyard.errors import ModelError
-from steelyard.kernel.equations.dynamics import JointState
-from steelyard.kernel.program.numpy_backend import run
-from steelyard.kernel.program.program import Array
-from steelyard.kernel.program.trace import slopes_of, symbolic
-from steelyard.model import Model
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.coupled import Coupled
-from steelyard.terms.laws.directional import DirectionalCoulomb, DirectionalViscous
-from steelyard.terms.laws.directional_stribeck import DirectionalStribeck
-from steelyard.terms.laws.powers import Cubic, Quadratic, Root
-from steelyard.terms.laws.presliding import Dahl, LuGre, MaxwellSlip
-from steelyard.terms.laws.stribeck import Stribeck
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.register import term_of
-from steelyard.terms.term import Term
+from steelyard.base.errors import ModelError
+from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.equations.trace import slopes_of, symbolic
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.coupled import Coupled
+from steelyard.model.laws.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.model.laws.directional_stribeck import DirectionalStribeck
+from steelyard.model.laws.powers import Cubic, Quadratic, Root
+from steelyard.model.laws.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.model.laws.register import term_of
+from steelyard.model.laws.stribeck import Stribeck
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.model.terms.term import Term
+from steelyard.symbolic.program import InputArray, run
 
 SPEEDS = np.array([0.0, 0.05, -0.1, 2.0])
 TINY, HUGE = 1e-300, 1e6
@@ -75,7 +74,7 @@ def test_the_root_has_a_slope_at_rest() -> None:
         columns = Root().columns(tree(), JointState([0.0] * 4, dq, [0.0] * 4))
         return slopes_of([columns[0, 0]], dq)
 
-    program = symbolic(slope, [Array("dq", 4)])
+    program = symbolic(slope, [InputArray("dq", 4)])
     assert np.isfinite(run(program, [np.zeros((4, 1))])).all()
 
 

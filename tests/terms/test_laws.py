@@ -11,20 +11,19 @@ from hypothesis import strategies as st
 
 from law_cases import CASES, LawCase, name_of
 from moving import channels, cycles, geared, torque
-from steelyard.errors import ModelError
-from steelyard.kernel.equations.dynamics import JointState
-from steelyard.kernel.program import numpy_backend
-from steelyard.kernel.program.program import Array
-from steelyard.kernel.program.trace import symbolic
-from steelyard.model import Model
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
+from steelyard.base.arrays import Parameters
+from steelyard.base.errors import ModelError
+from steelyard.base.motion import Motion
+from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.equations.trace import symbolic
+from steelyard.model.laws.register import TERMS, description_of, term_of
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
+from steelyard.model.terms.axes import Axis
+from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, Term
 from steelyard.robot.robot import JointKind
-from steelyard.terms.acting import ActsOnAxes
-from steelyard.terms.axes import Axis
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.register import TERMS, description_of, term_of
-from steelyard.terms.term import StatefulTerm, Term
+from steelyard.symbolic import program as numpy_backend
+from steelyard.symbolic.program import InputArray
 
 ROBOT = geared()
 ON: dict[LawCase, Term] = {case: case.on(ROBOT) for case in CASES}
@@ -77,8 +76,8 @@ def test_columns_fit_parameters(term: Term) -> None:
         places.extend(columns)
         return list(columns.values())
 
-    inputs = [Array(name, ROBOT.n) for name in ("q", "dq", "ddq")]
-    program = symbolic(build, [*inputs, Array("channels", count)])
+    inputs = [InputArray(name, ROBOT.n) for name in ("q", "dq", "ddq")]
+    program = symbolic(build, [*inputs, InputArray("channels", count)])
     assert {column for _, column in places} <= set(range(len(parameters)))
     assert all(0 <= row < ROBOT.n for row, _ in places)
     assert len({p.name for p in parameters}) == len(parameters)

@@ -7,15 +7,15 @@ from closed_chains import five_bar
 from invented import single, tree
 from moving import channels, cycles, geared
 from oracles import pinocchio_torque
-from steelyard.errors import ModelError
-from steelyard.model import Model
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
-from steelyard.robot.inertia import Inertia
+from steelyard.base.arrays import Parameters
+from steelyard.base.errors import ModelError
+from steelyard.base.motion import Motion
+from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
+from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Body, Robot
-from steelyard.terms.laws.load_dependent import LoadDependent
-from steelyard.terms.laws.presliding import Dahl
-from steelyard.terms.laws.rigid_body import RigidBody
 
 
 def loads(robot: Robot, state: np.ndarray) -> np.ndarray:

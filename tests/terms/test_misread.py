@@ -3,11 +3,11 @@
 import numpy as np
 
 from invented import dh_arm
-from steelyard.kernel.equations.dynamics import JointState
-from steelyard.model import Model
-from steelyard.parameters import Parameters
-from steelyard.terms.errors.reading_errors import Misread
-from steelyard.terms.laws.rigid_body import RigidBody
+from steelyard.base.arrays import Parameters
+from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
+from steelyard.model.terms.error_columns import EffortReadingErrors
 
 ROBOT = dh_arm()
 
@@ -18,7 +18,7 @@ def test_gain_and_saturation_scale_the_torque_of_their_own_joint() -> None:
     nominal = ROBOT.nominal.ravel()
     torque = bodies.at(Parameters(bodies.names, bodies.units, nominal)).block(*motion)
     reference = tuple(zip(bodies.names, nominal.tolist(), strict=True))
-    term = Misread(reference, scale=(2.0, 4.0, 8.0))
+    term = EffortReadingErrors(reference, scale=(2.0, 4.0, 8.0))
     model = Model(ROBOT, (term,))
     channels = model.scan()(*motion)
     columns = term.columns(ROBOT, JointState(*map(list, motion), list(channels)))
@@ -35,4 +35,7 @@ def test_a_closed_chain_has_no_columns() -> None:
     closed = ROBOT.changed(
         coordinates=ROBOT.coordinates[:2], passive=ROBOT.coordinates[2:], assembly=np.zeros(3)
     )
-    assert Misread().parameters(closed) == () and Misread().n_channels(closed) == 0
+    assert (
+        EffortReadingErrors().parameters(closed) == ()
+        and EffortReadingErrors().n_channels(closed) == 0
+    )

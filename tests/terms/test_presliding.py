@@ -8,14 +8,14 @@ from scipy.integrate import solve_ivp
 
 from invented import single, tree
 from moving import channels, cycles
-from steelyard.kernel.equations.dynamics import JointState
-from steelyard.model import Model
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
-from steelyard.terms.laws.load_dependent import LoadDependent
-from steelyard.terms.laws.presliding import Dahl, LuGre, MaxwellSlip
-from steelyard.terms.memory import Presliding
-from steelyard.terms.term import Term
+from steelyard.base.arrays import Parameters
+from steelyard.base.motion import Motion
+from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.model.laws.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.model.model import Model
+from steelyard.model.terms.memory import Presliding
+from steelyard.model.terms.term import Term
 
 AMPLITUDE, REVERSALS = 0.05, 6
 W = 2.0 * np.pi

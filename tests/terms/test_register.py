@@ -9,11 +9,10 @@ import pytest
 
 from law_cases import CASES, LawCase, name_of
 from moving import geared
-from steelyard.terms.acting import ActsOnAxes
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.memory import Presliding
-from steelyard.terms.register import REQUIRED, TERMS, complete, law_of
-from steelyard.terms.term import StatefulTerm, Term
+from steelyard.model.laws.register import REQUIRED, TERMS, complete, law_of
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.terms.memory import Presliding
+from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, Term
 
 DOCS = Path(__file__).parents[2] / "docs"
 

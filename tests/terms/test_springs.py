@@ -9,15 +9,15 @@ import pytest
 
 from invented import mimic
 from moving import geared, torque
-from steelyard.errors import ModelError
-from steelyard.kernel.equations.dynamics import carried_point
+from steelyard.base.errors import ModelError
+from steelyard.model.equations.inverse_dynamics import carried_point
+from steelyard.model.laws.gravity_compensator import GravityCompensator
+from steelyard.model.laws.register import term_of
+from steelyard.model.laws.spring import Spring
+from steelyard.model.terms.term import Term
 from steelyard.robot.from_mechanism import reduced
-from steelyard.robot.mjcf.read import read_mjcf
+from steelyard.robot.models.mjcf import read_mjcf
 from steelyard.robot.robot import Robot
-from steelyard.terms.laws.gravity_compensator import GravityCompensator
-from steelyard.terms.laws.spring import Spring
-from steelyard.terms.register import term_of
-from steelyard.terms.term import Term
 
 POINTS = ((0.3, -0.4, 1.2), (0.1, 0.2, -0.3))
 STIFFNESS, PRELOAD = 700.0, 250.0

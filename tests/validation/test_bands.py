@@ -8,24 +8,19 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 
 from in_amperes import GAINS, RATE, ROBOT, run_of
-from steelyard.estimation.calibration import Calibration
-from steelyard.estimation.estimate import StandardEstimate
-from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.measurement import Run
-from steelyard.measurement.chunks import apply
-from steelyard.measurement.methods.lowpass import low_pass
-from steelyard.measurement.run import Block
-from steelyard.model import Model
-from steelyard.parameters import Parameters
-from steelyard.regression.gather import along, gather
-from steelyard.regression.parallel_filter import ParallelFilter
-from steelyard.regression.regressor import base_regressor
-from steelyard.validation.bands import Bands
-from steelyard.validation.score import RunScore, score
-from steelyard.validation.traces import Sure
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.truth import Truth
+from steelyard.base.arrays import Parameters
+from steelyard.estimate.effort_uncertainty import Calibration
+from steelyard.estimate.estimate import StandardEstimate
+from steelyard.estimate.identified import Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimate.information.gather import blocks_with_channels, gather
+from steelyard.estimate.information.regressor import ParallelFilter, base_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.scores.bands import BandChannels, Bands
+from steelyard.estimate.scores.score import RunScore, score
+from steelyard.model.model import Model
+from steelyard.runs.run import Block, Run
+from steelyard.runs.smoothing.filters import apply, low_pass
+from steelyard.simulate.truth import Truth, random_truth
 
 
 @cache
@@ -83,7 +78,7 @@ def test_the_model_s_own_band_holds_the_true_effort() -> None:
 
 def filtered_columns(model: IdentifiedModel, run: Run) -> np.ndarray:
     """All base columns of a run of one segment, low-passed by SciPy, shape `(n, N, p)`."""
-    blocks = list(along(run.blocks(), model.model))
+    blocks = list(blocks_with_channels(run.blocks(), model.model))
     assert len({block.segment for block in blocks}) == 1
     block = Block.joined(blocks)
     dense = base_regressor(model.model).dense(block.q, block.dq, block.ddq)
@@ -117,12 +112,12 @@ def test_its_width_is_that_of_the_filtered_columns() -> None:
 def test_what_the_low_pass_takes_out_is_not_in_the_band() -> None:
     """Noise of accelerations above the cut-off widens nothing."""
     model, truth = identified()
-    blocks = list(along(run_of(truth, 300).blocks(), model.model))
+    blocks = list(blocks_with_channels(run_of(truth, 300).blocks(), model.model))
     block = Block.joined(blocks)
     shaken = replace(block, ddq=block.ddq + 500.0 * np.cos(np.pi * np.arange(len(block.t))))
     bands, gains = Bands.of(model), np.ones(ROBOT.n)
     std = [
-        Sure([b], bands, gains, model.cutoffs.score, RATE).next(len(b.t))[0]
+        BandChannels([b], bands, gains, model.cutoffs.score, RATE).next(len(b.t))[0]
         for b in (block, shaken)
     ]
     inner = slice(500, -500)
@@ -131,12 +126,12 @@ def test_what_the_low_pass_takes_out_is_not_in_the_band() -> None:
 
 def test_parts_of_any_size_give_the_same_band() -> None:
     model, truth = identified()
-    block = Block.joined(list(along(run_of(truth, 300).blocks(), model.model)))
+    block = Block.joined(list(blocks_with_channels(run_of(truth, 300).blocks(), model.model)))
     bands, gains, count = Bands.of(model), np.full(ROBOT.n, -2.0), len(block.t)
     known = []
     for size in (count, 7, 301):
         parts = [block.part(k, min(k + size, count)) for k in range(0, count, size)]
-        sure = Sure(parts, bands, gains, model.cutoffs.score, RATE)
+        sure = BandChannels(parts, bands, gains, model.cutoffs.score, RATE)
         some = [sure.next(min(97, count - k)) for k in range(0, count, 97)]
         known.append(np.concatenate(some, axis=-1))
     assert known[0].shape == (3, ROBOT.n, count)
@@ -148,7 +143,7 @@ def test_parts_of_any_size_give_the_same_band() -> None:
 def test_a_calibration_does_not_make_parameters_surer(factor: float, of_model: float) -> None:
     """What left-out stretches of one motion show of noise says nothing of other motions."""
     model, truth = identified()
-    block = next(along(run_of(truth, 300).blocks(), model.model))
+    block = next(blocks_with_channels(run_of(truth, 300).blocks(), model.model))
     n = model.model.robot.n
     edges = np.tile([0.1, 0.5], (n, 1))
     calibration = Calibration("stretches", 5, edges, np.full((n, 4), factor))
@@ -206,7 +201,7 @@ def test_bands_change_no_score_and_cost_no_samples(monkeypatch: pytest.MonkeyPat
     assert np.array_equal(plain.traces.predicted, banded.traces.predicted)
     band = banded.traces.band
     assert band is not None and band.shape == banded.traces.measured.shape
-    monkeypatch.setattr("steelyard.validation.score.MOST_DRAWN", 500)
+    monkeypatch.setattr("steelyard.estimate.scores.score.MOST_DRAWN", 500)
     thinned = scored(model, run).traces
     step = -(-len(band) // len(thinned.t))
     assert thinned.band is not None and len(thinned.band) == len(thinned.t) <= 500

@@ -7,23 +7,24 @@ import numpy as np
 import pytest
 
 from in_amperes import GAINS, ROBOT, run_of
-from steelyard.errors import ModelError
-from steelyard.estimation.calibration import Calibration, bins
-from steelyard.estimation.identified import Cutoffs, IdentifiedModel, Provenance, load_model
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.measurement import Processing, Run
-from steelyard.model import Model
-from steelyard.regression.gather import gather
-from steelyard.regression.information import Information
-from steelyard.regression.regressor import base_regressor
-from steelyard.terms.laws.stribeck import Stribeck
-from steelyard.terms.register import DEFAULT_TERMS
-from steelyard.validation.bands import Bands
-from steelyard.validation.calibrate import calibrate, correlation_of, quantile
-from steelyard.validation.left_out import runs_left_out, stretches_left_out
-from steelyard.validation.residual_traces import residual_trace
-from steelyard.validation.score import score
-from steelyard.virtual.invent import random_truth
+from steelyard.base.errors import ModelError
+from steelyard.estimate.effort_uncertainty import Calibration, bins
+from steelyard.estimate.identified import Cutoffs, IdentifiedModel, Provenance, load_model
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.scores.band_calibration import calibrate, correlation_of, quantile
+from steelyard.estimate.scores.bands import Bands
+from steelyard.estimate.scores.cross_validation import runs_left_out, stretches_left_out
+from steelyard.estimate.scores.residuals import residual_trace
+from steelyard.estimate.scores.score import score
+from steelyard.model.laws.register import DEFAULT_TERMS
+from steelyard.model.laws.stribeck import Stribeck
+from steelyard.model.model import Model
+from steelyard.runs.processing import Processing
+from steelyard.runs.run import Run
+from steelyard.simulate.truth import random_truth
 
 MODEL = Model(ROBOT)
 CUTOFFS = Processing(motion_cutoff=17.0, matched_cutoff=5.5)
@@ -167,7 +168,7 @@ def test_of_long_runs_the_first_samples_are_predicted(monkeypatch: pytest.Monkey
         durations.append(residual_trace(identified, run, cutoff, at_rest=at_rest).duration)
         return residual_trace(identified, run, cutoff, at_rest=at_rest)
 
-    monkeypatch.setattr("steelyard.validation.left_out.LONGEST", 4.0 * unseen.rate)
-    monkeypatch.setattr("steelyard.validation.calibrate.residual_trace", watched)
+    monkeypatch.setattr("steelyard.estimate.scores.cross_validation.LONGEST", 4.0 * unseen.rate)
+    monkeypatch.setattr("steelyard.estimate.scores.band_calibration.residual_trace", watched)
     assert 90.0 <= coverage(calibrated(tuple(fitted)), unseen) <= 99.0
     assert durations and max(durations) <= 4.0

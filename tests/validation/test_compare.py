@@ -9,28 +9,35 @@ import numpy as np
 import pytest
 
 from invented import single, tree
-from steelyard.errors import DataError
-from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.estimate import Estimate, StandardEstimate
-from steelyard.estimation.least_squares.least_squares import (
+from steelyard.base.arrays import Parameters
+from steelyard.base.errors import DataError
+from steelyard.base.progress import Event, Stopped, report_progress
+from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.estimate import Estimate, StandardEstimate
+from steelyard.estimate.estimators import ESTIMATORS, Context, Offer
+from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.information import Information, Signature, Window
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
-from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.estimation.register import ESTIMATORS, Context, Offer
-from steelyard.measurement import Processing, Recording, Run, prepare
-from steelyard.measurement.recording import LogInMemory
-from steelyard.model import Model
-from steelyard.parameters import Parameters
-from steelyard.progress import Event, Stopped, report_progress
-from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.gather import gather
-from steelyard.regression.information import Information, Signature, Window
-from steelyard.regression.regressor import base_regressor
-from steelyard.robot_file.signals import Signals
-from steelyard.validation.compare import Parts, compare, impossible_bodies, scores_of
-from steelyard.validation.comparison import Comparison, EstimatorScore, recommended
-from steelyard.validation.cross import longest_window
+from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.estimate.scores.cross_validation import longest_window
+from steelyard.estimate.scores.estimator_advice import Comparison, EstimatorScore, recommended
+from steelyard.estimate.scores.estimator_comparison import (
+    Parts,
+    compare,
+    impossible_bodies,
+    scores_of,
+)
+from steelyard.model.model import Model
+from steelyard.robot.file.signals import Signals
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.runs.run import Run
 
 MODEL = Model(tree())
 REGRESSOR = base_regressor(MODEL)

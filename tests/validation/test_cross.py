@@ -7,29 +7,32 @@ import numpy as np
 import pytest
 
 from invented import single, tree
-from steelyard.errors import DataError
-from steelyard.estimation.fold_errors import FOLDS, logarithms
-from steelyard.estimation.least_squares.least_squares import (
+from steelyard.base.errors import DataError
+from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.information import Information, Signature, Window
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
-from steelyard.measurement import Processing, Recording, Run, prepare
-from steelyard.measurement.recording import LogInMemory
-from steelyard.model import Model
-from steelyard.regression.accumulate import Accumulator, Stretch
-from steelyard.regression.gather import gather
-from steelyard.regression.information import Information, Signature, Window
-from steelyard.regression.regressor import base_regressor
-from steelyard.robot_file.signals import Signals
-from steelyard.validation.cross import (
+from steelyard.estimate.scores.cross_validation import (
+    FOLDS,
     Folding,
     folding,
     folds_of,
     left_out_errors,
+    logarithms,
     longest_window,
     per_fold,
     values_by,
 )
+from steelyard.model.model import Model
+from steelyard.robot.file.signals import Signals
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.runs.run import Run
 
 MODEL = Model(tree())
 REGRESSOR = base_regressor(MODEL)

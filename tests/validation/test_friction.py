@@ -8,28 +8,30 @@ import numpy as np
 import pytest
 
 from invented import single
-from steelyard.errors import DataError
-from steelyard.estimation.fields.fields import information_from
-from steelyard.estimation.fold_errors import logarithms
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.measurement import Processing, Recording, Run, prepare
-from steelyard.measurement.recording import LogInMemory
-from steelyard.model import Model, ValuedModel
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
-from steelyard.regression.regressor import base_regressor
-from steelyard.robot_file.sections import EffortKind
-from steelyard.robot_file.signals import Signals
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.load_dependent import LoadDependent
-from steelyard.terms.laws.powers import Cubic, Root
-from steelyard.terms.laws.presliding import Dahl, MaxwellSlip
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.stribeck import Stribeck
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.term import Term
-from steelyard.validation.friction.friction import FrictionChoice, _staged, choose_friction
-from steelyard.validation.friction.mixes import mix_name, remembers
+from steelyard.base.arrays import Parameters
+from steelyard.base.errors import DataError
+from steelyard.base.motion import Motion
+from steelyard.estimate.friction.friction_choice import FrictionChoice, _staged, choose_friction
+from steelyard.estimate.friction.mixes import has_memory, mix_name
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.nonlinear.fields import information_from
+from steelyard.estimate.scores.cross_validation import logarithms
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.model.laws.powers import Cubic, Root
+from steelyard.model.laws.presliding import Dahl, MaxwellSlip
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.stribeck import Stribeck
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model, ValuedModel
+from steelyard.model.terms.term import Term
+from steelyard.robot.file.sections import EffortKind
+from steelyard.robot.file.signals import Signals
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.runs.run import Run
 
 PLAIN, SMOOTH, SPRING = (Coulomb(),), (Coulomb(smoothing=0.02),), (Dahl(length=1e-3),)
 SPEED = ((Viscous(),), (Viscous(), Root()), (Viscous(), Cubic()))
@@ -141,7 +143,7 @@ def test_names_say_what_is_not_usual() -> None:
     relaxing = MaxwellSlip(lengths=(0.01, 0.1), relaxing=True)
     assert mix_name((relaxing,)) == "maxwell_slip (lengths 0.01, 0.1, relaxing)"
     assert mix_name((Coulomb(smoothing=0.005),)) == "coulomb (smoothing 0.005)"
-    assert remembers((Coulomb(), Dahl(length=1e-3))) and not remembers((Coulomb(), Viscous()))
+    assert has_memory((Coulomb(), Dahl(length=1e-3))) and not has_memory((Coulomb(), Viscous()))
 
 
 def test_one_figure_is_between_the_typical_joint_and_all_together() -> None:
@@ -223,7 +225,7 @@ def test_the_choice_is_not_worse_than_the_plain_mix_on_a_fresh_run() -> None:
 def test_a_presliding_spring_gets_a_law_with_memory() -> None:
     found = choose(SPRUNG, 1)
     assert found.left_out == "segment"
-    assert remembers(found.terms)
+    assert has_memory(found.terms)
     best = next(mix for mix in found.table if mix.chosen)
     assert best.error < 0.8 * found.table[0].error
     assert Dahl(length=1e-2) in found.terms
@@ -232,7 +234,7 @@ def test_a_presliding_spring_gets_a_law_with_memory() -> None:
 def test_laws_with_a_state_are_left_out_on_request() -> None:
     runs = [with_kind(logged(SPRUNG, seed), "motor_torque") for seed in range(2)]
     found = choose_friction(MODEL, runs, WeightedLeastSquares(), memory=False)
-    assert len(found.table) > 4 and not any(remembers(mix.terms) for mix in found.table)
+    assert len(found.table) > 4 and not any(has_memory(mix.terms) for mix in found.table)
     assert found.without_memory is None
 
 

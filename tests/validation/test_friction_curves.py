@@ -7,20 +7,20 @@ import pytest
 
 from closed_chains import five_bar
 from report.conftest import identified, robot
-from steelyard.estimation.estimate import Z95
-from steelyard.estimation.identified import IdentifiedModel
-from steelyard.model import Model
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
-from steelyard.regression.base import base_parameters
-from steelyard.robot.loop_equations import loop_equations
+from steelyard.base.arrays import Parameters
+from steelyard.base.motion import Motion
+from steelyard.estimate.estimate import Z95
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.identified_parameters import friction_curves
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.model.terms.term import Term
+from steelyard.robot.loop_closures import loop_equations
 from steelyard.robot.robot import Robot
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.presliding import Dahl
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.term import Term
-from steelyard.validation.friction_curves import friction_curves
 
 POSTURES = np.array([[0.3, -0.4], [0.5, 0.6]])
 FASTEST = np.array([2.0, 0.5])

@@ -7,26 +7,28 @@ import numpy as np
 import pytest
 
 from invented import ball
-from steelyard.estimation.consistent.consistent import Consistent
-from steelyard.estimation.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimation.prior.prior import default_knowledge
-from steelyard.measurement import Processing, Recording, Run, prepare
-from steelyard.measurement.recording import LogInMemory
-from steelyard.model import Model
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
-from steelyard.progress import Event
-from steelyard.regression.base import BaseMap
+from steelyard.base.arrays import Parameters
+from steelyard.base.motion import Motion
+from steelyard.base.progress import Event
+from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.friction.friction_choice import FrictionChoice, choose_friction
+from steelyard.estimate.information.base_parameters import BaseMap
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.prior.prior import default_knowledge
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.load_dependent import PLAUSIBLE, LoadDependent
+from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.model.terms.term import Term
+from steelyard.robot.file.sections import EffortKind
+from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Body, Coordinate, Robot
-from steelyard.robot_file.sections import EffortKind
-from steelyard.robot_file.signals import Signals
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.load_dependent import PLAUSIBLE, LoadDependent
-from steelyard.terms.laws.presliding import Dahl
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.term import Term
-from steelyard.validation.friction.friction import FrictionChoice, choose_friction
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.runs.run import Run
 
 RATE = 100.0
 

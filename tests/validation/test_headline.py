@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
 
-from steelyard.estimation.identified import BAND
-from steelyard.motion import Motion
-from steelyard.validation.headline import (
+from steelyard.base.motion import Motion
+from steelyard.estimate.identified import BAND
+from steelyard.estimate.scores.joint_errors import (
     BandErrors,
     EffortReference,
     JointError,
@@ -17,7 +17,7 @@ from steelyard.validation.headline import (
     gains_known,
     pooled,
 )
-from steelyard.validation.score import score
+from steelyard.estimate.scores.score import score
 from swinging import GAIN, RATE, run_of, valued
 
 

@@ -6,25 +6,24 @@ import numpy as np
 import pytest
 
 from report.conftest import estimate, identified, robot
-from steelyard.arrays import Array
-from steelyard.errors import ModelError
-from steelyard.estimation.estimate import Estimate, Removed
-from steelyard.estimation.identified import IdentifiedModel
-from steelyard.model import Model
-from steelyard.parameters import Parameters
-from steelyard.regression.base import BaseMap, base_parameters
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.rotor_inertia import RotorInertia
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.term import Term
-from steelyard.validation.model_comparison import (
+from steelyard.base.arrays import Array, Parameters
+from steelyard.base.errors import ModelError
+from steelyard.estimate.estimate import Estimate, Removed
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.information.base_parameters import BaseMap, base_parameters
+from steelyard.estimate.scores.model_comparison import (
     CommonParameter,
     common_parameters,
     refuse_different,
     same_efforts,
     units_of,
 )
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.rotor_inertia import RotorInertia
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.model.terms.term import Term
 
 COVARIANCE = np.random.default_rng(1).normal(size=(60, 60))
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from steelyard.estimate.friction.mixes import joint_motions, lacking
 from steelyard.robot.robot import Coordinate
-from steelyard.validation.friction.motion_needed import joint_motions, lacking
 
 STEP = 0.01
 T = np.arange(0.0, 20.0, STEP)

@@ -5,14 +5,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steelyard.arrays import Array
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.measurement import Processing, Recording, Run, prepare
-from steelyard.measurement.motion_samples import LEAST, MOST, MotionSamples, motion_samples
-from steelyard.measurement.recording import LogInMemory
-from steelyard.robot_file.file import LoadedRobot
-from steelyard.validation.repeated_motion import repeat_of, repeat_within
-from steelyard.virtual.demo import write_demo_arm
+from steelyard.base.arrays import Array
+from steelyard.estimate.scores.repeated_motion import repeat_of, repeat_within
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.robot.file.robot_file import LoadedRobot
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.runs.run import Run
+from steelyard.runs.run_samples import (
+    LEAST_MOTION_SAMPLES,
+    MOST_MOTION_SAMPLES,
+    MotionSamples,
+    motion_samples,
+)
+from steelyard.simulate.demo import write_demo_arm
 
 STEP = 2.0 * np.pi / 2**17
 
@@ -118,7 +125,7 @@ def test_the_same_motion_slower_is_another_one(
 
 
 def test_samples_are_bounded_and_survive_json(known: tuple[MotionSamples, ...]) -> None:
-    assert all(LEAST <= len(one.t) <= MOST for one in known)
+    assert all(LEAST_MOTION_SAMPLES <= len(one.t) <= MOST_MOTION_SAMPLES for one in known)
     again = MotionSamples.from_dict(known[0].to_dict())
     assert again.run == "first" and again.step == known[0].step
     np.testing.assert_allclose(again.q, known[0].q, rtol=1e-8)

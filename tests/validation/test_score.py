@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
 
-from steelyard.measurement import Run
-from steelyard.motion import Motion
-from steelyard.validation.score import score
+from steelyard.base.motion import Motion
+from steelyard.estimate.scores.score import score
+from steelyard.runs.run import Run
 from swinging import GAIN, MODEL, RATE, run_of, valued
 
 WIDE = 0.0225
@@ -103,7 +103,7 @@ def test_a_joint_without_effort_has_no_finite_relative_error() -> None:
 def test_traces_of_long_runs_are_evenly_spaced(monkeypatch: pytest.MonkeyPatch) -> None:
     run = run_of(lambda motion: valued().torque(motion) / GAIN + 0.3)
     full = score(valued(), run, np.array([GAIN]), 5.0)
-    monkeypatch.setattr("steelyard.validation.score.MOST_DRAWN", 300)
+    monkeypatch.setattr("steelyard.estimate.scores.score.MOST_DRAWN", 300)
     monkeypatch.setattr(Run, "blocks", lambda self, size=4096: blocks(self, 217))
     few = score(valued(), run, np.array([GAIN]), 5.0)
     assert 150 <= len(few.traces.t) <= 300

@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from invented import single, tree
-from steelyard.measurement.run import Block
-from steelyard.model import Model, ValuedModel
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.load_dependent import LoadDependent
-from steelyard.terms.laws.offset import Offset
-from steelyard.terms.laws.presliding import Dahl
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.rotor_inertia import RotorInertia
-from steelyard.terms.laws.spring import Spring
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.term import Term
-from steelyard.validation.score import score
-from steelyard.validation.torque_parts import MOST_KEPT, PARTS, TorqueSplit
+from steelyard.base.arrays import Parameters
+from steelyard.base.motion import Motion
+from steelyard.estimate.scores.residuals import MOST_KEPT, PARTS, TorqueSplit
+from steelyard.estimate.scores.score import score
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.model.laws.offset import Offset
+from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.rotor_inertia import RotorInertia
+from steelyard.model.laws.spring import Spring
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model, ValuedModel
+from steelyard.model.terms.term import Term
+from steelyard.runs.run import Block
 from validation.test_score import GAIN, run_of, valued
 
 TERMS = (RigidBody(), RotorInertia(), Coulomb(), Viscous(), Spring(), Offset())
@@ -114,7 +114,7 @@ def test_parts_of_long_runs_are_evenly_spaced(monkeypatch: pytest.MonkeyPatch) -
     run = run_of(lambda motion: valued().torque(motion) / GAIN)
     gains = np.array([GAIN])
     full = score(valued(), run, gains, 5.0, split=TorqueSplit(valued())).parts
-    monkeypatch.setattr("steelyard.validation.score.MOST_KEPT", 300)
+    monkeypatch.setattr("steelyard.estimate.scores.score.MOST_KEPT", 300)
     few = score(valued(), run, gains, 5.0, split=TorqueSplit(valued())).parts
     assert 150 <= len(few.t) <= 300
     step = -(-len(full.t) // len(few.t))

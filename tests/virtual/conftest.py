@@ -5,18 +5,16 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from steelyard.arrays import frozen
-from steelyard.model import Model
-from steelyard.parameters import Parameters
+from steelyard.base.arrays import Parameters, frozen
+from steelyard.model.laws.register import DEFAULT_TERMS
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
+from steelyard.model.terms.term import Term
 from steelyard.robot.from_mechanism import reduced
-from steelyard.robot.geometry import turn
-from steelyard.robot.inertia import Inertia
-from steelyard.robot.model_files.urdf import read_urdf
-from steelyard.robot.robot import Body, Coordinate, JointKind, Limits, Loop, Robot
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.register import DEFAULT_TERMS
-from steelyard.terms.term import Term
-from steelyard.virtual.truth import Truth
+from steelyard.robot.models.urdf import read_urdf
+from steelyard.robot.rigid_body import Inertia, turn
+from steelyard.robot.robot import Body, Coordinate, JointKind, Limits, LoopClosure, Robot
+from steelyard.simulate.truth import Truth
 
 
 def inertia(rng: np.random.Generator, mass: float = 1.0) -> Inertia:
@@ -81,7 +79,7 @@ def arm() -> Robot:
     """The demo arm that the package ships."""
     from importlib.resources import as_file, files
 
-    with as_file(files("steelyard.virtual") / "demo_arm.urdf") as path:
+    with as_file(files("steelyard.simulate") / "demo_arm.urdf") as path:
         return reduced(read_urdf(path))[0]
 
 
@@ -137,7 +135,7 @@ def four_bar() -> Robot:
         bar("coupler", 0, (0.4, 0.0, 0.0), 1),
         bar("rocker", -1, (0.7, 0.0, 0.0), 2),
     )
-    loop = Loop("pin", (1, 2), np.array([[0.5, 0.0, 0.0], [0.45, 0.0, 0.0]]))
+    loop = LoopClosure("pin", (1, 2), np.array([[0.5, 0.0, 0.0], [0.45, 0.0, 0.0]]))
     limits = Limits(0.7, 1.5, 2.0)
     return Robot(
         "four_bar",

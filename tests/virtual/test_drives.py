@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from steelyard.control.cascade import Cascade
-from steelyard.errors import ModelError
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.motion import Motion
+from steelyard.base.errors import ModelError
+from steelyard.base.motion import Motion
+from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.robot.robot import Robot
-from steelyard.virtual.drives import Drives, customary_drives
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.robot import VirtualRobot
+from steelyard.simulate.plant import Drives, customary_drives
+from steelyard.simulate.truth import random_truth
+from steelyard.simulate.virtual_robot import VirtualRobot
+from steelyard.uses.control.joint_control import Cascade
 
 TICK = 1e-3
 

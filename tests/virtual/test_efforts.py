@@ -8,27 +8,24 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from steelyard.errors import ModelError
-from steelyard.excitation.trajectories.fourier import FourierMotion
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.formats import open_log
-from steelyard.measurement import Recording
-from steelyard.model import Model
-from steelyard.motion import Motion
-from steelyard.parameters import Parameters
+from steelyard.base.arrays import Parameters
+from steelyard.base.errors import ModelError
+from steelyard.base.motion import Motion
+from steelyard.excite.trajectories.fourier import FourierMotion, random_fourier
+from steelyard.logs.formats import open_log
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.rotor_inertia import RotorInertia
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.model.terms.term import Term
+from steelyard.robot.file.sections import EffortSection, SignalsSection
+from steelyard.robot.file.signals import Signals, build_signals
 from steelyard.robot.robot import Robot, Transmission
-from steelyard.robot_file.sections import EffortSection, SignalsSection
-from steelyard.robot_file.signals import Signals, build_signals
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.rotor_inertia import RotorInertia
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.term import Term
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.robot import VirtualRobot
-from steelyard.virtual.sensors import Sensors, TrueRun
-from steelyard.virtual.simulate import simulate
-from steelyard.virtual.truth import Truth
+from steelyard.runs.recording import Recording
+from steelyard.simulate.sensors import Sensors, TrueRun
+from steelyard.simulate.truth import Truth, random_truth
+from steelyard.simulate.virtual_robot import VirtualRobot, simulate
 
 MOTORS = ("m1", "m2")
 GEARS = np.array([[50.0, 0.0], [40.0, -40.0]])

@@ -4,15 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.motion import Motion
+from steelyard.base.motion import Motion
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.register import DEFAULT_TERMS
 from steelyard.robot.robot import Robot
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.register import DEFAULT_TERMS
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.plant import MujocoPlant
-from steelyard.virtual.robot import VirtualRobot
-from steelyard.virtual.truth import Truth
+from steelyard.simulate.plant import MujocoPlant
+from steelyard.simulate.truth import Truth, random_truth
+from steelyard.simulate.virtual_robot import VirtualRobot
 
 
 def test_a_joint_sticks_until_friction_is_overcome(arm: Robot) -> None:

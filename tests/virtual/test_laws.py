@@ -9,27 +9,26 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from law_cases import CASES, LawCase, name_of
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.kernel.quantities.passive_joints import all_joints
-from steelyard.model import Model
-from steelyard.motion import Motion
+from steelyard.base.motion import Motion
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.model.equations.passive_joints import all_joints
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.coupled import Coupled
+from steelyard.model.laws.directional import DirectionalCoulomb
+from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.model.laws.powers import Root
+from steelyard.model.laws.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.model.laws.register import term_of
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.rotor_inertia import RotorInertia
+from steelyard.model.model import Model
+from steelyard.model.terms.term import StatefulTerm, Term, TermSamples
 from steelyard.robot.robot import Robot
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.coupled import Coupled
-from steelyard.terms.laws.directional import DirectionalCoulomb
-from steelyard.terms.laws.load_dependent import LoadDependent
-from steelyard.terms.laws.powers import Root
-from steelyard.terms.laws.presliding import Dahl, LuGre, MaxwellSlip
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.rotor_inertia import RotorInertia
-from steelyard.terms.register import term_of
-from steelyard.terms.term import Samples, StatefulTerm, Term
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.laws import Laws, LawsInUse
-from steelyard.virtual.mujoco_model import build
-from steelyard.virtual.plant import MujocoPlant
-from steelyard.virtual.robot import VirtualRobot
-from steelyard.virtual.truth import Truth
+from steelyard.simulate.mujoco_laws import Laws, LawsInUse
+from steelyard.simulate.mujoco_model import build
+from steelyard.simulate.plant import MujocoPlant
+from steelyard.simulate.truth import Truth, random_truth
+from steelyard.simulate.virtual_robot import VirtualRobot
 
 MEMORIES = (
     Dahl(length=(2e-3, 1e-3, 3e-3, 5e-3)),
@@ -82,7 +81,7 @@ def test_memory_steps_as_along_a_log(tree: Robot, law: Any) -> None:
         shared = [False, False, False, False, True]
         return bodies.torque_code([q, dq, ddq, np.empty((0, len(motion))), tens], shared)
 
-    channels, _ = law.remember(tree, Samples(q, dq, ddq, loads), None)
+    channels, _ = law.remember(tree, TermSamples(q, dq, ddq, loads), None)
     state = type("State", (), {"q": q, "dq": dq, "ddq": ddq, "channels": channels})
     wanted = np.zeros_like(motion.q)
     for (row, column), values in law.columns(tree, state).items():
@@ -116,7 +115,7 @@ class Stranger(StatefulTerm):
     def warm_up(self, robot: Robot) -> Any:
         return self._known.warm_up(robot)
 
-    def remember(self, robot: Robot, samples: Samples, memory: Any) -> Any:
+    def remember(self, robot: Robot, samples: TermSamples, memory: Any) -> Any:
         return self._known.remember(robot, samples, memory)
 
 

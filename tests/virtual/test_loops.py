@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from steelyard.errors import DataError
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.motion import Motion
-from steelyard.robot.loop_equations import gaps
+from steelyard.base.errors import DataError
+from steelyard.base.motion import Motion
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.rotor_inertia import RotorInertia
+from steelyard.model.laws.viscous import Viscous
+from steelyard.robot.loop_closures import gaps
 from steelyard.robot.robot import Robot
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.rotor_inertia import RotorInertia
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.plant import MujocoPlant
-from steelyard.virtual.robot import VirtualRobot
-from steelyard.virtual.scales import closed, passive_slopes, postures_of, typical_masses
+from steelyard.simulate.plant import MujocoPlant
+from steelyard.simulate.scales import closed, passive_slopes, postures_of, typical_masses
+from steelyard.simulate.truth import random_truth
+from steelyard.simulate.virtual_robot import VirtualRobot
 
 
 def joints_of(plant: MujocoPlant) -> np.ndarray:

@@ -7,12 +7,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from oracles import pinocchio_torque
-from steelyard.errors import ModelError
+from steelyard.base.errors import ModelError
 from steelyard.robot.from_mechanism import reduced
-from steelyard.robot.inertia import Inertia
-from steelyard.robot.model_files.urdf import read_urdf
+from steelyard.robot.models.urdf import read_urdf
+from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Body, Coordinate, Robot
-from steelyard.virtual.mujoco_model import Rotor, build, inverse_dynamics, mass_matrices
+from steelyard.simulate.mujoco_model import Rotor, build, inverse_dynamics, mass_matrices
 
 MODELS = (
     "panda_description/urdf/panda.urdf",

@@ -5,16 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from steelyard.errors import ModelError
-from steelyard.estimation.closed_loop.controller import JointPD
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.robot.inertia import Inertia
+from steelyard.base.errors import ModelError
+from steelyard.estimate.closed_loop.motion_under_torque import JointPD
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Robot
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.payload import Payload
-from steelyard.virtual.plant import MujocoPlant
-from steelyard.virtual.robot import VirtualRobot
-from steelyard.virtual.truth import Truth
+from steelyard.simulate.external_loads import Payload
+from steelyard.simulate.plant import MujocoPlant
+from steelyard.simulate.truth import Truth, random_truth
+from steelyard.simulate.virtual_robot import VirtualRobot
 
 LOAD = Inertia.about_com(2.0, [0.02, -0.01, 0.08], np.diag([0.01, 0.012, 0.006]))
 

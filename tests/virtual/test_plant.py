@@ -6,17 +6,16 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from oracles import pinocchio_torque
-from steelyard.errors import ModelError
-from steelyard.robot.inertia import Inertia
+from steelyard.base.errors import ModelError
+from steelyard.model.laws.offset import Offset
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.rotor_inertia import RotorInertia
+from steelyard.model.laws.stribeck import Stribeck
+from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Robot
-from steelyard.terms.laws.offset import Offset
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.rotor_inertia import RotorInertia
-from steelyard.terms.laws.stribeck import Stribeck
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.mujoco_model import mass_matrices
-from steelyard.virtual.plant import MujocoPlant
-from steelyard.virtual.truth import Truth
+from steelyard.simulate.mujoco_model import mass_matrices
+from steelyard.simulate.plant import MujocoPlant
+from steelyard.simulate.truth import Truth, random_truth
 
 
 def test_pendulum_swings_as_its_equation_says(pendulum: Robot, pendulum_truth: Truth) -> None:

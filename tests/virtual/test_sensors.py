@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from steelyard.errors import DataError
+from steelyard.base.errors import DataError
 from steelyard.robot.robot import Robot
-from steelyard.virtual.sensors import Sensors, TrueRun
+from steelyard.simulate.sensors import Sensors, TrueRun
 
 
 def run(n: int, ticks: int = 40_001) -> TrueRun:

@@ -5,16 +5,15 @@ import numpy as np
 import polars as pl
 import pytest
 
-from steelyard.errors import OutputError
-from steelyard.excitation.trajectories.files import read_motion
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.progress import Event, Stopped
+from steelyard.base.errors import OutputError
+from steelyard.base.progress import Event, Stopped
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.excite.trajectories.trajectory_files import read_motion
+from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Robot
-from steelyard.robot_file.file import load_robot
-from steelyard.virtual.demo import demo_runs
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.simulate import customary_sensors, simulate
-from steelyard.virtual.truth import Truth
+from steelyard.simulate.demo import demo_runs
+from steelyard.simulate.truth import Truth, random_truth
+from steelyard.simulate.virtual_robot import customary_sensors, simulate
 
 
 def interrupted(event: Event) -> bool:

@@ -5,12 +5,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from steelyard.errors import ModelError
+from steelyard.base.errors import ModelError
+from steelyard.model.laws.presliding import Dahl, LuGre
+from steelyard.model.laws.spring import Spring
+from steelyard.model.laws.viscous import Viscous
 from steelyard.robot.robot import Robot
-from steelyard.terms.laws.presliding import Dahl, LuGre
-from steelyard.terms.laws.spring import Spring
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.virtual.plant import MujocoPlant
+from steelyard.simulate.plant import MujocoPlant
 
 
 def step_of(robot: Robot, truth: object) -> float:

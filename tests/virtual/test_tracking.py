@@ -3,16 +3,15 @@
 import numpy as np
 import pytest
 
-from steelyard.control.register import control_of
-from steelyard.errors import ModelError
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.excitation.trajectories.sampled import SampledMotion
-from steelyard.kernel.quantities.kinematics import frame_kinematics, frame_of, last_frame
+from steelyard.base.errors import ModelError
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.excite.trajectories.polynomials import SampledMotion
+from steelyard.model.equations.kinematics import frame_kinematics, frame_of, last_frame
 from steelyard.robot.robot import Robot
-from steelyard.virtual.drives import customary_drives
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.tracking import Tracking, controllers_of, tracking
-from steelyard.virtual.truth import Truth
+from steelyard.simulate.plant import customary_drives
+from steelyard.simulate.track import Tracking, controllers_of, tracking
+from steelyard.simulate.truth import Truth, random_truth
+from steelyard.uses.control.model_control import control_of
 
 
 def run(robot: Robot, truth: Truth, control: str, *models: tuple[str, Truth]) -> Tracking:

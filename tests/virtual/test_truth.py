@@ -5,23 +5,22 @@ import numpy as np
 import pytest
 
 from law_cases import CASES, LawCase, name_of
-from steelyard.errors import ModelError
-from steelyard.model import Model
-from steelyard.robot.inertia import Inertia
+from steelyard.base.errors import ModelError
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.model.laws.presliding import Dahl, LuGre
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.rotor_inertia import RotorInertia
+from steelyard.model.laws.spring import Spring
+from steelyard.model.laws.stribeck import Stribeck
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.model.terms.open_fields import Find
+from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Limits, Robot, Transmission
-from steelyard.terms.laws.coulomb import Coulomb
-from steelyard.terms.laws.load_dependent import LoadDependent
-from steelyard.terms.laws.presliding import Dahl, LuGre
-from steelyard.terms.laws.rigid_body import RigidBody
-from steelyard.terms.laws.rotor_inertia import RotorInertia
-from steelyard.terms.laws.spring import Spring
-from steelyard.terms.laws.stribeck import Stribeck
-from steelyard.terms.laws.viscous import Viscous
-from steelyard.terms.open_fields import Find
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.plant import MujocoPlant
-from steelyard.virtual.scales import scales_of
-from steelyard.virtual.truth import Truth
+from steelyard.simulate.plant import MujocoPlant
+from steelyard.simulate.scales import scales_of
+from steelyard.simulate.truth import Truth, random_truth
 
 
 def test_same_seed_same_truth(arm: Robot) -> None:

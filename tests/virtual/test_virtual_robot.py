@@ -5,18 +5,16 @@ import polars as pl
 import pytest
 from scipy.interpolate import CubicSpline
 
-from steelyard.errors import DataError, OutputError
-from steelyard.estimation.closed_loop.controller import tuned_pd
-from steelyard.excitation.trajectories.fourier import FourierMotion
-from steelyard.excitation.trajectories.random_fourier import random_fourier
-from steelyard.motion import Rig, run
-from steelyard.progress import Event, Stopped
+from steelyard.base.errors import DataError, OutputError
+from steelyard.base.motion import Rig, run
+from steelyard.base.progress import Event, Stopped
+from steelyard.estimate.closed_loop.motion_under_torque import tuned_pd
+from steelyard.excite.trajectories.fourier import FourierMotion, random_fourier
 from steelyard.robot.robot import Robot
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.mujoco_model import build, inverse_dynamics
-from steelyard.virtual.robot import VirtualRobot
-from steelyard.virtual.sensors import Sensors, TrueRun
-from steelyard.virtual.truth import Truth
+from steelyard.simulate.mujoco_model import build, inverse_dynamics
+from steelyard.simulate.sensors import Sensors, TrueRun
+from steelyard.simulate.truth import Truth, random_truth
+from steelyard.simulate.virtual_robot import VirtualRobot
 
 
 def motion_of(robot: Robot, period: float = 4.0) -> FourierMotion:

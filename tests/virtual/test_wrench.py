@@ -6,17 +6,21 @@ import numpy as np
 import polars as pl
 import pytest
 
-from steelyard.errors import DataError, ModelError
-from steelyard.excitation.trajectories.sampled import SampledMotion
-from steelyard.kernel.quantities.kinematics import frame_kinematics
-from steelyard.motion import run
+from steelyard.base.errors import DataError, ModelError
+from steelyard.base.motion import run
+from steelyard.excite.trajectories.polynomials import SampledMotion
+from steelyard.model.equations.kinematics import frame_kinematics
 from steelyard.robot.robot import Robot
-from steelyard.virtual.invent import random_truth
-from steelyard.virtual.payload import Payload
-from steelyard.virtual.robot import VirtualRobot
-from steelyard.virtual.sensors import Sensors
-from steelyard.virtual.truth import Truth
-from steelyard.virtual.wrench import COLUMNS, AppliedWrench, Axes, read_wrench
+from steelyard.simulate.external_loads import (
+    WRENCH_COLUMNS,
+    AppliedWrench,
+    Axes,
+    Payload,
+    read_wrench,
+)
+from steelyard.simulate.sensors import Sensors
+from steelyard.simulate.truth import Truth, random_truth
+from steelyard.simulate.virtual_robot import VirtualRobot
 
 PUSH = np.array([3.0, -2.0, 4.0, 0.3, -0.2, 0.5])
 
@@ -59,7 +63,7 @@ def test_at_rest_the_joints_hold_it(arm: Robot, axes: Axes, payload: Payload | N
 def test_a_row_of_the_table_holds_until_the_next_one(tmp_path: Path) -> None:
     file = tmp_path / "push.csv"
     rows = [[0.5, *PUSH], [0.7, *(0.0 * PUSH)]]
-    pl.DataFrame(rows, schema=["time_s", *COLUMNS], orient="row").write_csv(file)
+    pl.DataFrame(rows, schema=["time_s", *WRENCH_COLUMNS], orient="row").write_csv(file)
     found = read_wrench(file, "tool", "frame")
     assert (found.frame, found.axes) == ("tool", "frame")
     np.testing.assert_array_equal(
@@ -73,13 +77,13 @@ def test_the_log_has_what_a_sensor_says_of_it(arm: Robot, tmp_path: Path) -> Non
     rig = VirtualRobot(arm, truth, sensors, rest=0.2, wrench=wrench)
     run(rig, still(np.zeros(6)), tmp_path / "log.csv")
     table = pl.read_csv(tmp_path / "log.csv")
-    assert table.columns[-6:] == list(COLUMNS)
-    noise = table.select(COLUMNS).to_numpy() - PUSH
+    assert table.columns[-6:] == list(WRENCH_COLUMNS)
+    noise = table.select(WRENCH_COLUMNS).to_numpy() - PUSH
     assert np.abs(noise.mean(axis=0)).max() < 0.02
     np.testing.assert_allclose(noise.std(axis=0), 0.1, rtol=0.1)
     plain = VirtualRobot(arm, truth, sensors, rest=0.2)
     run(plain, still(np.zeros(6)), tmp_path / "plain.csv")
-    assert not set(COLUMNS) & set(pl.read_csv(tmp_path / "plain.csv").columns)
+    assert not set(WRENCH_COLUMNS) & set(pl.read_csv(tmp_path / "plain.csv").columns)
 
 
 def test_unusable_wrenches_are_refused(arm: Robot, tmp_path: Path) -> None:
@@ -99,7 +103,7 @@ def test_unusable_wrenches_are_refused(arm: Robot, tmp_path: Path) -> None:
 
 def test_a_wrench_on_the_base_is_refused(arm: Robot) -> None:
     from steelyard.robot.robot import Frame
-    from steelyard.virtual.plant import moving_frame
+    from steelyard.simulate.plant import moving_frame
 
     fixed = arm.changed(frames=(*arm.frames, Frame("table", -1, np.eye(3), np.zeros(3))))
     with pytest.raises(ModelError, match="fixed to the base"):

@@ -1,1 +1,1 @@
-"""The command line: parsing, errors, interruption; the commands are in `commands`."""
+"""The command line."""

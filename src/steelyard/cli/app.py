@@ -6,27 +6,15 @@ from typing import Annotated
 
 import typer
 
-from steelyard.cli.commands.check import check
-from steelyard.cli.commands.compare import compare
-from steelyard.cli.commands.compare_models import compare_models
-from steelyard.cli.commands.contact import contact
-from steelyard.cli.commands.demo import demo
-from steelyard.cli.commands.doctor import doctor
-from steelyard.cli.commands.excite import excite
-from steelyard.cli.commands.export import export
-from steelyard.cli.commands.feedforward import feedforward
-from steelyard.cli.commands.health import health
-from steelyard.cli.commands.identify import identify
-from steelyard.cli.commands.init import init
-from steelyard.cli.commands.log import log
-from steelyard.cli.commands.payload import payload
-from steelyard.cli.commands.reduce import reduce
-from steelyard.cli.commands.replay import replay
-from steelyard.cli.commands.simulate import simulate
-from steelyard.cli.commands.track import track
-from steelyard.cli.commands.validate import validate
-from steelyard.cli.commands.watch import watch
-from steelyard.cli.commands.wrench import wrench
+from steelyard.cli.doctor_command import doctor
+from steelyard.cli.identify_commands import compare, compare_models, identify, validate
+from steelyard.cli.init_command import init
+from steelyard.cli.log_commands import check, log
+from steelyard.cli.model_commands import export, reduce
+from steelyard.cli.motion_commands import excite, replay
+from steelyard.cli.simulation_commands import demo, simulate, track
+from steelyard.cli.use_commands import contact, feedforward, health, payload, wrench
+from steelyard.cli.watch_command import watch
 
 app = typer.Typer(
     name="steelyard",
@@ -63,7 +51,7 @@ for command in (
 
 app.add_typer(log)
 
-MANY = (
+MANY_VALUED_OPTIONS = (
     "--validate",
     "--format",
     "--loaded",
@@ -109,7 +97,7 @@ def expanded(arguments: list[str]) -> list[str]:
     named = False
     for argument, following in pairwise([*arguments, "-"]):
         if argument.startswith("-"):
-            current = argument if argument in MANY else None
+            current = argument if argument in MANY_VALUED_OPTIONS else None
             if argument == "--fix" and not (named and following.endswith(".toml")):
                 result.append("--fix=")
             elif current is None:

@@ -102,7 +102,7 @@ def leave() -> None:
         SystemExit: With 130.
     """
     ignore()
-    files = sys.modules.get("steelyard.files")
+    files = sys.modules.get("steelyard.base.files")
     if files is not None and hasattr(files, "remove_unfinished"):
         files.remove_unfinished()
     written = f"{_state.finished} is written, nothing else" if _state.finished else ""

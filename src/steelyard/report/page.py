@@ -1,11 +1,184 @@
-"""The report as one page that needs nothing else: no network, no other file."""
+"""A page as one HTML file: filled templates, its sections, and JSON inside it."""
 
-from collections.abc import Iterable, Sequence
+from __future__ import annotations
+
+import base64
+import json
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from steelyard.report.html import PICTURE, fill, plotly_archive, verbatim
-from steelyard.report.sections.section import Numbers, Section
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.report import words
+from steelyard.report.tables import PlainTable, text_table
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+    from rich.console import RenderableType
+
+
+TEMPLATES = Path(__file__).parent / "templates"
+PLOTLY = Path(__file__).parent / "plotly" / "plotly.min.js.gz"
+"""The parts that pages use, compressed. The version is in `source.json` beside it;
+`tools/update_plotly.py` replaces it."""
+
+
+PICTURE = 'class="picture'
+"""What marks a picture in the page."""
+
+
+@cache
+def _environment() -> Environment:
+    """Templates that escape everything: names come from files of strangers."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES, encoding="utf-8"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {
+        "significant": words.significant,
+        "percent": words.percent,
+        "alike": words.rounded_to_uncertainty,
+        "share": words.share,
+        "relative": words.relative,
+        "kept": words.kept,
+        "breakable": breakable,
+    }
+    environment.globals["count"] = words.count
+    return environment
+
+
+def fill(template: str, values: Mapping[str, Any]) -> str:
+    """A template of this room filled with values, as safe HTML."""
+    from markupsafe import Markup
+
+    return Markup(_environment().get_template(template).render(values))
+
+
+def breakable(name: str) -> str:
+    """A name as safe HTML that may be broken behind dots and underscores, never inside a word."""
+    from markupsafe import Markup
+
+    return Markup("<wbr>").join(words.pieces(name))
+
+
+def verbatim(name: str) -> str:
+    """A style sheet or script of this room, to stand in a page as it is."""
+    from markupsafe import Markup
+
+    return Markup((TEMPLATES / name).read_text(encoding="utf-8"))
+
+
+def plotly_archive() -> str:
+    """plotly.js, compressed by gzip, in base64."""
+    return base64.b64encode(PLOTLY.read_bytes()).decode()
+
+
+def script_json(value: object) -> str:
+    """JSON that cannot end the script element it stands in.
+
+    Raises:
+        ValueError: It holds NaN or infinity.
+    """
+    from markupsafe import Markup
+
+    text = json.dumps(value, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
+    for character in "<>&":
+        text = text.replace(character, f"\\u{ord(character):04x}")
+    return Markup(text)
+
+
+def packed(values: Array, dtype: Literal["f4", "f8", "i1"] = "f4") -> dict[str, str]:
+    """Plotly's form of an array in single or double precision, or in bytes; NaN breaks a line."""
+    raw = values.astype(f"<{dtype}").tobytes()
+    return {"dtype": dtype, "bdata": base64.b64encode(raw).decode()}
+
+
+def rounded(value: float, digits: int = 6) -> float | None:
+    """A number for JSON; `None` if it is not finite."""
+    return float(f"{value:.{digits}g}") if np.isfinite(value) else None
+
+
+Numbers = Mapping[str, Any]
+"""Everything a section's template shows, by name."""
+
+
+class Section(ABC):
+    """One section of the report."""
+
+    name: ClassVar[str]
+    """The section's identifier in the page."""
+
+    title: ClassVar[str]
+    """Its heading."""
+
+    folded: ClassVar[bool] = False
+    """Whether the page shows its heading alone, until a click opens it."""
+
+    @abstractmethod
+    def numbers(self, content: Any) -> Numbers | None:
+        """What there is to show; `None` leaves the section out."""
+
+    @abstractmethod
+    def show(self, numbers: Numbers) -> str:
+        """The numbers as safe HTML."""
+
+    def to_dict(self, content: Any) -> dict[str, Any]:
+        """Fields of `--json`; they are there, and `None`, where there is nothing to show."""
+        return {}
+
+    def printed(self, content: Any) -> Iterable[RenderableType]:
+        """What the terminal shows, an empty line before each."""
+        return ()
+
+    def detailed(self, content: Any) -> Iterable[RenderableType]:
+        """What the terminal shows below that with `--verbose`."""
+        return ()
+
+
+class TableSection(Section):
+    """A section that is plain tables."""
+
+    in_terminal: ClassVar[bool] = False
+    """Whether the terminal shows them with `--verbose`."""
+
+    @abstractmethod
+    def tables(self, content: Any) -> Sequence[PlainTable]:
+        """The tables; none leaves the section out."""
+
+    def numbers(self, content: Any) -> Numbers | None:
+        """The tables under the section's title."""
+        tables = self.tables(content)
+        return {"tables": tables, "title": self.title} if tables else None
+
+    def show(self, numbers: Numbers) -> str:
+        """The tables as safe HTML."""
+        return fill("tables.html", numbers)
+
+    def detailed(self, content: Any) -> Iterable[RenderableType]:
+        """The tables, if the terminal shows them."""
+        if self.in_terminal:
+            yield from (text_table(table, self.title) for table in self.tables(content))
+
+
+class FigureSection(Section):
+    """A section that is figures, with words and tables."""
+
+    template: ClassVar[str] = "figures.html"
+
+    def show(self, numbers: Numbers) -> str:
+        """The figures as safe HTML; numbers that the section does not have are empty."""
+        empty = {"words": "", "tables": (), "folded": "", "legend": (), "note": ""}
+        return fill(self.template, {"title": self.title, **empty, **numbers})
 
 
 @dataclass(frozen=True)
@@ -25,7 +198,7 @@ class Shown:
     folded: bool = False
 
     @classmethod
-    def of(cls, section: Section, numbers: Numbers) -> "Shown":
+    def of(cls, section: Section, numbers: Numbers) -> Shown:
         """A section with its numbers."""
         return cls(section.name, section.title, section.show(numbers), section.folded)
 

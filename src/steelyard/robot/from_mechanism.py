@@ -1,31 +1,138 @@
-"""From a mechanism to a robot: which joints move, where the others are locked, what merges."""
+"""From a mechanism to a robot: joints that move or are locked, merged links, and notes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from steelyard.errors import ModelError
-from steelyard.robot.couplings import refuse_coupled
-from steelyard.robot.free_joints import without_free_joints
-from steelyard.robot.from_mechanism_notes import reduction_notes
-from steelyard.robot.geometry import Placement
-from steelyard.robot.inertia import LEAST, Inertia
-from steelyard.robot.links import Joint, Link
-from steelyard.robot.loop_closures import Closing, closed_robot, passive_joints
-from steelyard.robot.mechanism import Mechanism
-from steelyard.robot.mimic import (
+from steelyard.base.errors import ModelError, advice, listing
+from steelyard.robot.joint_reduction import (
     Drive,
     drive_of,
     followers_of,
+    limit_notes,
     merged,
     narrowed,
+    refuse_coupled,
     unlimited_if_empty,
+    without_free_joints,
 )
+from steelyard.robot.loop_closures import Closing, closed_robot, passive_joints
+from steelyard.robot.mechanism import Answer, Joint, JointSpring, Link, Listed, Mechanism, ModelNote
+from steelyard.robot.rigid_body import LEAST_INERTIA, Inertia, Placement
 from steelyard.robot.robot import Body, Coordinate, Frame, JointKind, Limits, Robot
-from steelyard.suggest import advice, listing
+
+
+def ignored_statements(
+    mechanism: Mechanism, robot: Robot, answered: Collection[Answer], limited: Collection[str]
+) -> dict[str, str]:
+    """Statements of the model file that are ignored, and a line of each with all it is about.
+
+    Args:
+        mechanism: What the model file says.
+        robot: Its robot; what is about joints that do not move is left out.
+        answered: What the robot file says itself.
+        limited: Joints whose limit of effort the robot file gives.
+    """
+    moving = {body.joint for body in robot.bodies}
+    unlimited = set(robot.joint_names) - set(limited)
+    lines: dict[str, list[str]] = {}
+    for note in (*mechanism.statements, *_placeholders(mechanism), *_springs(mechanism)):
+        concerned = unlimited if note.answer == "efforts" else moving
+        if note.answer in answered or (note.joints and concerned.isdisjoint(note.joints)):
+            continue
+        lines.setdefault(note.what, []).append(note.item)
+    return {what: what + ", ".join(items) for what, items in lines.items()}
+
+
+def springs_along(mechanism: Mechanism, robot: Robot) -> dict[str, JointSpring]:
+    r"""The springs of the joints that move, one per coordinate, those of its followers included.
+
+    A follower at $x = r q + o$ with a spring $k, x_0$ pulls its master with
+    $k r\,(r q + o - x_0)$. Springs of which nothing is left are left out.
+    """
+    pulls: dict[str, list[float]] = {}
+    linear: dict[str, bool] = {}
+    for body in robot.bodies:
+        spring = mechanism.springs.get(body.joint)
+        if spring is None:
+            continue
+        name = robot.joints[body.coordinate].name
+        along = spring.stiffness * body.ratio
+        total = pulls.setdefault(name, [0.0, 0.0])
+        total[0] += along * body.ratio
+        total[1] += along * (spring.free - body.offset)
+        linear[name] = linear.get(name, True) and spring.linear
+    return {n: JointSpring(k, p / k, linear[n]) for n, (k, p) in pulls.items() if k}
+
+
+def _placeholders(mechanism: Mechanism) -> Iterator[ModelNote]:
+    what = "placeholder effort limits are treated as unknown (state [robot.limits.JOINT] effort): "
+    for joint in mechanism.joints:
+        if joint.placeholder > 0.0:
+            item = f"{joint.name} ({joint.placeholder:g} {_units(joint)[0]})"
+            yield ModelNote(what, item, (joint.name,), "efforts")
+
+
+def _springs(mechanism: Mechanism) -> Iterator[ModelNote]:
+    what = (
+        'springs along joints are in the model file; a term {law = "spring", ...} under [model] '
+        "terms represents them, none of the default terms does: "
+    )
+    for name, spring in mechanism.springs.items():
+        effort, position = _units(mechanism.joint(name))
+        more = "" if spring.linear else " and higher powers"
+        item = (
+            f"{name} ({spring.stiffness:g} {effort}/{position}{more}, "
+            f"free at {spring.free:.4g} {position})"
+        )
+        yield ModelNote(what, item, (name,), "springs")
+
+
+def _units(joint: Joint) -> tuple[str, str]:
+    """Units of effort and position."""
+    return ("N", "m") if joint.kind == "prismatic" else ("Nm", "rad")
+
+
+def reduction_notes(
+    mechanism: Mechanism,
+    drives: Mapping[str, Drive],
+    robot: Robot,
+    base: str,
+    assumed: tuple[str, ...],
+    positions: Mapping[str, float],
+) -> tuple[str, ...]:
+    """What was assumed and matters to the robot's dynamics, one sentence each."""
+    notes = list[str]()
+    carried = {b.joint for b in robot.bodies}
+    touched = {
+        j.name
+        for j in mechanism.from_link(base)
+        if carried & {k.name for k in (*mechanism.to_link(j.child), *mechanism.from_link(j.child))}
+    }
+    if matter := [n for n in assumed if n in touched]:
+        places = ", ".join(
+            f"{n} at {positions[n]:.4g} {'m' if mechanism.joint(n).kind == 'prismatic' else 'rad'}"
+            for n in matter
+        )
+        notes.append(Listed("locked, as no position was given", places))
+    carriers = {frame.name: frame.body for frame in robot.frames if frame.body >= 0}
+    lacking = [link for link in mechanism.links if link.lacks and link.name in carriers]
+    meshless = {carriers[link.name] for link in lacking}
+    bare = [b.name for k, b in enumerate(robot.bodies) if not b.known and k not in meshless]
+    if bare:
+        notes.append(Listed("no inertial in the model, nominal mass is zero", ", ".join(bare)))
+    if lacking:
+        names = ", ".join(f"{link.name} ('{link.lacks}')" for link in lacking[:6])
+        more = f" and {len(lacking) - 6} more" if len(lacking) > 6 else ""
+        absent = "nominal mass is zero, as the mesh is missing"
+        notes.append(Listed(absent, names + more))
+    for body in robot.bodies:
+        if flaw := body.inertia.flaw():
+            notes.append(Listed(f"the inertial is not physically consistent: '{body.name}'", flaw))
+    return (*notes, *limit_notes(mechanism, drives, robot))
 
 
 def reduced(
@@ -280,7 +387,7 @@ class _Merging:
 def _as_exported(link: Link, joint: Joint) -> Link:
     """The link; a frame without mass where a file of `export` holds the least inertia for one."""
     named = link.name.endswith(f"/{joint.name}")
-    if named and link.inertia is not None and link.inertia.mass <= LEAST:
+    if named and link.inertia is not None and link.inertia.mass <= LEAST_INERTIA:
         return replace(link, inertia=Inertia.zero(), massless=True)
     return link
 

@@ -1,17 +1,276 @@
-"""Pins that close a mechanism's chains: which joints follow from them, and where they close."""
+r"""Closed chains: pins, their loop equations, and the passive joints that these determine.
+
+A pin's residual is the vector between its two points, in the frame of the last body that carries
+both ends: joints before that body cannot open it. A mechanism in one plane needs only two of the
+three scalars, so the independent ones are chosen by rank where the loops are closed.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
-from steelyard.arrays import Array
-from steelyard.errors import ModelError
-from steelyard.robot.loop_equations import CLOSED, checked_equations
-from steelyard.robot.mechanism import Mechanism
-from steelyard.robot.robot import Coordinate, Frame, Loop, OpenLoops, Robot
-from steelyard.robot.ties import Pin
-from steelyard.suggest import advice
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import ModelError, advice
+from steelyard.robot.mechanism import Mechanism, Pin
+from steelyard.robot.rigid_body import skew
+from steelyard.robot.robot import Body, Coordinate, Frame, LoopClosure, OpenLoops, Robot
+
+CLOSED = 1e-5
+"""Distance of a pin's two points up to which it counts as closed [m]."""
+
+_ROUNDING = 1e-15
+"""Closure error that is rounding alone [m]."""
+
+_RANK = 1e-7
+"""Singular values below this, relative to the largest, are zero."""
+
+_EYE = frozen(np.eye(3))
+
+_NEARBY = 8
+_TRIES = 40
+
+
+@dataclass(frozen=True, eq=False)
+class LoopEquations:
+    """The scalar equations that determine the passive joints, one per passive joint.
+
+    Attributes:
+        loops: Per equation the number of its loop.
+        directions: Per equation the direction along which its residual is taken, `(n_p, 3)`.
+        depends: Whether an equation changes with a joint, shape `(n_p, n_joints)`.
+        assembly: Positions of all joints at which the loops are closed, `(n_joints,)`.
+    """
+
+    loops: tuple[int, ...]
+    directions: Array
+    depends: Array
+    assembly: Array
+
+
+@lru_cache(maxsize=128)
+def chains(robot: Robot, loop: LoopClosure) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Bodies from behind the last one that carries both ends of a loop, down to each end."""
+    lines = [_carriers(robot, body) for body in loop.bodies]
+    shared = set(lines[0]) & set(lines[1])
+    first, second = (tuple(k for k in line if k not in shared) for line in lines)
+    return first, second
+
+
+def _carriers(robot: Robot, body: int) -> list[int]:
+    line: list[int] = []
+    while body >= 0:
+        line.append(body)
+        body = robot.bodies[body].parent
+    return line[::-1]
+
+
+def residual(robot: Robot, q: Array) -> tuple[Array, Array]:
+    """What the pins lack, and how it changes.
+
+    Args:
+        robot: The robot.
+        q: All joints, shape `(n_joints,)`.
+
+    Returns:
+        Distances of the pins' points along the axes of their frame, shape `(3 n_loops,)` [m], and
+        their derivative, shape `(3 n_loops, n_joints)`.
+    """
+    lacks = np.zeros((len(robot.loops), 3))
+    slopes = np.zeros((len(robot.loops), 3, robot.n_joints))
+    for number, loop in enumerate(robot.loops):
+        ends = zip((1.0, -1.0), chains(robot, loop), loop.points, strict=True)
+        for sign, chain, point in ends:
+            tip, columns = _reach(robot, chain, point, q)
+            lacks[number] += sign * tip
+            for joint, column in columns:
+                slopes[number, :, joint] += sign * column
+    return lacks.ravel(), slopes.reshape(-1, robot.n_joints)
+
+
+def _reach(
+    robot: Robot, chain: Sequence[int], point: Array, q: Array
+) -> tuple[Array, list[tuple[int, Array]]]:
+    """Where a point at the end of a chain is, and its derivative by the joints of the chain."""
+    rotation, position = np.eye(3), np.zeros(3)
+    axes = []
+    for body in (robot.bodies[k] for k in chain):
+        x = body.ratio * q[body.coordinate] + body.offset
+        position = position + rotation @ body.position
+        rotation = rotation @ body.rotation
+        axis = rotation @ body.axis
+        if body.kind == "prismatic":
+            position = position + axis * x
+        else:
+            generator, square = _generators(body)
+            rotation = rotation @ (_EYE + np.sin(x) * generator + (1.0 - np.cos(x)) * square)
+        axes.append((body, axis, position))
+    tip = position + rotation @ point
+    return tip, [
+        (
+            body.coordinate,
+            body.ratio * (axis if body.kind == "prismatic" else skew(axis) @ (tip - origin)),
+        )
+        for body, axis, origin in axes
+    ]
+
+
+@lru_cache(maxsize=512)
+def _generators(body: Body) -> tuple[Array, Array]:
+    """Of the rotation about a body's axis: its cross product as a matrix, and the square of it."""
+    generator = skew(body.axis)
+    return frozen(generator), frozen(generator @ generator)
+
+
+def gaps(robot: Robot, q: Array) -> Array:
+    """Distance of the two points of every pin, shape `(n_loops,)` [m]."""
+    return np.asarray(np.linalg.norm(residual(robot, q)[0].reshape(-1, 3), axis=1))
+
+
+def closest(robot: Robot, q: Array, free: Sequence[int]) -> Array:
+    """All joints, those of `free` moved to where the pins lack least (Levenberg-Marquardt)."""
+    q, damping = np.array(q, dtype=np.float64), 1e-3
+    lack, slope = residual(robot, q)
+    for _ in range(100):
+        if lack @ lack < _ROUNDING**2:
+            break
+        matrix = slope[:, free]
+        normal = matrix.T @ matrix
+        scale = max(float(np.trace(normal)), 1e-12)
+        step = np.linalg.solve(normal + damping * scale * np.eye(len(free)), -matrix.T @ lack)
+        trial = q.copy()
+        trial[free] += np.clip(step, -0.5, 0.5)
+        new_lack, new_slope = residual(robot, trial)
+        if new_lack @ new_lack < lack @ lack:
+            q, lack, slope, damping = trial, new_lack, new_slope, max(damping / 10.0, 1e-15)
+        elif damping > 1e6 or np.abs(step).max() < 1e-15:
+            break
+        else:
+            damping *= 10.0
+    return q
+
+
+@lru_cache(maxsize=32)
+def loop_equations(robot: Robot) -> LoopEquations:
+    """The equations that determine a robot's passive joints.
+
+    Raises:
+        ModelError: The loops do not close near the assembly, or do not determine these joints.
+    """
+    return checked_equations(robot, [f"robot '{robot.name}', loop '{x.name}'" for x in robot.loops])
+
+
+def checked_equations(robot: Robot, where: Sequence[str]) -> LoopEquations:
+    """As `loop_equations`, with the place of every loop for messages."""
+    near = _nearby(robot)
+    if near:
+        _check_count(robot, near, where[0])
+    passive = list(range(robot.n, robot.n_joints))
+    assembly = _assembled(robot, passive)
+    worst = gaps(robot, assembly)
+    if worst.max() > CLOSED:
+        loop = int(worst.argmax())
+        raise ModelError(
+            f"loop '{robot.loops[loop].name}' does not close in the reference configuration: "
+            f"closure error {worst[loop]:.3g} m",
+            where=where[loop],
+            fix="correct its points, or give [robot.assembly] positions of all joints near which "
+            "it closes",
+        )
+    return _chosen(robot, assembly, near, where[0])
+
+
+def _nearby(robot: Robot) -> list[Array]:
+    """Positions near the assembly at which all loops are closed; none if none were found."""
+    rng, everything = np.random.default_rng(0), list(range(robot.n_joints))
+    starts = [robot.assembly + 0.1 * rng.standard_normal(robot.n_joints) for _ in range(_NEARBY)]
+    found = [closest(robot, start, everything) for start in starts]
+    return [q for q in found if gaps(robot, q).max() <= CLOSED]
+
+
+def _check_count(robot: Robot, near: Sequence[Array], where: str) -> None:
+    """As many passive joints as the loops have independent equations."""
+    count = max(_rank(residual(robot, q)[1]) for q in near)
+    if count == len(robot.passive):
+        return
+    names = ", ".join(c.name for c in robot.passive)
+    equations = f"{count} independent equation{'s' if count != 1 else ''}"
+    joints = "is 1 passive joint" if len(robot.passive) == 1 else ""
+    joints = joints or f"are {len(robot.passive)} passive joints"
+    raise ModelError(
+        f"the loops give {equations}, but there {joints}: {names or 'none'}",
+        where=where,
+        fix=f"name {count} of the loops' joints: [robot] passive = [...]",
+    )
+
+
+def _rank(matrix: Array) -> int:
+    return int(np.linalg.matrix_rank(matrix, _RANK * float(np.linalg.norm(matrix, 2) or 1.0)))
+
+
+def _assembled(robot: Robot, passive: Sequence[int]) -> Array:
+    """The assembly, its passive joints where the loops close; another start if need be."""
+    rng = np.random.default_rng(1)
+    best = closest(robot, robot.assembly, passive)
+    for k in range(_TRIES):
+        if gaps(robot, best).max() <= CLOSED:
+            break
+        start = robot.assembly.copy()
+        start[passive] += rng.uniform(-1.0, 1.0, len(passive)) * np.pi * (k + 1) / _TRIES
+        trial = closest(robot, start, passive)
+        best = min(best, trial, key=lambda q: float(gaps(robot, q).max()))
+    return frozen(best)
+
+
+def _chosen(robot: Robot, assembly: Array, near: Sequence[Array], where: str) -> LoopEquations:
+    """The best conditioned equations in the reference configuration, one per passive joint."""
+    slopes = [residual(robot, q)[1] for q in (assembly, *near)]
+    loops, directions, rows = [], [], []
+    for number in range(len(robot.loops)):
+        part = np.hstack([s[3 * number : 3 * number + 3] for s in slopes])
+        for direction in _directions(part):
+            loops.append(number)
+            directions.append(direction)
+            rows.append([direction @ s[3 * number : 3 * number + 3] for s in slopes])
+    all_rows = np.array(rows)
+    kept = _independent(all_rows[:, 0, robot.n :])
+    if len(kept) < len(robot.passive):
+        names = ", ".join(c.name for c in robot.passive)
+        raise ModelError(
+            f"the loops do not determine {names} in the reference configuration: it is singular, "
+            "or they are the wrong joints",
+            where=where,
+            fix="give [robot.assembly] positions away from singularities (bars in one line), or "
+            "name other joints: [robot] passive = [...]",
+        )
+    depends = np.abs(all_rows[kept]).max(axis=1) > 1e-12
+    return LoopEquations(
+        tuple(loops[k] for k in kept), frozen(np.array(directions)[kept]), depends, assembly
+    )
+
+
+def _directions(slopes: Array) -> Array:
+    """Directions in which a pin can open at all, shape `(1 to 3, 3)`: axes where that suffices."""
+    left, sizes, _ = np.linalg.svd(slopes)
+    count = int(np.sum(sizes > _RANK * max(float(sizes[0]), 1e-300)))
+    moving = np.linalg.norm(slopes, axis=1) > _RANK * sizes[0]
+    return np.eye(3)[moving] if moving.sum() == count else np.asarray(left[:, :count].T)
+
+
+def _independent(rows: Array) -> list[int]:
+    """Rows that are independent, the largest remainder first; in ascending order."""
+    rest, floor = rows.copy(), _RANK * max(float(np.abs(rows).max(initial=0.0)), 1e-300)
+    kept: list[int] = []
+    for _ in range(rows.shape[1]):
+        sizes = np.linalg.norm(rest, axis=1)
+        best = int(sizes.argmax())
+        if sizes[best] <= floor:
+            break
+        kept.append(best)
+        unit = rest[best] / sizes[best]
+        rest = rest - np.outer(rest @ unit, unit)
+    return sorted(kept)
 
 
 @dataclass(frozen=True)
@@ -140,7 +399,7 @@ def closed_robot(
     return robot.changed(assembly=assembly), _note(robot, assembly, closing)
 
 
-def _loop(pin: Pin, frames: Mapping[str, Frame]) -> Loop:
+def _loop(pin: Pin, frames: Mapping[str, Frame]) -> LoopClosure:
     """The pin between bodies, from the pin between links."""
     bodies, points = [], []
     for link, point in zip(pin.links, pin.points, strict=True):
@@ -153,7 +412,7 @@ def _loop(pin: Pin, frames: Mapping[str, Frame]) -> Loop:
         frame = frames[link]
         bodies.append(frame.body)
         points.append(frame.position + frame.rotation @ point)
-    return Loop(pin.name, (bodies[0], bodies[1]), np.array(points))
+    return LoopClosure(pin.name, (bodies[0], bodies[1]), np.array(points))
 
 
 def _near_zero(coordinate: Coordinate) -> float:

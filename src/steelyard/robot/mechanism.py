@@ -1,22 +1,246 @@
-"""The mechanism as a model file describes it: links and joints, nothing locked or merged yet."""
+"""The mechanism as a model file describes it: links, joints, mimics and pins, nothing merged."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 from numpy.typing import ArrayLike
 
-from steelyard.arrays import Array, frozen
-from steelyard.errors import ModelError
-from steelyard.robot.links import Joint as Joint
-from steelyard.robot.links import Link as Link
-from steelyard.robot.links import MechanismJointKind as MechanismJointKind
-from steelyard.robot.model_notes import JointSpring, ModelNote
-from steelyard.robot.ties import Coupling as Coupling
-from steelyard.robot.ties import Mimic as Mimic
-from steelyard.robot.ties import Pin as Pin
-from steelyard.suggest import advice
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import ModelError, advice
+from steelyard.robot.rigid_body import DIRT, Inertia, Placement, clean_axis, turn
+from steelyard.robot.robot import Limits
+
+Naming = Callable[[str, int], str]
+"""Name of a model file's object by its kind and number."""
+
+Answer = Literal["gravity", "weight", "efforts", "springs"]
+"""What a robot file says instead: its gravity, that efforts are without the robot's weight, limits
+of effort, terms for springs."""
+
+
+class Listed(str):
+    """A note of a statement and what it is about: `statement: a, b`.
+
+    Attributes:
+        statement: What two notes about the same have in common.
+        about: What it is about, such as names of joints.
+    """
+
+    statement: str
+    about: str
+
+    def __new__(cls, statement: str, about: str) -> "Listed":
+        """The note as one line."""
+        note = super().__new__(cls, f"{statement}: {about}")
+        note.statement, note.about = statement, about
+        return note
+
+    def __reduce__(self) -> tuple[type["Listed"], tuple[str, str]]:
+        return Listed, (self.statement, self.about)
+
+
+@dataclass(frozen=True)
+class ModelNote:
+    """A statement of a model file that is not followed.
+
+    Attributes:
+        what: What is stated and what holds instead; items of the same statement are listed after.
+        item: What it is about, such as a joint with a number; empty if `what` says it all.
+        joints: Joints that it concerns; empty if it concerns the whole robot.
+        answer: What in a robot file resolves it, if anything.
+    """
+
+    what: str
+    item: str = ""
+    joints: tuple[str, ...] = ()
+    answer: Answer | None = None
+
+
+@dataclass(frozen=True)
+class JointSpring:
+    r"""A spring along a joint: it pulls back with $k\,(x - x_0)$.
+
+    Attributes:
+        stiffness: $k$ [Nm/rad; N/m].
+        free: $x_0$ [rad; m].
+        linear: Whether that is all; the file may add higher powers.
+    """
+
+    stiffness: float
+    free: float
+    linear: bool = True
+
+
+_LEAST_PLACEHOLDER_POWER, _LEAST_PLACEHOLDER_EFFORT = 3, 1e6
+"""Powers of ten from this one on, and efforts beyond, that nobody has measured."""
+
+
+def is_placeholder(effort: float) -> bool:
+    """Whether a limit of effort [Nm; N] only fills its place.
+
+    That is what is not above zero; 1000, 10000, ... and one below these (999, 99999); and all from
+    a million on. An infinite limit says itself that there is none.
+    """
+    powers = (10**power for power in range(_LEAST_PLACEHOLDER_POWER, 7))
+    rounded = any(effort in (power, power - 1) for power in powers)
+    return effort <= 0.0 or rounded or _LEAST_PLACEHOLDER_EFFORT <= effort < float("inf")
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """`position = ratio * master's position + offset` [rad; m]."""
+
+    master: str
+    ratio: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Pin:
+    """A point of one link that stays on a point of another.
+
+    Attributes:
+        name: For messages.
+        links: Names of the two links.
+        points: Shape `(2, 3)` [m], the point in each link's frame.
+        where: File and line, for messages.
+    """
+
+    name: str
+    links: tuple[str, str]
+    points: Array
+    where: str
+
+    def __init__(
+        self, name: str, links: tuple[str, str], points: ArrayLike, where: str = "the mechanism"
+    ) -> None:
+        object.__setattr__(self, "name", name)
+        object.__setattr__(self, "links", links)
+        object.__setattr__(self, "points", frozen(points, (2, 3)))
+        object.__setattr__(self, "where", where)
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """Joints that a model file ties in a way that no equation of a robot here says.
+
+    Attributes:
+        name: For messages.
+        what: What ties them, for messages: "a joint equality that is not proportional".
+        joints: Names of the joints that cannot move on their own.
+        where: File and line, for messages.
+    """
+
+    name: str
+    what: str
+    joints: tuple[str, ...]
+    where: str
+
+
+MechanismJointKind = Literal[
+    "fixed", "revolute", "continuous", "prismatic", "floating", "planar", "ball"
+]
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """A rigid link.
+
+    Attributes:
+        name: Unique in the mechanism.
+        inertia: Mass properties in the link frame; `None` if the file gives none.
+        where: File and line, for messages.
+        massless: Whether it is only a frame between the joints of one body.
+        lacks: The mesh that its inertia is computed from, where that is absent.
+    """
+
+    name: str
+    inertia: Inertia | None = None
+    where: str = "the mechanism"
+    massless: bool = False
+    lacks: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A joint between two links; the child link's frame is the joint's frame.
+
+    Attributes:
+        name: Unique in the mechanism.
+        kind: `fixed`, `revolute`, `continuous` or `prismatic`; or with more than one degree of
+            freedom `floating`, `planar` or `ball`, which no robot keeps (`robot/free_joints.py`).
+        parent: Name of the parent link.
+        child: Name of the child link.
+        placement: The joint's frame in the parent link's frame, at position zero.
+        axis: Unit vector in the joint's frame, shape `(3,)`; of no meaning for a fixed joint.
+        limits: Range, speed and effort; an effort that is a placeholder is taken as unknown.
+        mimic: The joint this one follows, if any.
+        where: File and line, for messages.
+        placeholder: That effort, if the file gives one [Nm; N]; else zero.
+    """
+
+    name: str
+    kind: MechanismJointKind
+    parent: str
+    child: str
+    placement: Placement = field(default_factory=Placement)
+    axis: Array = field(default_factory=lambda: frozen((1.0, 0.0, 0.0)))
+    limits: Limits = field(default_factory=Limits)
+    mimic: Mimic | None = None
+    where: str = "the mechanism"
+    placeholder: float = field(default=0.0, init=False)
+
+    def __post_init__(self) -> None:
+        if is_placeholder(self.limits.effort):
+            object.__setattr__(self, "placeholder", self.limits.effort)
+            object.__setattr__(self, "limits", replace(self.limits, effort=float("inf")))
+        if not self.movable:
+            object.__setattr__(self, "axis", frozen((1.0, 0.0, 0.0)))
+            return
+        try:
+            axis = clean_axis(frozen(self.axis, (3,)), self.placement.dirt)
+            object.__setattr__(self, "axis", frozen(axis))
+        except ValueError:
+            raise ModelError(
+                f"the axis of joint '{self.name}' has no direction: {self.axis}",
+                where=self.where,
+                fix="give a vector that is not zero, e.g. xyz='0 0 1'",
+            ) from None
+        if self.limits.lower > self.limits.upper:
+            raise ModelError(
+                f"joint '{self.name}' has a lower limit above its upper one "
+                f"({self.limits.lower:g} > {self.limits.upper:g})",
+                where=self.where,
+                fix="swap the two limits",
+            )
+
+    @property
+    def movable(self) -> bool:
+        """Whether the joint has one degree of freedom."""
+        return self.kind in ("revolute", "continuous", "prismatic")
+
+    @property
+    def free(self) -> bool:
+        """Whether the joint has more than one degree of freedom."""
+        return self.kind in ("floating", "planar", "ball")
+
+    def snapped(self) -> "Joint":
+        """The same joint, with turns that are next to quarter turns, and axes, made exact."""
+        placement = Placement(self.placement.rotation, self.placement.position, DIRT)
+        return replace(self, placement=placement)
+
+    def at(self, position: float) -> Placement:
+        """The child link in the parent link's frame at a joint position [rad; m].
+
+        A joint that has not one degree of freedom stays where the file has it.
+        """
+        if not self.movable:
+            return self.placement
+        if self.kind == "prismatic":
+            return self.placement @ Placement(position=self.axis * position)
+        return self.placement @ Placement(turn(self.axis, position))
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from steelyard.arrays import Array
-from steelyard.robot.inertia import skew
-from steelyard.robot.loop_equations import closest, loop_equations
+from steelyard.base.arrays import Array
+from steelyard.robot.loop_closures import closest, loop_equations
+from steelyard.robot.rigid_body import skew
 from steelyard.robot.robot import Body, Frame, Robot
 
 

@@ -1,1 +1,0 @@
-"""What an identified model is for."""

@@ -1,1 +1,0 @@
-"""Identified models as URDF and MJCF."""

@@ -1,1 +1,0 @@
-"""External torque, contact and payload on samples as they arrive."""

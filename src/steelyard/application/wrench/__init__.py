@@ -1,1 +1,0 @@
-"""External wrench along a run: external efforts, estimate, directions that are not seen."""

@@ -1,0 +1,1 @@
+"""Errors, arrays, parameters, motion, files, progress: what every room needs."""

@@ -1,0 +1,90 @@
+"""Read-only arrays, and parameters that carry their names and units."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def frozen(values: ArrayLike, shape: Sequence[int | None] | None = None) -> Array:
+    """A read-only float64 copy of `values`.
+
+    Args:
+        values: Anything NumPy can turn into an array.
+        shape: Expected shape; `None` entries are free.
+
+    Raises:
+        ValueError: The shape is another one.
+    """
+    array = np.array(values, dtype=np.float64, order="C")
+    if shape is not None and (
+        array.ndim != len(shape)
+        or any(want not in (None, got) for want, got in zip(shape, array.shape, strict=True))
+    ):
+        wanted = " x ".join("any" if n is None else str(n) for n in shape)
+        raise ValueError(f"expected an array of {wanted} numbers, got shape {array.shape}")
+    array.flags.writeable = False
+    return array
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a model: name, unit, physical bounds, and the prior value if known."""
+
+    name: str
+    unit: str
+    lower: float = -np.inf
+    upper: float = np.inf
+    prior: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters:
+    """Values of named parameters, in a fixed order.
+
+    Attributes:
+        names: One name per parameter, unique.
+        units: One unit per parameter.
+        values: Shape `(p,)`, read-only.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+
+    def __init__(self, names: Sequence[str], units: Sequence[str], values: ArrayLike) -> None:
+        object.__setattr__(self, "names", tuple(names))
+        object.__setattr__(self, "units", tuple(units))
+        object.__setattr__(self, "values", frozen(values, (len(self.names),)))
+        if len(self.units) != len(self.names):
+            raise ValueError(f"{len(self.names)} names but {len(self.units)} units")
+        if len(set(self.names)) != len(self.names):
+            twice = next(n for n in self.names if self.names.count(n) > 1)
+            raise ValueError(f"parameter name '{twice}' is given twice")
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def __getitem__(self, name: str) -> float:
+        try:
+            return float(self.values[self.names.index(name)])
+        except ValueError:
+            raise KeyError(name) from None
+
+    def of(self, places: Sequence[int]) -> "Parameters":
+        """Some of the parameters, by their places."""
+        return Parameters(
+            [self.names[k] for k in places],
+            [self.units[k] for k in places],
+            self.values[list(places)],
+        )
+
+    def as_dict(self) -> dict[str, float]:
+        """Name to value."""
+        return dict(zip(self.names, self.values.tolist(), strict=True))

@@ -1,0 +1,162 @@
+"""The one error root with its fix lines, help for misspelt names, and optional packages."""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+
+class SteelyardError(Exception):
+    """Something a user gave cannot be used.
+
+    Args:
+        wrong: What is wrong, in one sentence.
+        where: The file, line, column or joint it is wrong in.
+        fix: What the user can do about it.
+
+    Example:
+        >>> try:
+        ...     load_robot("missing.urdf")
+        ... except SteelyardError as error:
+        ...     print(error.where)
+        missing.urdf
+    """
+
+    def __init__(self, wrong: str, *, where: str, fix: str) -> None:
+        super().__init__(wrong, where, fix)
+        self.wrong = wrong
+        self.where = where
+        self.fix = fix
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _error_again, (type(self), *self.args)
+
+    def __str__(self) -> str:
+        return f"{self.wrong}\n  where  {self.where}\n  fix    {self.fix}"
+
+
+class ModelError(SteelyardError):
+    """A robot model or robot file cannot be used."""
+
+
+class OpenModelError(ModelError):
+    """A model file leaves open what a robot file has to say; `fix` states the key."""
+
+
+class LogError(SteelyardError):
+    """A recording cannot be used."""
+
+
+class DataError(SteelyardError):
+    """The data do not allow what was requested of them."""
+
+
+class OutputError(SteelyardError):
+    """A result cannot be written."""
+
+
+class PackageError(SteelyardError):
+    """An optional package is not installed; `fix` is the line that installs it."""
+
+
+def _error_again(kind: type[SteelyardError], wrong: str, where: str, fix: str) -> SteelyardError:
+    """An error from what pickle kept of it."""
+    return kind(wrong, where=where, fix=fix)
+
+
+_LEAST_SIMILARITY = 0.2
+"""Least similarity of names that are listed before the others."""
+
+
+def nearest(name: str, names: Iterable[str], count: int = 3) -> tuple[str, ...]:
+    """Up to `count` of `names` that look like `name`, the nearest first; letter case aside.
+
+    Where none does, those that are its end, or it theirs: `q_0` of `actual_q_0`.
+    """
+    known = list(names)
+    ends = [one for one in known if _ends_in_other(name.lower(), one.lower())]
+    return _names_by_similarity(name, known, count, 0.5) or _names_by_similarity(
+        name, ends, count, 0.0
+    )
+
+
+def advice(name: str, names: Iterable[str], what: str, most: int = 12) -> str:
+    """One line that offers the nearest of `names`, or all of them when none is near.
+
+    Args:
+        name: The name that was not found.
+        names: Those that exist.
+        what: What they are, in the plural: `joints`, `keys`.
+        most: How many are listed at most.
+    """
+    known = list(names)
+    if near := nearest(name, known):
+        return "did you mean " + " or ".join(f"'{n}'" for n in near) + "?"
+    return listing(known, what, most, like=name)
+
+
+def listing(names: Iterable[str], what: str, most: int = 12, like: str = "") -> str:
+    """One line that lists the names, `most` of them at most: then those most similar to `like`."""
+    known = list(names)
+    if like and len(known) > most:
+        known = [
+            *dict.fromkeys([*_names_by_similarity(like, known, most, _LEAST_SIMILARITY), *known])
+        ]
+    if not known:
+        return f"there are no {what} to choose from"
+    shown = ", ".join(known[:most])
+    shown += f", and {len(known) - most} more" if len(known) > most else ""
+    return f"the {what} are {shown}"
+
+
+def _names_by_similarity(
+    name: str, names: Iterable[str], count: int, least: float
+) -> tuple[str, ...]:
+    """Up to `count` of the names, the most similar first, whose similarity is `least` or more."""
+    by_lower = {known.lower(): known for known in names}
+    return tuple(by_lower[n] for n in get_close_matches(name.lower(), by_lower, count, least))
+
+
+def _ends_in_other(one: str, other: str) -> bool:
+    """Whether one name ends in the other behind a separator."""
+    longer, shorter = sorted((one, other), key=len, reverse=True)
+    return bool(shorter) and longer.endswith(tuple(f"{mark}{shorter}" for mark in "_./- "))
+
+
+def names_beside(path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names beside a missing file: those that look like its own, and those of the same kind."""
+    if not path.parent.is_dir():
+        return (), ()
+    names = sorted(one.name for one in path.parent.iterdir() if not one.name.startswith("."))
+    alike = tuple(name for name in names if Path(name).suffix.lower() == path.suffix.lower())
+    return nearest(path.name, names), alike
+
+
+def available(package: str) -> bool:
+    """Whether an optional package can be imported."""
+    try:
+        import_module(package)
+    except ImportError:
+        return False
+    return True
+
+
+def require(package: str, extra: str, what: str, where: str) -> None:
+    """Refuse what needs an optional package if that is not installed.
+
+    Args:
+        package: Name of the package.
+        extra: Extra of steelyard that installs it.
+        what: What needs it, such as "Parquet files".
+        where: The file or attribute that asked for it.
+
+    Raises:
+        PackageError: It is not installed.
+    """
+    if not available(package):
+        raise PackageError(
+            f"{what} need the package {package}, which is not installed",
+            where=where,
+            fix=f'pip install {package}, or pip install ".[{extra}]" in the source of steelyard',
+        )

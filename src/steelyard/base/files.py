@@ -1,0 +1,155 @@
+"""Writing files and folders that are there whole or not at all."""
+
+import json
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from itertools import chain, count
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import OutputError, require
+
+_unfinished: set[Path] = set()
+
+
+def remove_unfinished() -> None:
+    """Remove what blocks of `whole_file` and `whole_folder` left that were torn down halfway."""
+    for part in tuple(_unfinished):
+        _remove(part)
+
+
+def refuse_existing(path: Path) -> None:
+    """Refuse to replace a file.
+
+    Raises:
+        OutputError: It exists already.
+    """
+    if path.exists():
+        raise OutputError(
+            "the file exists already", where=str(path), fix="name another one, or remove it"
+        )
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A temporary file beside `path` that takes its place when the block ends without an error."""
+    part = _beside(path)
+    with explained(path):
+        try:
+            yield part
+            part.replace(path)
+        finally:
+            _remove(part)
+
+
+@contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """A temporary folder beside `path` that takes its place when the block ends without an error.
+
+    Raises:
+        OutputError: `path` is there and not an empty folder, or cannot be written.
+    """
+    part = _beside(path)
+    with explained(path):
+        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+            raise OutputError(
+                f"'{path}' exists already",
+                where=str(path),
+                fix="name another folder, or remove this one",
+            )
+        new_parents = [parent for parent in part.parents if not parent.exists()]
+        try:
+            part.mkdir(parents=True)
+            yield part
+            if path.exists():
+                path.rmdir()
+            part.rename(path)
+        finally:
+            _remove(part)
+            for parent in new_parents:
+                with suppress(OSError):
+                    parent.rmdir()
+
+
+def write_json(path: Path, values: Mapping[str, Any]) -> None:
+    """Write `values` as indented JSON."""
+    with whole_file(path) as part:
+        part.write_text(json.dumps(values, indent=1) + "\n", encoding="utf-8")
+
+
+def write_table(path: Path, columns: Mapping[str, Array]) -> None:
+    """Write columns of numbers, shape `(N,)`, as Parquet or CSV, by the name's ending."""
+    if path.suffix not in (".parquet", ".csv"):
+        raise OutputError(
+            f"a log cannot be written as '{path.suffix}'",
+            where=str(path),
+            fix="end its name in .parquet or .csv",
+        )
+    with whole_file(path) as part:
+        if path.suffix == ".csv":
+            names, rows = ",".join(columns), csv_lines(np.column_stack(list(columns.values())))
+            part.write_text(f"{names}\n{rows}", encoding="utf-8", newline="\n")
+        else:
+            require("polars", "polars", "Parquet files", str(path))
+            import polars
+
+            polars.DataFrame(dict(columns)).write_parquet(part)
+
+
+def csv_lines(table: Array) -> str:
+    """Rows of a table as lines, with the shortest digits that read back as the same float."""
+    return "".join(f"{','.join(map(repr, row))}\n" for row in table.tolist())
+
+
+def _beside(path: Path) -> Path:
+    """A hidden name in the same folder that no other run uses."""
+    part = path.absolute().parent / f".{path.name}.{uuid4().hex[:8]}.part"
+    _unfinished.add(part)
+    return part
+
+
+def _remove(part: Path) -> None:
+    """Remove a temporary file or folder, if it is still there."""
+    if part.is_dir():
+        shutil.rmtree(part, ignore_errors=True)
+    else:
+        with suppress(OSError):
+            part.unlink()
+    _unfinished.discard(part)
+
+
+@contextmanager
+def explained(path: Path) -> Iterator[None]:
+    """Turn the system's refusals into ours."""
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(
+            f"cannot be written: {error.strerror or error}",
+            where=str(path),
+            fix="check the path, its permissions and the space left",
+        ) from error
+
+
+def new_folder(output: Path | None, default: str) -> Path:
+    """The folder to make: the one that is given, or `default`, with a number if that exists.
+
+    Raises:
+        OutputError: A folder is given that is there already.
+    """
+    if output is None:
+        names = chain([default], (f"{default}-{number}" for number in count(2)))
+        return next(folder for folder in map(Path, names) if not folder.exists())
+    if output.exists():
+        raise OutputError(
+            "the output folder exists already",
+            where=str(output),
+            fix="name another one with --output, or remove it"
+            + ("; without --output folders are numbered" if default else ""),
+        )
+    return output

@@ -1,0 +1,165 @@
+"""Motion of the joints in time, and what can make it: trajectories, plants and rigs."""
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import DataError
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Samples of joint position, velocity and acceleration.
+
+    Attributes:
+        t: Time, shape `(N,)` [s].
+        q: Positions, shape `(N, n)` [rad; m for prismatic joints].
+        dq: Velocities, shape `(N, n)` [rad/s; m/s].
+        ddq: Accelerations, shape `(N, n)` [rad/s²; m/s²].
+
+    Raises:
+        DataError: An array has another shape, or holds what is no finite number.
+
+    Example:
+        >>> rest = [[0.0, 0.0], [0.0, 0.0]]
+        >>> motion = Motion(t=[0.0, 0.1], q=[[0.1, 0.2], [0.1, 0.2]], dq=rest, ddq=rest)
+        >>> motion.n_joints
+        2
+    """
+
+    t: Array
+    q: Array
+    dq: Array
+    ddq: Array
+
+    def __init__(self, t: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> None:
+        object.__setattr__(self, "t", numbers("t", t, [(None,)]))
+        object.__setattr__(self, "q", numbers("q", q, [(len(self.t), None)]))
+        for name, values in (("dq", dq), ("ddq", ddq)):
+            object.__setattr__(self, name, numbers(name, values, [self.q.shape]))
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints."""
+        return int(self.q.shape[1])
+
+
+def numbers(name: str, values: ArrayLike, shapes: Sequence[tuple[int | None, ...]]) -> Array:
+    """A read-only array of finite numbers.
+
+    Args:
+        name: What it is, for messages.
+        values: The numbers.
+        shapes: Shapes that it may have; `None` entries are free.
+
+    Raises:
+        DataError: It has none of them, or holds what is no finite number.
+    """
+    array = frozen(shaped(name, values, shapes))
+    check_finite(name, array)
+    return array
+
+
+def shaped(name: str, values: ArrayLike, shapes: Sequence[tuple[int | None, ...]]) -> Array:
+    """As `numbers`, of any numbers, and no copy of what is an array of them already."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DataError(
+            f"'{name}' is no array of numbers: {error}",
+            where="samples of a motion",
+            fix="give a NumPy array or lists of equal lengths",
+        ) from None
+    if not any(
+        len(shape) == array.ndim
+        and all(want in (None, got) for want, got in zip(shape, array.shape, strict=True))
+        for shape in shapes
+    ):
+        letters = [
+            [free if size is None else str(size) for free, size in zip("Nn", shape, strict=False)]
+            for shape in shapes
+        ]
+        listed = [", ".join(shape) + "," * (len(shape) == 1) for shape in letters]
+        accepted = " or ".join(f"({shape})" for shape in listed)
+        raise DataError(
+            f"'{name}' has shape {array.shape}, expected: {accepted}",
+            where="samples of a motion",
+            fix="give one sample as a vector, or N samples as rows with one column per joint"
+            if any(len(shape) < 2 for shape in shapes)
+            else "give N samples as rows with one column per joint",
+        )
+    return array
+
+
+def check_finite(name: str, array: Array) -> None:
+    """No NaN and no infinity in samples of a motion.
+
+    Raises:
+        DataError: There is one.
+    """
+    if not np.isfinite(array).all():
+        raise DataError(
+            f"'{name}' holds a value that is not finite",
+            where="samples of a motion",
+            fix="leave out samples without a number",
+        )
+
+
+def sample_times(t: ArrayLike) -> Array:
+    """Times of samples, shape `(N,)` [s], read-only; a single time is one sample.
+
+    Raises:
+        DataError: They are no list of finite numbers.
+    """
+    return np.atleast_1d(numbers("t", t, [(), (None,)]))
+
+
+class Trajectory(Protocol):
+    """A motion that is known at every time.
+
+    Example:
+        >>> motion = read_trajectory("fit/trajectory.json", "arm.toml")
+        >>> motion.sample([0.0, motion.duration]).q.shape
+        (2, 2)
+    """
+
+    @property
+    def duration(self) -> float:
+        """Length in time [s]."""
+        ...
+
+    def sample(self, t: ArrayLike) -> Motion:
+        """Position, velocity and acceleration at times `t`, shape `(N,)` or one number [s].
+
+        Raises:
+            DataError: The times are no list of finite numbers.
+        """
+        ...
+
+
+@runtime_checkable
+class Rig(Protocol):
+    """A robot, real or virtual, that follows trajectories and writes logs of it."""
+
+    def send(self, trajectory: Trajectory) -> None:
+        """Follow `trajectory`; return when it is done."""
+        ...
+
+    def record(self, log: Path) -> AbstractContextManager[object]:
+        """Write what is measured while the block runs to `log`."""
+        ...
+
+
+def run(rig: Rig, trajectory: Trajectory, log: Path) -> None:
+    """Send a rig along `trajectory` and write what it measures to `log`."""
+    with rig.record(log):
+        rig.send(trajectory)

@@ -1,0 +1,68 @@
+"""Long work: events of its progress, requests to stop it, and processes that do it."""
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Event:
+    """How far a phase of long work has come.
+
+    Attributes:
+        phase: What is being done, in a few words.
+        done: Work done so far, in the unit of `total`.
+        total: All the work of this phase.
+        note: What has been found so far, in a few words.
+    """
+
+    phase: str
+    done: float
+    total: float
+    note: str = ""
+
+
+Progress = Callable[[Event], bool]
+"""Called with every event; the work stops if it returns `False`."""
+
+
+class Stopped(Exception):
+    """The callback of a long computation requested a stop."""
+
+
+def silent(event: Event) -> bool:
+    """A callback that does nothing and never stops the work."""
+    return True
+
+
+def report_progress(
+    progress: Progress, phase: str, done: float, total: float, note: str = ""
+) -> None:
+    """Call `progress` with an event.
+
+    Raises:
+        Stopped: It returned `False`.
+    """
+    answer: bool | None = progress(Event(phase, done, total, note))
+    if answer is not None and not answer:
+        raise Stopped(f"stopped during {phase}, {done:.3g} of {total:.3g} done")
+
+
+_RUN_MODULE = """
+import sys
+sys.path = [folder for folder in sys.path if folder]
+import runpy
+runpy.run_module({!r}, run_name="__main__", alter_sys=True)
+"""
+
+
+def module_command(module: str) -> list[str]:
+    """The command that runs a module, with no module of the current folder in its place.
+
+    The same as `python -P -m module`, which Python 3.10 does not have.
+    """
+    return [sys.executable, "-c", _RUN_MODULE.format(module)]
+
+
+DESIGN_BUDGET_S = 10.0
+"""Time limit of the search for an excitation motion, if none is given [s]."""

@@ -1,0 +1,232 @@
+"""A robot, logs of it, and what is known of the robot before the logs are checked."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from steelyard.base.arrays import Array, Parameters
+from steelyard.base.errors import DataError, LogError
+from steelyard.base.motion import Motion
+from steelyard.base.progress import Progress, silent
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.payload.load_case import carrier
+from steelyard.logs.log import Log, RowRange
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model, ValuedModel
+from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.rigid_body import INERTIAL_NAMES
+from steelyard.robot.robot import Robot
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import Channels, LoggedSamples, Recording
+from steelyard.runs.rows.clock import rows_between
+from steelyard.runs.run import Run
+
+AXES = np.eye(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Knowledge:
+    """Predicts what a robot's joints need, friction left out.
+
+    Attributes:
+        steady: Bodies, rotors and springs with their values.
+        whole: The same with friction; `None` if friction is not known.
+        sigma: Standard deviation of the reference's own residuals, joint efforts, shape `(n,)`.
+    """
+
+    steady: ValuedModel
+    whole: ValuedModel | None = None
+    sigma: Array | None = None
+    _turned: dict[bytes, ValuedModel] = field(default_factory=dict)
+
+    @property
+    def robot(self) -> Robot:
+        """The robot, with the gravity that the values belong to."""
+        return self.steady.model.robot
+
+    @property
+    def identified(self) -> bool:
+        """Whether it comes from measurements of this robot."""
+        return self.whole is not None
+
+    def torque(self, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
+        """Joint efforts under any gravity, shape `(n, N)`; NaN where the states are impossible."""
+        if np.allclose(gravity, self.robot.gravity):
+            return self._of(self.steady, q, dq, ddq)
+        still = np.zeros_like(q)
+        free = self.under(np.zeros(3))
+        result = self._of(free, q, dq, ddq)
+        for axis, part in zip(AXES, gravity, strict=True):
+            if part != 0.0:
+                pull = self._of(self.under(axis), q, still, still)
+                result = result + part * (pull - self._of(free, q, still, still))
+        return result
+
+    def pulls(self, q: Array) -> Array:
+        """Joint efforts that hold against gravity 1 m/s² along x, y and z, shape `(3, n, N)`."""
+        still = np.zeros_like(q)
+        rest = self._of(self.under(np.zeros(3)), q, still, still)
+        return np.array([self._of(self.under(axis), q, still, still) - rest for axis in AXES])
+
+    def friction(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Friction and offset of the reference along a motion, shape `(n, N)`."""
+        if self.whole is None:
+            return np.zeros_like(q)
+        return self._of(self.whole, q, dq, ddq) - self._of(self.steady, q, dq, ddq)
+
+    def payload(self, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
+        """Joint efforts per unit of each of the payload's ten numbers, shape `(10, n, N)`.
+
+        In the frame of the last body.
+        """
+        body = self.robot.bodies[carrier(self.robot).body].name
+        bare = Model(self.robot.changed(gravity=np.asarray(gravity)), (RigidBody(),))
+        found = []
+        for name in INERTIAL_NAMES:
+            column = f"{name}.{body}"
+            one = Parameters([column], [bare.units[bare.names.index(column)]], [1.0])
+            found.append(self._of(bare.at(one), q, dq, ddq))
+        return np.array(found)
+
+    def under(self, gravity: Array) -> ValuedModel:
+        """The bodies, rotors and springs under another gravity [m/s²], shape `(3,)`."""
+        key = np.asarray(gravity, dtype=np.float64).tobytes()
+        if key not in self._turned:
+            robot = self.robot.changed(gravity=np.asarray(gravity))
+            model = replace(self.steady.model, robot=robot)
+            self._turned[key] = ValuedModel(model, self.steady.values)
+        return self._turned[key]
+
+    def _of(self, valued: ValuedModel, q: Array, dq: Array, ddq: Array) -> Array:
+        try:
+            motion = Motion(np.arange(q.shape[1], dtype=np.float64), q.T, dq.T, ddq.T)
+            return valued.torque(motion).T
+        except (DataError, ValueError):
+            return np.full(q.shape, np.nan)
+
+
+def knowledge_of(reference: IdentifiedModel | None, robot: Robot) -> Knowledge | None:
+    """What is known: the reference, or the nominal bodies; `None` where these are not given."""
+    if reference is None:
+        nominal = Model(robot, (RigidBody(),)).prior
+        return None if nominal is None else Knowledge(nominal)
+    model = reference.model
+    terms = tuple(term for term in model.terms if not term.drifts())
+    steady = Model(model.robot, terms)
+    known = reference.estimate.parameters.as_dict()
+    values = [known.get(name, 0.0) for name in steady.names]
+    return Knowledge(
+        ValuedModel(steady, Parameters(steady.names, steady.units, values)),
+        reference.valued,
+        np.asarray(reference.estimate.sigma),
+    )
+
+
+EXCERPT_ROWS = 100_000
+"""Rows of a log that are looked at one by one."""
+FEWEST_WINDOW_ROWS = 50
+"""Rows of the shortest window in seconds that is looked at alone. If there are fewer, the clock may
+be misread, which only the whole log shows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """One log as the robot file reads it; whatever takes time is computed once, on first use.
+
+    Attributes:
+        recording: The log, with the signals that the robot file declares or that were guessed.
+        processing: How it is made a run.
+        name: The log's name.
+    """
+
+    recording: Recording
+    processing: Processing
+    name: str
+
+    @property
+    def log(self) -> Log:
+        """The table itself, with all its columns, declared or not."""
+        return self.recording.log
+
+    @property
+    def channels(self) -> Channels:
+        """Order of the channels in `excerpt`."""
+        return self.recording.channels
+
+    @cached_property
+    def window(self) -> tuple[int, int]:
+        """Start and stop of the rows that are looked at one by one; the log may end before."""
+        start, stop = self._cut_rows()
+        return start, start + EXCERPT_ROWS if stop is None else min(stop, start + EXCERPT_ROWS)
+
+    def _cut_rows(self) -> RowRange:
+        """The cut in rows."""
+        cut = self.recording.cut
+        if not np.isfinite(cut.seconds).any():
+            return cut.rows
+        try:
+            start, stop = rows_between(self.recording, cut.seconds, EXCERPT_ROWS)
+        except LogError:
+            return cut.rows
+        return (start, stop) if stop - start >= FEWEST_WINDOW_ROWS else cut.rows
+
+    @cached_property
+    def rows(self) -> tuple[Array, Array]:
+        """Time `(N,)` [s] and channels `(N, C)` of the rows of `window`.
+
+        In the SI units that the robot file declares, broken rows included.
+        """
+        parts = list(self.recording.raw(self.window))
+        if not parts:
+            return np.zeros(0), np.zeros((0, self.channels.count))
+        return np.concatenate([t for t, _ in parts]), np.concatenate([x for _, x in parts])
+
+    @property
+    def samples(self) -> LoggedSamples:
+        """The same rows by name."""
+        t, x = self.rows
+        c = self.channels
+        return LoggedSamples(t, x[:, c.q], x[:, c.dq] if c.velocities else None, x[:, c.effort])
+
+    @cached_property
+    def run(self) -> Run | LogError:
+        """The clean run of all that was logged, no mean over repetitions; or why there is none."""
+        try:
+            return prepare(self.recording, replace(self.processing, repetitions=None))
+        except LogError as error:
+            return error
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """All that a check may look at.
+
+    Attributes:
+        loaded: The robot and what its file says.
+        logs: The logs, in the order given.
+        reference: A model identified from clean runs; without it the robot's nominal model is all
+            that is known beforehand.
+        guesses: Columns of the logs that the robot file does not use, by what they seem to hold:
+            `velocity` to the columns' names in joint order.
+        progress: Told about long work.
+    """
+
+    loaded: LoadedRobot
+    logs: tuple[Evidence, ...]
+    reference: IdentifiedModel | None = None
+    guesses: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    progress: Progress = silent
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, in the order of the columns."""
+        return self.loaded.robot.joint_names
+
+    def listed(self, joints: Sequence[int]) -> str:
+        """Names of joints in a sentence, given by number; of three or more that are all, none."""
+        if len(joints) > 2 and len(joints) == len(self.joints):
+            return f"all {len(joints)} joints"
+        return ", ".join(self.joints[j] for j in joints)

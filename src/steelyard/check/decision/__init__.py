@@ -1,0 +1,1 @@
+"""From compared readings to findings."""

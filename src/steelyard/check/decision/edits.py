@@ -1,0 +1,315 @@
+r"""Edits of the robot file that follow from an interpretation, tried before they are proposed.
+
+Along the factor's logarithm $x$ the log-likelihood of an interpretation is a parabola near its top,
+so that $\sigma_x^{-2} = -\mathrm d^2 \log L / \mathrm d x^2$, with the likelihood's honest number
+of samples and what the model leaves for noise.
+"""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import ModelError, SteelyardError
+from steelyard.check.case import Case, Evidence
+from steelyard.check.decision.verdict import LogVerdict
+from steelyard.check.finding import Edit
+from steelyard.check.hypotheses.effort_columns import PERCENT
+from steelyard.check.hypotheses.excerpt import Interpretation, excerpt_of
+from steelyard.check.hypotheses.likelihood import Likelihood, likelihood_of
+from steelyard.check.hypotheses.position_columns import ZERO_CAUSE
+from steelyard.check.hypotheses.surroundings import refined_gravity
+from steelyard.robot.file.efforts import MOTOR_KINDS
+from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.robot_file import load_robot_file
+from steelyard.robot.file.sections import Gain
+
+ACCURACY_STEP = 0.03
+"""By how much the factor is changed either way, relative."""
+LEAST_FACTOR_STD = 1e-3
+"""Least standard deviation that is stated, relative."""
+
+
+def spread_of(likelihood: Likelihood, interpretation: Interpretation) -> float:
+    """Largest relative standard deviation of an interpretation's fitted gains and gear ratios.
+
+    Args:
+        likelihood: The log.
+        interpretation: How it is read, with the fitted factors.
+
+    Returns:
+        Zero where nothing differs from what is declared, infinity where the log does not show it.
+    """
+    gains = interpretation.effort_scale / likelihood.declared.effort_scale
+    kinds = (("ratios", interpretation.ratios != 1.0), ("gains", np.abs(gains) != 1.0))
+    found = [
+        _spread(likelihood, interpretation, kind, np.arange(len(gains)) == joint)
+        for kind, changed in kinds
+        for joint in np.flatnonzero(changed)
+    ]
+    return max(found, default=0.0)
+
+
+def _spread(
+    likelihood: Likelihood, interpretation: Interpretation, kind: str, joint: NDArray[np.bool_]
+) -> float:
+    likelihoods = []
+    for step in (-ACCURACY_STEP, 0.0, ACCURACY_STEP):
+        factors = np.where(joint, np.exp(step), 1.0)
+        changed = (
+            interpretation.changed(ratios=interpretation.ratios * factors)
+            if kind == "ratios"
+            else interpretation.with_factors(factors)
+        )
+        likelihoods.append(float(likelihood.score(changed).log_likelihood[0]))
+    bend = (2.0 * likelihoods[1] - likelihoods[0] - likelihoods[2]) / ACCURACY_STEP**2
+    return max(LEAST_FACTOR_STD, float(bend**-0.5)) if bend > 0.0 else float("inf")
+
+
+FITTED_DIGITS = 4
+"""Significant digits of fitted numbers."""
+WHOLE_RATIO_DISTANCE = 0.01
+"""Relative distance up to which a gear ratio is taken for a whole number."""
+EFFORT_KEY = ("signals", "effort")
+
+
+def edits_of(
+    cause: str, likelihood: Likelihood, interpretation: Interpretation, loaded: LoadedRobot
+) -> tuple[Edit, ...]:
+    """The edits that one cause needs; all causes' edits together make the interpretation."""
+    before, s = likelihood.declared, likelihood.signals
+    if cause == "joint order":
+        return _orders(before, interpretation, s.position, s.effort)
+    if cause == "position sign":
+        if np.array_equal(np.sign(interpretation.position_scale), np.sign(before.position_scale)):
+            return ()
+        signs = [int(x) for x in np.sign(interpretation.position_scale)]
+        return (Edit(("signals", "position_sign"), signs),)
+    if cause == "effort delay":
+        return (Edit((*EFFORT_KEY, "delay"), round(interpretation.delay, 4)),)
+    if cause == "mounting":
+        refined = refined_gravity(likelihood, interpretation)
+        gravity = [round(float(x), 4) + 0.0 for x in refined]
+        return (Edit(("robot", "gravity"), gravity), Edit(("robot", "mounting"), None))
+    if cause == ZERO_CAUSE:
+        return zero_edits(likelihood, interpretation)
+    if cause in ("effort sign", "effort unit", "effort kind", "gain"):
+        return _effort(cause, likelihood, interpretation, loaded)
+    return ()
+
+
+def zero_edits(likelihood: Likelihood, interpretation: Interpretation) -> tuple[Edit, ...]:
+    """Zero offsets of all joints."""
+    given = likelihood.signals.position_offset
+    zeros = np.zeros(likelihood.signals.n) if given is None else given
+    if interpretation.zeros is not None:
+        zeros = zeros + interpretation.zeros
+    return (Edit(("signals", "position_offset"), [round(float(x), 4) + 0.0 for x in zeros]),)
+
+
+def _orders(
+    before: Interpretation, after: Interpretation, position: Sequence[str], effort: Sequence[str]
+) -> tuple[Edit, ...]:
+    found = []
+    if after.position != before.position:
+        found.append(Edit(("signals", "position"), [position[k] for k in after.position]))
+    if after.effort != before.effort:
+        found.append(Edit((*EFFORT_KEY, "columns"), [effort[k] for k in after.effort]))
+    return tuple(found)
+
+
+def _effort(
+    cause: str, likelihood: Likelihood, after: Interpretation, loaded: LoadedRobot
+) -> tuple[Edit, ...]:
+    """Kind, unit and gain of the efforts."""
+    before, s = likelihood.declared, likelihood.signals
+    if np.any(after.ratios != 1.0):
+        return _ratios(likelihood, after, loaded)
+    factors = after.effort_scale / before.effort_scale
+    kinds = (
+        () if after.kind in (before.kind, PERCENT) else (Edit((*EFFORT_KEY, "kind"), after.kind),)
+    )
+    if after.kind == "gravity_compensated_torque" != before.kind:
+        if before.kind in MOTOR_KINDS or "A" in s.effort_units:
+            return (Edit(("robot", "gravity"), [0.0, 0.0, 0.0]),)
+        return kinds
+    gains = file_gains(likelihood, loaded) * factors
+    gain = (
+        Edit(
+            (*EFFORT_KEY, "gain"), _entries(likelihood, gains), _accuracy(cause, likelihood, after)
+        ),
+    )
+    if after.kind == PERCENT:
+        kind = Edit((*EFFORT_KEY, "kind"), "motor_torque")
+        return (kind, Edit((*EFFORT_KEY, "unit"), "%"), *gain)
+    if after.kind == "motor_current" != before.kind:
+        return (*kinds, Edit((*EFFORT_KEY, "unit"), "A"), *gain)
+    if after.kind == "joint_torque" and before.kind == "motor_current":
+        units = list(loaded.robot.effort_units)
+        one = units[0] if len(set(units)) == 1 else units
+        return (*kinds, Edit((*EFFORT_KEY, "unit"), one), Edit((*EFFORT_KEY, "gain"), None))
+    if set(s.effort_units) == {"A"} and np.allclose(np.abs(factors), np.abs(factors[0])):
+        scale = float(np.abs(after.effort_scale[0]))
+        unit = {1.0: "A", 1e-3: "mA"}.get(round(scale, 9))
+        if unit is not None and abs(factors[0]) != 1.0:
+            edits = (Edit((*EFFORT_KEY, "unit"), unit),)
+            signed = Edit((*EFFORT_KEY, "gain"), _entries(likelihood, gains / np.abs(factors)))
+            return edits if np.all(factors > 0.0) else (*edits, signed)
+    return gain
+
+
+def _entries(likelihood: Likelihood, gains: Array) -> list[Gain]:
+    """The gains as the robot file states them; those that are to be identified stay so."""
+    unknown = likelihood.signals.unknown_gains or (False,) * len(gains)
+    return ["identify" if left else x for x, left in zip(rounded(gains), unknown, strict=True)]
+
+
+def _ratios(likelihood: Likelihood, after: Interpretation, loaded: LoadedRobot) -> tuple[Edit, ...]:
+    """Gear ratios: whole numbers where one is near."""
+    gears = loaded.robot.transmission
+    if gears is None:
+        return ()
+    found = []
+    for ratio, factor in zip(np.diag(gears.matrix), after.ratios, strict=True):
+        value = float(f"{ratio * factor:.{FITTED_DIGITS}g}") if factor != 1.0 else float(ratio)
+        whole = float(round(value))
+        found.append(whole if abs(value - whole) <= WHOLE_RATIO_DISTANCE * abs(value) else value)
+    return (Edit(("robot", "transmission", "ratios"), found, spread_of(likelihood, after)),)
+
+
+def _accuracy(cause: str, likelihood: Likelihood, after: Interpretation) -> float:
+    """Of a gain that was fitted; signs and units are exact."""
+    return spread_of(likelihood, after) if cause == "gain" else 0.0
+
+
+def file_gains(likelihood: Likelihood, loaded: LoadedRobot) -> Array:
+    """Gains as the robot file gives them: behind what its gears do, shape `(n,)`."""
+    s, gears = likelihood.signals, loaded.robot.transmission
+    if gears is None:
+        return likelihood.gains
+    if s.effort_map is not None:
+        return np.asarray(np.diag(np.linalg.solve(gears.matrix.T, s.effort_map)))
+    try:
+        section = load_robot_file(loaded.sources[0].path).signals
+    except ModelError:
+        return likelihood.gains
+    if section is not None and section.effort.side == "motor":
+        return np.asarray(likelihood.gains / np.diag(gears.matrix))
+    return likelihood.gains
+
+
+def rounded(values: Array) -> list[float]:
+    """To the digits that a fit is worth."""
+    return [float(f"{x:.{FITTED_DIGITS}g}") for x in values]
+
+
+SAME_VELOCITY_CORRELATION = 0.8
+"""Correlation from which on a velocity belongs to a position."""
+
+
+def velocity_edits(
+    evidence: Evidence, likelihood: Likelihood, interpretation: Interpretation
+) -> tuple[Edit, ...]:
+    """What declared velocities need beside positions of an interpretation; nothing without any."""
+    before, s = likelihood.declared, evidence.recording.signals
+    moved = interpretation.position != before.position
+    turned = not np.array_equal(
+        np.sign(interpretation.position_scale), np.sign(before.position_scale)
+    )
+    logged = evidence.samples.dq
+    if not (moved or turned) or s.velocity is None or logged is None or s.velocity_scale is None:
+        return ()
+    from scipy.optimize import linear_sum_assignment
+
+    table = _velocity_correlations(evidence.samples.t, logged, likelihood, interpretation)
+    order = [int(c) for c in linear_sum_assignment(-np.abs(table) - 1e-6 * np.eye(len(table)))[1]]
+    correlated = np.abs(table[np.arange(len(table)), order]) >= SAME_VELOCITY_CORRELATION
+    order = [c if correlated[j] else interpretation.position[j] for j, c in enumerate(order)]
+    if sorted(order) != list(range(len(order))):
+        return ()
+    found = []
+    if order != list(range(len(order))):
+        found.append(Edit(("signals", "velocity"), [s.velocity[c] for c in order]))
+    own = np.sign(s.velocity_scale)
+    signs = np.where(correlated, np.sign(table[np.arange(len(table)), order]), 1.0) * own[order]
+    if not np.array_equal(signs, own):
+        found.append(Edit(("signals", "velocity_sign"), [int(x) for x in signs]))
+    return tuple(found)
+
+
+def _velocity_correlations(
+    t: Array, dq: Array, likelihood: Likelihood, interpretation: Interpretation
+) -> Array:
+    """Of every joint's derivative of position with every velocity as declared, `(n, n)`.
+
+    Args:
+        t: Time of the log's rows, shape `(N,)` [s].
+        dq: Their velocities, shape `(N, n)`.
+        likelihood: The log.
+        interpretation: How its positions are read.
+    """
+    x = likelihood.excerpt
+    good = np.isfinite(t) & np.isfinite(dq).all(axis=1)
+    t, dq = t[good], np.clip(dq[good], -1e3, 1e3)
+    order = np.argsort(t, kind="stable")
+    logged = np.array([np.interp(x.t + x.origin, t[order], column[order]) for column in dq.T])
+    if likelihood.signals.position_map is not None:
+        logged = np.asarray(np.linalg.solve(likelihood.signals.position_map, logged))
+    derived = interpretation.position_scale[:, None] * x.dz[list(interpretation.position)]
+    size = np.outer(np.linalg.norm(derived, axis=1), np.linalg.norm(logged, axis=1))
+    return np.asarray(derived @ logged.T / np.maximum(size, 1e-300))
+
+
+CLOSE_MISFIT_FACTOR = 1.05
+"""Typical misfit over that of the winner up to which the edits do what they should."""
+ROUNDING_SLACK = 0.5
+"""And what rounding may add [%]."""
+
+
+def confirmed(case: Case, evidence: Evidence, edits: Sequence[Edit], decision: LogVerdict) -> bool:
+    """Whether the edited robot file reads the log as the winner does.
+
+    True where there is no robot file of that content, such as for a bare URDF.
+    """
+    from steelyard.robot.file.robot_file import load_robot, robot_text
+    from steelyard.robot.file.toml_edits import edited
+
+    source = case.loaded.sources[0] if case.loaded.sources else None
+    if not edits or source is None or source.path.suffix.lower() != ".toml":
+        return True
+    if not source.path.is_file():
+        return True
+    try:
+        text = robot_text(source.path)
+        if hashlib.sha256(text.encode()).hexdigest() != source.sha256:
+            return True
+        corrected = load_robot(source.path, edited(text, edits))
+    except SteelyardError:
+        return False
+    return _same_misfit(evidence, decision, corrected)
+
+
+def _same_misfit(evidence: Evidence, decision: LogVerdict, corrected: LoadedRobot) -> bool:
+    """Whether signals and gravity give the misfit of the last winner that is to be written."""
+    signals = corrected.signals
+    if signals is None:
+        return False
+    likelihood, last = decision.ranking.likelihood, decision.written[-1]
+    recording = replace(evidence.recording, signals=signals)
+    excerpt = excerpt_of(recording, evidence.processing, likelihood.excerpt.cutoff)
+    if excerpt is None:
+        return False
+    unknown = np.array(signals.unknown_gains or [False] * signals.n)
+    gains = np.where(unknown, likelihood.gains, signals.gains)
+    again = likelihood_of(
+        excerpt, signals, likelihood.knowledge, corrected.robot, gains, likelihood.scales
+    )
+    score = again.score(again.declared.changed(payload=last.interpretation.payload))
+    return (
+        float(score.percent[0])
+        <= CLOSE_MISFIT_FACTOR * float(likelihood.score(last.interpretation).percent[0])
+        + ROUNDING_SLACK
+    )

@@ -1,0 +1,379 @@
+r"""Drive gains from a controller's targets, from names of columns, or as `identify` would.
+
+A controller that turns torques into currents has gains for it. In motion its target current also
+compensates friction, which is any function of speed here, and accelerates rotors:
+
+$$ i^* = \tau^* / K + f(\dot q) + I_r \ddot q $$
+
+The target torque is the controller's own and exact; what this lacks is an error of the current, so
+least squares of the current are not biased. Intervals come from leaving out one part of the time
+after the other (jackknife).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError, SteelyardError
+from steelyard.check.case import Case, Evidence
+from steelyard.check.finding import Edit, Finding, Fix, Severity
+from steelyard.check.hypotheses.excerpt import Excerpt, excerpt_of
+from steelyard.check.hypotheses.likelihood import Hypothesis
+from steelyard.check.hypotheses.nuisance import REST_SPEED
+from steelyard.check.identifiability import clean_runs, customary_model
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.payload.drive_gains import identified_gains
+from steelyard.robot.file.sections import Gain
+from steelyard.robot.init.column_names import Column, by_number
+from steelyard.robot.init.guess_efforts import stated_current
+
+TARGET_WORDS = frozenset("des desired target ref reference cmd command commanded setpoint".split())
+TORQUE_WORDS = frozenset("tau torque torques moment moments".split())
+CURRENT_WORDS = frozenset("current currents curr i".split())
+FRICTION_KNOTS = 24
+"""Speeds between which friction is linear."""
+INTERVAL_PARTS = 12
+"""Parts of the time for intervals."""
+NARROW_INTERVAL = 0.05
+"""Half-width of a gain's 95 % interval, over the gain, up to which it is written."""
+
+
+@dataclass(frozen=True, eq=False)
+class ControllerGains:
+    """Gains with their intervals.
+
+    Attributes:
+        columns: Those of target torque and target current of the first joint.
+        values: Joint torque over current, shape `(n,)`; zero where it cannot be estimated.
+        half_widths: Of 95 % intervals, shape `(n,)`.
+    """
+
+    columns: tuple[str, str]
+    values: Array
+    half_widths: Array
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Where the interval is narrow, shape `(n,)`."""
+        return np.asarray(self.half_widths <= NARROW_INTERVAL * self.values) & (self.values > 0.0)
+
+    @property
+    def entries(self) -> list[Gain]:
+        """The robot file's `gain`: a number where it is known, else `"identify"`."""
+        pairs = zip(self.values, self.known, strict=True)
+        return [float(f"{value:.4g}") if known else "identify" for value, known in pairs]
+
+
+_GAINS_OF_CASES: "WeakKeyDictionary[Case, ControllerGains | None]" = WeakKeyDictionary()
+
+
+def controller_gains(case: Case) -> ControllerGains | None:
+    """Gains from all logs that have both targets; `None` where none is known."""
+    if case not in _GAINS_OF_CASES:
+        _GAINS_OF_CASES[case] = gains_of_logs(case.logs, len(case.joints))
+    return _GAINS_OF_CASES[case]
+
+
+def gains_of_logs(logs: Sequence[Evidence], joints: int) -> ControllerGains | None:
+    """Gains from all logs that have both targets; `None` where none is known.
+
+    Args:
+        logs: The logs.
+        joints: Number of joints.
+    """
+    parts, names = [], ("", "")
+    for evidence in logs:
+        found = _target_columns(evidence)
+        if found is None:
+            continue
+        pair = [_excerpt_of_targets(evidence, columns) for columns in found]
+        if pair[0] is not None and pair[1] is not None:
+            parts.append(_joints(evidence, pair[0], pair[1]))
+            names = found[0][0], found[1][0]
+    if not parts:
+        return None
+    per_joint = [[part[j] for part in parts] for j in range(joints)]
+    fits = np.array([_gain(np.concatenate(rows, axis=1)) for rows in per_joint])
+    gains = ControllerGains(names, fits[:, 0], fits[:, 1])
+    return gains if gains.known.any() else None
+
+
+def _target_columns(evidence: Evidence) -> tuple[tuple[str, ...], tuple[str, ...]] | None:
+    """Columns of target torque and target current, one per joint."""
+    signals = evidence.recording.signals
+    if set(signals.effort_units) != {"A"} or signals.effort_map is not None:
+        return None
+    named = [Column(name) for name in evidence.log.columns]
+    targets = [column for column in named if TARGET_WORDS & set(column.words)]
+    found = []
+    for words in (TORQUE_WORDS, CURRENT_WORDS):
+        groups = by_number(signals.n, [c for c in targets if words & set(c.words)])
+        if not groups:
+            return None
+        found.append(tuple(column.name for column in groups[0]))
+    return found[0], found[1]
+
+
+def _excerpt_of_targets(evidence: Evidence, columns: Sequence[str]) -> Excerpt | None:
+    """The log with other columns as its efforts, as logged."""
+    signals = evidence.recording.signals
+    changed = replace(signals, effort=tuple(columns), effort_scale=np.ones(signals.n))
+    return excerpt_of(replace(evidence.recording, signals=changed), evidence.processing)
+
+
+def _joints(evidence: Evidence, torque: Excerpt, current: Excerpt) -> list[Array]:
+    """Per joint target torque, target current [A], speed and acceleration, shape `(4, N)`."""
+    scale = evidence.recording.signals.position_scale[:, None]
+    dq, ddq = scale * torque.dz, scale * torque.ddz
+    current_e = current.e * evidence.recording.signals.effort_scale[:, None]
+    fastest = np.quantile(np.abs(dq), 0.98, axis=1)
+    rows = np.stack((torque.e, current_e, dq, ddq), axis=1)
+    return [rows[j][:, np.abs(dq[j]) > REST_SPEED * fastest[j]] for j in range(len(rows))]
+
+
+def _gain(rows: Array) -> tuple[float, float]:
+    """Gain of one joint and the half-width of its 95 % interval; zero where nothing shows it."""
+    count = rows.shape[1]
+    if count < 20 * FRICTION_KNOTS or not all(np.ptp(x) > 0.0 for x in rows[:2]):
+        return 0.0, 0.0
+    ends = np.linspace(0, count, INTERVAL_PARTS + 1).astype(int)
+    parts = zip(ends[:-1], ends[1:], strict=True)
+    left_out = np.array([_inverse(np.delete(rows, slice(a, b), axis=1)) for a, b in parts])
+    inverse = _inverse(rows)
+    std = np.sqrt(
+        (INTERVAL_PARTS - 1) / INTERVAL_PARTS * np.sum(np.square(left_out - np.mean(left_out)))
+    )
+    if inverse <= 0.0:
+        return 0.0, 0.0
+    return 1.0 / inverse, float(2.0 * std / inverse**2)
+
+
+def _inverse(rows: Array) -> float:
+    """Target current over target torque, friction and rotor inertia beside it."""
+    torque, current, speed, acceleration = rows
+    knots = np.unique(np.append(np.quantile(speed, np.linspace(0.0, 1.0, FRICTION_KNOTS)), 0.0))
+    hats = [np.interp(speed, knots, row) for row in np.eye(len(knots))]
+    columns = np.array([torque, acceleration, *hats]).T
+    lengths = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    found = np.linalg.lstsq(columns / lengths, current, rcond=1e-10)[0]
+    return float(found[0] / lengths[0])
+
+
+GO_ON = ". If the masses of the model file are wrong, continue: the efforts are then as declared"
+NEAR_A_THOUSAND = 3.0
+"""How far a factor may be from a thousand, as masses of model files are off."""
+CURRENT_UNITS = {"A": 1.0, "mA": 1e-3}
+"""Units of current [A]."""
+CAUSES_THAT_SCALE = ("gain", "effort kind", "effort unit")
+"""Causes that are a factor on efforts."""
+
+
+def unwritten_number_advice(case: Case, hypothesis: Hypothesis, *, sure: bool) -> Fix:
+    """What to do about an explanation whose numbers are not written.
+
+    Args:
+        case: What there is.
+        hypothesis: The explanation.
+        sure: Whether it is beyond doubt that efforts are wrong.
+    """
+    if hypothesis.cause == "mounting":
+        return Fix(
+            f"{hypothesis.says}, or an external force acts on the arm (a cable, a balancer), or "
+            "lengths and axes differ from the model file: this log alone cannot decide"
+        )
+    if hypothesis.cause == "payload":
+        return Fix(
+            f"{hypothesis.says}, or the link inertias differ from the model file: identify it with "
+            "steelyard payload, against a model from runs known to be correct, or give that "
+            "here (--model)"
+        )
+    if hypothesis.cause not in CAUSES_THAT_SCALE:
+        return Fix(
+            f"{hypothesis.says}, or the link inertias differ from the model file: the log alone "
+            "cannot decide; examine both, or give a model from runs known to be correct (--model)"
+        )
+    if unit := _of_names(case, hypothesis):
+        return unit
+    gains = controller_gains(case) if hypothesis.cause == "gain" else None
+    if gains is not None:
+        return _of_controller(case, gains)
+    return Fix(_of_thousandths(case, hypothesis) + _listed_sources(case, sure=sure))
+
+
+def _of_names(case: Case, hypothesis: Hypothesis) -> Fix | None:
+    """The unit of current that the columns' names state, where it is the factor on all efforts."""
+    signals = case.loaded.signals
+    if signals is None or set(signals.effort_units) != {"A"}:
+        return None
+    units = {stated_current(Column(name)) for name in signals.effort}
+    if len(units) != 1 or not (unit := units.pop()):
+        return None
+    factors = np.abs(hypothesis.interpretation.effort_scale / signals.effort_scale)
+    wanted = CURRENT_UNITS[unit] / np.abs(signals.effort_scale)
+    if np.any(wanted == 1.0) or np.any(np.abs(np.log(factors / wanted)) > np.log(NEAR_A_THOUSAND)):
+        return None
+    return Fix(
+        f"the names of the effort columns state {unit}, and efforts are off by about that factor",
+        (Edit(("signals", "effort", "unit"), unit),),
+    )
+
+
+def _of_thousandths(case: Case, hypothesis: Hypothesis) -> str:
+    """The line for torques in mNm, where the factor on all efforts is near a thousandth."""
+    signals = case.loaded.signals
+    if signals is None or "A" in signals.effort_units:
+        return ""
+    factors = hypothesis.interpretation.effort_scale / signals.effort_scale
+    if np.any((factors < 1e-3 / NEAR_A_THOUSAND) | (factors > 1e-3 * NEAR_A_THOUSAND)):
+        return ""
+    return "if efforts are in mNm, write gain = 0.001 under [signals.effort]; otherwise "
+
+
+def _of_controller(case: Case, gains: ControllerGains) -> Fix:
+    """The controller's own gains; those that its targets do not show are left to be identified."""
+    pairs = zip(case.joints, gains.values, gains.half_widths, gains.known, strict=True)
+    shown = ", ".join(f"{name} {g:.4g} ± {w:.2g}" for name, g, w, known in pairs if known)
+    says = (
+        "gains and masses cannot be identified together from this log; the controller's target "
+        f"torque over its target current ({gains.columns[0]} over {gains.columns[1]}, friction "
+        f"removed) gives the gains {shown} (95 %)"
+    )
+    unknown = [f"'{n}'" for n, known in zip(case.joints, gains.known, strict=True) if not known]
+    if unknown:
+        says += (
+            f"; those of {', '.join(unknown)} are poorly identified from it: take them from the "
+            'data sheet, or leave them at "identify", relative to the others'
+        )
+    return Fix(says, (Edit(("signals", "effort", "gain"), gains.entries),))
+
+
+def _listed_sources(case: Case, *, sure: bool) -> str:
+    """The ways to gains, in order."""
+    source = case.loaded.sources[0].path.name if case.loaded.sources else "ROBOT"
+    robot = source if source.endswith(".toml") else "ROBOT.toml"
+    log = case.logs[0].log.path.name if len(case.logs) == 1 else "LOG..."
+    entries = ['"identify"'] * len(case.joints)
+    entries[min(1, len(entries) - 1)] = "1.0"
+    one = f"[{', '.join(entries)}]"
+    return (
+        "gains and masses cannot be identified together from this log, and no number is written. "
+        "In this order: "
+        "(1) take gains from the controller's own target torque over its target current, or from "
+        "the data sheet (torque constant times gear ratio); "
+        '(2) write kind = "motor_current", unit = "A", gain = "identify" under [signals.effort] '
+        f"and run `steelyard identify {robot} {log} --loaded LOADED_LOG --payload-mass KG` with a "
+        "log that carries a known mass; "
+        f"(3) without its mass, write gain = {one}, and run the same without --payload-mass: "
+        "results are then up to one scale"
+    ) + ("" if sure else GO_ON)
+
+
+SOURCES_OF_GAINS = (
+    "enter the gains of {} before identifying (data sheet: torque constant times gear ratio), or "
+    "give `steelyard identify` a log that carries a known mass (--loaded LOG --payload-mass KG)"
+)
+
+DOUBTFUL_GAIN_FACTOR, WRONG_GAIN_FACTOR = 1.15, 1.4
+"""Factor from a controller's own gain from which on a declared one is doubtful, and wrong."""
+
+
+def gains_left(case: Case, name: str) -> tuple[Finding, ...]:
+    """One doubtful finding for all logs where they do not show the gains that are left to them.
+
+    Args:
+        case: Robot and logs.
+        name: Name of the check.
+    """
+    signals = case.loaded.signals
+    if signals is None or not any(signals.unknown_gains):
+        return ()
+    pairs = list(zip(case.joints, signals.gains, signals.unknown_gains, strict=True))
+    unknown = tuple(joint for joint, _, left in pairs if left)
+    listed = ", ".join(f"'{joint}'" for joint in unknown)
+    try:
+        model, runs = customary_model(case), clean_runs(case)
+        if not runs:
+            return ()
+        regressor = base_regressor(model)
+        known = {joint: float(gain) for joint, gain, left in pairs if not left}
+        identified_gains(model, [gather(regressor, run) for run in runs], known=known)
+    except DataError as error:
+        says = f"the gains are not identifiable from these logs alone: {error.wrong}"
+        figure = f"{len(unknown)} of {len(pairs)} gains to be identified"
+        fix = Fix(SOURCES_OF_GAINS.format("one joint or more" if not known else listed))
+        return (Finding(name, "", Severity.DOUBTFUL, says, figure, unknown, fix),)
+    except SteelyardError:
+        return ()
+    return ()
+
+
+def gains_of_controller(case: Case, name: str) -> tuple[Finding, ...]:
+    """Declared gains beside target torque over target current, of all logs; none without targets.
+
+    Args:
+        case: Robot and logs.
+        name: Name of the check.
+    """
+    signals, found = case.loaded.signals, controller_gains(case)
+    if signals is None or found is None:
+        return ()
+    declared, values = np.abs(signals.gains), found.values
+    unknown = np.array(signals.unknown_gains or (False,) * signals.n)
+    both = found.known & ~unknown
+    if not both.any():
+        return ()
+    ratios = np.where(both, values, declared) / declared
+    factor = np.exp(np.abs(np.log(ratios)))
+    joints = np.flatnonzero(factor > DOUBTFUL_GAIN_FACTOR)
+    source = f"{found.columns[0]} over {found.columns[1]}, friction fitted beside it"
+    if unit := _other_unit(float(np.median(ratios[both])), float(signals.effort_scale[0])):
+        says = f"by the controller's targets ({source}) efforts are in {unit}"
+        figure = f"gains are {np.median(ratios[both]):.4g} times the declared ones"
+        fix = Fix("declare the unit of the columns", (Edit(("signals", "effort", "unit"), unit),))
+        return (Finding(name, "", Severity.WRONG, says, figure, fix=fix),)
+    figure = (
+        f"gains differ from the controller's by {100.0 * (factor.max() - 1.0):.2g} % or less, "
+        f"at most {100.0 * (DOUBTFUL_GAIN_FACTOR - 1.0):.0f} % allowed"
+    )
+    if not len(joints):
+        what = "the gains" if np.all(signals.gains[both] > 0.0) else "the sizes of the gains"
+        says = f"the controller's targets confirm {what} ({source})"
+        if left := ", ".join(case.joints[j] for j in np.flatnonzero(~found.known)):
+            says = f"undecided for {left}; {says} of the other joints"
+        return (Finding(name, "", Severity.OK, says, figure, answered=not left),)
+    listed = ", ".join(
+        f"{case.joints[j]} {values[j]:.4g} ± {found.half_widths[j]:.2g}, declared {declared[j]:.4g}"
+        for j in joints
+    )
+    says = f"the controller's targets give other gains: {listed}"
+    entries: list[Gain] = [
+        "identify" if left else float(gain)
+        for gain, left in zip(signals.gains, unknown, strict=True)
+    ]
+    for j in joints:
+        entries[j] = float(f"{np.copysign(values[j], signals.gains[j]):.4g}")
+    severity = Severity.WRONG if factor.max() > WRONG_GAIN_FACTOR else Severity.DOUBTFUL
+    fix = Fix(
+        f"take these gains, from {source}, or correct those of the data sheet",
+        (Edit(("signals", "effort", "gain"), entries),),
+    )
+    named = tuple(case.joints[j] for j in joints)
+    return (Finding(name, "", severity, says, figure, named, fix),)
+
+
+def _other_unit(ratio: float, scale: float) -> str:
+    """The unit of current by which the controller's gains are those declared; empty if none.
+
+    Args:
+        ratio: The controller's gains over those declared.
+        scale: The declared unit [A].
+    """
+    for unit, size in CURRENT_UNITS.items():
+        if size != scale and abs(np.log(ratio * scale / size)) < np.log(WRONG_GAIN_FACTOR):
+            return unit
+    return ""

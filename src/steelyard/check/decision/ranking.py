@@ -1,0 +1,297 @@
+"""One ranking of all explanations of a log, so that one fault raises one alarm."""
+
+from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array
+from steelyard.base.progress import report_progress
+from steelyard.check.case import Case, Evidence, Knowledge, knowledge_of
+from steelyard.check.hypotheses.bodies import efforts_first, link_hypotheses
+from steelyard.check.hypotheses.effort_columns import (
+    PERCENT,
+    OtherEffort,
+    best_factors,
+    effort_hypotheses,
+)
+from steelyard.check.hypotheses.excerpt import Interpretation, excerpt_of
+from steelyard.check.hypotheses.likelihood import (
+    AS_DECLARED,
+    Hypothesis,
+    Likelihood,
+    likelihood_of,
+    one_of,
+)
+from steelyard.check.hypotheses.position_columns import (
+    deep_hypotheses,
+    position_hypotheses,
+    ratio_hypotheses,
+    zero_hypotheses,
+)
+from steelyard.check.hypotheses.surroundings import world_hypotheses
+from steelyard.check.signals.overview import cached_per_log
+from steelyard.estimate.identified import IdentifiedModel
+
+BAD_JOINT_MISFIT = {True: 0.12, False: 0.5}
+"""Misfit of a joint from which on an interpretation is bad, with a reference and without."""
+EXPECTED_MISFIT_FACTOR = 3.0
+"""The same over what the reference's own residuals come to."""
+HOPELESS_MISFIT = 0.9
+LOOSE_MISFIT = 15.0
+"""Typical misfit [%] from which on efforts are read in other ways, though no joint is bad."""
+DECISIVE_GAIN = 20.0
+"""Log-likelihood that a winner must gain for what it leaves to be looked at."""
+FITTING_MISFIT = 8.0
+"""Typical misfit [%] up to which free gains leave no doubt about what is declared."""
+READINGS = ("joint order", "position sign", "effort sign", "effort unit", "mounting")
+"""Causes that free gains hide."""
+SUSPECT_GAIN = 10.0
+"""What a hypothesis must gain for the others to be looked at where the interpretation is fine."""
+CAUSES_OF_OTHER_CHECKS = ("position unit", "clock")
+"""Causes that other checks report; what they leave is looked at once they are corrected."""
+COMPARING_PHASE = "comparing explanations: order, signs, units, gains, mounting"
+"""The phase of the work that the checks share."""
+FAULT_ROUNDS = 3
+"""Faults that are looked for, one after the other."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking:
+    """Explanations of one log.
+
+    Attributes:
+        likelihood: The log.
+        declared: As the robot file reads it.
+        rounds: Per round all hypotheses, the likeliest first; a round starts from the winner of the
+            one before, and the last one's winner is what it started from, or agrees.
+    """
+
+    likelihood: Likelihood
+    declared: Hypothesis
+    rounds: tuple[tuple[Hypothesis, ...], ...]
+
+    @property
+    def chain(self) -> tuple[Hypothesis, ...]:
+        """The winners, without the declared interpretation."""
+        winners = [hypotheses[0] for hypotheses in self.rounds]
+        return tuple(dict.fromkeys(w for w in winners if w.cause))
+
+
+@cached_per_log
+def ranking(case: Case, evidence: Evidence) -> Ranking | None:
+    """The ranking of one log; `None` without motion, or if nothing is known of the robot."""
+    signals = evidence.recording.signals
+    knowledge = known_of(case)
+    gains = _gains(case, evidence)
+    if knowledge is None or gains is None:
+        return None
+    cutoff = None if case.reference is None else case.reference.cutoffs.matched
+    excerpt = excerpt_of(evidence.recording, evidence.processing, cutoff)
+    if excerpt is None:
+        return None
+    scales = _scales(case, evidence)
+    likelihood = likelihood_of(excerpt, signals, knowledge, case.loaded.robot, gains, scales)
+    if any(signals.unknown_gains) and not knowledge.identified:
+        likelihood = _with_free_gains(likelihood, _others(likelihood, case.reference))
+    number = case.logs.index(evidence)
+    report_progress(case.progress, COMPARING_PHASE, number, len(case.logs), evidence.name)
+    found = ranked(likelihood, _others(likelihood, case.reference))
+    report_progress(case.progress, COMPARING_PHASE, number + 1, len(case.logs), evidence.name)
+    return found if np.any(found.declared.score.counts > 0.0) else None
+
+
+_KNOWLEDGE: WeakKeyDictionary[Case, Knowledge | None] = WeakKeyDictionary()
+
+
+def known_of(case: Case) -> Knowledge | None:
+    """What is known of the robot; a reference of other joints is not used."""
+    if case not in _KNOWLEDGE:
+        _KNOWLEDGE[case] = _known(case)
+    return _KNOWLEDGE[case]
+
+
+def _known(case: Case) -> Knowledge | None:
+    reference = case.reference
+    if reference is not None and reference.model.robot.joint_names != case.joints:
+        reference = None
+    return knowledge_of(reference, case.loaded.robot)
+
+
+def _gains(case: Case, evidence: Evidence) -> Array | None:
+    """Gains of the efforts; those to be identified are the reference's, without one 1."""
+    signals = evidence.recording.signals
+    gains = np.array(signals.gains)
+    if not any(signals.unknown_gains) or case.reference is None:
+        return gains
+    if case.reference.model.robot.joint_names != case.joints:
+        return None
+    return np.where(signals.unknown_gains, case.reference.signals.gains, gains)
+
+
+def _scales(case: Case, evidence: Evidence) -> Array | float:
+    """Logged effort over what the gains say, as the reference found it of sensors of this kind.
+
+    1 where the gains are those of the reference, which contain its scales.
+    """
+    reference, signals = case.reference, evidence.recording.signals
+    if reference is None or reference.effort_scales is None:
+        return 1.0
+    kinds = (reference.signals.effort_kind, reference.signals.effort_units)
+    same = kinds == (signals.effort_kind, signals.effort_units)
+    alike = same and reference.model.robot.joint_names == case.joints
+    included = alike and np.allclose(signals.gains, reference.signals.gains, equal_nan=True)
+    values = 1.0 if included else reference.effort_scales.values
+    # gains that are to be identified are the reference's, which count its scales
+    return np.where(signals.unknown_gains or False, 1.0, values) if alike else 1.0
+
+
+def _with_free_gains(likelihood: Likelihood, others: tuple[OtherEffort, ...]) -> Likelihood:
+    """The log with the gains at which the nominal bodies agree best.
+
+    All of them: where some are to be identified, those that are given may be up to one scale. Free
+    gains hide wrong orders, signs and directions of gravity, though: if one of these agrees better
+    with the gains that are given, only those that are to be identified are free.
+    """
+    declared = likelihood.declared
+    size, unknown = np.linalg.norm(declared.gravity), np.asarray(likelihood.signals.unknown_gains)
+    free = _with_best_gains(likelihood, declared, np.ones_like(unknown))
+    least = float(free.score(declared).log_likelihood[0]) + DECISIVE_GAIN
+    if (
+        not has_bad_joint(free, _as_declared(free))
+        and float(free.score(declared).percent[0]) <= FITTING_MISFIT
+    ):
+        return free
+    given = _with_best_gains(likelihood, declared, unknown)
+    hypotheses = _rivals(given, _as_declared(given), others)
+    best = max((h.log_likelihood for h in hypotheses if h.cause in READINGS), default=-np.inf)
+    if best > least:
+        free, least = given, best
+    for axis in (*np.eye(3), *-np.eye(3)):
+        turned = declared.changed(gravity=size * axis)
+        other = _with_best_gains(likelihood, turned, unknown)
+        agreement = float(other.score(turned).log_likelihood[0])
+        if agreement > least and not np.allclose(turned.gravity, declared.gravity):
+            free, least = other, agreement
+    return free
+
+
+def _as_declared(likelihood: Likelihood) -> Hypothesis:
+    score = one_of(likelihood.score(likelihood.declared), 0)
+    return Hypothesis("", AS_DECLARED, likelihood.declared, 0.0, (), score)
+
+
+def _with_best_gains(
+    likelihood: Likelihood, interpretation: Interpretation, which: NDArray[np.bool_]
+) -> Likelihood:
+    """The log with those gains of some joints at which an interpretation agrees best."""
+    sums = likelihood.sums([interpretation])
+    scale = interpretation.effort_scale
+    best = best_factors(likelihood, sums, list(interpretation.effort), scale)
+    return replace(likelihood, gains=likelihood.gains * np.where(which, best, 1.0))
+
+
+def _others(likelihood: Likelihood, reference: IdentifiedModel | None) -> tuple[OtherEffort, ...]:
+    """What the efforts may be instead of what is declared."""
+    units, gains = likelihood.signals.effort_units, likelihood.gains
+    found = []
+    if "A" in units:
+        scale = np.asarray(likelihood.declared.effort_scale)
+        found.append(
+            OtherEffort("efforts are joint torques", "joint_torque", 1.0 / (gains * scale))
+        )
+    elif reference is not None and "A" in reference.signals.effort_units:
+        currents = reference.signals.gains / gains
+        found.append(OtherEffort("efforts are motor currents in A", "motor_current", currents))
+        found.append(
+            OtherEffort("efforts are motor currents in mA", "motor_current", 1e-3 * currents)
+        )
+    limits = np.array([c.limits.effort for c in likelihood.knowledge.robot.coordinates])
+    if np.isfinite(limits).all() and np.all(limits > 0.0) and likelihood.signals.effort_map is None:
+        says = "efforts are percents of the joints' limits"
+        found.append(OtherEffort(says, PERCENT, 0.01 * limits / np.abs(gains)))
+    return tuple(found)
+
+
+def ranked(likelihood: Likelihood, others: tuple[OtherEffort, ...]) -> Ranking:
+    """Rank all explanations, and those of what the best of them leaves."""
+    first = _as_declared(likelihood)
+    now, rounds = first, []
+    for _ in range(FAULT_ROUNDS):
+        hypotheses = _rivals(likelihood, now, others)
+        rounds.append(hypotheses)
+        gain = hypotheses[0].log_likelihood - now.log_likelihood
+        if (
+            gain < DECISIVE_GAIN
+            or hypotheses[0].cause in CAUSES_OF_OTHER_CHECKS
+            or not has_bad_joint(likelihood, hypotheses[0])
+        ):
+            break
+        now = hypotheses[0]
+    return Ranking(likelihood, first, tuple(rounds))
+
+
+def _rivals(
+    likelihood: Likelihood, now: Hypothesis, others: tuple[OtherEffort, ...]
+) -> tuple[Hypothesis, ...]:
+    """Everything that one change of an interpretation can explain, the likeliest first."""
+    found, identified = [now], likelihood.knowledge.identified
+    if has_bad_joint(likelihood, now) or identified or now.percent > LOOSE_MISFIT:
+        found += effort_hypotheses(
+            likelihood, now.interpretation, likelihood.sums([now.interpretation]), others
+        )
+    found += world_hypotheses(likelihood, now.interpretation)
+    if identified:
+        found += zero_hypotheses(likelihood, now.interpretation)
+    if has_bad_joint(likelihood, now) and not identified:
+        found += link_hypotheses(likelihood, now.interpretation)
+    found.sort(key=_unlikely)
+    gain = found[0].log_likelihood - now.log_likelihood
+    if has_bad_joint(likelihood, now) or (identified and gain > SUSPECT_GAIN):
+        found += position_hypotheses(likelihood, now.interpretation)
+        found += ratio_hypotheses(likelihood, now.interpretation)
+        found.sort(key=_unlikely)
+    if has_bad_joint(likelihood, found[0]):
+        found += deep_hypotheses(likelihood, now.interpretation)
+        found.sort(key=_unlikely)
+    return efforts_first(now.interpretation, found)
+
+
+def _unlikely(hypothesis: Hypothesis) -> float:
+    return -hypothesis.log_likelihood
+
+
+def misfit_limits(likelihood: Likelihood) -> Array:
+    """Misfit of each joint from which on an interpretation is bad, shape `(n,)`."""
+    least = np.full(likelihood.signals.n, BAD_JOINT_MISFIT[likelihood.knowledge.identified])
+    sigma = likelihood.knowledge.sigma
+    if sigma is None:
+        return least
+    logged = np.abs(likelihood.into_logged(likelihood.declared)) @ sigma
+    size = np.maximum(likelihood.size, 1e-300)
+    return np.asarray(
+        np.maximum(least, np.minimum(EXPECTED_MISFIT_FACTOR * logged / size, HOPELESS_MISFIT))
+    )
+
+
+def has_bad_joint(likelihood: Likelihood, hypothesis: Hypothesis) -> bool:
+    """Whether a joint disagrees more than friction and a rough model explain.
+
+    An effort that is smaller than it should be, such as one without gravity, may disagree by as
+    many newton metres.
+    """
+    if not disagrees(likelihood, hypothesis):
+        return False
+    interpretation = hypothesis.interpretation
+    e = likelihood.excerpt.e[list(interpretation.effort)] * interpretation.effort_scale[:, None]
+    rms = np.maximum(np.sqrt(np.mean(np.square(e), axis=1)), 1e-300)
+    allowed = misfit_limits(likelihood) * np.maximum(likelihood.size / rms, 1.0)
+    return bool(np.any((hypothesis.misfits > allowed) & (hypothesis.score.counts > 0.0)))
+
+
+def disagrees(likelihood: Likelihood, hypothesis: Hypothesis) -> bool:
+    """Whether a joint disagrees, relative to its effort, however small that is."""
+    return bool(
+        np.any((hypothesis.misfits > misfit_limits(likelihood)) & (hypothesis.score.counts > 0.0))
+    )

@@ -1,0 +1,184 @@
+"""Do the signs of gear ratios and the couplings of motors agree with a log?
+
+A ratio of the wrong sign turns position and effort of a joint together, and friction with them:
+only masses tell it from the right one, by a mirrored motion. A coupling changes the speed of a
+joint and the effort of the one before it.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.check.case import Case, Evidence
+from steelyard.check.decision.ranking import DECISIVE_GAIN
+from steelyard.check.decision.verdict import judge_log, last_winner
+from steelyard.check.finding import Finding, Fix, Severity
+from steelyard.check.hypotheses.likelihood import Likelihood
+from steelyard.robot.file.efforts import MOTOR_KINDS
+from steelyard.robot.robot import Transmission
+
+COMPARE_RATIOS = Fix(
+    "compare ratios, their signs and coupling in [robot.transmission] with the data sheet"
+)
+
+
+COUPLED, WITH = "other couplings of ", " with the joint before"
+"""Words around the motors whose other couplings fit about as well."""
+
+ENTER_COUPLING = Fix(
+    "Enter coupling from the data sheet (coupling = [] if there is none), or move single joints: "
+    "a motor that turns beside its own joint's is coupled. Errors with and without a coupling are "
+    "of different joint efforts and cannot be compared"
+)
+"""What to do where a coupling that is not declared fits as well."""
+
+
+class TransmissionCheck:
+    """Gears with one sign or one coupling changed, compared with those declared."""
+
+    name: ClassVar[str] = "transmission"
+    question: ClassVar[str] = "Do gear signs and couplings agree with the log?"
+    quick: ClassVar[bool] = True
+
+    def __call__(self, case: Case) -> tuple[Finding, ...]:
+        """One finding per log with positions of motors."""
+        found = (_finding(case, evidence) for evidence in case.logs)
+        return tuple(finding for finding in found if finding is not None)
+
+
+@dataclass(frozen=True, eq=False)
+class OtherGears:
+    """Gears with one change.
+
+    Attributes:
+        motor: Whose.
+        coupling: Whether its coupling with the joint before is changed, or else its sign.
+        says: The change, in words.
+        matrix: Motor positions per joint position.
+    """
+
+    motor: str
+    coupling: bool
+    says: str
+    matrix: Array
+
+
+def _finding(case: Case, evidence: Evidence) -> Finding | None:
+    decision = judge_log(case, evidence)
+    if decision is None or decision.alien:
+        return None
+    likelihood, last = decision.ranking.likelihood, last_winner(decision).interpretation
+    if likelihood.gears is None or likelihood.signals.position_map is None:
+        return None
+    now = with_gears(likelihood, likelihood.gears.matrix).score(last)
+    others = list(other_gears(likelihood.gears, (now.counts[0] > 0.0).tolist()))
+    scores = [with_gears(likelihood, other.matrix).score(last) for other in others]
+    rises = [float(score.log_likelihood[0] - now.log_likelihood[0]) for score in scores]
+    best = max(rises, default=-np.inf)
+    near = [o for o, rise in zip(others, rises, strict=True) if rise > -DECISIVE_GAIN]
+    figure = (
+        f"log-likelihood of the best other gears {best:+.0f}, at most {-DECISIVE_GAIN:g} required"
+    )
+    name, misfit = TransmissionCheck.name, f"{float(now.percent[0]):.1f} %"
+    first = int(np.argmax(rises)) if rises else 0
+    other = f"{float(scores[first].percent[0]):.1f} %" if rises else ""
+    if best > DECISIVE_GAIN:
+        says = f"{others[first].says} fits clearly better: misfit {other}, as declared {misfit}"
+        return Finding(name, evidence.name, Severity.DOUBTFUL, says, figure, fix=COMPARE_RATIOS)
+    if near:
+        says = (
+            f"undecided: misfit {misfit}, but about as well fit {_listed(near)}; the best of them, "
+            f"{others[first].says}, has a misfit of {other}"
+        )
+        return Finding(
+            name, evidence.name, Severity.OK, says, figure, fix=COMPARE_RATIOS, answered=False
+        )
+    says = "other signs of gear ratios and other couplings fit worse"
+    return Finding(name, evidence.name, Severity.OK, says, figure)
+
+
+def missing_coupling(findings: Sequence[Finding], stated: bool) -> tuple[Finding, ...]:
+    """A remark beside the headline of a fit where motors that no coupling names may be coupled.
+
+    Args:
+        findings: Of a check before.
+        stated: Whether the robot file states the couplings, or that there are none.
+    """
+    name = TransmissionCheck.name
+    open_ones = [f for f in findings if f.check == name and not f.answered and COUPLED in f.says]
+    if stated or not open_ones:
+        return ()
+    motors = open_ones[0].says.partition(COUPLED)[2].partition(WITH)[0]
+    says = f"no coupling is declared, but one of {motors}{WITH} fits the logs about as well"
+    return (Finding(name, "", Severity.OK, says, "", fix=ENTER_COUPLING, headline=True),)
+
+
+def _listed(near: Sequence[OtherGears]) -> str:
+    """Motors with other signs, and those with other couplings, in words."""
+    signs, couplings = (
+        ", ".join(dict.fromkeys(o.motor for o in near if o.coupling == coupling))
+        for coupling in (False, True)
+    )
+    words = [f"opposite signs of the ratios of {signs}"] if signs else []
+    words += [f"{COUPLED}{couplings}{WITH}"] if couplings else []
+    return ", and ".join(words)
+
+
+def other_gears(gears: Transmission, moving: Sequence[bool]) -> Iterator[OtherGears]:
+    """Gears with another sign, or another coupling of a motor with the joint before its own.
+
+    Args:
+        gears: As declared; row and column k are motor and joint k.
+        moving: Whether each joint moves.
+    """
+    for k, motor in enumerate(gears.motors):
+        own = float(gears.matrix[k, k])
+        if not moving[k]:
+            continue
+        says = f"the opposite sign of the ratio of {motor}"
+        yield OtherGears(motor, False, says, _changed(gears.matrix, k, k, -own))
+        if k == 0 or not moving[k - 1]:
+            continue
+        now = float(gears.matrix[k, k - 1])
+        named = {"no": 0.0, "the opposite": -now} if now else {"a": own, "an opposite": -own}
+        for article, value in named.items():
+            says = f"{article} coupling of {motor} with the joint before"
+            yield OtherGears(motor, True, says, _changed(gears.matrix, k, k - 1, value))
+
+
+def _changed(matrix: Array, row: int, column: int, value: float) -> Array:
+    changed = np.array(matrix)
+    changed[row, column] = value
+    return changed
+
+
+def with_gears(likelihood: Likelihood, matrix: Array) -> Likelihood:
+    """The log read with other gears; efforts of motors likewise."""
+    signals, gears = likelihood.signals, likelihood.gears
+    if gears is None:
+        raise ValueError("the robot has no gears")
+    own = signals.effort_map
+    if own is None and likelihood.declared.kind in MOTOR_KINDS:
+        own = np.diag(likelihood.gains)
+    if own is not None:
+        own = matrix.T @ np.linalg.solve(gears.matrix.T, own)
+    bounds = likelihood.bounds
+    if own is not None and signals.effort_map is None:
+        bounds = _of_motors(bounds, np.diag(gears.matrix))
+    return replace(
+        likelihood,
+        signals=replace(signals, effort_map=own),
+        gears=Transmission(gears.motors, matrix),
+        bounds=bounds,
+    )
+
+
+def _of_motors(bounds: tuple[Array, Array], ratios: Array) -> tuple[Array, Array]:
+    """Bounds of friction, offset and rotor inertia at rates of motors, from those at joints'."""
+    turned, slower, one = np.sign(ratios), 1.0 / ratios, np.ones_like(ratios)
+    factors = np.stack((turned, slower, one, slower), axis=1)
+    lower, upper = (factors * side for side in bounds)
+    return np.minimum(lower, upper), np.maximum(lower, upper)

@@ -1,0 +1,178 @@
+"""What a check found: a severity, evidence with a picture, and an edit of the robot file."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any, Literal
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+
+LEAST_PRINTED_PERCENT = 0.01
+"""Least share that is printed [%]."""
+
+
+class Severity(IntEnum):
+    """How bad it is; the worst one is the exit code of `steelyard check`."""
+
+    OK = 0
+    DOUBTFUL = 1
+    WRONG = 2
+
+    @property
+    def word(self) -> str:
+        """As it is printed."""
+        return self.name.lower()
+
+
+@dataclass(frozen=True)
+class Edit:
+    """One key of the robot file and its new value.
+
+    Attributes:
+        path: Tables and key, such as `("signals", "effort", "unit")`.
+        value: A TOML value; `None` takes the key out.
+        spread: Relative standard deviation of the numbers where they are fitted factors, else 0.
+    """
+
+    path: tuple[str, ...]
+    value: Any
+    spread: float = field(default=0.0, compare=False)
+
+
+@dataclass(frozen=True)
+class Fix:
+    """What to do about a finding.
+
+    Attributes:
+        says: In one sentence.
+        edits: What to change in the robot file; none where the file cannot correct it.
+        jointly: Whether all such edits of a log were tried as one change: one without the others
+            is untested, and none is written where another one cannot be.
+        command: A command that goes on from here, or none; MODEL, ROBOT and LOG stand for paths.
+    """
+
+    says: str
+    edits: tuple[Edit, ...] = ()
+    jointly: bool = False
+    command: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """One line, or one set of points or bars, of a picture: `x` and `y` of equal length."""
+
+    name: str
+    x: Array
+    y: Array
+    kind: Literal["line", "points", "bars"] = "line"
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """The plot that shows the evidence.
+
+    Attributes:
+        x: Title of the horizontal axis, with its unit.
+        y: Title of the vertical axis, with its unit.
+        traces: What is drawn; at most a few thousand points each.
+    """
+
+    x: str
+    y: str
+    traces: tuple[Trace, ...]
+
+
+@dataclass(frozen=True)
+class ComparedHypothesis:
+    """One explanation of the data beside others.
+
+    Attributes:
+        says: What it supposes, in a few words: "as declared", "joint 2 has the other sign".
+        misfit: Relative error of the prediction under it [%].
+        log_likelihood: Against the best of its hypotheses, which is at 0 [natural units].
+        declared: Whether it is what the robot file declares.
+    """
+
+    says: str
+    misfit: float
+    log_likelihood: float
+    declared: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """One severity of one check.
+
+    Attributes:
+        check: Name of the check.
+        log: Name of the log; empty if it is about all logs together.
+        severity: How bad it is.
+        says: What was found, in one sentence.
+        figure: The evidence as a number with its unit, and what it is compared with.
+        joints: The joints concerned; empty if it is about all or none in particular.
+        fix: What to do; `None` if nothing need be done.
+        picture: The evidence as a plot, if there is one to show.
+        hypotheses: Explanations that were compared, the likeliest first.
+        nominal: Whether they were compared with the masses of a model file, not of a reference.
+        answered: Whether the question could be answered; what is open is not suspicious.
+        hidden: Whether it is open because of a large misfit that other link inertias leave too.
+        headline: Whether it stands beside the headline though it is ok.
+        brief: What was found, for a line of a terminal; empty where `says` is short.
+    """
+
+    check: str
+    log: str
+    severity: Severity
+    says: str
+    figure: str
+    joints: tuple[str, ...] = ()
+    fix: Fix | None = None
+    picture: Picture | None = None
+    hypotheses: tuple[ComparedHypothesis, ...] = ()
+    nominal: bool = False
+    answered: bool = True
+    hidden: bool = False
+    headline: bool = False
+    brief: str = ""
+
+
+def percent_of(share: float) -> str:
+    """A share in percent, like `0.52 %`, `below 0.01 %` or `100 %`."""
+    percent = 100.0 * share
+    if 0.0 < percent < LEAST_PRINTED_PERCENT:
+        return f"below {LEAST_PRINTED_PERCENT} %"
+    return f"{percent:.2g} %" if percent < 99.5 else f"{percent:.0f} %"
+
+
+TRACE_POINTS = 2000
+"""Points of a trace."""
+
+
+def trace(name: str, x: Array, y: Array, kind: Literal["line", "points", "bars"] = "line") -> Trace:
+    """A trace of at most `TRACE_POINTS` points."""
+    stride = -(-len(x) // TRACE_POINTS)
+    step = max(1, stride)
+    return Trace(name, np.array(x[::step], dtype=np.float64), np.array(y[::step]), kind)
+
+
+def histogram(name: str, values: Array, bins: int = 60) -> Trace:
+    """How often values occur; the rarest 0.1 % on each side are counted in the outer bars."""
+    low, high = np.quantile(values, [0.001, 0.999])
+    spread = max(float(high - low), 1e-3 * abs(float(high)), 1e-12)
+    edges = np.linspace(low - 0.1 * spread, high + 0.1 * spread, bins + 1)
+    count, _ = np.histogram(np.clip(values, edges[0], edges[-1]), edges)
+    return Trace(name, 0.5 * (edges[1:] + edges[:-1]), count.astype(np.float64), "bars")
+
+
+def of_joints(y: str, traces: Sequence[tuple[str, Array, Literal["bars", "points"]]]) -> Picture:
+    """One number per joint, for some names."""
+    return Picture(
+        "joint",
+        y,
+        tuple(
+            Trace(name, np.arange(1.0, len(values) + 1.0), np.array(values), kind)
+            for name, values, kind in traces
+        ),
+    )

@@ -1,0 +1,203 @@
+"""The page of `steelyard check`: verdict, findings with their evidence, lines to paste."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from steelyard.check.findings_text import (
+    LEVEL_OF_SEVERITY,
+    OPEN_WORD,
+    Group,
+    check_headline,
+    edit_lines,
+    fixes,
+    groups,
+    place_of_finding,
+    tally,
+    word_of,
+)
+from steelyard.report.figures import thin
+from steelyard.report.page import Numbers, Shown, fill, packed, page_of, script_json
+from steelyard.report.words import percent
+
+if TYPE_CHECKING:
+    from steelyard.check.examine import Diagnosis
+    from steelyard.check.finding import Finding, Picture, Trace
+
+
+MOST_POINTS_OF_EVIDENCE_LINE = 2000
+"""Most points of one line."""
+
+MOST_POINTS_OF_CHECK_PAGE = 200_000
+"""Points of all pictures of a page together; those behind it are left out."""
+
+LEAST_NUMBER_IN_DOUBLE_PRECISION = 1e5
+"""Numbers from here on, such as times that are dates, are drawn in double precision."""
+
+
+def findings_of(
+    diagnosis: Diagnosis, budget: int = MOST_POINTS_OF_CHECK_PAGE, *, fine: bool = True
+) -> Numbers:
+    """What the template shows: the worst findings first, then those that are ok.
+
+    Args:
+        diagnosis: What was found.
+        budget: Most points of all pictures.
+        fine: Whether those that are ok have their pictures too.
+    """
+    found = [one for group in groups(diagnosis) for one in group.findings]
+    found.sort(key=lambda finding: -finding.severity)
+    left, shown = budget, []
+    for finding in found:
+        picture = finding.picture if fine or finding.severity else None
+        points = (
+            0
+            if picture is None
+            else sum(min(len(t.x), MOST_POINTS_OF_EVIDENCE_LINE) for t in picture.traces)
+        )
+        left -= points
+        shown.append(
+            _finding_numbers(finding, drawn=picture is not None and left >= 0)
+            | {"still": _reason_it_is_ok(finding, diagnosis)}
+        )
+    return {
+        "alone": True,
+        "level": LEVEL_OF_SEVERITY[diagnosis.severity.word],
+        "headline": check_headline(diagnosis),
+        "tally": tally(diagnosis),
+        "bad": [one for one in shown if one["level"] != "good"],
+        "fine": [one for one in shown if one["level"] == "good"],
+        "fixes": [
+            (fix.says, edit_lines(fix.edits), ", ".join(dict.fromkeys(f.check for f in asking)))
+            for fix, asking in fixes(diagnosis).values()
+        ],
+    }
+
+
+def _finding_numbers(finding: Finding, *, drawn: bool) -> dict[str, Any]:
+    fix = finding.fix if finding.severity else None
+    return {
+        "check": finding.check,
+        "place": place_of_finding(finding),
+        "level": LEVEL_OF_SEVERITY.get(word_of(finding), OPEN_WORD),
+        "word": word_of(finding),
+        "says": finding.says,
+        "figure": finding.figure,
+        "hypotheses": finding.hypotheses,
+        "fix": None if fix is None else (fix.says, edit_lines(fix.edits)),
+        "picture": script_json(_figure(finding.picture)) if drawn and finding.picture else None,
+    }
+
+
+def _reason_it_is_ok(finding: Finding, diagnosis: Diagnosis) -> str:
+    """Why a finding is ok although an explanation beats the declared reading; else empty."""
+    rivals = finding.hypotheses
+    declared = next((one for one in rivals if one.declared), None)
+    others = any(f.log == finding.log and f.severity and f.hypotheses for f in diagnosis.findings)
+    if finding.severity or not finding.answered or others or not declared or rivals[0] is declared:
+        return ""
+    misfit = (
+        "Ok although another hypothesis fits better: the misfit as declared is "
+        f"{percent(declared.misfit)}"
+    )
+    if finding.nominal:
+        return (
+            f"{misfit}, which wrong masses of a nominal model can cause; the other hypothesis may "
+            "compensate errors of the nominal masses. A model from runs known to be correct "
+            "(--model) would decide."
+        )
+    return (
+        f"{misfit}; a hypothesis with more free parameters nearly always fits better, and is "
+        f"accepted only "
+        "where its gain is statistically significant and large enough to matter."
+    )
+
+
+def _figure(picture: Picture) -> dict[str, Any]:
+    return {"x": picture.x, "y": picture.y, "traces": [_trace(one) for one in picture.traces]}
+
+
+def _trace(trace: Trace) -> dict[str, Any]:
+    """At most so many points; a line keeps the extremes of every stretch."""
+    if trace.kind == "line":
+        chosen = thin(trace.y, MOST_POINTS_OF_EVIDENCE_LINE)
+    else:
+        chosen = np.arange(0, len(trace.x), -(-len(trace.x) // MOST_POINTS_OF_EVIDENCE_LINE) or 1)
+    x = np.asarray(trace.x)[chosen]
+    return {
+        "name": trace.name,
+        "kind": trace.kind,
+        "x": packed(x, "f8" if np.any(np.abs(x) > LEAST_NUMBER_IN_DOUBLE_PRECISION) else "f4"),
+        "y": packed(np.asarray(trace.y)[chosen]),
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class CheckContent:
+    """Everything that the page shows.
+
+    Attributes:
+        robot: The robot's name.
+        file: The robot file or model that was given.
+        logs: The logs as they were given.
+        model: The model they were compared with, if one was given.
+        diagnosis: What was found.
+        asks: The question of each check, by name.
+        notes: What was assumed.
+    """
+
+    robot: str
+    file: str
+    logs: tuple[str, ...]
+    model: str | None
+    diagnosis: Diagnosis
+    asks: Mapping[str, str]
+    notes: tuple[str, ...] = ()
+
+
+def render_check(content: CheckContent) -> str:
+    """The page as HTML text, to be written as UTF-8."""
+    found = findings_of(content.diagnosis)
+    rows = [row for group in groups(content.diagnosis) for row in _rows_of_group(group)]
+    rows.sort(key=lambda row: ("poor", "fair", OPEN_WORD, "good").index(row["level"]))
+    numbers = {**found, "alone": False, "rows": rows, "content": content}
+    sections = [
+        Shown("verdict", "Verdict", fill("check_verdict.html", numbers)),
+        Shown("evidence", "Evidence", fill("findings.html", numbers)),
+    ]
+    if content.notes:
+        notes = fill("notes.html", {"notes": content.notes})
+        sections.append(Shown("notes", "Notes", notes, folded=True))
+    if found["fixes"]:
+        sections.insert(1, Shown("fixes", "What to do", fill("check_fixes.html", numbers)))
+    return page_of(
+        f"{content.robot}: check of the logs",
+        content.robot,
+        "checked",
+        version("steelyard"),
+        sections,
+    )
+
+
+def _rows_of_group(group: Group) -> list[dict[str, str]]:
+    """One row per finding; of many that are ok the first speaks."""
+    count = len(group.findings)
+    alike = count > 1 and not group.severity
+    return [
+        {
+            "word": group.word,
+            "level": group.level if group.word != OPEN_WORD else OPEN_WORD,
+            "check": group.check,
+            "place": f"{finding.log or 'all logs'} (and {count - 1} more)"
+            if alike
+            else place_of_finding(finding),
+            "says": finding.says,
+            "figure": finding.figure,
+        }
+        for finding in (group.findings[:1] if alike else group.findings)
+    ]

@@ -1,0 +1,378 @@
+"""Findings of the checks in words, as JSON, and in a terminal."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import TYPE_CHECKING, Any
+
+from steelyard.report.words import COLOURS, Level, count
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from steelyard.check.examine import Diagnosis
+    from steelyard.check.finding import Edit, Finding, Fix, Severity
+
+
+MOST_NAMED_JOINTS = 3
+"""Most joints that a place names."""
+
+OPEN_WORD = "open"
+"""The word for a question that could not be answered."""
+
+FINDING_WORDS = ("wrong", "doubtful", OPEN_WORD, "ok")
+"""What a check finds, the worst first."""
+
+LEVEL_OF_SEVERITY: dict[str, Level] = {"ok": "good", "doubtful": "fair", "wrong": "poor"}
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """All findings of one check with one severity.
+
+    Attributes:
+        check: The check's name.
+        severity: How bad they are.
+        findings: At least one.
+    """
+
+    check: str
+    severity: Severity
+    findings: tuple[Finding, ...]
+
+    @property
+    def word(self) -> str:
+        """The severity, or that the question is open."""
+        return word_of(self.findings[0])
+
+    @property
+    def level(self) -> Level:
+        """The severity as a colour."""
+        return LEVEL_OF_SEVERITY[self.severity.word]
+
+
+def by_edits(findings: Iterable[Finding]) -> tuple[tuple[Finding, ...], ...]:
+    """The findings of one check that need the same lines of the robot file, together."""
+    found: dict[object, list[Finding]] = {}
+    for finding in findings:
+        edits = () if finding.fix is None else finding.fix.edits
+        found.setdefault((finding.check, edit_lines(edits)) if edits else id(finding), []).append(
+            finding
+        )
+    return tuple(map(tuple, found.values()))
+
+
+def groups(diagnosis: Diagnosis) -> tuple[Group, ...]:
+    """The findings by severity, ok ones first, and in these by check."""
+    found: dict[tuple[Severity, str, bool], list[Finding]] = {}
+    for finding in sorted(diagnosis.findings, key=lambda f: f.severity):
+        key = finding.severity, finding.check, finding.answered
+        found.setdefault(key, []).append(finding)
+    return tuple(Group(name, word, tuple(some)) for (word, name, _), some in found.items())
+
+
+def word_of(finding: Finding) -> str:
+    """The severity, or that the question is open."""
+    return OPEN_WORD if not finding.severity and not finding.answered else finding.severity.word
+
+
+def check_headline(diagnosis: Diagnosis) -> str:
+    """The verdict in a few words, with the checks that hold."""
+    worst = diagnosis.severity
+    if not diagnosis.findings:
+        return "No check applies"
+    if diagnosis.inconclusive:
+        return f"Inconclusive: {open_words(diagnosis)}"
+    if worst == 0:
+        every, left = len(words_of(diagnosis)), diagnosis.open_checks
+        verdict = "Ok: no error was found"
+        if diagnosis.model_open:
+            verdict = (
+                f"Open: the logs do not decide {', '.join(left)} ({len(left)} of "
+                f"{count(every, 'check')}); no error was found"
+            )
+        elif left:
+            verdict = (
+                f"Ok, but {len(left)} of {count(every, 'check')} could not be decided: "
+                f"{', '.join(left)}"
+            )
+        beside = dict.fromkeys(f.says for f in diagnosis.findings if f.headline)
+        return "; ".join((verdict, *beside))
+    names = [f.check for f in diagnosis.findings if f.severity == worst]
+    return f"{worst.word.capitalize()}: {', '.join(dict.fromkeys(names))}"
+
+
+def open_words(diagnosis: Diagnosis) -> str:
+    """How many checks are open, where that makes the robot file doubtful."""
+    every = count(len(words_of(diagnosis)), "check")
+    return (
+        f"{len(diagnosis.open_checks)} of {every} could not be decided; the robot file may be wrong"
+    )
+
+
+def words_of(diagnosis: Diagnosis) -> dict[str, str]:
+    """The worst word that each check found in any log."""
+    found: dict[str, str] = {}
+    for finding in diagnosis.findings:
+        words = (word_of(finding), found.get(finding.check, FINDING_WORDS[-1]))
+        found[finding.check] = min(words, key=FINDING_WORDS.index)
+    return found
+
+
+def tally(diagnosis: Diagnosis) -> str:
+    """How many checks there are of each word, the worst first."""
+    words = list(words_of(diagnosis).values())
+    counts = [f"{words.count(word)} {word}" for word in FINDING_WORDS if word in words]
+    return f"{count(len(words), 'check')}: {', '.join(counts)}" if words else "no findings"
+
+
+def fixes(diagnosis: Diagnosis) -> dict[str, tuple[Fix, list[Finding]]]:
+    """What is to be done, once each, with the findings that ask for it; the worst first."""
+    found: dict[str, tuple[Fix, list[Finding]]] = {}
+    for finding in sorted(diagnosis.findings, key=lambda f: -f.severity):
+        if finding.severity and finding.fix is not None:
+            key = f"{finding.fix.says} {edit_lines(finding.fix.edits)}"
+            found.setdefault(key, (finding.fix, []))[1].append(finding)
+    return found
+
+
+def edit_lines(edits: tuple[Edit, ...]) -> str:
+    """Edits as lines of a robot file."""
+    from steelyard.robot.file.toml_edits import lines_of
+
+    return lines_of(edits)
+
+
+def place_of_finding(finding: Finding) -> str:
+    """The log and the few joints that a finding is about, unless its sentence names these."""
+    few = finding.joints if len(finding.joints) <= MOST_NAMED_JOINTS else ()
+    if all(re.search(rf"(?<!\w){re.escape(joint)}(?!\w)", finding.says) for joint in few):
+        few = ()
+    return ": ".join(part for part in (finding.log, ", ".join(few)) if part)
+
+
+def finding_dict(finding: Finding) -> dict[str, Any]:
+    """As JSON values; without the picture."""
+    fix = finding.fix
+    return {
+        "check": finding.check,
+        "log": finding.log,
+        "severity": finding.severity.word,
+        "says": finding.says,
+        "figure": finding.figure,
+        "answered": finding.answered,
+        "joints": list(finding.joints),
+        "fix": None
+        if fix is None
+        else {
+            "says": fix.says,
+            "edits": [edit_dict(edit) for edit in fix.edits],
+            "lines": edit_lines(fix.edits),
+        },
+        "hypotheses": [
+            {
+                "says": one.says,
+                "misfit_percent": _number(one.misfit),
+                "log_likelihood": _number(one.log_likelihood),
+            }
+            for one in finding.hypotheses
+        ],
+    }
+
+
+def edit_dict(edit: Edit) -> dict[str, Any]:
+    """As JSON values."""
+    from steelyard.robot.file.toml_edits import plain
+
+    return {"path": list(edit.path), "value": plain(edit.value)}
+
+
+def diagnosis_dict(diagnosis: Diagnosis) -> dict[str, Any]:
+    """As JSON values; without pictures."""
+    return {
+        "severity": diagnosis.severity.word,
+        "findings": [finding_dict(finding) for finding in diagnosis.findings],
+        "edits": [edit_dict(edit) for edit in diagnosis.edits],
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if isfinite(value) else None
+
+
+MOST_SHOWN_FINDINGS = 3
+"""Findings of one check and severity that are shown one by one."""
+
+PAYLOAD_CHECK = "payload"
+"""The check whose masses a fitted model corrects."""
+
+MASS_ERROR_NOTE = (
+    "; this mass contains the errors of the model file's masses: if a line with ! names another "
+    "one for this log, that is more accurate, as it is by the identified model"
+)
+"""What a note says of such a mass."""
+
+MOST_NAMED_LOGS = 4
+"""Logs that are named after them."""
+
+
+def print_findings(
+    diagnosis: Diagnosis, console: Console, *, fine: bool = True, verbose: bool = False
+) -> None:
+    """Print the findings, the worst last, then what to do and the verdict.
+
+    Args:
+        diagnosis: What was found.
+        fine: Whether to print those that are ok.
+        verbose: Whether to print each of these, not the names alone of those without a `brief`.
+        console: Where to print.
+    """
+    from rich.padding import Padding
+    from rich.text import Text
+
+    worst = words_of(diagnosis)
+    shown = [
+        group
+        for group in groups(diagnosis)
+        if (fine or group.severity) and (verbose or worst[group.check] == group.word)
+    ]
+    if shown:
+        console.print(_table(shown, verbose))
+    for fix, findings in fixes(diagnosis).values():
+        names = ", ".join(dict.fromkeys(f.check for f in findings))
+        console.print()
+        console.print(Text.assemble((f"fix {names}: ", "bold"), fix.says))
+        if fix.edits:
+            console.print(Padding(Text(edit_lines(fix.edits), style="cyan"), (0, 0, 0, 4)))
+    if shown:
+        console.print()
+    style = f"bold {COLOURS[LEVEL_OF_SEVERITY[diagnosis.severity.word]]}"
+    counts = f"  ({tally(diagnosis)})" if any(f.severity for f in diagnosis.findings) else ""
+    console.print(Text.assemble((check_headline(diagnosis), style), counts))
+
+
+def print_notes(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """The findings that are not ok, one sentence per check."""
+    sentences = []
+    for group in groups(diagnosis):
+        if group.severity:
+            first = group.findings[0]
+            more = _others(group, 1)
+            where = f"{place_of_finding(first)}: " if place_of_finding(first) else ""
+            sentences.append(
+                f"check, {group.check}: {where}{first.says} ({first.figure})"
+                + (MASS_ERROR_NOTE if group.check == PAYLOAD_CHECK and first.nominal else "")
+                + (f"; {more}" if more else "")
+            )
+    return tuple(sentences)
+
+
+def _table(shown: Sequence[Group], verbose: bool) -> Table:
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column(no_wrap=True)
+    table.add_column(max_width=18)
+    table.add_column(ratio=1)
+    before = None
+    passed = (
+        [] if verbose else [group for group in shown if group.word == "ok" and not _brief(group)]
+    )
+    if passed:
+        names = ", ".join(group.check for group in passed)
+        table.add_row(
+            Text("ok", style=f"bold {COLOURS['good']}"), count(len(passed), "check"), names
+        )
+        before = passed[0].severity
+    for group in (group for group in shown if group not in passed):
+        alike = _open_alike(shown, group)
+        if alike and alike[0] is not group:
+            continue
+        if before not in (None, group.severity):
+            table.add_row()
+        before = group.severity
+        style = f"bold {COLOURS[group.level]}" if group.word != OPEN_WORD else "dim"
+        word = Text(group.word, style=style)
+        name, found = Text(group.check), _found(group)
+        if not verbose and group.word == "ok":
+            found = Text(_brief(group))
+        if len(alike) > 1:
+            name = Text(count(len(alike), "check"))
+            found = Text(", ".join(g.check for g in alike) + ": ").append_text(found)
+        table.add_row(word, name, found)
+    return table
+
+
+def _brief(group: Group) -> str:
+    """What findings say in brief, each with its log if several do; empty if none does."""
+    said = [finding for finding in group.findings if finding.brief]
+    if len(group.findings) == 1:
+        return "".join(finding.brief for finding in said)
+    more = (
+        [f"and {len(said) - MOST_SHOWN_FINDINGS} more logs"]
+        if len(said) > MOST_SHOWN_FINDINGS
+        else []
+    )
+    return "; ".join([*(f"{f.log}: {f.brief}" for f in said[:MOST_SHOWN_FINDINGS]), *more])
+
+
+def _open_alike(shown: Sequence[Group], group: Group) -> list[Group]:
+    """The open questions that are open for the same reason."""
+    says = group.findings[0].says
+    if group.word != OPEN_WORD:
+        return []
+    return [g for g in shown if g.word == OPEN_WORD and g.findings[0].says == says]
+
+
+def _found(group: Group) -> Text:
+    """What one row says; of many that are ok the first speaks."""
+    from rich.text import Text
+
+    first, others = group.findings[0], {finding.log for finding in group.findings[1:]}
+    if not group.severity:
+        return Text.assemble((_speaks(group, first, others - {first.log}), "dim"), first.says)
+    shown = []
+    for one, *same in by_edits(group.findings[:MOST_SHOWN_FINDINGS]):
+        alike = ", ".join(f"{place_of_finding(other)} ({other.figure})" for other in same)
+        shown += [_one(one), *([Text(f"the same in {alike}")] if same else [])]
+    rest = _others(group, MOST_SHOWN_FINDINGS)
+    return Text("\n").join([*shown, Text(rest, style="dim")] if rest else shown)
+
+
+def _speaks(group: Group, first: Finding, others: set[str]) -> str:
+    """Which logs a sentence is about that stands for findings of several."""
+    if not others:
+        return ""
+    logs = count(len(others - {""}) + bool(first.log), "log")
+    together = ["all logs together"] if "" in others or not first.log else []
+    every = " and ".join([logs, *together])
+    if all(finding.says == first.says for finding in group.findings):
+        return f"{every}: "
+    if len(others) == len(together):
+        return f"{first.log} (and all logs together): "
+    return f"{every}; the first, {first.log or 'all logs together'}: "
+
+
+def _one(finding: Finding) -> Text:
+    from rich.text import Text
+
+    parts = [(f"{place_of_finding(finding)}: ", "bold")] if place_of_finding(finding) else []
+    figure = [(f"\n{finding.figure}", "dim")] if finding.figure else []
+    return Text.assemble(*parts, finding.says, *figure)
+
+
+def _others(group: Group, shown: int) -> str:
+    """The logs of the findings that are not shown."""
+    rest = [finding.log or "all logs" for finding in group.findings[shown:]]
+    if not rest:
+        return ""
+    more = len(rest) - MOST_NAMED_LOGS
+    return f"and {len(rest)} more: {', '.join(rest[:MOST_NAMED_LOGS])}" + (
+        f" and {more} others" if more > 0 else ""
+    )

@@ -1,0 +1,325 @@
+r"""Causes of residuals: what columns that a model lacks explain, and predict of left-out motion.
+
+With weights $1 / \sigma_j^2$ the residuals of a fit have $\chi^2 = \sum_j N_j$; noise accounts
+for $\sum_j N_j / r_j^2$ of it, where residuals are $r_j$ times the measurement noise. A cause is a
+group of columns $X$ beside those of the model, $A$: the fit of both together lowers $\chi^2$ by
+$s^T S^+ s$ with the score $s = X^T W (b - A \hat\phi)$ and $S$ the part of $X^T W X$ that $A$
+does not express [Rao1948]. Its share is that over what noise does not account for. Errors of the
+geometry enter by the torque's derivatives at the fitted parameters: a large error is found by its
+first order.
+
+A term with many parameters explains residuals of the motion it is fitted to, and may predict other
+motion worse. Each part of the fitted runs is left out in turn, and predicted by weighted least
+squares of all others, without and with the columns of the cause.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.friction.friction_choice import DIRECTION_LOSS_PROBABILITY, worse
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.regressor import Regressor
+from steelyard.estimate.least_squares.normal_equations import solve
+from steelyard.estimate.least_squares.per_run import Runs, own_columns
+from steelyard.estimate.nonlinear.fields import bodies_of, information_from
+from steelyard.estimate.scores.cross_validation import (
+    folding,
+    left_out_errors,
+    logarithms,
+    per_fold,
+)
+from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.model.laws.powers import Quadratic
+from steelyard.model.laws.presliding import Dahl
+from steelyard.model.laws.spring import Spring
+from steelyard.model.laws.stribeck import Stribeck
+from steelyard.model.model import Model
+from steelyard.model.terms.error_columns import EffortReadingErrors, GeometryErrors
+from steelyard.model.terms.term import Term
+from steelyard.runs.run import Run
+
+NEW_COLUMN_SHARE = 1e-6
+"""Part of a column, squared and relative, that the model's columns must leave for it to count."""
+
+GEOMETRY = ("position", "axis")
+
+COMPLEXITY = 0.02
+"""Share of its effect that each further column of a cause costs in the ranking."""
+
+FRICTION: tuple[tuple[str, Term], ...] = (
+    ("Stribeck friction (term stribeck)", Stribeck(speed=0.1)),
+    ("friction nonlinear in speed (term quadratic)", Quadratic()),
+    ("load-dependent friction (term load_dependent)", LoadDependent()),
+    ("presliding friction (term dahl)", Dahl(length=3e-3)),
+    ("a spring (term spring)", Spring()),
+)
+"""Terms that a model may lack, each on all joints."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One cause, and how much it explains.
+
+    Attributes:
+        kind: `zero_offset`, `gain`, `saturation`, `compliance`, `position`, `axis`, `tilt` (of the
+            first axis, the same as of gravity), `geometry`, or the law of a term.
+        joint: The joint; empty if it is about all.
+        says: In a few words.
+        names: Names of its columns.
+        chi2: What it takes from chi square.
+        share: Of the chi square that noise does not account for, 0 to 1.
+    """
+
+    kind: str
+    joint: str
+    says: str
+    names: tuple[str, ...]
+    chi2: float
+    share: float
+
+    @property
+    def columns(self) -> int:
+        """Number of its columns."""
+        return len(self.names)
+
+    @property
+    def rank(self) -> float:
+        """What sorts causes: of two that explain alike, the one with fewer columns leads."""
+        return self.chi2 * max(0.0, 1.0 - COMPLEXITY * (self.columns - 1))
+
+    @property
+    def of_friction(self) -> bool:
+        """Whether it is a term of the model's, not an error of the geometry or of the efforts."""
+        return self.kind in {term.law for _, term in FRICTION}
+
+
+def wide_model(model: Model, estimate: Estimate) -> Model:
+    """The model with columns of all causes behind its own; those that it has are left out."""
+    bodies = tuple(bodies_of(estimate).items())
+    laws = {term.law for term in model.terms}
+    lacking = [term.with_reference(dict(bodies)) for _, term in FRICTION if term.law not in laws]
+    kinds = ("zero_offset", "compliance", *GEOMETRY)
+    geometry = (GeometryErrors(kinds, bodies), EffortReadingErrors(bodies))  # type: ignore[arg-type]
+    return replace(model, terms=(*model.terms, *lacking, *geometry))
+
+
+def causes(
+    model: Model, information: Information, sigma: Array, ratios: Array
+) -> tuple[Cause, ...]:
+    """All causes, the most likely first.
+
+    Args:
+        model: The fitted model.
+        information: Of the columns of `wide_model`.
+        sigma: Standard deviations of the fit's residuals, shape `(n,)`.
+        ratios: Of these over the measurement noise; NaN where that is not known.
+    """
+    counts = information.n_samples
+    seen = (counts > 0.0) & (sigma > 0.0)
+    weights = np.where(seen, 1.0 / np.square(np.where(seen, sigma, 1.0)), 0.0)
+    noise = np.where(np.isfinite(ratios), np.minimum(1.0, 1.0 / np.square(ratios)), 1.0)
+    excess = float(np.sum((counts * (1.0 - noise))[seen]))
+    score, left, names = _scores(model, information, weights)
+    found = []
+    for kind, joint, says, columns in _groups(model, names):
+        chi2 = _explained(score, left, [names.index(column) for column in columns])
+        share = min(1.0, chi2 / excess) if excess > 0.0 else 0.0
+        found.append(Cause(kind, joint, says, columns, chi2, share))
+    return tuple(sorted(found, key=lambda cause: -cause.rank))
+
+
+def _scores(
+    model: Model, information: Information, weights: Array
+) -> tuple[Array, Array, list[str]]:
+    """Score and information of the added columns, of unit length each, and their names."""
+    own, names = set(model.names), information.layout.columns
+    per_run = tuple(c for c in names if c in set(own_columns(model)))
+    matrix, vector, _, squares = Runs.of(information, per_run).normal(weights)
+    lengths = np.sqrt(np.maximum(squares, 0.0))
+    scale = np.where(lengths > 1e-12 * lengths.max(initial=1e-300), lengths, np.inf)
+    matrix, vector = matrix / scale[:, None] / scale, vector / scale
+    mine = [k for k, c in enumerate(names) if c in own and c not in per_run]
+    added = [k for k, c in enumerate(names) if c not in own]
+    inverse = np.linalg.pinv(matrix[np.ix_(mine, mine)], rcond=1e-12, hermitian=True)
+    across = matrix[np.ix_(added, mine)] @ inverse
+    score = vector[added] - across @ vector[mine]
+    left = matrix[np.ix_(added, added)] - across @ matrix[np.ix_(mine, added)]
+    return score, 0.5 * (left + left.T), [names[k] for k in added]
+
+
+def _explained(score: Array, left: Array, group: Sequence[int]) -> float:
+    """What a group of columns takes from chi square."""
+    part = left[np.ix_(group, group)]
+    values, vectors = np.linalg.eigh(part)
+    along = vectors.T @ score[list(group)]
+    new = values > NEW_COLUMN_SHARE
+    return float(np.sum(np.square(along[new]) / values[new]))
+
+
+def _groups(model: Model, names: Sequence[str]) -> list[tuple[str, str, str, tuple[str, ...]]]:
+    """Kind, joint, words and columns of every cause whose columns are there."""
+    robot = model.robot
+    groups: list[tuple[str, str, str, tuple[str, ...]]] = []
+    for joint in robot.joint_names:
+        for kind, says in (
+            ("zero_offset", f"zero offset of {joint}"),
+            ("gain", f"gain or scale of the effort of {joint}"),
+            ("saturation", f"gain of {joint} that changes with the torque"),
+            ("compliance", f"elasticity of {joint}"),
+        ):
+            groups.append((kind, joint, says, (f"{kind}.{joint}",)))
+    for body in robot.bodies:
+        place = tuple(f"position_{axis}.{body.joint}" for axis in "xyz")
+        groups.append(
+            ("position", body.joint, f"position of joint {body.joint} (link length)", place)
+        )
+        tilt = tuple(f"axis_{k}.{body.joint}" for k in (1, 2))
+        if body.parent < 0:
+            groups.append(("tilt", body.joint, f"tilt of the base (axis of {body.joint})", tilt))
+        else:
+            groups.append(("axis", body.joint, f"axis of joint {body.joint}", tilt))
+    every = tuple(c for c in names if c.split(".")[0].split("_")[0] in GEOMETRY)
+    groups.append(("geometry", "", "geometry of several links (lengths, axes)", every))
+    for says, term in FRICTION:
+        mine = tuple(p.name for p in term.parameters(robot))
+        groups.append((term.law, "", says, mine))
+    present = set(names)
+    return [g for g in groups if g[3] and present.issuperset(g[3])]
+
+
+WORTH_A_TERM = 0.05
+"""Least relative reduction of the error on left-out motion that is worth another term."""
+
+WORTH_A_SEARCH = 0.2
+"""The same of an error of the geometry or of an effort, which people have to look for on the robot:
+its columns stand for other effects as well, and reduce the error of a sound Panda by up to 14 %."""
+
+
+@dataclass(frozen=True)
+class LeftOutGain:
+    """Errors on left-out motion without and with a cause.
+
+    Attributes:
+        before: Relative error without it: the geometric mean of a typical joint's and of all
+            joints' together, mean over parts [%].
+        after: The same with it [%].
+        confirmed: Whether it is reduced by more than is worth it, and than chance explains over
+            parts.
+        left_out: What is left out in turn, `run` or `segment`.
+    """
+
+    before: float
+    after: float
+    confirmed: bool
+    left_out: str
+
+    @classmethod
+    def of(cls, plain: Array, errors: Array, left_out: str, worth: float) -> "LeftOutGain":
+        """Of logarithms of the errors on each part without and with the cause."""
+        before, after = float(np.exp(plain.mean())), float(np.exp(errors.mean()))
+        confirmed = after < (1.0 - worth) * before and worse(
+            plain, errors, DIRECTION_LOSS_PROBABILITY
+        )
+        return cls(before, after, confirmed, left_out)
+
+    @property
+    def words(self) -> str:
+        """Both errors."""
+        return f"{self.before:.2g} %, with it {self.after:.2g} %"
+
+    @property
+    def change(self) -> str:
+        """The difference relative to the error without it."""
+        more = 100.0 * (self.after / self.before - 1.0)
+        return f"{abs(more):.0f} % {'larger' if more >= 0.0 else 'smaller'} with it"
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOutParts:
+    """Fitted runs, where joints move, in parts that are left out in turn.
+
+    Attributes:
+        information: One window per part.
+        left_out: What a part is, `run` or `segment`.
+        weights: One per effort row, those of the fit.
+        per_run: Columns whose parameters every run has for itself.
+    """
+
+    information: Information
+    left_out: str
+    weights: Array
+    per_run: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls, model: Model, regressor: Regressor, sigma: Array, runs: Sequence[Run]
+    ) -> "LeftOutParts":
+        """Parts of runs.
+
+        Args:
+            model: The fitted model.
+            regressor: Its columns, and more.
+            sigma: Standard deviations of the fit's residuals, shape `(n,)`.
+            runs: The fitted runs.
+
+        Raises:
+            DataError: They are too short.
+        """
+        divided = folding(runs)
+        gathered = information_from(runs, longest=divided.longest)(regressor)
+        weights = np.where(sigma > 0.0, 1.0 / np.square(np.where(sigma > 0.0, sigma, 1.0)), 0.0)
+        found = per_fold(gathered, divided.parts(gathered))
+        return cls(found, divided.left_out, weights, own_columns(model))
+
+    def errors(self, names: Sequence[str]) -> Array:
+        """Logarithm of the error on each part, by the columns of these names, shape `(parts,)`.
+
+        Raises:
+            DataError: The other parts are too few for a fit.
+        """
+        some = self.information.select(names)
+        each = [some.of([k]).effort_squares() for k in range(len(some.windows))]
+        return logarithms(left_out_errors(some, some, self._values), np.array(each))
+
+    def _values(self, information: Information) -> Array:
+        """Values of columns by least squares with the weights of the fit.
+
+        Parameters of single runs have their mean over runs, as a new run is expected to have.
+        """
+        solution = solve(Runs.of(information, self.per_run), self.weights)
+        values = solution.values.copy()
+        each = [dict(zip(x.columns, x.values, strict=True)) for x in solution.locals]
+        for column in {column for one in each for column in one}:
+            values[column] = np.mean([one[column] for one in each if column in one])
+        return values
+
+
+def left_out_gains(
+    model: Model, wide: Regressor, sigma: Array, runs: Sequence[Run], found: Sequence[Cause]
+) -> tuple[LeftOutGain, ...]:
+    """Per cause whether it predicts left-out motion better; none where the runs are too short.
+
+    Args:
+        model: The fitted model.
+        wide: Columns of all causes, see `wide_model`.
+        sigma: Standard deviations of the fit's residuals, shape `(n,)`.
+        runs: The fitted runs.
+        found: The causes.
+    """
+    own = base_parameters(model).base_names
+    try:
+        parts = LeftOutParts.of(model, wide, sigma, runs)
+        plain, *wider = (parts.errors((*own, *more)) for more in ((), *(c.names for c in found)))
+    except DataError:
+        return ()
+    worth = (WORTH_A_TERM if cause.of_friction else WORTH_A_SEARCH for cause in found)
+    return tuple(
+        LeftOutGain.of(plain, errors, parts.left_out, least)
+        for errors, least in zip(wider, worth, strict=True)
+    )

@@ -1,0 +1,217 @@
+"""What a check of a fitted model looks at, with the causes of its residuals ranked."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from steelyard.check.finding import Finding
+from steelyard.check.fitted.causes import (
+    GEOMETRY,
+    Cause,
+    LeftOutGain,
+    causes,
+    left_out_gains,
+    wide_model,
+)
+from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.friction.mixes import has_memory
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.regressor import Regressor, base_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.least_squares.per_run import own_columns
+from steelyard.estimate.least_squares.residual_covariance import inflations
+from steelyard.estimate.nonlinear.effort_scales import EffortScales
+from steelyard.estimate.nonlinear.fields import information_from
+from steelyard.estimate.scores.residuals import ResidualNoise, residual_noise
+from steelyard.estimate.scores.score import RunScore
+from steelyard.model.model import Model
+from steelyard.runs.run import Run
+
+JOINT_ABOVE_NOISE = 1.5
+"""Residual over noise from which on a joint is counted among those that are above it."""
+
+NAMED_CAUSE_SHARE = 0.2
+"""Share of what noise does not explain from which on a cause is named."""
+
+MOST_NAMED_CAUSES = 3
+"""Most causes that are named."""
+
+CLEAR_OVER_FRICTION = 1.5
+"""How many times more than a lack of friction an error of the geometry or of an effort must
+explain to be blamed: on five real robots friction explains more than any such error."""
+
+LEAST_CHI_SQUARE, CHI_SQUARE_PER_COLUMN = 25.0, 3.0
+"""Chi square that it must explain, and more per column, over the factor by which the estimate
+scatters more than by white residuals: a single column reaches 25 by noise once in a million."""
+
+NEXT_CAUSE_RANK = 0.8
+"""Rank over the first's from which on another error is named beside it."""
+
+MOST_RUNS, MOST_SAMPLES = 20, 200_000
+"""Runs and samples that are looked at: more make no cause clearer, but take time."""
+
+
+@dataclass(frozen=True, eq=False)
+class RankedCauses:
+    """Residuals of a fit, and what may explain them.
+
+    Attributes:
+        beside: Residuals and measurement noise.
+        found: All causes, the most likely first.
+        blamed: Errors of geometry or efforts that explain much more than a lack of friction.
+        total: Chi square of the fit.
+        wide: Columns of all causes.
+    """
+
+    beside: ResidualNoise
+    found: tuple[Cause, ...]
+    blamed: tuple[Cause, ...]
+    total: float
+    wide: Regressor
+
+    @property
+    def of_geometry(self) -> bool:
+        """Whether the first cause is one that wrong joint zeros look like."""
+        return bool(self.found) and self.found[0].kind in ("zero_offset", "geometry", *GEOMETRY)
+
+    @property
+    def likely(self) -> tuple[Cause, ...]:
+        """Causes that are named, the best first; the whole geometry only if no other is."""
+        large = [cause for cause in self.found if cause.share >= NAMED_CAUSE_SHARE]
+        single = [cause for cause in large if cause.kind != "geometry"]
+        return tuple(single or large)[:MOST_NAMED_CAUSES]
+
+
+def can_be_ranked(model: Model) -> bool:
+    """Whether causes have columns: an open chain with bodies."""
+    return not model.robot.passive and model.has_bodies
+
+
+def first_parts_of_runs(runs: Sequence[Run], samples: int = MOST_SAMPLES) -> tuple[Run, ...]:
+    """At most `MOST_RUNS` runs, spread over all, and of each no more than makes `samples`."""
+    step = -(-len(runs) // MOST_RUNS)
+    chosen = runs[::step]
+    most = samples / len(chosen)
+    return tuple(
+        replace(run, span=(run.span[0], min(run.span[1], run.span[0] + most / run.rate)))
+        for run in chosen
+    )
+
+
+def ranked_causes(model: Model, estimate: Estimate, runs: Sequence[Run]) -> RankedCauses:
+    """The causes of what a fit of runs leaves, and which of them stand out."""
+    gains = runs[0].recording.signals.gains
+    beside = residual_noise(model.at(estimate.values), runs, estimate.sigma, gains)
+    wide = base_regressor(wide_model(model, estimate))
+    information = information_from(runs, rests=has_memory(model.terms))(wide)
+    found = causes(model, information, estimate.sigma, beside.ratios)
+    own = information.select(base_parameters(model).base_names)
+    fit = WeightedLeastSquares(per_run=own_columns(model)).fit(own)
+    blamed = _blamed(found, float(inflations(fit).max()))
+    return RankedCauses(beside, found, blamed, float(information.n_samples.sum()), wide)
+
+
+def _blamed(found: Sequence[Cause], inflation: float) -> tuple[Cause, ...]:
+    """Errors of geometry or efforts that explain much more than a lack of friction, best first."""
+    terms = max((cause.rank for cause in found if cause.of_friction), default=0.0)
+    others = [cause for cause in found if not cause.of_friction]
+    if not others:
+        return ()
+    first = others[0]
+    enough = LEAST_CHI_SQUARE + CHI_SQUARE_PER_COLUMN * first.columns
+    if first.chi2 / inflation < enough or first.rank < CLEAR_OVER_FRICTION * terms:
+        return ()
+    return tuple(cause for cause in others if cause.rank >= NEXT_CAUSE_RANK * first.rank)[
+        :MOST_NAMED_CAUSES
+    ]
+
+
+def worst_residual_words(beside: ResidualNoise) -> str:
+    """The worst joint's residual in measurement noise."""
+    if not np.isfinite(beside.ratios).any():
+        return "residuals are not noise"
+    worst = int(np.nanargmax(beside.ratios))
+    above, known = (
+        int(np.sum(test)) for test in (beside.ratios > JOINT_ABOVE_NOISE, beside.ratios > 0.0)
+    )
+    return (
+        f"residuals are up to {largest_residual(beside)} x the measurement noise (worst joint: "
+        f"{beside.joints[worst]}; {above} of {known} joints above {JOINT_ABOVE_NOISE:g} x)"
+    )
+
+
+def largest_residual(beside: ResidualNoise) -> str:
+    """The largest residual in measurement noise."""
+    ratio = float(np.nanmax(beside.ratios))
+    return f"{ratio:.0f}" if ratio >= 10.0 else f"{ratio:.1f}"
+
+
+@dataclass(frozen=True, eq=False)
+class FittedCase:
+    """A fitted model with the runs that it is compared with.
+
+    Attributes:
+        identified: The model.
+        fitted: Runs that were fitted; empty in `validate`.
+        unseen: Runs that were not fitted.
+        fitted_scores: One score per fitted run.
+        unseen_scores: One score per unseen run.
+        information: Information of the fitted runs on the base columns, by windows and runs;
+            `None` in `validate`.
+        unresolved: What the check before the fit is doubtful about in the fitted runs.
+        scales: Scales of the efforts that were estimated, if any.
+    """
+
+    identified: IdentifiedModel
+    fitted: tuple[Run, ...] = ()
+    unseen: tuple[Run, ...] = ()
+    fitted_scores: tuple[RunScore, ...] = ()
+    unseen_scores: tuple[RunScore, ...] = ()
+    information: Information | None = None
+    unresolved: tuple[Finding, ...] = ()
+    scales: EffortScales | None = None
+
+    @cached_property
+    def examined(self) -> tuple[Run, ...]:
+        """The fitted runs as far as causes of their residuals are looked for."""
+        return first_parts_of_runs(self.fitted)
+
+    @cached_property
+    def ranked(self) -> RankedCauses | None:
+        """Causes of the residuals of fitted runs; `None` in `validate`, and of closed chains."""
+        model = self.identified.model
+        if not self.fitted or not can_be_ranked(model):
+            return None
+        return ranked_causes(model, self.identified.estimate, self.examined)
+
+    @cached_property
+    def tested(self) -> tuple[tuple[Cause, LeftOutGain | None], ...]:
+        """The likely causes with their gain on left-out motion; `None` of logs too short for it."""
+        ranked = self.ranked
+        if ranked is None or not ranked.likely:
+            return ()
+        model, sigma = self.identified.model, self.identified.estimate.sigma
+        gains = left_out_gains(model, ranked.wide, sigma, self.examined, ranked.likely)
+        return tuple(zip(ranked.likely, gains or (None,) * len(ranked.likely), strict=True))
+
+
+class PostFitCheck(Protocol):
+    """One check of a fitted model.
+
+    Attributes:
+        name: Of the check, as it is printed.
+    """
+
+    name: ClassVar[str]
+
+    def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
+        """Findings, the most severe first; those that are doubtful or wrong lower the verdict.
+
+        A finding's `says` is one sentence for the headline, its `figure` the evidence.
+        """
+        ...

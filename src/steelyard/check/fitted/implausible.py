@@ -1,0 +1,209 @@
+r"""Estimates that no robot can have: too dense links, negative or too load-dependent friction.
+
+Of a link, a solid cylinder of tungsten as long as the link and half as thick is the most it can
+weigh; of the arm, ten times what the model file says. A link counts as at least 0.3 of the arm's
+reach long, for its geometry is not known. They bound estimates with two standard
+deviations to spare.
+
+With $f = \mu\,|\tau|\,s$ the drive gives $(1 + \mu)\,\tau$ to lift a load of $\tau$: the efficiency
+is $1 / (1 + \mu)$. At $\mu = 1$ a gear locks itself, as the drive need not hold the load.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from steelyard.base.errors import DataError
+from steelyard.check.finding import Finding, Fix, Severity
+from steelyard.check.fitted.fitted_case import FittedCase
+from steelyard.estimate.estimate import Z95, Estimate
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.load_dependent import PLAUSIBLE, LoadDependent
+from steelyard.model.laws.viscous import Viscous
+from steelyard.robot.robot import Robot
+
+TUNGSTEN_DENSITY = 19_300.0
+"""Density [kg/m³]."""
+SLENDER_LINK = 0.5
+"""Thickness of a link over its length."""
+SHORTEST, LEAST_LENGTH = 0.3, 0.2
+"""Least length of a link, relative to the arm's reach, and in metres."""
+TOTAL_MASS_FACTOR = 10.0
+"""Factor between the arm's mass and that of the model file."""
+SURE_BOUND = 2.0
+"""Standard deviations that an estimate must be beyond a bound."""
+DISSIPATIVE_LAWS = (Coulomb.law, Viscous.law)
+"""Friction that would drive if it were negative."""
+CHECK_EFFORTS = (
+    "Check the kind, unit, sign and gains of the efforts and the order of the columns "
+    "(`steelyard check ROBOT LOG...`)"
+)
+
+
+class AbsurdBodies:
+    """Masses that no link can have, and friction that drives."""
+
+    name: ClassVar[str] = "absurd estimates"
+
+    def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
+        """One finding if there is any; only for a model that was fitted here."""
+        found = absurdities(case.identified) if case.fitted else ()
+        if not found:
+            return ()
+        says = "the estimate is physically absurd: " + "; ".join(found)
+        return (Finding(self.name, "", Severity.WRONG, says, "", fix=Fix(CHECK_EFFORTS)),)
+
+
+def refuse_absurd(identified: IdentifiedModel, where: str) -> None:
+    """Stop at an estimate that no robot can have.
+
+    Args:
+        identified: The model.
+        where: The robot file, for the message.
+
+    Raises:
+        DataError: There is such a number.
+    """
+    found = absurdities(identified)
+    if found:
+        raise DataError(
+            f"the estimate is physically absurd: {'; '.join(found)}",
+            where=where,
+            fix=f"c{CHECK_EFFORTS[1:]}; --no-check writes the model anyway",
+        )
+
+
+def absurdities(identified: IdentifiedModel) -> tuple[str, ...]:
+    """What no robot can have, in sentences."""
+    return (*_masses(identified), *_driving(identified))
+
+
+def _masses(identified: IdentifiedModel) -> Iterator[str]:
+    standard, robot = identified.estimate.standard, identified.model.robot
+    if standard is None:
+        return
+    names = list(standard.parameters.names)
+    places = [names.index(f"m.{b.name}") for b in robot.bodies if f"m.{b.name}" in names]
+    if len(places) != len(robot.bodies):
+        return
+    masses = standard.parameters.values[places]
+    covariance = standard.covariance[np.ix_(places, places)]
+    for body, mass, variance in zip(robot.bodies, masses, np.diag(covariance), strict=True):
+        most = heaviest(robot, robot.bodies.index(body))
+        if mass - SURE_BOUND * np.sqrt(max(variance, 0.0)) > most:
+            yield (
+                f"link '{body.name}' of {mass:.4g} kg would be denser than tungsten "
+                f"(at most {most:.3g} kg for its size)"
+            )
+    nominal = sum(b.inertia.mass for b in robot.bodies if b.known)
+    total, spread = float(masses.sum()), float(np.sqrt(max(covariance.sum(), 0.0)))
+    if nominal <= 0.0 or not all(b.known for b in robot.bodies):
+        return
+    if (
+        total - SURE_BOUND * spread > TOTAL_MASS_FACTOR * nominal
+        or total + SURE_BOUND * spread < nominal / TOTAL_MASS_FACTOR
+    ):
+        yield f"the total mass of the links is {total:.3g} kg, in the model file {nominal:.3g} kg"
+
+
+def heaviest(robot: Robot, index: int) -> float:
+    """Mass of a solid cylinder of tungsten as long as a link, half as thick [kg]."""
+    reach = sum(float(np.linalg.norm(body.position)) for body in robot.bodies)
+    ends = [b.position for b in robot.bodies if b.parent == index]
+    ends += [f.position for f in robot.frames if f.body == index]
+    longest = max((float(np.linalg.norm(end)) for end in ends), default=0.0)
+    length = max(longest, SHORTEST * reach, LEAST_LENGTH)
+    return TUNGSTEN_DENSITY * np.pi / 4.0 * (SLENDER_LINK * length) ** 2 * length
+
+
+def _driving(identified: IdentifiedModel) -> Iterator[str]:
+    """Joints whose friction least squares finds below zero, both laws for certain."""
+    plain = next((e for e in (*identified.reference, identified.estimate)), None)
+    if plain is None:
+        return
+    joints = identified.model.robot.joint_names
+    driving = [
+        joint for joint in joints if all(_negative(plain, f"{x}.{joint}") for x in DISSIPATIVE_LAWS)
+    ]
+    if driving:
+        listed = ", ".join(f"'{joint}'" for joint in driving)
+        all_of_them = len(driving) == len(joints)
+        who = "all joints" if all_of_them else listed
+        its = "efforts have" if all_of_them else "its effort, or its position, has"
+        yield f"estimated friction of {who} is negative: {its} the wrong sign"
+
+
+def _negative(estimate: Estimate, name: str) -> bool:
+    names = estimate.parameters.names
+    if name not in names:
+        return False
+    k = names.index(name)
+    return bool(estimate.parameters.values[k] < -SURE_BOUND * estimate.std[k])
+
+
+CAUSES_OF_LOAD_FRICTION = (
+    "a gain or gear ratio is wrong, a term is missing, or the motion has too few loads"
+)
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """Friction over load at a coordinate, and half its 95 % interval."""
+
+    name: str
+    value: float
+    half_width: float
+
+    @property
+    def words(self) -> str:
+        """Value, interval and the efficiency that it means."""
+        share = 100.0 / (1.0 + self.value)
+        return f"{self.name} {self.value:.2f} ± {self.half_width:.2g} (efficiency {share:.0f} %)"
+
+
+class LoadFriction:
+    """Coefficients of load-dependent friction above those of gears."""
+
+    name: ClassVar[str] = "load-dependent friction"
+
+    def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
+        """One finding after a fit: doubtful if an interval lies wholly above `PLAUSIBLE`.
+
+        None if all that are above have intervals down to zero: these are poorly identified, and
+        counted as such.
+        """
+        found = tuple(_implausible(case.identified.estimate)) if case.fitted else ()
+        if not any(one.value > one.half_width for one in found):
+            return ()
+        sure = any(one.value - one.half_width > PLAUSIBLE for one in found)
+        listed = ", ".join(one.words for one in found)
+        return (
+            Finding(
+                self.name,
+                "",
+                Severity.DOUBTFUL if sure else Severity.OK,
+                f"load-dependent friction of {listed} is more than a gear has (at most about "
+                f"{PLAUSIBLE:g} of the load, and a gear locks itself at 1): "
+                f"{CAUSES_OF_LOAD_FRICTION}",
+                "",
+                tuple(one.name for one in found),
+                Fix(
+                    "Check gains and gear ratios of these joints, and log them moving in both "
+                    "directions under several loads"
+                ),
+                headline=True,
+                brief=f"load-dependent friction above that of gears ({PLAUSIBLE:g}): {listed}. "
+                f"{CAUSES_OF_LOAD_FRICTION[0].upper()}{CAUSES_OF_LOAD_FRICTION[1:]}",
+            ),
+        )
+
+
+def _implausible(estimate: Estimate) -> Iterator[Coefficient]:
+    names = estimate.parameters.names
+    for name, value, std in zip(names, estimate.parameters.values, estimate.std, strict=True):
+        law, _, coordinate = name.partition(".")
+        if law == LoadDependent.law and value > PLAUSIBLE:
+            yield Coefficient(coordinate, float(value), Z95 * float(std))

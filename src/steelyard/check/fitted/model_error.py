@@ -1,0 +1,202 @@
+"""Residuals far above the measurement noise: the model is incomplete, and what most likely."""
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from steelyard.check.finding import Finding, Fix, Severity
+from steelyard.check.fitted.causes import Cause, LeftOutGain
+from steelyard.check.fitted.fitted_case import (
+    FittedCase,
+    RankedCauses,
+    largest_residual,
+    worst_residual_words,
+)
+from steelyard.check.fitted.zero_offsets import (
+    estimated_offsets,
+    far_offsets,
+    offset_line,
+    offset_words,
+    turned_zeros,
+)
+from steelyard.estimate.scores.residuals import ResidualNoise
+from steelyard.runs.run import Run
+
+INCOMPLETE_RESIDUAL = 2.0
+"""Residual over the noise's upper bound from which on the model is incomplete."""
+
+LARGE_FIT_ERROR = 10.0
+"""Error of the fitted runs [%] from which on the noise is reported as unknown."""
+
+CAUSE_ADVICE = {
+    "gain": "Check the gain and unit of this effort",
+    "saturation": "Check the gain of this effort at large currents",
+    "tilt": "Check gravity (or mounting) in [robot], its direction in the frame of the base",
+    "compliance": "Positions may be measured before an elastic gear",
+}
+"""What to do about a cause, by its kind; of the geometry otherwise."""
+
+ADD_TERM = "Add it to [model] terms"
+"""What to do about a term that predicts left-out motion better."""
+
+AS_LOGGED = (
+    " at the present effort scales, which change with it. Add it to [model] terms only if the "
+    "error as logged then falls"
+)
+"""What to do about it where scales of the efforts are estimated: errors of two models that divide
+efforts by other scales cannot be compared."""
+
+GEOMETRY_ADVICE = (
+    "Check the joint zeros (position_offset in [signals]), then the lengths and axes in the model "
+    "file, against the robot"
+)
+
+
+class ModelError:
+    """Residuals over noise, and the causes in order."""
+
+    name: ClassVar[str] = "model error"
+
+    def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
+        """One finding for all fitted runs: doubtful if an error of geometry or efforts stands out.
+
+        None where residuals are noise, in `validate`, and for closed chains.
+        """
+        ranked = case.ranked
+        if ranked is None:
+            return ()
+        if ranked.blamed:
+            return (_doubtful(ranked, _zeros(case, ranked)),)
+        ratios = ranked.beside.ratios
+        if not np.isfinite(ratios).any():
+            return _noise_not_compared(case, case.examined)
+        if float(np.nanmax(ratios)) < INCOMPLETE_RESIDUAL:
+            return ()
+        zeros = _zeros(case, ranked)
+        return (_remark(case, ranked) if zeros is None else _doubtful(ranked, zeros),)
+
+
+def _remark(case: FittedCase, ranked: RankedCauses) -> Finding:
+    """What stands beside the headline where no single error is to blame."""
+    worst, tested = _worst(ranked.beside), case.tested
+    says = (
+        f"{worst_residual_words(ranked.beside)}: the model is incomplete, which the intervals "
+        "of parameters "
+        "do not cover"
+    )
+    if not tested:
+        says += ", or the noise varies slowly"
+        brief = f"model incomplete, or the noise varies slowly: residuals {worst}"
+    else:
+        named = ", ".join(_share(cause, gain) for cause, gain in tested)
+        says += ". Share of the residuals above noise that each candidate alone explains "
+        says += f"(not additive): {named}{_how(tested)}"
+        brief = (
+            f"model incomplete: residuals {worst}. {term_advice(tested, case.scales is not None)}"
+        )
+    return Finding(ModelError.name, "", Severity.OK, says, "", headline=True, brief=brief)
+
+
+def _share(cause: Cause, gain: LeftOutGain | None) -> str:
+    """A candidate, what it explains, and whether it predicts left-out motion."""
+    columns = f"{cause.columns} parameter" + "s" * (cause.columns != 1)
+    text = f"{cause.says} {100.0 * cause.share:.0f} % by {columns}"
+    if gain is None:
+        return text
+    confirmed = "" if gain.confirmed else ", not confirmed"
+    return f"{text} (error on left-out motion {gain.words}{confirmed})"
+
+
+def _how(tested: Sequence[tuple[Cause, LeftOutGain | None]]) -> str:
+    """How errors on left-out motion are computed, where they are."""
+    gains = [gain for _, gain in tested if gain is not None]
+    if not gains:
+        return ""
+    return (
+        f". Errors on left-out motion: least squares without prior, cross-validation over "
+        f"{gains[0].left_out}s"
+    )
+
+
+def term_advice(tested: Sequence[tuple[Cause, LeftOutGain | None]], scaled: bool) -> str:
+    """The candidate that reduces the error on left-out motion most, or that none is confirmed."""
+    sure = [(gain.after, cause, gain) for cause, gain in tested if gain and gain.confirmed]
+    if sure:
+        _, cause, gain = min(sure, key=lambda one: one[0])
+        falls = (
+            f"With {cause.says} the error on left-out motion falls from {gain.before:.2g} to "
+            f"{gain.after:.2g} % (least squares, fitted logs)"
+        )
+        if cause.of_friction and scaled:
+            return f"{falls}{AS_LOGGED}"
+        return (
+            f"{falls}. "
+            f"{ADD_TERM if cause.of_friction else CAUSE_ADVICE.get(cause.kind, GEOMETRY_ADVICE)}"
+        )
+    (cause, found), *_ = tested
+    most = (
+        f"Of single causes {cause.says} would explain most, {100.0 * cause.share:.0f} % of the "
+        "residuals above noise"
+    )
+    if found is None:
+        return f"{most}: not tested on left-out motion, the logs are too short"
+    unsure = ", not significantly" if found.after < found.before else ""
+    return f"{most}: not confirmed on left-out motion (error {found.change}{unsure})"
+
+
+def _noise_not_compared(case: FittedCase, runs: Sequence[Run]) -> tuple[Finding, ...]:
+    """That residuals could not be compared with noise, where they are large."""
+    errors = [score.pooled_percent or score.mean_percent for score in case.fitted_scores]
+    error = max(errors, default=0.0)
+    if not error > LARGE_FIT_ERROR:
+        return ()
+    run = runs[0]
+    says = (
+        "residuals could not be compared with noise: the regression cut-off of "
+        f"{run.matched_cutoff:g} Hz leaves no band above it at {run.rate:g} Hz, and the fitted "
+        f"runs have errors up to {error:.0f} %"
+    )
+    return (Finding(ModelError.name, "", Severity.OK, says, "", headline=True),)
+
+
+def _doubtful(ranked: RankedCauses, zeros: tuple[str, Fix] | None) -> Finding:
+    """An error that stands out; joint zeros with their values."""
+    first, *_ = ranked.blamed or ranked.found
+    words = " or ".join(cause.says for cause in ranked.blamed)
+    fix = Fix(CAUSE_ADVICE.get(first.kind, GEOMETRY_ADVICE))
+    if zeros is not None:
+        words, fix = zeros
+    says = "a model error that the intervals of parameters do not cover"
+    return Finding(
+        ModelError.name,
+        "",
+        Severity.DOUBTFUL,
+        f"{worst_residual_words(ranked.beside)}: {says}, {words}",
+        f"{100.0 * first.chi2 / ranked.total:.2g} % of chi²",
+        joints=tuple(j for j in ranked.beside.joints if j == first.joint),
+        fix=fix,
+        brief=f"{words}: residuals {_worst(ranked.beside)}. {fix.says}",
+    )
+
+
+def _zeros(case: FittedCase, ranked: RankedCauses) -> tuple[str, Fix] | None:
+    """Joint zeros that explain an error of the geometry, in words and as a line."""
+    if not ranked.of_geometry:
+        return None
+    model = case.identified.model
+    if ranked.blamed and ranked.blamed[0].kind == "zero_offset":
+        offsets = estimated_offsets(model, case.examined)
+        far = None if offsets is None else far_offsets(offsets)
+        if offsets is not None and far is not None and far.any():
+            return offset_words(offsets, far), offset_line(offsets, far)
+    turned = turned_zeros(model, case.identified.estimate.sigma, case.fitted)
+    return None if turned is None else (turned.says, turned.fix)
+
+
+def _worst(beside: ResidualNoise) -> str:
+    """The largest residual and its joint in a few words."""
+    if not np.isfinite(beside.ratios).any():
+        return "are not noise"
+    joint = beside.joints[int(np.nanargmax(beside.ratios))]
+    return f"up to {largest_residual(beside)} x noise (largest: {joint})"

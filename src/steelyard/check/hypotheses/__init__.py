@@ -1,0 +1,1 @@
+"""Readings of a log, and how well each agrees with the dynamics."""

@@ -1,0 +1,422 @@
+r"""Consistent bodies that a log supports by itself; another last link, mirrored bodies.
+
+A nominal model is weak evidence: links may be several times heavier or lighter than it says. So a
+interpretation is also compared with bodies of the log's own, which need only be possible, with
+friction and rotor inertia that are not negative:
+
+$$ \min \sum_j \frac{\|s_j e_j - (A^{-1} Y \phi)_j - Y_j \theta_j\|^2}{\|s_j e_j\|^2 (m_j^2 +
+   m_0^2)} + \gamma \sum_i D(X_i) $$
+
+with a prior so wide that a factor of three costs next to nothing. An interpretation that leaves a
+large misfit even so contradicts the data; one that leaves a small one does not, whatever the
+nominal model says.
+
+Where most of an arm's mass is in its last link, an error of that link in the model file changes the
+efforts of all joints by about one factor, and looks like a gain. A heavier link is the same as a
+payload; a lighter one is not, and has to be a physically consistent body.
+
+Mirrored bodies turn every torque of the mirrored motion. So the two cannot be distinguished by any
+log of such an arm; that efforts are of the other sign is a single convention, and by far the
+likelier mistake.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.check.case import AXES, Knowledge
+from steelyard.check.hypotheses.excerpt import Interpretation
+from steelyard.check.hypotheses.likelihood import (
+    FITTED_NUMBER_COST,
+    MISFIT_FLOOR,
+    Hypothesis,
+    Likelihood,
+    LikelihoodScore,
+    one_of,
+    regressors,
+    score_of,
+)
+from steelyard.check.hypotheses.nuisance import NUISANCES
+from steelyard.estimate.consistent.conic import solved
+from steelyard.estimate.consistent.penalties import Entropic, Unknowns, ten_map
+from steelyard.estimate.consistent.program import ConicConstraints, Program, polished
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.regressor import Regressor, chosen_regressor
+from steelyard.estimate.payload.load_case import carrier
+from steelyard.estimate.prior.prior import model_prior
+from steelyard.model.evaluation import check_angles
+from steelyard.model.model import Model
+
+BODY_SAMPLES = 600
+"""Samples that bodies are fitted to."""
+BODY_PRIOR_WEIGHT = 0.1
+"""Weight of the prior: links are known to a factor of three or so."""
+WEIGHT_PASSES = 3
+"""Times that joints weigh by what is left of their efforts."""
+AIMED_GAP, ENOUGH_GAP = 1e-7, 1e-2
+"""Gap that is required of the solver, and that is enough to compare misfits."""
+WIDEST_FRICTION = 100.0
+"""Standard deviation of friction, in the whole effort."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConsistentBodies:
+    """Bodies of a log's own under one interpretation.
+
+    Attributes:
+        score: How well they agree.
+        scale: Typical effort of the bodies over that of the nominal ones.
+    """
+
+    score: LikelihoodScore
+    scale: float
+
+    @property
+    def percent(self) -> float:
+        """Typical misfit [%]."""
+        return float(self.score.percent)
+
+
+_BODIES_FOUND: "WeakKeyDictionary[Interpretation, ConsistentBodies | None]" = WeakKeyDictionary()
+
+
+def consistent_bodies(
+    likelihood: Likelihood, interpretation: Interpretation
+) -> ConsistentBodies | None:
+    """Physically consistent bodies that agree best; `None` where they cannot be found."""
+    if interpretation not in _BODIES_FOUND:
+        _BODIES_FOUND[interpretation] = _fit_bodies(likelihood, interpretation)
+    return _BODIES_FOUND[interpretation]
+
+
+def _fit_bodies(likelihood: Likelihood, interpretation: Interpretation) -> ConsistentBodies | None:
+    thin = replace(likelihood, excerpt=likelihood.excerpt.thinned(BODY_SAMPLES))
+    bare = interpretation.changed(payload=None)
+    columns, efforts, moving = rows_of(thin, bare)
+    if not (np.isfinite(columns).all() and moving.any() and efforts.any()):
+        return None
+    bodies = range(len(thin.knowledge.robot.bodies))
+    problem = _BodyProblem(thin.knowledge, columns, likelihood.bounds, thin.excerpt.worth, bodies)
+    counts = moving.sum(axis=1) * thin.excerpt.worth
+    found = problem.agreeing(efforts, efforts, counts)
+    return None if found is None else ConsistentBodies(found[1], problem.typical(found[0]))
+
+
+def other_link(likelihood: Likelihood, interpretation: Interpretation) -> Array | None:
+    """Ten numbers by which the last link differs from the model file, all other links as there.
+
+    The link that they make is physically consistent. `None` where none can be found.
+
+    Args:
+        likelihood: The log.
+        interpretation: How it is read; what it says of a payload does not count.
+    """
+    thin = replace(likelihood, excerpt=likelihood.excerpt.thinned(BODY_SAMPLES))
+    knowledge, bare = thin.knowledge, interpretation.changed(payload=None)
+    columns, efforts, moving = rows_of(thin, bare)
+    predicted = thin.predicted(bare, *thin.motion(bare))
+    if not (np.isfinite(columns).all() and np.isfinite(predicted).all() and efforts.any()):
+        return None
+    last = carrier(knowledge.robot).body
+    mine = slice(10 * last, 10 * last + 10)
+    nominal = knowledge.steady.values.values[mine]
+    nuisances = columns[..., 10 * len(knowledge.robot.bodies) :]
+    columns = np.concatenate((columns[..., mine], nuisances), axis=-1)
+    rest = efforts - predicted * moving + columns[..., :10] @ nominal
+    problem = _BodyProblem(knowledge, columns, likelihood.bounds, thin.excerpt.worth, (last,))
+    found = problem.agreeing(rest, efforts, moving.sum(axis=1) * thin.excerpt.worth)
+    return None if found is None else np.asarray((problem.scale @ found[0])[:10] - nominal)
+
+
+def rows_of(likelihood: Likelihood, interpretation: Interpretation) -> tuple[Array, Array, Array]:
+    """Columns of bodies and nuisances `(n, N, k)`, efforts and where joints move `(n, N)`."""
+    q, dq, ddq = likelihood.motion(interpretation)
+    bodies = columns_of(likelihood.knowledge, q, dq, ddq, interpretation.gravity)
+    bodies = np.einsum("ij,kjb->kib", likelihood.into_logged(interpretation), bodies)
+    u, du = likelihood.driven(dq), likelihood.driven(ddq)
+    y, moving = regressors(q[:, None], u[:, None], du[:, None], np.zeros_like(q)[:, None])
+    y, moving = y[:, 0, :NUISANCES], moving[:, 0]
+    n, count = moving.shape
+    columns = np.zeros((n, count, len(bodies) + NUISANCES * n))
+    columns[..., : len(bodies)] = np.moveaxis(bodies, 0, -1) * moving[..., None]
+    for j in range(n):
+        start = len(bodies) + NUISANCES * j
+        columns[j, :, start : start + NUISANCES] = y[j].T
+    e = likelihood.excerpt.later([interpretation.delay])[0, list(interpretation.effort)]
+    return columns, e * interpretation.effort_scale[:, None] * moving, moving
+
+
+def columns_of(knowledge: Knowledge, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
+    """Joint efforts per unit of every body's ten numbers, shape `(10 bodies, n, N)`.
+
+    NaN where the states are impossible.
+    """
+    try:
+        check_angles(q)
+        return _columns_under(knowledge, q, dq, ddq, gravity)
+    except (DataError, ValueError):
+        return np.full((10 * len(knowledge.robot.bodies), *q.shape), np.nan)
+
+
+def _columns_under(knowledge: Knowledge, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
+    """Columns are linear in gravity: under another one they are put together from four models."""
+    if np.allclose(gravity, knowledge.robot.gravity):
+        return _dense(knowledge.steady.model, q, dq, ddq)
+    still = np.zeros_like(q)
+    free = knowledge.under(np.zeros(3)).model
+    columns, rest = _dense(free, q, dq, ddq), _dense(free, q, still, still)
+    for axis, part in zip(AXES, gravity, strict=True):
+        if part != 0.0:
+            columns += part * (_dense(knowledge.under(axis).model, q, still, still) - rest)
+    return columns
+
+
+def _dense(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
+    """Columns of the bodies of one model, shape `(10 bodies, n, N)`."""
+    if model not in _REGRESSORS:
+        count = 10 * len(model.robot.bodies)
+        _REGRESSORS[model] = chosen_regressor(model, base_parameters(model), range(count))
+    return np.moveaxis(_REGRESSORS[model].dense(q, dq, ddq), -1, 0).copy()
+
+
+_REGRESSORS: "WeakKeyDictionary[Model, Regressor]" = WeakKeyDictionary()
+
+
+class _BodyProblem:
+    """The convex program of one interpretation, for those bodies whose columns come first.
+
+    Attributes:
+        scale: Numbers of the bodies and nuisances per unknown, shape `(k, k)`.
+    """
+
+    def __init__(
+        self,
+        knowledge: Knowledge,
+        columns: Array,
+        bounds: tuple[Array, Array],
+        worth: float,
+        which: Sequence[int],
+    ) -> None:
+        bodies, n = len(which), len(columns)
+        self._columns, self._worth, self._bodies = columns, worth, bodies
+        k = columns.shape[-1]
+        self.scale = np.zeros((k, k))
+        for place, body in enumerate(which):
+            part = slice(10 * place, 10 * place + 10)
+            self.scale[part, part] = ten_map(model_prior(knowledge.robot, body).inertia)
+        lower, upper = (side.reshape(-1) for side in bounds)
+        self._lower, self._upper = lower, upper
+        self._names = tuple(str(j) for j in range(k))
+        self._places = 10 * bodies + np.arange(NUISANCES * n)
+
+    def agreeing(
+        self, efforts: Array, measured: Array, counts: Array
+    ) -> tuple[Array, LikelihoodScore] | None:
+        """The unknowns that agree best, and how well; joints weigh by what is left of them.
+
+        Args:
+            efforts: What these bodies and the nuisances make, shape `(n, N)`.
+            measured: What the misfit is relative to, shape `(n, N)`.
+            counts: Independent samples of every joint, shape `(n,)`.
+        """
+        whole = np.maximum(np.sum(np.square(measured), axis=1), 1e-30)
+        misfits = np.full(len(efforts), 0.3)
+        # squares of a joint's residual need the triangle of its rows alone
+        rows = np.concatenate((self._columns, efforts[..., None]), axis=-1)
+        rows = np.asarray(np.linalg.qr(rows, mode="r"))
+        near: Array | None = None
+        try:
+            for _ in range(WEIGHT_PASSES):
+                weights = 1.0 / np.sqrt(
+                    whole / np.maximum(counts, 1.0) * (misfits**2 + MISFIT_FLOOR**2)
+                )
+                u = self.solved(rows, weights, near)
+                near = self.scale @ u
+                left = rows[..., -1] - rows[..., :-1] @ near
+                score = score_of(np.sum(np.square(left), axis=1), whole, counts, np.zeros((0,)))
+                misfits = score.misfits
+        except DataError:
+            return None
+        return u, score
+
+    def solved(self, rows: Array, weights: Array, near: Array | None) -> Array:
+        """The unknowns, rows of joint j times `weights[j]`.
+
+        Args:
+            rows: Columns of bodies and nuisances, and the efforts last, shape `(n, N, k + 1)`.
+            weights: Shape `(n,)`.
+            near: Numbers of bodies and nuisances with other weights, if there are any.
+        """
+        scaled = weights * np.sqrt(self._worth)
+        rows = (rows * scaled[:, None, None]).reshape(-1, rows.shape[-1])
+        rows, right = rows[:, :-1], rows[:, -1]
+        size = np.linalg.norm(right)
+        strength = np.linalg.norm(rows[:, self._places], axis=0)
+        sizes = size / np.where(strength > 1e-9 * size, strength, size)
+        self.scale[self._places, self._places] = sizes
+        matrix = rows @ self.scale
+        triangle = np.asarray(np.linalg.qr(np.column_stack((matrix, right)), mode="r"))
+        k = matrix.shape[1]
+        bodies = self._bodies
+        weak = np.where(np.arange(k) < 10 * bodies, 0.0, WIDEST_FRICTION**-2)
+        unknowns = Unknowns(
+            self._names,
+            (True,) * bodies,
+            tuple(int(p) for p in self._places),
+            self.scale,
+            weak,
+            triangle[:, :k],
+            triangle[:, k],
+        )
+        eye = np.eye(k)[self._places]
+        constraints = ConicConstraints((), eye, self._lower / sizes, self._upper / sizes)
+        program = Program(unknowns, constraints, Entropic())
+        if near is not None:
+            end = polished(program, unknowns.of_standard(near), BODY_PRIOR_WEIGHT)
+            if end is not None:
+                return end
+        return solved(
+            program.conic(BODY_PRIOR_WEIGHT),
+            "bodies of the log's own",
+            aim=AIMED_GAP,
+            enough=ENOUGH_GAP,
+        )[:k]
+
+    def typical(self, u: Array) -> float:
+        """Geometric mean over joints of the bodies' effort over that of the prior."""
+        k = 10 * self._bodies
+        prior = np.zeros(len(u))
+        prior[:k] = np.tile([1.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], self._bodies)
+        mine, nominal = (
+            np.linalg.norm(self._columns[..., :k] @ (self.scale[:k, :k] @ x[:k]), axis=1)
+            for x in (u, prior)
+        )
+        seen = nominal > 1e-9 * nominal.max(initial=1e-300)
+        logs = np.log(np.maximum(mine[seen], 1e-300) / nominal[seen])
+        return float(np.exp(np.median(logs))) if seen.any() else 1.0
+
+
+OWN_FILE = "payload"
+"""The check that an explanation by the last link belongs to."""
+AGREEING_LINK_MISFIT = 12.0
+"""Typical misfit [%] that one link alone may leave."""
+SAME_LINK_MASS = 0.01
+"""Change of the mass, over the link's, up to which its centre and inertia are what differs."""
+
+
+def link_hypotheses(likelihood: Likelihood, interpretation: Interpretation) -> Iterator[Hypothesis]:
+    """The last link with mass properties of its own, if these alone explain the efforts.
+
+    It is not one that outweighs the arm which carries it: efforts are then in another unit.
+
+    Args:
+        likelihood: A log of a robot of which only the model file is known.
+        interpretation: How it is read so far.
+    """
+    ten = other_link(likelihood, interpretation)
+    arm = sum(body.inertia.mass for body in likelihood.knowledge.robot.bodies)
+    if ten is None or abs(float(ten[0])) > arm:
+        return
+    body = likelihood.knowledge.robot.bodies[carrier(likelihood.knowledge.robot).body]
+    changed = interpretation.changed(payload=ten)
+    score = one_of(likelihood.score(changed), 0)
+    if float(score.percent) <= AGREEING_LINK_MISFIT:
+        says = _link_words(body.name, float(ten[0]), body.inertia.mass)
+        yield Hypothesis(OWN_FILE, says, changed, 10.0 * FITTED_NUMBER_COST, (), score, fixed=False)
+
+
+def of_link(hypothesis: Hypothesis) -> bool:
+    """Whether an explanation is that the last link differs from the model file."""
+    return hypothesis.cause == OWN_FILE and not hypothesis.fixed
+
+
+def _link_words(name: str, more: float, mass: float) -> str:
+    if abs(more) <= SAME_LINK_MASS * mass:
+        return f"centre of mass or inertia of '{name}' differ from the model file"
+    heavier = "heavier" if more > 0.0 else "lighter"
+    off = f"'{name}' is about {abs(more):.2g} kg {heavier}"
+    return f"{off} than the {mass:.2g} kg of the model file"
+
+
+CLOSE_MIRROR = 3.0
+"""Log-likelihood within which the two fit equally well."""
+BOTH_MIRRORS_FIT = ": both fit with free link inertias, and this log cannot distinguish them"
+MIRRORED_JOINTS, MIRRORED_EFFORTS = (
+    "all positions have the opposite sign",
+    "all efforts have the opposite sign",
+)
+
+
+def efforts_first(now: Interpretation, hypotheses: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+    """Hypotheses, the likeliest first, turned efforts before turned positions that fit as well.
+
+    Args:
+        now: The interpretation that they start from.
+        hypotheses: The likeliest first.
+    """
+    if not hypotheses or not _mirrored_interpretation(
+        now.position_scale, hypotheses[0].interpretation.position_scale
+    ):
+        return tuple(hypotheses)
+    least = hypotheses[0].log_likelihood - CLOSE_MIRROR
+    for hypothesis in hypotheses[1:]:
+        if hypothesis.log_likelihood > least and of_efforts(now, hypothesis):
+            return (hypothesis, *(r for r in hypotheses if r is not hypothesis))
+    return tuple(hypotheses)
+
+
+def of_efforts(now: Interpretation, hypothesis: Hypothesis) -> bool:
+    """Whether a hypothesis does nothing but turn the signs of all efforts."""
+    after = hypothesis.interpretation
+    return (
+        hypothesis.cause == "effort sign"
+        and len(after.effort) > 1
+        and _mirrored_interpretation(now.effort_scale, after.effort_scale)
+        and np.array_equal(now.position_scale, after.position_scale)
+    )
+
+
+def mirrors(now: Interpretation, one: Hypothesis, other: Hypothesis) -> bool:
+    """Whether one hypothesis turns all efforts and the other one all positions."""
+    return of_efforts(now, one) and _mirrored_interpretation(
+        now.position_scale, other.interpretation.position_scale
+    )
+
+
+def with_mirror(
+    likelihood: Likelihood, before: Interpretation, hypothesis: Hypothesis
+) -> Hypothesis:
+    """A hypothesis that turns all efforts, or all positions, and names the other one if that fits.
+
+    Args:
+        likelihood: The log.
+        before: The interpretation that it starts from.
+        hypothesis: The explanation.
+    """
+    after = hypothesis.interpretation
+    positions = _mirrored_interpretation(before.position_scale, after.position_scale)
+    if len(after.effort) < 2 or positions == _mirrored_interpretation(
+        before.effort_scale, after.effort_scale
+    ):
+        return hypothesis
+    if hypothesis.cause != ("position sign" if positions else "effort sign"):
+        return hypothesis
+    mirror = after.changed(position_scale=-after.position_scale, effort_scale=-after.effort_scale)
+    mine, other = consistent_bodies(likelihood, after), consistent_bodies(likelihood, mirror)
+    if mine is None or other is None:
+        return hypothesis
+    if float(mine.score.log_likelihood - other.score.log_likelihood) > CLOSE_MIRROR:
+        return hypothesis
+    return replace(
+        hypothesis,
+        says=f"{hypothesis.says}, or "
+        f"{MIRRORED_EFFORTS if positions else MIRRORED_JOINTS}{BOTH_MIRRORS_FIT}",
+    )
+
+
+def _mirrored_interpretation(before: Array, after: Array) -> bool:
+    return bool(np.all(np.sign(before) == -np.sign(after)))

@@ -1,0 +1,271 @@
+"""Part of a log for tests of hypotheses, and the ways to interpret its columns.
+
+Velocities and accelerations come from the positions alone, so that a logged velocity that lags or
+is none cannot mislead; positions and efforts go through the same filter.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import LogError
+from steelyard.robot.file.signals import Signals
+from steelyard.runs.defaults import cutoffs
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import Recording
+from steelyard.runs.rows.clock import SHORTEST_CHAIN, RowPiece, RowScan, learn_clock, nice_rate
+from steelyard.runs.rows.resampling import uniform
+from steelyard.runs.smoothing.filters import apply, low_pass, smooth_derivatives
+from steelyard.runs.spectrum import motion_band
+
+
+@dataclass(frozen=True, eq=False)
+class Interpretation:
+    r"""How columns of positions and efforts become joint motion and effort.
+
+    Joint j's position is `position_scale[j] * z[position[j]]`, its effort
+    `effort_scale[j] * e[effort[j]]`, behind which maps, offsets and gains of the signals count.
+
+    Attributes:
+        position: Column of each joint's position among those declared.
+        position_scale: rad or m per logged unit, sign included, shape `(n,)`.
+        effort: Column of each joint's effort among those declared.
+        effort_scale: What a logged unit is in the declared base unit, shape `(n,)`.
+        gravity: In the base frame, shape `(3,)` [m/s²]; zero where efforts come without.
+        delay: By how much efforts are logged late [s].
+        time: Seconds per declared second.
+        kind: Of the efforts.
+        ratios: Gear ratio of every motor to its own joint over the declared one, shape `(n,)`.
+        payload: Ten numbers of what the last body carries, in its frame; `None` if nothing.
+        zeros: What is added to the joint positions beside declared offsets, shape `(n,)` [rad; m];
+            `None` if nothing.
+    """
+
+    position: tuple[int, ...]
+    position_scale: Array
+    effort: tuple[int, ...]
+    effort_scale: Array
+    gravity: Array
+    delay: float
+    kind: str
+    ratios: Array
+    time: float = 1.0
+    payload: Array | None = None
+    zeros: Array | None = None
+
+    @property
+    def of_motion(self) -> tuple[Any, ...]:
+        """All that the joints' motion depends on."""
+        arrays = (self.position_scale, self.ratios, self.zeros)
+        return (self.position, self.time, *(None if x is None else x.tobytes() for x in arrays))
+
+    def changed(self, **fields: Any) -> "Interpretation":
+        """The same with some of its attributes replaced."""
+        return replace(self, **fields)
+
+    def with_factors(self, factors: Array) -> "Interpretation":
+        """Efforts times a factor per joint."""
+        return replace(self, effort_scale=self.effort_scale * factors)
+
+
+def declared_reading(signals: Signals, gravity: Array) -> Interpretation:
+    """The interpretation that a robot file declares."""
+    joints = tuple(range(signals.n))
+    return Interpretation(
+        position=joints,
+        position_scale=np.asarray(signals.position_scale),
+        effort=joints,
+        effort_scale=np.asarray(signals.effort_scale),
+        gravity=np.asarray(gravity),
+        delay=signals.effort_delay,
+        kind=signals.effort_kind,
+        ratios=np.ones(signals.n),
+    )
+
+
+EXCERPT_SOURCE_ROWS = 100_000
+"""Rows of the log that are looked at."""
+EXCERPT_SAMPLES = 3000
+"""Samples that are kept."""
+EXCERPT_STRETCHES = 8
+"""Stretches that they are spread over, where a log has more."""
+OVERSAMPLING = 8.0
+"""Kept samples per period of the cut-off."""
+START_UP = 1.0
+"""Periods of the cut-off at the ends of a stretch that the filter's start-up takes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Excerpt:
+    """Samples of a log in its own units and columns, joint-major; signs and units not applied.
+
+    Attributes:
+        t: Time from the log's start, shape `(B,)` [s].
+        stretch: Number of the stretch each sample lies in, shape `(B,)`; time is even within one.
+        z: Position columns low-passed, shape `(n, B)`.
+        dz: Their first derivative.
+        ddz: Their second derivative.
+        e: Effort columns behind the same low-pass, shape `(n, B)`.
+        rate: Samples per second [Hz].
+        cutoff: Of the low-pass [Hz].
+        log_rate: Rows per second of the log [Hz].
+        origin: Time of the log's start [s].
+    """
+
+    t: Array
+    stretch: NDArray[np.intp]
+    z: Array
+    dz: Array
+    ddz: Array
+    e: Array
+    rate: float
+    cutoff: float
+    log_rate: float
+    origin: float
+
+    @cached_property
+    def span(self) -> Array:
+        """Range of each position column, without the outermost percents, shape `(n,)`."""
+        low, high = np.quantile(self.z, (0.01, 0.99), axis=1)
+        return np.asarray(high - low)
+
+    @property
+    def worth(self) -> float:
+        """Independent samples per kept one."""
+        return min(1.0, 2.0 * self.cutoff / self.rate)
+
+    def thinned(self, samples: int) -> "Excerpt":
+        """About so many samples, evenly spread."""
+        step = max(1, -(-len(self.t) // samples))
+        if step == 1:
+            return self
+        arrays = {k: getattr(self, k)[..., ::step] for k in ("t", "stretch", "z", "dz", "ddz", "e")}
+        return replace(self, **arrays, rate=self.rate / step)
+
+    def later(self, delays: Sequence[float]) -> Array:
+        """Efforts as they would have been logged so much earlier, shape `(delays, n, B)`."""
+        if not any(delays):
+            return np.broadcast_to(self.e, (len(delays), *self.e.shape))
+        from scipy.interpolate import CubicSpline
+
+        found = np.empty((len(delays), *self.e.shape))
+        for number in np.unique(self.stretch):
+            at = np.flatnonzero(self.stretch == number)
+            t = self.t[at]
+            spline = CubicSpline(t, self.e[:, at], axis=1)
+            wanted = np.clip(t + np.asarray(delays)[:, None], t[0], t[-1])
+            found[:, :, at] = np.moveaxis(spline(wanted), 0, 1)
+        return found
+
+
+def excerpt_of(
+    recording: Recording, processing: Processing, cutoff: float | None = None
+) -> Excerpt | None:
+    """The excerpt of a recording; `None` if it holds no motion that can be read.
+
+    Args:
+        recording: The log as the robot file reads it.
+        processing: Cut-offs that the robot file requests.
+        cutoff: Low-pass of a reference [Hz]; from the data if `None`.
+    """
+    signals = replace(recording.signals, velocity=None, velocity_scale=None)
+    try:
+        bare = replace(recording, signals=signals).in_memory()
+        segments, rate, origin = _segments(bare)
+        if not segments:
+            return None
+        longest = max(segments, key=lambda s: s[1].shape[1])[1]
+        if cutoff is None:
+            band = motion_band(longest[bare.channels.q], rate).frequency
+            if band == 0.0:
+                return None
+            cutoff = cutoffs(processing, band, rate, recording.where).matched
+    except LogError:
+        return None
+    cutoff = min(cutoff, 0.2 * rate)
+    return _collected(bare, segments, rate, cutoff, origin)
+
+
+def _segments(recording: Recording) -> tuple[list[tuple[float, Array]], float, float]:
+    """Start and channels on a uniform clock of every segment; the clock's rate and origin."""
+    clock = learn_clock(recording)
+    pieces: list[RowPiece] = []
+    for piece in RowScan(clock, recording).pieces():
+        pieces.append(piece)
+        if sum(len(p.t) for p in pieces) >= EXCERPT_SOURCE_ROWS:
+            break
+    grouped = [list(group) for _, group in groupby(pieces, key=lambda piece: piece.segment)]
+    steps = [np.diff(np.concatenate([p.t for p in group])) for group in grouped]
+    count = sum(len(s) for s in steps)
+    if count < SHORTEST_CHAIN:
+        return [], 0.0, clock.origin
+    rate = nice_rate(sum(float(s.sum()) for s in steps) / count)
+    found = []
+    for group in grouped:
+        even = np.concatenate(list(uniform(((p.t, p.x) for p in group), rate)), axis=1)
+        found.append((float(group[0].t[0]), even))
+    return found, rate, clock.origin
+
+
+def _collected(
+    recording: Recording,
+    segments: list[tuple[float, Array]],
+    rate: float,
+    cutoff: float,
+    origin: float,
+) -> Excerpt | None:
+    """All segments filtered, decimated and, if there are many samples, spread out."""
+    parts = list(_filtered(recording, segments, rate, cutoff))
+    if not parts:
+        return None
+    step = max(1, int(rate / (OVERSAMPLING * cutoff)))
+    total = sum(len(p[0][::step]) for p in parts)
+    chosen: list[tuple[Array, Array]] = []
+    for t, x in parts:
+        t, x = t[::step], x[:, ::step]
+        keep = len(t) if total <= EXCERPT_SAMPLES else max(8, int(EXCERPT_SAMPLES * len(t) / total))
+        chosen += _spread(t, x, keep)
+    t = np.concatenate([part for part, _ in chosen])
+    x = np.concatenate([part for _, part in chosen], axis=1)
+    stretch = np.repeat(np.arange(len(chosen)), [len(part) for part, _ in chosen])
+    z, dz, ddz, e = x.reshape(4, recording.channels.joints, -1)
+    return Excerpt(t, stretch, z, dz, ddz, e, rate / step, cutoff, rate, origin)
+
+
+def _spread(t: Array, x: Array, keep: int) -> list[tuple[Array, Array]]:
+    """Stretches, evenly spread, with `keep` samples in all."""
+    count = 1 if keep == len(t) else max(1, min(EXCERPT_STRETCHES, keep // 64))
+    length = keep // count
+    starts = np.linspace(0, len(t) - length, count).astype(int)
+    return [(t[a : a + length], x[:, a : a + length]) for a in starts]
+
+
+def _filtered(
+    recording: Recording, segments: list[tuple[float, Array]], rate: float, cutoff: float
+) -> Iterator[tuple[Array, Array]]:
+    """Times and `z, dz, ddz, e` as logged, shape `(4 n, N)`, of segments that are long enough."""
+    c, s = recording.channels, recording.signals
+    motion, smooth = smooth_derivatives(cutoff, rate, 2), low_pass(cutoff, rate)
+    edge = int(np.ceil(START_UP * rate / cutoff))
+    for start, even in segments:
+        if even.shape[1] < 4 * edge + 2 * SHORTEST_CHAIN:
+            continue
+        q, e = even[c.q], even[c.effort]
+        if s.position_offset is not None:
+            q = q - s.position_offset[:, None]
+        if s.position_map is not None:
+            q = np.asarray(np.linalg.solve(s.position_map, q))
+        if s.effort_map is not None:
+            e = np.asarray(np.linalg.solve(s.effort_map, e))
+        q, e = q / s.position_scale[:, None], e / s.effort_scale[:, None]
+        derived = np.concatenate(list(apply(motion, [q])), axis=-1)
+        low = np.concatenate([part[0] for part in apply(smooth, [e])], axis=-1)
+        t = start + np.arange(even.shape[1]) / rate
+        inner = slice(edge, even.shape[1] - edge)
+        yield t[inner], np.concatenate((*derived, low))[:, inner]

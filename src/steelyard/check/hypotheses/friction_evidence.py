@@ -1,0 +1,421 @@
+r"""What friction shows without known masses: signs of efforts, and their delay.
+
+A gear gives way before it slips: friction that follows Dahl's law over a length $\sigma$,
+$\sigma \dot z = \dot q - |\dot q| z$, comes after the sign of the velocity has changed, and looks
+like efforts that are late [Dahl1968].
+
+Each effort row is fitted by least squares of its own, bodies and springs free beside Coulomb and
+viscous friction. The fitted friction's power over the log, $P_j = f_c \sum |\dot q| + f_v \sum
+\dot q^2$, cannot be negative; where it is, far beyond its standard error and of a size that counts,
+the effort or the position of that joint counts the other way.
+
+Each effort row is fitted by least squares of its own at three delays; the sum of squares that is
+left is a parabola of the delay, $S_j(d) = S_j + b_j d + \kappa_j d^2$. Logs that are late have the
+same minimum in all joints, and most of the residual is gone there. Friction that gives way before
+it slips looks late as well, mostly by another time in every joint; where the times agree, the delay
+has to explain more than presliding friction of any length does.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import SteelyardError
+from steelyard.check.case import Case, Evidence
+from steelyard.check.finding import Edit, Finding, Fix, Severity
+from steelyard.check.hypotheses.excerpt import Interpretation
+from steelyard.check.hypotheses.likelihood import Likelihood, LikelihoodScore, one_of, regressors
+from steelyard.check.identifiability import clean_runs, customary_model
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.regressor import Regressor, base_regressor
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.presliding import MaxwellSlip
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.runs.run import Run
+from steelyard.symbolic.native.compiled import recurrence
+
+PRESLIDING_LENGTHS = (1e-3, 3e-3, 1e-2, 3e-2, 0.1)
+"""Lengths over which friction may give way [rad; m]."""
+
+
+def friction_alone(likelihood: Likelihood, interpretation: Interpretation) -> LikelihoodScore:
+    """How well friction, an offset and rotor inertia explain the efforts, without any body."""
+    q, dq, ddq = likelihood.motion(interpretation)
+    y, moving = _friction_columns(
+        q, likelihood.driven(dq), likelihood.driven(ddq), np.zeros_like(q)
+    )
+    return _friction_score(likelihood, interpretation, y, moving)
+
+
+def presliding_score(likelihood: Likelihood, interpretation: Interpretation) -> LikelihoodScore:
+    """The same with bodies, and friction that gives way by the best length of each joint."""
+    q, dq, ddq = likelihood.motion(interpretation)
+    u, predicted = likelihood.driven(dq), likelihood.predicted(interpretation, q, dq, ddq)
+    y, moving = _friction_columns(q, u, likelihood.driven(ddq), predicted)
+    scores = []
+    for length in PRESLIDING_LENGTHS:
+        y[:, 0, 0] = _presliding_states(likelihood, likelihood.driven(q), u, length) * moving[:, 0]
+        scores.append(_friction_score(likelihood, interpretation, y, moving))
+    return replace(scores[0], misfits=np.min([score.misfits for score in scores], axis=0))
+
+
+def _friction_columns(q: Array, u: Array, du: Array, predicted: Array) -> tuple[Array, Array]:
+    return regressors(*(x[:, None] for x in (q, u, du, predicted)))
+
+
+def _friction_score(
+    likelihood: Likelihood, interpretation: Interpretation, y: Array, moving: Array
+) -> LikelihoodScore:
+    sums = likelihood.products(y, moving, likelihood.excerpt.later([interpretation.delay]))
+    return one_of(
+        likelihood.scored(sums, np.array([interpretation.effort]), interpretation.effort_scale), 0
+    )
+
+
+def _presliding_states(likelihood: Likelihood, q: Array, u: Array, length: float) -> Array:
+    """Friction over what it is where it slips, shape `(n, B)`; slipping where a stretch begins."""
+    steps = np.diff(q, axis=1, prepend=q[:, :1])
+    stretch = likelihood.excerpt.stretch
+    begins = np.concatenate(([True], stretch[1:] != stretch[:-1]))
+    decay = np.where(begins, 0.0, np.exp(-np.abs(steps) / length))
+    drive = np.where(begins, np.sign(u), np.sign(steps) * (1.0 - decay))
+    return recurrence(decay, drive, np.ones_like(decay), np.zeros(len(q)))[0]
+
+
+SURE_FRICTION_SIGN = 6.0
+"""Standard errors by which friction must be negative."""
+LEAST_NEGATIVE_FRICTION = 0.05
+"""Least size of that friction, relative to the joint's effort without its mean."""
+EXPLAINED_BY_FRICTION_FIT = 0.7
+"""Share of the effort's variance that the fit must explain: else something else is wrong."""
+SINGULAR_FRICTION_GRAM = 1e-9
+"""Eigenvalue of a row's normalised Gram matrix, over the largest, that counts as zero."""
+SIGNED_LAWS = (Coulomb.law, Viscous.law)
+FEWEST_FRICTION_WINDOWS = 6
+"""Windows of a run from which on its scores give a standard error."""
+
+
+@dataclass(frozen=True, eq=False)
+class RowFriction:
+    """What the friction of one row does, in the units of its effort.
+
+    Attributes:
+        size: Rms of its friction, negative where it drives the joint, over the rms effort.
+        std: Standard error of that.
+        explained: Share of the squared effort that the fit explains.
+    """
+
+    size: float
+    std: float
+    explained: float
+
+    @property
+    def drives(self) -> bool:
+        """Whether friction certainly drives the joint."""
+        return (
+            self.explained >= EXPLAINED_BY_FRICTION_FIT
+            and self.size < -LEAST_NEGATIVE_FRICTION
+            and self.size < -SURE_FRICTION_SIGN * self.std
+        )
+
+    @property
+    def brakes(self) -> bool:
+        """Whether friction certainly takes energy."""
+        return (
+            self.explained >= EXPLAINED_BY_FRICTION_FIT
+            and self.size > SURE_FRICTION_SIGN * self.std
+        )
+
+
+def friction_signs(case: Case, name: str) -> tuple[Finding, ...]:
+    """One finding per log whose friction drives joints; none where it takes energy, or is small.
+
+    Args:
+        case: Robot and logs.
+        name: Name of the check.
+    """
+    found = []
+    for evidence in case.logs:
+        finding = _friction_sign_of_log(case, evidence, name)
+        found += [] if finding is None else [finding]
+    return tuple(found)
+
+
+def _friction_sign_of_log(case: Case, evidence: Evidence, name: str) -> Finding | None:
+    signals = evidence.recording.signals
+    if signals.effort_map is not None:
+        return None
+    drives = friction_of_rows(case, evidence)
+    driven = [j for j, d in drives.items() if d.drives]
+    if not driven:
+        return None
+    braked = [j for j, d in drives.items() if d.brakes]
+    worst = min((drives[j] for j in driven), key=lambda d: d.size)
+    figure = (
+        f"friction of {100.0 * worst.size:.0f} % of the effort (standard error "
+        f"{100.0 * worst.std:.2g} %), at least {-100.0 * LEAST_NEGATIVE_FRICTION:.0f} % required"
+    )
+    listed = ", ".join(f"'{j}'" for j in driven)
+    if not braked and 2 * len(driven) > len(case.joints) > 1:
+        says = (
+            "all efforts or all positions have the wrong sign: friction drives "
+            f"{listed} instead of braking, and is dissipative in no joint"
+        )
+        gains = [-float(g) for g in signals.gains]
+        edits = (
+            ()
+            if any(signals.unknown_gains) or case.loaded.robot.transmission
+            else (Edit(("signals", "effort", "gain"), gains),)
+        )
+        fix = Fix("change the signs of all gains", edits)
+        return Finding(name, evidence.name, Severity.WRONG, says, figure, tuple(driven), fix)
+    says = (
+        f"effort of {listed} has the wrong sign, or the position has: friction "
+        "drives instead of braking"
+    )
+    fix = Fix(
+        f"find out which of the two it is: change the sign of the gain of {listed}, or of its "
+        "position (position_sign under [signals])"
+    )
+    return Finding(name, evidence.name, Severity.DOUBTFUL, says, figure, tuple(driven), fix)
+
+
+def friction_of_rows(case: Case, evidence: Evidence) -> dict[str, RowFriction]:
+    """What friction does in every joint that a log shows; none where it cannot be fitted."""
+    try:
+        runs = clean_runs(Case(case.loaded, (evidence,)))
+        if not runs:
+            return {}
+        information = gather(base_regressor(customary_model(case)), runs[0])
+    except (SteelyardError, TypeError):
+        return {}
+    found, gains = {}, evidence.recording.signals.gains
+    for row, joint in enumerate(case.joints):
+        drive = _friction_of_row(information, row, joint, float(np.sign(gains[row])))
+        if drive is not None:
+            found[joint] = drive
+    return found
+
+
+def _friction_of_row(
+    information: Information, row: int, joint: str, sign: float
+) -> RowFriction | None:
+    """What one row's own least squares says of its friction; `None` where it says nothing.
+
+    Args:
+        information: Of the run, efforts as logged.
+        row: The row.
+        joint: Its joint.
+        sign: Of the joint's gain.
+    """
+    columns = [information.layout.columns[k] for k in information.layout.sees[row]]
+    names = [f"{law}.{joint}" for law in SIGNED_LAWS]
+    grams = information.row_grams(row)
+    if len(grams) < FEWEST_FRICTION_WINDOWS or not set(names) <= set(columns):
+        return None
+    gram = grams.sum(axis=0)
+    dry, viscous = (columns.index(name) for name in names)
+    lengths = np.sqrt(np.diag(gram)[:-1])
+    if gram[-1, -1] <= 0.0 or min(lengths[dry], lengths[viscous]) <= 0.0:
+        return None
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    values, vectors = np.linalg.eigh(gram[:-1, :-1] / lengths[:, None] / lengths)
+    kept = values > SINGULAR_FRICTION_GRAM * values.max()
+    inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / lengths[:, None] / lengths
+    theta = inverse @ gram[:-1, -1]
+    left = float(gram[-1, -1] - theta @ gram[:-1, -1])
+    effort = _varying_effort(gram, columns, joint)
+    power = np.zeros(len(theta))
+    power[[dry, viscous]] = gram[viscous, [dry, viscous]]
+    power /= np.sqrt(gram[viscous, viscous] * effort)
+    scores = (grams[:, :-1, -1] - grams[:, :-1, :-1] @ theta) @ (inverse @ power)
+    freedom = max(float(information.n_samples[row]) - float(kept.sum()), 1.0)
+    white = left / freedom * float(power @ inverse @ power)
+    windows = float(np.sum(np.square(scores))) * len(scores) / (len(scores) - 1)
+    std = float(np.sqrt(max(white, windows, 0.0)))
+    return RowFriction(sign * float(power @ theta), std, 1.0 - left / effort)
+
+
+def _varying_effort(gram: Array, columns: list[str], joint: str) -> float:
+    """Sum of the squares of a row's effort without its mean."""
+    whole = float(gram[-1, -1])
+    if f"offset.{joint}" not in columns:
+        return whole
+    k = columns.index(f"offset.{joint}")
+    return max(whole - float(gram[k, -1]) ** 2 / max(float(gram[k, k]), 1e-300), 1e-12 * whole)
+
+
+DELAY_SHIFT = 0.008
+"""Delay that is tried to both sides [s]."""
+SINGULAR_DELAY_GRAM = 1e-9
+"""Eigenvalue of a row's normalised Gram matrix, over the largest, that counts as zero."""
+LEAST_RESIDUAL_DELAY, SURE_DELAY = 1e-3, 4.0
+"""Least delay [s], also in standard errors."""
+SAME_DELAY_SCATTER = 0.15
+"""Scatter of the joints' delays over their mean, up to which they are one delay. Logs of nine real
+robots, whose friction looks late, have 0.3 and more; delays put into simulated logs up to 0.1."""
+EXPLAINED_BY_DELAY = 0.5
+"""Share of the typical squared residual that a delay must explain."""
+FEWEST_DELAYED_JOINTS = 2
+"""Joints that must agree."""
+RENEWED, ROUGH_DELAY_SCATTER, FARTHEST = 3, 0.5, 0.05
+"""How often the delay is found anew around the last one, from which scatter on it is not, and how
+far it may be [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class RowDelays:
+    """What the rows of one run say of the delay.
+
+    Attributes:
+        delay: Of all rows together [s].
+        std: Its standard error [s].
+        spread: Of the rows' delays around it [s].
+        gone: Share of the typical squared residual that it explains.
+        rows: How many rows are used.
+    """
+
+    delay: float
+    std: float
+    spread: float
+    gone: float
+    rows: int
+
+    @property
+    def scatter(self) -> float:
+        """Of the rows' delays, over the delay of all."""
+        return self.spread / max(abs(self.delay), 1e-12)
+
+    def alike(self, scatter: float) -> bool:
+        """Whether all rows are late, or early, by one time that explains most of the residual."""
+        return (
+            self.rows >= FEWEST_DELAYED_JOINTS
+            and max(LEAST_RESIDUAL_DELAY, SURE_DELAY * self.std) <= abs(self.delay)
+            and self.scatter <= scatter
+            and self.gone >= EXPLAINED_BY_DELAY
+        )
+
+
+def residual_delay(case: Case, name: str) -> Finding | None:
+    """The delay that the longest log shows, for all logs together; `None` if it shows none.
+
+    A log with gaps is not looked at: what filters leave beside a gap may look late.
+
+    Args:
+        case: Robot and logs.
+        name: Name of the check.
+    """
+    runs = [(e.run.duration, k) for k, e in enumerate(case.logs) if isinstance(e.run, Run)]
+    if not runs:
+        return None
+    evidence = case.logs[max(runs)[1]]
+    try:
+        (run,) = clean_runs(replace(case, logs=(evidence,)))
+        if len(run.segments) > 1:
+            return None
+        model = customary_model(case)
+        regressor = base_regressor(model)
+        found = delays_of(regressor, run)
+        for _ in range(RENEWED if found.alike(ROUGH_DELAY_SCATTER) else 0):
+            more = float(np.clip(found.delay, -FARTHEST, FARTHEST))
+            rest = delays_of(regressor, _with_delay(run, more))
+            found = replace(rest, delay=more + rest.delay, gone=found.gone)
+        if (
+            not found.alike(SAME_DELAY_SCATTER)
+            or by_presliding(model, regressor, run) >= found.gone
+        ):
+            return None
+    except (SteelyardError, TypeError):
+        return None
+    return _delay_finding(evidence, name, found)
+
+
+def by_presliding(model: Model, regressor: Regressor, run: Run) -> float:
+    """Share of the typical squared residual that presliding friction explains.
+
+    Raises:
+        SteelyardError: The run cannot be fitted.
+    """
+    presliding = MaxwellSlip(lengths=PRESLIDING_LENGTHS, relaxing=True)
+    with_it = base_regressor(Model(model.robot, (*model.terms, presliding)))
+    before, after = (
+        left / np.maximum(freedom, 1.0)
+        for left, freedom in (_squares(gather(r, run)) for r in (regressor, with_it))
+    )
+    known = (before > 0.0) & (after > 0.0)
+    return (
+        1.0 - float(np.exp(np.mean(np.log(after[known] / before[known])))) if known.any() else 0.0
+    )
+
+
+def _delay_finding(evidence: Evidence, name: str, found: RowDelays) -> Finding:
+    ms = 1e3 * found.delay
+    whole = evidence.recording.signals.effort_delay + found.delay
+    way = "late" if ms > 0.0 else "early"
+    return Finding(
+        name,
+        "",
+        Severity.WRONG,
+        f"efforts are {abs(ms):.3g} ms {way} (± {2e3 * found.std:.1g}): the residuals of a fit of "
+        f"{evidence.name} indicate this delay in all {found.rows} joints",
+        f"a delay explains {100.0 * found.gone:.0f} % of the squared residual (at "
+        f"least {100.0 * EXPLAINED_BY_DELAY:.0f} % required), joints differ by "
+        f"{100.0 * found.scatter:.1g} % (at "
+        f"most {100.0 * SAME_DELAY_SCATTER:.0f} % allowed)",
+        fix=Fix(
+            f"efforts are {abs(ms):.3g} ms {way}: state the delay",
+            (Edit(("signals", "effort", "delay"), round(whole, 5)),),
+        ),
+    )
+
+
+def delays_of(regressor: Regressor, run: Run) -> RowDelays:
+    """What the residuals of least squares, row by row, say of the delay.
+
+    Raises:
+        SteelyardError: The run cannot be fitted.
+    """
+    early, now, late = (
+        _squares(gather(regressor, _with_delay(run, d))) for d in (-DELAY_SHIFT, 0.0, DELAY_SHIFT)
+    )
+    slope, bend = (
+        (late - early)[0] / (2.0 * DELAY_SHIFT),
+        (late - 2.0 * now + early)[0] / (2 * DELAY_SHIFT**2),
+    )
+    left, freedom = now
+    usable = (bend > 0.0) & (freedom >= 10.0) & (left > 0.0)
+    if not usable.any():
+        return RowDelays(0.0, np.inf, np.inf, 0.0, 0)
+    slope, bend, left, freedom = (x[usable] for x in (slope, bend, left, freedom))
+    own = -slope / (2.0 * bend)
+    weights = bend * freedom / left
+    delay = float(weights @ own / weights.sum())
+    spread = np.sqrt(weights @ np.square(own - delay) / weights.sum())
+    after = np.clip((left + slope * delay + bend * delay**2) / left, 1e-3, None)
+    std = 1.0 / np.sqrt(np.sum(weights / np.minimum(after, 1.0)))
+    gone = 1.0 - float(np.exp(np.mean(np.log(after))))
+    return RowDelays(delay, float(std), float(spread), gone, int(usable.sum()))
+
+
+def _with_delay(run: Run, delay: float) -> Run:
+    """The run with a delay taken out of its efforts, beside what is declared."""
+    signals = run.recording.signals
+    changed = replace(signals, effort_delay=signals.effort_delay + delay)
+    return replace(run, recording=replace(run.recording, signals=changed))
+
+
+def _squares(information: Information) -> Array:
+    """Squares that each row's own least squares leave, and degrees of freedom, `(2, rows)`."""
+    found = []
+    for row in range(len(information.layout.rows)):
+        gram = information.row_gram(row)
+        lengths = np.sqrt(np.maximum(np.diag(gram)[:-1], 1e-300))
+        values, vectors = np.linalg.eigh(gram[:-1, :-1] / lengths[:, None] / lengths)
+        kept = values > SINGULAR_DELAY_GRAM * values.max()
+        along = vectors[:, kept].T @ (gram[:-1, -1] / lengths)
+        left = float(gram[-1, -1] - np.sum(np.square(along) / values[kept]))
+        found.append((left, float(information.n_samples[row] - kept.sum())))
+    return np.array(found).T

@@ -1,0 +1,124 @@
+"""What the logs together can identify, what they cannot, and which motion would help."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import reduce
+from operator import add
+from typing import ClassVar
+
+from steelyard.base.errors import SteelyardError
+from steelyard.check.case import Case
+from steelyard.check.finding import Finding, Fix, Severity
+from steelyard.estimate.estimate import Estimate, Unidentifiable
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.register import DEFAULT_TERMS, law_of, term_of
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.model.terms.open_fields import finds_of
+from steelyard.runs.prepare import prepare
+from steelyard.runs.run import Run
+
+SHOWN_PARAMETERS = 6
+HELPFUL_MOTION = {
+    "m": "other configurations of the joints before",
+    "mx": "other configurations of the joints up to",
+    "my": "other configurations of the joints up to",
+    "mz": "other configurations of the joints up to",
+}
+"""What shows mass and first moments of a body; other parameters, what their laws say."""
+
+
+class Identifiability:
+    """Parameters that no log shows."""
+
+    name: ClassVar[str] = "identifiability"
+    question: ClassVar[str] = "What can be identified from these logs?"
+    quick: ClassVar[bool] = False
+
+    def __call__(self, case: Case) -> tuple[Finding, ...]:
+        """One finding for all logs together; none where no run can be made of them."""
+        runs = clean_runs(case)
+        if not runs:
+            return ()
+        try:
+            model = customary_model(case)
+            regressor = base_regressor(model)
+            estimate = WeightedLeastSquares()(reduce(add, [gather(regressor, r) for r in runs]))
+        except SteelyardError as error:
+            says = f"undecided: {error.wrong}"
+            fix = Fix(error.fix)
+            return (Finding(self.name, "", Severity.DOUBTFUL, says, "none", fix=fix),)
+        left_open = case.loaded.friction and (
+            case.reference is None or model is not case.reference.model
+        )
+        of = " (of the model with Coulomb and viscous friction)" if left_open else ""
+        return (_finding(self.name, estimate, of),)
+
+
+def _finding(name: str, estimate: Estimate, of: str) -> Finding:
+    seen, blind = len(estimate.parameters.names), estimate.blind
+    whole = seen + len(blind)
+    says = f"the motion makes {seen} of {whole} base parameters{of} identifiable"
+    if blind:
+        listed = ", ".join(b.name for b in blind[:SHOWN_PARAMETERS])
+        says += f"; not {listed}" + (" and more" if len(blind) > SHOWN_PARAMETERS else "")
+    figure = f"{seen} of {whole}, condition number {estimate.condition_normalised:.3g} (normalised)"
+    if not blind:
+        says += "; how accurately they are identified depends on the noise"
+        return Finding(name, "", Severity.OK, says, figure)
+    return Finding(name, "", Severity.DOUBTFUL, says, figure, fix=Fix(_advice(blind)))
+
+
+def _advice(blind: Sequence[Unidentifiable]) -> str:
+    wanted: dict[str, list[str]] = {}
+    for parameter in blind:
+        kind, _, of = parameter.name.partition(".")
+        wanted.setdefault(HELPFUL_MOTION.get(kind, law_of(parameter.name).shown_by), []).append(of)
+    parts = [f"{help_} {', '.join(dict.fromkeys(names))}" for help_, names in wanted.items()]
+    return f"additional motion:  {'; '.join(parts)}"
+
+
+def clean_runs(case: Case) -> list[Run]:
+    """Clean runs of the logs, with common cut-offs; logs that cannot be read are left out."""
+    found = [(e, e.run) for e in case.logs]
+    runs = [(e, run) for e, run in found if isinstance(run, Run)]
+    if not runs:
+        return []
+    motion = max(run.motion_cutoff for _, run in runs)
+    matched = max(run.matched_cutoff for _, run in runs)
+    common = []
+    for number, (evidence, run) in enumerate(runs):
+        processing = replace(evidence.processing, motion_cutoff=motion, matched_cutoff=matched)
+        if (run.motion_cutoff, run.matched_cutoff) != (motion, matched):
+            try:
+                run = prepare(evidence.recording, processing)
+            except SteelyardError:
+                continue
+        common.append(replace(run, name=f"{number} {run.name}"))
+    return common
+
+
+def longest_run(case: Case) -> Run | None:
+    """The clean run of the longest log that can be read; `None` without one."""
+    runs = [(e.run.duration, k) for k, e in enumerate(case.logs) if isinstance(e.run, Run)]
+    if not runs:
+        return None
+    (run,) = clean_runs(replace(case, logs=(case.logs[max(runs)[1]],)))
+    return run
+
+
+def customary_model(case: Case) -> Model:
+    """The model that is to be identified; Coulomb and viscous friction where that is left open."""
+    if case.reference is not None and case.reference.model.robot.joint_names == case.joints:
+        return case.reference.model
+    loaded = case.loaded
+    if loaded.terms is None:
+        behind = loaded.signals is not None and loaded.signals.effort_kind == "link_torque"
+        terms = [t for t in DEFAULT_TERMS if not (behind and t.on_motors)]
+        return Model(loaded.robot, tuple(terms))
+    terms = [term_of(t.description, t.where) for t in loaded.terms]
+    known = tuple(t for t in terms if not finds_of(t))
+    return Model(loaded.robot, (*known, *((Coulomb(), Viscous()) if loaded.friction else ())))

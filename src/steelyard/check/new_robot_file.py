@@ -1,0 +1,147 @@
+"""What logs determine for a new robot file beyond their columns: drive gains, friction laws."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import LogError
+from steelyard.check.case import Evidence
+from steelyard.check.decision.gain_sources import ControllerGains, gains_of_logs
+from steelyard.check.hypotheses.excerpt import Excerpt, excerpt_of
+from steelyard.estimate.friction.mixes import joint_motions, lacking
+from steelyard.logs.formats import open_log
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
+from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.signals import Signals, build_signals, expanded
+from steelyard.robot.init.guess_columns import Guess
+from steelyard.robot.init.guess_efforts import Gears
+from steelyard.robot.init.signals_section import Known, needs_gains
+from steelyard.robot.robot import Coordinate, Transmission
+from steelyard.runs.named_logs import LogArgument, recording_of
+from steelyard.runs.processing import Processing
+
+
+def refuse_other_columns(
+    logs: Sequence[LogArgument], guess: Guess, moving: Sequence[Coordinate]
+) -> None:
+    """All logs have the columns of the first.
+
+    Raises:
+        LogError: One lacks some.
+    """
+    section = guess.section
+    listed = [section.position, section.velocity or (), section.effort.columns]
+    wanted = [
+        name
+        for names in listed
+        for name in (expanded(names, moving) if isinstance(names, str) else names)
+    ]
+    for log in logs[1:]:
+        missing = [name for name in wanted if name not in open_log(log.path).columns]
+        if missing:
+            raise LogError(
+                f"the log lacks columns of the first log: {', '.join(missing)}",
+                where=str(log.path),
+                fix=f"give logs with the columns of {logs[0].path}, and one robot file per layout",
+            )
+
+
+def known_from_logs(
+    loaded: LoadedRobot,
+    moving: Sequence[Coordinate],
+    logs: Sequence[LogArgument],
+    guess: Guess,
+    gears: Gears | None,
+) -> Known:
+    """Gains from the controller's own targets, and whether friction laws can be chosen.
+
+    Args:
+        loaded: The model, for the weight that each joint carries.
+        moving: Joints that are identified.
+        logs: The logs.
+        guess: Their columns.
+        gears: Gears between motors and joints, if the guess is of motors.
+    """
+    if guess.motor_side and gears is None:
+        return Known(friction="the gear ratios are unknown")
+    signals = _signals(guess, moving, gears)
+    evidence = [Evidence(recording_of(log, signals), Processing(), log.text) for log in logs]
+    excerpts = [x for e in evidence if (x := excerpt_of(e.recording, e.processing)) is not None]
+    auto, friction = _friction(excerpts, signals, moving)
+    gains = gains_of_logs(evidence, len(moving)) if needs_gains(guess) else None
+    unknown = needs_gains(guess) and gains is None
+    return Known(
+        gains=() if gains is None else tuple(gains.entries),
+        gains_source="" if gains is None else _source(gains, [c.name for c in moving]),
+        reference=_heaviest(loaded, moving, excerpts, signals) if unknown else 0,
+        auto=auto,
+        friction=friction,
+    )
+
+
+def _signals(guess: Guess, moving: Sequence[Coordinate], gears: Gears | None) -> Signals:
+    """The guessed signals; gains of currents are left to be identified."""
+    section = guess.section
+    if needs_gains(guess):
+        effort = section.effort.model_copy(update={"gain": "identify"})
+        section = section.model_copy(update={"effort": effort})
+    transmission = None
+    if gears is not None:
+        matrix = np.diag(gears.ratios)
+        for motor, joint, ratio in gears.coupling:
+            matrix[motor, joint] += ratio
+        names = tuple(f"motor_{k + 1}" for k in range(len(moving)))
+        transmission = Transmission(names, matrix)
+    return build_signals(section, moving, lambda *key: "the log's columns as guessed", transmission)
+
+
+def _friction(
+    excerpts: Sequence[Excerpt], signals: Signals, moving: Sequence[Coordinate]
+) -> tuple[bool, str]:
+    """Whether `friction = "auto"` is of use, and why."""
+    if not excerpts:
+        return False, "no motion could be read"
+    logs = [(_joints(x.dz, signals), x.stretch, 1.0 / x.rate) for x in excerpts]
+    motions = joint_motions(logs)
+    missing = lacking(motions, moving)
+    if missing:
+        more = f", and so on for {len(missing) - 1} more" if len(missing) > 1 else ""
+        return False, missing[0] + more
+    fewest = min(motion.reversals for motion in motions)
+    return True, f"every joint reverses, {fewest} times or more, and moves at several speeds"
+
+
+def _joints(columns: Array, signals: Signals) -> Array:
+    """Position columns as logged, or their derivatives, as the joints', shape `(n, B)`."""
+    scaled = signals.position_scale[:, None] * columns
+    return scaled if signals.position_map is None else np.asarray(signals.position_map @ scaled)
+
+
+def _heaviest(
+    loaded: LoadedRobot,
+    moving: Sequence[Coordinate],
+    excerpts: Sequence[Excerpt],
+    signals: Signals,
+) -> int:
+    """The joint whose nominal gravity effort varies most along the logs."""
+    robot = loaded.robot
+    nominal = Model(robot, (RigidBody(),)).prior
+    if not excerpts or nominal is None:
+        return 0
+    q = np.zeros((sum(len(x.t) for x in excerpts), robot.n))
+    places = [robot.joint_names.index(c.name) for c in moving]
+    q[:, places] = np.concatenate([_joints(x.z, signals) for x in excerpts], axis=1).T
+    return int(np.argmax(nominal.gravity(q)[:, places].std(axis=0)))
+
+
+def _source(gains: ControllerGains, names: Sequence[str]) -> str:
+    """Where gains of the controller come from, with their intervals."""
+    pairs = zip(names, gains.values, gains.half_widths, gains.known, strict=True)
+    shown = ", ".join(f"{name} {g:.4g} ± {w:.2g}" for name, g, w, known in pairs if known)
+    return (
+        "the controller's target torque over its target current "
+        f"({gains.columns[0]} over {gains.columns[1]}, ..., friction fitted beside it; "
+        f"95 %): {shown}"
+    )

@@ -1,0 +1,1 @@
+"""Checks of logs that need no model."""

@@ -1,0 +1,345 @@
+"""What a log shows without trusted units: good rows, stretches, and smoothed derivatives.
+
+The filters of `measurement` know how fast a joint can be, in SI units. A check must not trust
+the units yet, so rows are judged here by the log's own steps and ranges only.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, wraps
+from typing import TypeVar
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array
+from steelyard.check.case import Case, Evidence
+from steelyard.runs.recording import Channels
+from steelyard.runs.rows.clock import GAP_STEPS
+from steelyard.runs.rows.faulty_rows import LARGEST_VALUE
+from steelyard.runs.rows.resampling import uniform
+
+T = TypeVar("T")
+
+JITTER_LIMIT = 0.19
+"""Standard deviation of the steps over the median step from which on stamps jitter. Logs of good
+controllers have up to 0.16."""
+LATE_STEP = 4.0
+"""A step longer than so many median ones says nothing of the jitter."""
+EVENED_STAMPS = 51
+"""Stamps over which jitter is averaged."""
+MEDIAN_ROWS = 41
+"""Rows of the running median that removes garbage: up to 20 broken ones in a row."""
+GAP_TIME = 1000.0
+"""Steps that a stamp may be off its neighbours before it is garbage."""
+FASTEST_RATE = 500.0
+"""Highest rate at which motion is looked at [Hz], once the clock's unit is known."""
+MOVED, MOVED_STEPS = 0.01, 30.0
+"""Range of a joint that moves [rad; m], and in steps of its sensor."""
+LEAST_ROWS = 10
+"""Good rows from which on single signals are looked at."""
+SHORTEST_STRETCH = 50
+"""Rows of the shortest stretch that is looked at."""
+
+
+def cached_per_log(question: Callable[[Case, Evidence], T]) -> Callable[[Case, Evidence], T]:
+    """Remember the answer to a question for as long as its case lives."""
+    known: WeakKeyDictionary[Case, WeakKeyDictionary[Evidence, T]] = WeakKeyDictionary()
+
+    @wraps(question)
+    def cached(case: Case, evidence: Evidence) -> T:
+        of_case = known.setdefault(case, WeakKeyDictionary())
+        if evidence not in of_case:
+            of_case[evidence] = question(case, evidence)
+        return of_case[evidence]
+
+    return cached
+
+
+@dataclass(frozen=True, eq=False)
+class SignalOverview:
+    """Good rows of a log's excerpt.
+
+    Attributes:
+        channels: Order of the channels.
+        stamps: All readable stamps in the order of the rows, shape `(M,)` [s as declared].
+        t: Time of the good rows, increasing, shape `(N,)` [s as declared].
+        x: Their channels, shape `(N, C)` [SI as declared].
+        kept: Which rows of the excerpt they are, shape `(R,)`.
+        broken: Which rows are missing values or hold garbage, shape `(R,)`.
+        step: Median step forward [s as declared]; 0 if time never goes forward.
+    """
+
+    channels: Channels
+    stamps: Array
+    t: Array
+    x: Array
+    kept: NDArray[np.bool_]
+    broken: NDArray[np.bool_]
+    step: float
+
+    @property
+    def q(self) -> Array:
+        """Positions, shape `(N, n)`."""
+        return self.x[:, self.channels.q]
+
+    @property
+    def dq(self) -> Array | None:
+        """Velocities, shape `(N, n)`, if logged."""
+        return self.x[:, self.channels.dq] if self.channels.velocities else None
+
+    @property
+    def effort(self) -> Array:
+        """Efforts, shape `(N, n)`."""
+        return self.x[:, self.channels.effort]
+
+    @cached_property
+    def resolution(self) -> Array:
+        """Smallest step of each channel that is not zero, shape `(C,)`; 0 if it never changes."""
+        if len(self.x) < 2:
+            return np.zeros(self.x.shape[1])
+        change = np.abs(np.diff(self.x, axis=0))
+        tiny = 1e-12 * np.abs(self.x).max(axis=0)
+        least: Array = np.where(change > tiny, change, np.inf).min(axis=0)
+        return np.where(np.isfinite(least), least, 0.0)
+
+    @property
+    def moves(self) -> bool:
+        """Whether any joint moves by more than its sensor's steps."""
+        if len(self.q) < 2:
+            return False
+        far = np.ptp(self.q, axis=0) > MOVED_STEPS * self.resolution[self.channels.q]
+        return bool((far & (np.ptp(self.q, axis=0) > MOVED)).any())
+
+    @cached_property
+    def stretches(self) -> tuple[slice, ...]:
+        """Rows without a gap between them, long enough to be looked at."""
+        ends = np.flatnonzero(np.diff(self.t) > 2.0 * GAP_STEPS * self.step) + 1
+        edges = [0, *ends.tolist(), len(self.t)]
+        pairs = zip(edges[:-1], edges[1:], strict=True)
+        return tuple(slice(a, b) for a, b in pairs if b - a >= SHORTEST_STRETCH)
+
+    @property
+    def jitter(self) -> float:
+        """Standard deviation of the steps without gaps, over the median step."""
+        steps = np.diff(self.stamps)
+        usual = steps[np.abs(steps) < LATE_STEP * self.step]
+        return float(usual.std()) / self.step if len(usual) else 0.0
+
+    @cached_property
+    def clock(self) -> Array:
+        """Times of the good rows: the stamps, or smoother ones where the motion knows better.
+
+        Stamps may jitter although samples are even. Then velocities are far rougher by the stamps
+        than by evened ones.
+        """
+        if self.jitter < JITTER_LIMIT:
+            return self.t
+        evened = self.t.copy()
+        for stretch in self.stretches:
+            evened[stretch] = _evened(self.t[stretch], np.flatnonzero(self.kept)[stretch])
+        return evened if _rough(evened, self.q) < _rough(self.t, self.q) else self.t
+
+    def even(self, values: Array, second: float = 1.0) -> tuple[tuple[Array, ...], float]:
+        """Stretches of some signals on an even clock.
+
+        Args:
+            values: Signals of the good rows, shape `(N, any)`.
+            second: Seconds that a declared second really has.
+
+        Returns:
+            Stretches, shape `(any, samples)` each, and their rate [Hz].
+        """
+        if not self.stretches:
+            return (), 1.0
+        mean = sum(float(self.t[s][-1] - self.t[s][0]) for s in self.stretches)
+        mean /= sum(s.stop - s.start - 1 for s in self.stretches)
+        rate = min(1.0 / (mean * second), FASTEST_RATE)
+        even = [
+            np.concatenate(list(uniform([(second * self.clock[s], values[s])], rate)), axis=1)
+            for s in self.stretches
+        ]
+        return tuple(x for x in even if x.shape[1] >= SHORTEST_STRETCH), rate
+
+
+@cached_per_log
+def signal_overview(case: Case, evidence: Evidence) -> SignalOverview:
+    """The good rows of a log's excerpt."""
+    t, x = evidence.rows
+    return overview_of_rows(t, x, evidence.channels)
+
+
+def overview_of_rows(t: Array, x: Array, channels: Channels) -> SignalOverview:
+    """Good rows of raw ones: readable, in order of time, without garbage."""
+    readable = np.isfinite(t)
+    stamped = readable.copy()
+    forward = np.diff(t[readable])
+    forward = forward[forward > 0.0]
+    step = float(np.median(forward)) if len(forward) else 0.0
+    with np.errstate(invalid="ignore"):
+        stamped[readable] = _near(t[readable], GAP_TIME * step)
+        kept = stamped & (np.abs(x) <= LARGEST_VALUE).all(axis=1)
+    for channel in range(x.shape[1]):
+        kept[kept] = _near(x[kept, channel], _reach(x[kept, channel], channel, channels))
+    broken = ~kept
+    kept[kept] = _increasing(t[kept])
+    return SignalOverview(channels, t[stamped], t[kept], x[kept], kept, broken, step)
+
+
+def _reach(values: Array, channel: int, channels: Channels) -> float:
+    """How far a value may be off its neighbours' median before it is garbage."""
+    if len(values) == 0:
+        return 0.0
+    low, high = np.quantile(values, [0.02, 0.98])
+    span = float(high - low)
+    return max(0.5 * span, 1.0) if channel < channels.joints else 20.0 * span + 60.0
+
+
+def _near(values: Array, reach: float) -> NDArray[np.bool_]:
+    """Whether each value is within reach of the median of its neighbours."""
+    if len(values) < MEDIAN_ROWS or not (np.abs(np.diff(values)) > reach).any():
+        return np.ones(len(values), dtype=np.bool_)
+    windows = np.lib.stride_tricks.sliding_window_view(values, MEDIAN_ROWS)
+    middle = np.median(windows, axis=1)
+    half = MEDIAN_ROWS // 2
+    median = np.pad(middle, (half, half), mode="edge")
+    near: NDArray[np.bool_] = np.abs(values - median) <= reach
+    return near
+
+
+def _increasing(t: Array) -> NDArray[np.bool_]:
+    """Rows that are later than all before them."""
+    if len(t) == 0:
+        return np.zeros(0, dtype=np.bool_)
+    latest = np.maximum.accumulate(t)
+    later: NDArray[np.bool_] = np.concatenate(([True], t[1:] > latest[:-1]))
+    return later
+
+
+def _evened(t: Array, row: NDArray[np.intp]) -> Array:
+    """Stamps with their jitter averaged, still increasing."""
+    if len(t) < 2 * EVENED_STAMPS:
+        return t
+    step = (t[-1] - t[0]) / (row[-1] - row[0])
+    trend = step * row
+    half = EVENED_STAMPS // 2
+    off = np.pad(t - trend, half, mode="edge")
+    evened: Array = trend + np.convolve(off, np.full(EVENED_STAMPS, 1.0 / EVENED_STAMPS), "valid")
+    return evened if (np.diff(evened) > 0.0).all() else t
+
+
+def _rough(t: Array, q: Array) -> float:
+    """How much velocities change from row to row, over the velocities."""
+    speed = np.diff(q, axis=0) / np.diff(t)[:, None]
+    size = float(np.abs(speed).mean())
+    return float(np.abs(np.diff(speed, axis=0)).mean()) / size if size > 0.0 else 0.0
+
+
+def with_rows(case: Case) -> tuple[Evidence, ...]:
+    """The logs that have enough good rows to say anything of single signals."""
+    return tuple(e for e in case.logs if len(signal_overview(case, e).t) >= LEAST_ROWS)
+
+
+SLOPE_WIDTH = 0.02
+"""Standard deviation of the low-pass [s]: half the power is gone at 6.6 Hz."""
+SHORTEST_WIDTH = 1.5
+"""The same in samples, at least."""
+SLOPE_ENDS = 4.0
+"""Widths of the Gaussian on each side that are taken into account."""
+STILL_SHARE = 3e-4
+"""Share of the fastest joint's rms speed below which a joint rests, in whatever unit it is."""
+RANGE_STEPS, RANGE_NOISE = 30.0, 10.0
+"""Range of a joint that moves, in steps of its sensor and in standard deviations of its noise."""
+
+
+def noise_of(x: Array) -> Array:
+    """Standard deviation of white noise in signals `(N, C)`, by second differences, `(C,)`."""
+    if len(x) < 3:
+        return np.zeros(x.shape[1])
+    noise: Array = np.sqrt(np.square(np.diff(x, n=2, axis=0)).mean(axis=0) / 6.0)
+    return noise
+
+
+def width_of(rate: float) -> float:
+    """Standard deviation of the low-pass at a rate [s]."""
+    return max(SLOPE_WIDTH, SHORTEST_WIDTH / rate)
+
+
+def gaussian_smoothed(x: Array, rate: float) -> Array:
+    """Signals `(C, N)` behind the Gaussian, without its ends: shape `(C, fewer)`."""
+    return _convolved(x, _bell(rate))
+
+
+def gaussian_slope(x: Array, rate: float) -> Array:
+    """Their derivatives behind the same Gaussian, at the same times [1/s]."""
+    bell = _bell(rate)
+    at = np.arange(len(bell)) - len(bell) // 2
+    kernel = -at * bell
+    return _convolved(x, kernel * (rate / -(at @ kernel)))
+
+
+def _bell(rate: float) -> Array:
+    width = width_of(rate) * rate
+    half = int(np.ceil(SLOPE_ENDS * width))
+    bell: Array = np.exp(-0.5 * (np.arange(-half, half + 1) / width) ** 2)
+    bell /= bell.sum()
+    return bell
+
+
+def _convolved(x: Array, kernel: Array) -> Array:
+    if x.shape[1] < len(kernel):
+        return np.zeros((len(x), 0))
+    return np.stack([np.convolve(row, kernel, "valid") for row in x])
+
+
+@dataclass(frozen=True, eq=False)
+class PositionSlopes:
+    """Derivatives of the positions in all stretches together.
+
+    Attributes:
+        t: Time, shape `(N,)` [s as declared].
+        v: Derivatives, shape `(n, N)` [declared unit per true second].
+        rate: [Hz].
+        moving: Joints that move enough to say anything about, shape `(n,)`.
+    """
+
+    t: Array
+    v: Array
+    rate: float
+    moving: NDArray[np.bool_]
+
+
+def position_slopes(overview: SignalOverview, second: float = 1.0) -> PositionSlopes:
+    """Derivatives of the positions, and which joints move.
+
+    Args:
+        overview: The log.
+        second: Seconds that a declared second really has.
+    """
+    even, rate = overview.even(np.column_stack((overview.t, overview.q)), second)
+    half = len(_bell(rate)) // 2
+    pieces = [(x[0, half : x.shape[1] - half], gaussian_slope(x[1:], rate)) for x in even]
+    pieces = [(t, v) for t, v in pieces if v.shape[1]]
+    n = overview.channels.joints
+    t = np.concatenate([np.zeros(0), *(t for t, _ in pieces)])
+    v = np.concatenate([np.zeros((n, 0)), *(v for _, v in pieces)], axis=1)
+    return PositionSlopes(t, v, rate, moving_joints(overview, v))
+
+
+def moving_joints(overview: SignalOverview, v: Array) -> NDArray[np.bool_]:
+    """Joints that move enough to say anything about, shape `(n,)`.
+
+    Args:
+        overview: The log.
+        v: Derivatives of its positions, shape `(n, any)`.
+    """
+    n = overview.channels.joints
+    if v.shape[1] == 0:
+        return np.zeros(n, dtype=np.bool_)
+    speed = np.sqrt(np.square(v).mean(axis=1))
+    steps = RANGE_STEPS * overview.resolution[overview.channels.q]
+    spread = np.ptp(overview.q, axis=0)
+    far = (spread > 0.0) & (spread >= np.maximum(steps, RANGE_NOISE * noise_of(overview.q)))
+    enough: NDArray[np.bool_] = far & (speed >= STILL_SHARE * speed.max())
+    return enough

@@ -1,0 +1,360 @@
+"""Are positions the joints' own, in the declared unit, and not in the columns of velocities?"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.check.case import EXCERPT_ROWS, Case, Evidence
+from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, of_joints
+from steelyard.check.signals.overview import (
+    cached_per_log,
+    gaussian_slope,
+    gaussian_smoothed,
+    signal_overview,
+    with_rows,
+)
+from steelyard.check.signals.units import (
+    SAME_SCALE,
+    UnitReading,
+    declared_units,
+    motion_in_units,
+    position_beyond_range,
+    unit_reading,
+    unit_value,
+)
+from steelyard.check.signals.velocity_agreement import AGREEING_CORRELATION
+from steelyard.robot.file.signals import POSITION_UNITS, Signals
+from steelyard.robot.init.column_names import Column
+
+RATE_UNIT_WORDS = ("s", "rpm", "rads", "degs")
+"""Last words of the units of velocities."""
+
+
+@dataclass(frozen=True)
+class MisplacedVelocity:
+    """A position column that holds velocities.
+
+    Attributes:
+        joint: Number of its joint.
+        column: Its name.
+        correlation: With the derivative of `position`; 0 where only the name says so.
+        position: The column that holds the positions; empty if none is known.
+    """
+
+    joint: int
+    column: str
+    correlation: float
+    position: str
+
+    @property
+    def sure(self) -> bool:
+        """Whether its values, or the unit in its name, are those of a velocity."""
+        return self.correlation > 0.0 or Column(self.column).unit_words[-1:] in [
+            (w,) for w in RATE_UNIT_WORDS
+        ]
+
+
+@cached_per_log
+def misplaced_velocities(case: Case, evidence: Evidence) -> tuple[MisplacedVelocity, ...]:
+    """Position columns that are derivatives of a column beside them, or are called velocities.
+
+    Columns beside one are called alike but for words of positions, velocities and units.
+    """
+    signals = evidence.recording.signals
+    beside = [_beside(name, evidence.log.columns) for name in signals.position]
+    if not any(beside) and not any(map(_called_velocity, signals.position)):
+        return ()
+    found = []
+    for joint, (name, others) in enumerate(zip(signals.position, beside, strict=True)):
+        own, of_own = _misplaced_correlations(case, evidence, joint, others)
+        best = int(np.argmax(own)) if len(own) else 0
+        either = len(own) > 0 and of_own[best] >= AGREEING_CORRELATION  # motion of one frequency
+        if (
+            len(own)
+            and own[best] >= AGREEING_CORRELATION
+            and (not either or _called_velocity(name))
+        ):
+            found.append(MisplacedVelocity(joint, name, float(own[best]), others[best]))
+        elif _called_velocity(name) and not (of_own >= AGREEING_CORRELATION).any():
+            free = [c for c in others if c not in signals.columns]
+            positions = [c for c in free if Column(c).quantity == "position"]
+            found.append(
+                MisplacedVelocity(joint, name, 0.0, positions[0] if len(positions) == 1 else "")
+            )
+    return tuple(found)
+
+
+def _called_velocity(name: str) -> bool:
+    return Column(name).quantity == "velocity"
+
+
+def _beside(name: str, columns: Sequence[str]) -> list[str]:
+    """Positions and velocities that are called as a column is."""
+    stem = Column(name).stem
+    others = [Column(c) for c in columns if c != name]
+    return [c.name for c in others if c.quantity in ("position", "velocity") and c.stem == stem]
+
+
+def _misplaced_correlations(
+    case: Case, evidence: Evidence, joint: int, others: Sequence[str]
+) -> tuple[Array, Array]:
+    """Of a joint's positions with the others' derivatives, and size of the derivative's with them.
+
+    In motion of one frequency positions are opposite to derivatives of their velocities, so the
+    sign of the former counts. Zero where positions are of motors behind coupled gears, or nothing
+    moves.
+    """
+    overview, start = signal_overview(case, evidence), evidence.window[0]
+    none = np.zeros(len(others)), np.zeros(len(others))
+    if not others or evidence.recording.signals.position_map is not None:
+        return none
+    rows = (start, start + len(overview.kept))
+    values = np.concatenate(list(evidence.log.parts(others, rows, EXCERPT_ROWS)))[overview.kept]
+    values = np.where(np.isfinite(values), values, 0.0)
+    mine = overview.q[:, joint : joint + 1]
+    even, rate = overview.even(
+        np.concatenate((mine, values), axis=1), unit_reading(case, evidence).second
+    )
+    if not even:
+        return none
+    x = np.concatenate([gaussian_smoothed(part, rate) for part in even], axis=1)
+    v = np.concatenate([gaussian_slope(part, rate) for part in even], axis=1)
+    return _correlation_with(x[:1], v[1:]), np.abs(_correlation_with(v[:1], x[1:]))
+
+
+def _correlation_with(one: Array, others: Array) -> Array:
+    """Correlation of one signal `(1, N)` with others `(m, N)`, shape `(m,)`."""
+    a, b = (x - x.mean(axis=1, keepdims=True) for x in (one, others))
+    size = np.sqrt(np.square(a).sum(axis=1) * np.square(b).sum(axis=1))
+    found: Array = np.divide((a * b).sum(axis=1), size, out=np.zeros(len(b)), where=size > 0.0)
+    return found
+
+
+OUTSIDE_RANGE = 1.1
+"""Distance from the middle of a joint's range over half of it, above which positions are
+doubtful."""
+MOTOR_RANGE = 3.0
+"""How far outside positions of motors are at least."""
+
+
+@dataclass(frozen=True)
+class Position:
+    """Whether positions are positions, their unit and side of the gears, and their limits."""
+
+    name: ClassVar[str] = "position"
+    question: ClassVar[str] = "Are positions in the declared unit?"
+    quick: ClassVar[bool] = True
+
+    def __call__(self, case: Case) -> tuple[Finding, ...]:
+        """One finding per log that has rows."""
+        return tuple(self._look(case, evidence) for evidence in with_rows(case))
+
+    def _look(self, case: Case, evidence: Evidence) -> Finding:
+        if wrong := misplaced_velocities(case, evidence):
+            return _misplaced(case, evidence, wrong)
+        low, high = np.quantile(signal_overview(case, evidence).q, [0.005, 0.995], axis=0)
+        off = _off(case, low, high)
+        units = unit_reading(case, evidence)
+        declared = declared_units(evidence, case)
+        other = [j for j, unit in enumerate(declared) if units.joints[j].position_unit != unit]
+        picture = _picture(case, low, high)
+        if _of_motors(case, evidence, off, units):
+            return _motors(case, evidence, low, high, picture)
+        if other:
+            return _other_unit(case, evidence, units, other, off, picture)
+        outside = np.flatnonzero(off > OUTSIDE_RANGE)
+        names = tuple(case.joints[j] for j in outside)
+        are = "are outside their limits" if len(names) > 1 else "is outside its limits"
+        clause = f"{', '.join(names)} {are}; " if names else ""
+        return Finding(
+            self.name,
+            evidence.name,
+            Severity.DOUBTFUL if names else Severity.OK,
+            clause + _facts(case, evidence) + ("" if names else ", within the joints' limits"),
+            _value_text(case, off),
+            joints=names,
+            fix=Fix(
+                "check position_offset under [signals], the zero of the joints, and their limits; "
+                "or the model file is of another robot"
+            )
+            if names
+            else None,
+            picture=picture,
+        )
+
+
+def _misplaced(case: Case, evidence: Evidence, wrong: Sequence[MisplacedVelocity]) -> Finding:
+    """The finding on position columns that hold velocities."""
+    signals, first = evidence.recording.signals, wrong[0]
+    more = f" (and {len(wrong) - 1} more)" * (len(wrong) > 1)
+    why = f"its values are the derivative of '{first.position}'"
+    sure = all(one.sure for one in wrong)
+    return Finding(
+        Position.name,
+        evidence.name,
+        Severity.WRONG if sure else Severity.DOUBTFUL,
+        f"position column '{first.column}'{more} holds velocities: "
+        + (why if first.correlation else "by its name"),
+        f"correlation of {first.correlation:.3g} with the derivative, velocities from "
+        f"{AGREEING_CORRELATION:g} on"
+        if first.correlation
+        else "",
+        joints=tuple(case.joints[one.joint] for one in wrong),
+        fix=Fix(
+            "declare the columns that hold positions, or log them", _with_positions(signals, wrong)
+        ),
+    )
+
+
+def _with_positions(signals: Signals, wrong: Sequence[MisplacedVelocity]) -> tuple[Edit, ...]:
+    """The position columns with those that hold positions; velocities where they are exchanged."""
+    if not all(one.position for one in wrong):
+        return ()
+    instead = {one.column: one.position for one in wrong}
+    edits = [Edit(("signals", "position"), [instead.get(name, name) for name in signals.position])]
+    back = {position: column for column, position in instead.items()}
+    if signals.velocity is not None and set(back) & set(signals.velocity):
+        velocity = [back.get(name, name) for name in signals.velocity]
+        edits.append(Edit(("signals", "velocity"), velocity))
+    return tuple(edits)
+
+
+def _off(case: Case, low: Array, high: Array) -> Array:
+    """How far each joint gets from the middle of its range, over half the range."""
+    joints = zip(case.loaded.robot.coordinates, low, high, strict=True)
+    return np.array([position_beyond_range(c, float(a), float(b)) for c, a, b in joints])
+
+
+def _of_motors(case: Case, evidence: Evidence, off: Array, units: UnitReading) -> bool:
+    """Whether positions are motors', but not declared so: by their names, or as nothing fits."""
+    signals = evidence.recording.signals
+    if signals.position_map is not None:
+        return False
+    far = off > MOTOR_RANGE
+    if all(Column(name).has("motor", "motors") for name in signals.position):
+        declared = [joint.position_unit for joint in units.as_declared]
+        return bool(far.any()) or declared != [joint.position_unit for joint in units.joints]
+    corrected = np.array([j.position_scale for j in units.joints])
+    return bool(far.all() and (off * np.minimum(corrected, 1.0) > MOTOR_RANGE).all())
+
+
+def _motors(case: Case, evidence: Evidence, low: Array, high: Array, picture: Picture) -> Finding:
+    limits = [c.limits for c in case.loaded.robot.coordinates]
+    span = np.array([x.upper - x.lower for x in limits])
+    ranged = np.isfinite(span) & (span > 0.0)
+    ratios = np.ceil(np.divide(high - low, span, out=np.ones(len(span)), where=ranged))
+    off = _off(case, low, high)
+    outside = bool((off > OUTSIDE_RANGE).any())
+    far = f"up to {off.max():.0f} times farther than the joints can go"
+    least = " ".join(f"{ratio:.0f}" for ratio in ratios)
+    return Finding(
+        Position.name,
+        evidence.name,
+        Severity.WRONG,
+        "positions appear to be those of motors, not joints: they are "
+        + (far if outside else "named so, and faster than joints"),
+        _value_text(case, off),
+        joints=tuple(case.joints[j] for j in np.flatnonzero(off > OUTSIDE_RANGE)),
+        fix=Fix(
+            'declare coordinates = "motor" under [signals], and the gears as ratios = [...] under '
+            "[robot.transmission]"
+            + (f"; for positions to be within limits they must be at least {least}" * outside)
+        ),
+        picture=picture,
+    )
+
+
+def _other_unit(
+    case: Case,
+    evidence: Evidence,
+    units: UnitReading,
+    other: list[int],
+    off: Array,
+    picture: Picture,
+) -> Finding:
+    names = tuple(case.joints[j] for j in other)
+    gains = {j: units.as_declared[j].cost - units.joints[j].cost for j in other}
+    clear = max(other, key=gains.__getitem__)
+    unit = " and ".join(sorted({units.joints[j].position_unit for j in other}))
+    value = unit_value([j.position_unit for j in units.joints], case, POSITION_UNITS)
+    gears = case.loaded.robot.transmission
+    geared = gears is not None and bool(np.all(np.abs(np.diag(gears.matrix)) == 1.0))
+    sure = units.sure and not geared
+    edit = Edit(("signals", "position_unit"), value)
+    says = f"declare these positions in {unit}"
+    if geared:
+        says = f"give the gear ratios, which are all 1, under [robot.transmission], or {says}"
+    return Finding(
+        Position.name,
+        evidence.name,
+        Severity.WRONG if sure else Severity.DOUBTFUL,
+        f"positions of {case.listed(other)} {'are' if sure else 'may be'} in {unit}: as declared, "
+        f"{case.joints[clear]} would {_reasons(case, evidence, units, clear, off)}",
+        _value_text(case, off),
+        joints=names,
+        fix=Fix(says, (edit,))
+        if sure
+        else Fix(says if geared else f"examine the log, and {says} if they are"),
+        picture=picture,
+    )
+
+
+def _reasons(case: Case, evidence: Evidence, units: UnitReading, joint: int, off: Array) -> str:
+    """What speaks against the declared unit: range, speed and logged velocities."""
+    fast, limit = (
+        motion_in_units(case, evidence),
+        case.loaded.robot.coordinates[joint].limits.velocity,
+    )
+    speed = np.quantile(np.abs(fast.v[joint]), 0.995) if fast.v.shape[1] else 0.0
+    found = []
+    if off[joint] > OUTSIDE_RANGE:
+        found.append(f"reach {off[joint]:.2g} times its limits")
+    if speed > 0.0:
+        unit = f"{case.loaded.robot.coordinates[joint].unit}/s"
+        known = f" (limit {limit:.2g} {unit})" if np.isfinite(limit) else ""
+        found.append(f"move at {speed:.2g} {unit}{known}")
+    if units.agreement is not None and units.agreement.reliable_joints[joint]:
+        scale = abs(float(units.agreement.scale[joint]))
+        if abs(np.log(scale)) > np.log(SAME_SCALE):
+            found.append(f"have logged velocities of {scale:.3g} times the derivative")
+    return ", ".join(found) or "hardly move"
+
+
+def _facts(case: Case, evidence: Evidence) -> str:
+    signals, gears = evidence.recording.signals, case.loaded.robot.transmission
+    units = " and ".join(sorted(set(declared_units(evidence, case))))
+    if wrapped := evidence.recording.wrapped:
+        units += f" ({', '.join(wrapped)} wrap after a turn: unwrapped)"
+    if signals.position_map is None or gears is None:
+        return f"positions in {units}"
+    ratios = " ".join(f"{r:g}" for r in np.diag(gears.matrix))
+    coupled = ", coupled" if gears.coupled else ""
+    return f"motor-side signals, ratios {ratios}{coupled}; positions in {units}"
+
+
+def _value_text(case: Case, off: Array) -> str:
+    far = int(np.argmax(off))
+    if off[far] <= OUTSIDE_RANGE:
+        return "every joint stays within its limits"
+    return (
+        f"{case.joints[far]} reaches {off[far]:.3g} times its limits, from the middle of its "
+        f"range, at most {OUTSIDE_RANGE:g} times allowed"
+    )
+
+
+def _picture(case: Case, low: Array, high: Array) -> Picture:
+    limits = [c.limits for c in case.loaded.robot.coordinates]
+    lower = np.array([x.lower if np.isfinite(x.lower) else np.nan for x in limits])
+    upper = np.array([x.upper if np.isfinite(x.upper) else np.nan for x in limits])
+    return of_joints(
+        "position as declared [rad; m]",
+        (
+            ("lowest", low, "bars"),
+            ("highest", high, "bars"),
+            ("lower limit", lower, "points"),
+            ("upper limit", upper, "points"),
+        ),
+    )

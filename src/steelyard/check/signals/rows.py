@@ -1,0 +1,336 @@
+"""Are rows corrupt, or do they repeat earlier values?"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import LogError
+from steelyard.check.case import Case, Evidence
+from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace, percent_of
+from steelyard.check.signals.overview import SignalOverview, signal_overview
+from steelyard.check.signals.time_stamps import clock_is_irregular
+from steelyard.check.signals.units import unit_reading
+from steelyard.runs.rows.faulty_rows import LONGEST_STALE, RowVerdict
+from steelyard.runs.run import Run
+
+DOUBTFUL_BROKEN_SHARE, WRONG_BROKEN_SHARE = 0.05, 0.3
+"""Shares of broken rows from which on a log is doubtful, and wrong."""
+END_ROWS = 100
+"""Rows at the start that are a log's head, and at the end its tail."""
+BROKEN_VERDICTS = (RowVerdict.UNREADABLE, RowVerdict.ABSURD, RowVerdict.JUMP)
+
+
+@dataclass(frozen=True)
+class CorruptRows:
+    """Cells that are missing, no numbers, or garbage; and why a log cannot be made a run."""
+
+    name: ClassVar[str] = "rows"
+    question: ClassVar[str] = "Are rows corrupt?"
+    quick: ClassVar[bool] = True
+
+    def __call__(self, case: Case) -> tuple[Finding, ...]:
+        """One finding per log."""
+        return tuple(self._look(case, evidence) for evidence in case.logs)
+
+    def _look(self, case: Case, evidence: Evidence) -> Finding:
+        broken = signal_overview(case, evidence).broken
+        count, total = _counted(evidence, broken)
+        share = count / max(total, 1)
+        severity = (
+            Severity.WRONG
+            if share > WRONG_BROKEN_SHARE or total == 0
+            else Severity.DOUBTFUL
+            if share > DOUBTFUL_BROKEN_SHARE
+            else Severity.OK
+        )
+        fix = None if severity == Severity.OK else Fix("record or copy the log again")
+        says = (
+            f"{count} corrupt rows{_where_corrupt(broken)}, dropped" if count else "no corrupt rows"
+        )
+        if isinstance(evidence.run, LogError):
+            says += f"; as declared, the log cannot be used: {evidence.run.wrong}"
+            if _unexplained(case, evidence):
+                severity, fix = Severity.WRONG, Fix(evidence.run.fix)
+        return Finding(
+            self.name,
+            evidence.name,
+            severity,
+            says,
+            f"{count} of {total} rows ({percent_of(share)}), at most "
+            f"{100.0 * DOUBTFUL_BROKEN_SHARE:g} % allowed",
+            fix=fix,
+            picture=_corrupt_picture(broken) if broken.any() else None,
+            brief=f"{count} corrupt rows dropped" if count else "",
+        )
+
+
+def _unexplained(case: Case, evidence: Evidence) -> bool:
+    """Whether neither units, nor the clock, nor a motion that is missing explain the refusal."""
+    units = unit_reading(case, evidence)
+    if units.cost < units.declared_cost or clock_is_irregular(case, evidence):
+        return False
+    return signal_overview(case, evidence).moves
+
+
+def _counted(evidence: Evidence, broken: NDArray[np.bool_]) -> tuple[int, int]:
+    """Broken rows and all rows: of the whole log if it is longer than the excerpt."""
+    if isinstance(evidence.run, Run) and evidence.run.quality.rows > len(broken):
+        quality = evidence.run.quality
+        return sum(
+            quality.dropped.get(verdict.reason, 0) for verdict in BROKEN_VERDICTS
+        ), quality.rows
+    return int(broken.sum()), len(broken)
+
+
+def _where_corrupt(broken: NDArray[np.bool_]) -> str:
+    """Where broken rows are, in words."""
+    at = np.flatnonzero(broken)
+    if len(at) == 0:
+        return ""
+    if at[-1] < END_ROWS:
+        return f" at the start (rows {at[0]} to {at[-1]})"
+    if at[0] >= len(broken) - END_ROWS:
+        return f" at the end (from row {at[0]})"
+    return f" (the first is row {at[0]}, the last {at[-1]})"
+
+
+def _corrupt_picture(broken: NDArray[np.bool_]) -> Picture:
+    """Broken rows per hundredth of the log."""
+    edges = np.linspace(0.0, len(broken), 101)
+    count, _ = np.histogram(np.flatnonzero(broken), edges)
+    bars = Trace("broken rows", 0.5 * (edges[1:] + edges[:-1]), count.astype(np.float64), "bars")
+    return Picture("row", "broken rows", (bars,))
+
+
+HOLD_STEPS = 3.0
+"""Steps of its sensor by which a channel changes before and after a stretch that counts: neither
+rest nor a sensor too coarse for the motion makes such ones."""
+FEWEST_HELD_ROWS, REGULAR_HOLD_SHARE = 100, 0.9
+"""Fewest stretches, and the share of them that has one length where samples are held."""
+LONGEST_SHOWN_HOLD = 20
+"""Longest stretch that is shown [rows]."""
+
+
+@dataclass(frozen=True, eq=False)
+class ZeroOrderHold:
+    """How long some channels keep a value.
+
+    Attributes:
+        lengths: Of stretches of one value between two clear changes, of all channels [rows].
+        every: Rows from one new sample to the next; 1 if samples are not held.
+        share: Of the stretches that have the commonest length, in [0, 1].
+    """
+
+    lengths: NDArray[np.intp]
+    every: int
+    share: float
+
+    @property
+    def value_text(self) -> str:
+        """The evidence in words."""
+        return (
+            f"{100.0 * self.share:.3g} % of {len(self.lengths)} clear changes come {self.every} "
+            f"rows after the one before, regular from {100.0 * REGULAR_HOLD_SHARE:g} % on"
+        )
+
+    @property
+    def picture(self) -> Picture:
+        """How often each length occurs."""
+        rows = np.arange(1, max(LONGEST_SHOWN_HOLD, 2 * self.every) + 1)
+        count = np.bincount(np.minimum(self.lengths, rows[-1]), minlength=len(rows) + 1)[1:]
+        bars = Trace("stretches", rows.astype(np.float64), count.astype(np.float64), "bars")
+        return Picture("rows with one value", "stretches", (bars,))
+
+
+def zero_order_hold(x: Array, step: Array) -> ZeroOrderHold:
+    """How long channels keep a value.
+
+    Args:
+        x: Channels, shape `(N, c)`.
+        step: Smallest change of each, shape `(c,)`.
+    """
+    lengths = np.concatenate([_stretches(*channel) for channel in zip(x.T, step, strict=True)])
+    if len(lengths) < FEWEST_HELD_ROWS:
+        return ZeroOrderHold(lengths, 1, 0.0)
+    count = np.bincount(lengths)
+    every = int(count.argmax())
+    share = float(count[every]) / len(lengths)
+    return ZeroOrderHold(lengths, every if share >= REGULAR_HOLD_SHARE else 1, share)
+
+
+def old_rows(x: Array) -> NDArray[np.bool_]:
+    """Whether each row has all values of the row before, shape `(N,)`."""
+    return np.concatenate(([False], (x[1:] == x[:-1]).all(axis=1)))
+
+
+def mean_age(x: Array, updates: ZeroOrderHold, rows: NDArray[np.bool_]) -> float:
+    """How many rows ago values were new on average, at rest left out [rows].
+
+    Args:
+        x: Channels, shape `(N, c)`.
+        updates: How long they keep a value.
+        rows: Rows that count also where values are old, shape `(N,)`.
+    """
+    row = np.arange(len(x))[:, None]
+    new = np.concatenate((np.ones((1, x.shape[1]), dtype=np.bool_), x[1:] != x[:-1]))
+    age = row - np.maximum.accumulate(np.where(new, row, 0), axis=0)
+    return float(age[(age < updates.every) & (rows[:, None] | (age == 0))].mean())
+
+
+def _stretches(x: Array, step: float) -> NDArray[np.intp]:
+    """Lengths of stretches of one value between two clear changes of a channel [rows]."""
+    change = np.abs(np.diff(x))
+    rows = np.flatnonzero(change)
+    clear = change[rows] >= HOLD_STEPS * step
+    lengths: NDArray[np.intp] = np.diff(rows)[clear[1:] & clear[:-1]]
+    return lengths
+
+
+REPEAT_SPAN = 10
+"""Rows in which a joint must get far for the row in the middle to be one in motion."""
+FAR_STEPS = 2.0
+"""Steps of the sensor per row that are far."""
+OFTEN_REPEATED = 0.2
+"""Share of repeated rows from which on a log is doubtful."""
+LATE_AGE = 2e-3
+"""Mean age of held samples from which on a log is doubtful [s]."""
+
+
+@dataclass(frozen=True)
+class RepeatedRows:
+    """Rows with old positions or efforts: a controller that was read too often."""
+
+    name: ClassVar[str] = "repeats"
+    question: ClassVar[str] = "Do rows repeat earlier positions or efforts?"
+    quick: ClassVar[bool] = True
+
+    def __call__(self, case: Case) -> tuple[Finding, ...]:
+        """One finding per log that moves fast enough, another where efforts are held."""
+        found = (f for evidence in case.logs for f in self._both(case, evidence))
+        return tuple(finding for finding in found if finding is not None)
+
+    def _both(self, case: Case, evidence: Evidence) -> tuple[Finding | None, ...]:
+        overview = signal_overview(case, evidence)
+        if len(overview.t) <= 2 * REPEAT_SPAN:
+            return ()
+        c = overview.channels
+        positions = zero_order_hold(overview.q, overview.resolution[c.q])
+        efforts = zero_order_hold(overview.effort, overview.resolution[c.effort])
+        rows = np.ones(len(overview.t), dtype=np.bool_)
+        if evidence.processing.bridge_repeats and 0 < positions.every - 1 <= LONGEST_STALE:
+            rows = ~old_rows(overview.q)
+        age = mean_age(overview.q, positions, rows) * overview.step
+        late = mean_age(overview.effort, efforts, rows) * overview.step - age
+        return (
+            self._irregular(evidence, overview)
+            if positions.every == 1
+            else self._positions(evidence, overview, positions, round(age, 5)),
+            None
+            if efforts.every == 1
+            else self._efforts(evidence, overview, efforts, round(late, 5) + 0.0),
+        )
+
+    def _positions(
+        self, evidence: Evidence, overview: SignalOverview, updates: ZeroOrderHold, left: float
+    ) -> Finding:
+        """Positions that are new every n-th row, and their mean age once rows are bridged [s]."""
+        age = 0.5 * (updates.every - 1) * overview.step
+        doubtful = round(age, 4) > LATE_AGE or updates.every - 1 > LONGEST_STALE
+        does = (
+            f"they are {1e3 * left:.2g} ms late on average, and rows are not interpolated"
+            if left > 0.0
+            else "repeated rows are interpolated"
+        )
+        return Finding(
+            self.name,
+            evidence.name,
+            Severity.DOUBTFUL if doubtful else Severity.OK,
+            f"positions are updated {_every(overview, updates)}: {does}",
+            f"{updates.value_text}; {1e3 * age:.3g} ms old on average, at most "
+            f"{1e3 * LATE_AGE:g} ms "
+            f"and {LONGEST_STALE} repeated rows allowed",
+            fix=Fix(
+                "log at the update rate of positions, "
+                f"{1.0 / overview.step / updates.every:.3g} Hz, or update them at the rate of the "
+                "log"
+            )
+            if doubtful
+            else None,
+            picture=updates.picture,
+        )
+
+    def _efforts(
+        self, evidence: Evidence, overview: SignalOverview, updates: ZeroOrderHold, late: float
+    ) -> Finding:
+        """Efforts that are new every n-th row, and how much older than positions they are [s]."""
+        stated = evidence.recording.signals.effort_delay
+        doubtful = round(late - stated, 4) > LATE_AGE
+        does = (
+            f"they are {1e3 * late:.2g} ms late on average"
+            if late > 0.0
+            else "no later than positions"
+        )
+        known = f" ([signals.effort] delay compensates {1e3 * stated:g} ms)" if stated else ""
+        return Finding(
+            self.name,
+            evidence.name,
+            Severity.DOUBTFUL if doubtful else Severity.OK,
+            f"efforts are updated {_every(overview, updates)}: {does}{known}",
+            f"{updates.value_text}; {1e3 * late:.3g} ms later than positions, "
+            f"at most {1e3 * LATE_AGE:g} ms allowed",
+            fix=Fix(
+                f"log efforts as they are measured, or state the mean delay, {1e3 * late:.3g} ms",
+                (Edit(("signals", "effort", "delay"), late),),
+            )
+            if doubtful
+            else None,
+            picture=updates.picture,
+        )
+
+    def _irregular(self, evidence: Evidence, overview: SignalOverview) -> Finding | None:
+        """Rows in motion that repeat positions now and then."""
+        q, step = overview.q, overview.resolution[overview.channels.q]
+        far = np.abs(q[REPEAT_SPAN:] - q[:-REPEAT_SPAN]) > FAR_STEPS * REPEAT_SPAN * step
+        fast: NDArray[np.bool_] = np.any(far & (step > 0.0), axis=1)
+        if not fast.any():
+            return None
+        same = np.all(q[1:] == q[:-1], axis=1)
+        again: NDArray[np.bool_] = same[REPEAT_SPAN // 2 : REPEAT_SPAN // 2 + len(fast)] & fast
+        count, total = int(again.sum()), int(fast.sum())
+        share = count / total
+        often = share > OFTEN_REPEATED
+        return Finding(
+            self.name,
+            evidence.name,
+            Severity.DOUBTFUL if often else Severity.OK,
+            f"{count} rows in motion repeat the positions of the row before"
+            if count
+            else "no row in motion repeats the previous one",
+            f"{count} of {total} rows around which a joint moves by more than {FAR_STEPS:g} sensor "
+            f"steps a row ({percent_of(share)}), at most "
+            f"{100.0 * OFTEN_REPEATED:g} % allowed",
+            fix=Fix(f"log at the update rate of positions, about {1.0 - share:.2g} of this one")
+            if often
+            else None,
+            picture=_repeats_picture(
+                overview.t[REPEAT_SPAN // 2 + 1 :][: len(again)] - overview.t[0], again
+            )
+            if count
+            else None,
+        )
+
+
+def _every(overview: SignalOverview, updates: ZeroOrderHold) -> str:
+    """How often samples are new."""
+    rate = 1.0 / overview.step
+    return f"every {updates.every} rows ({rate / updates.every:.3g} Hz of {rate:.3g} Hz)"
+
+
+def _repeats_picture(t: Array, again: NDArray[np.bool_]) -> Picture:
+    """Repeated rows over time."""
+    count, edges = np.histogram(t[again], bins=100, range=(float(t[0]), float(t[-1])))
+    bars = Trace("repeated rows", 0.5 * (edges[1:] + edges[:-1]), count.astype(np.float64), "bars")
+    return Picture("time [s]", "repeated rows", (bars,))

@@ -1,0 +1,434 @@
+r"""Units of time, positions and velocities that make a log plausible, and what each costs.
+
+A velocity that is 57 times the derivative of a position may be in degrees per second, or the
+position may be in units of 57 rad, or the clock in units of 57 s. So they are weighed together:
+each reading costs what is implausible about it (a step of the clock, positions beyond the joints'
+limits, speeds beyond or far below theirs, velocities that are not the derivative) and what it
+changes of what the robot file says. The cheapest one is believed.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite, log, log10, pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array
+from steelyard.check.case import Case, Evidence
+from steelyard.check.signals.overview import (
+    PositionSlopes,
+    SignalOverview,
+    cached_per_log,
+    position_slopes,
+    signal_overview,
+)
+from steelyard.check.signals.velocity_agreement import (
+    VelocityAgreement,
+    rate_by_velocities,
+    velocity_agreement,
+)
+from steelyard.robot.file.signals import POSITION_UNITS, ROW, VELOCITY_UNITS
+from steelyard.robot.init.column_names import Column
+from steelyard.robot.robot import Coordinate
+
+SHORTEST_STEP, LONGEST_STEP = 1e-4, 0.25
+"""Steps of a robot's log lie between these [s], give or take `RANGE_SLACK`."""
+RANGE_SLACK = 1.1
+IMPLAUSIBLE_STEP, CHANGED_UNIT_COST, OUTSIDE_COST, TOO_FAST, TOO_SLOW, DISAGREEING_COST = (
+    4.0,
+    1.0,
+    3.0,
+    2.0,
+    0.4,
+    4.0,
+)
+"""What a reading costs: a step that no log has; a unit that is not the declared one; positions far
+beyond their limits; speeds beyond theirs, and per decade below a tenth of theirs; velocities that
+are not the derivative."""
+OVER_LIMIT = 0.8
+"""What a speed beyond the limit of the model file costs that a robot can have: limits there are
+often placeholders."""
+NAMED_UNIT_COST = 0.3
+"""What a unit costs that is not the one in the column's name."""
+FAST_SPEED, SLOW_SPEED = 1.5, 0.1
+"""Speeds over the joint's limit above and below which they cost."""
+FAR_TOO_FAST = 10.0
+"""Speed over the usual one from which on it costs all of `TOO_FAST` where a joint has no limit."""
+BEYOND_RANGE, FAR_BEYOND = 1.2, 4.0
+"""Distance from the middle of a joint's range, over half the range, that costs nothing, and the
+factor above it that costs all of `OUTSIDE_COST`."""
+USUAL_SPEED = {"revolute": 2.0 * pi, "prismatic": 2.0}
+"""Usual limits of speed [rad/s; m/s]."""
+SAME_SCALE = 1.15
+"""Factor within which two scales are the same."""
+
+
+@dataclass(frozen=True)
+class JointReading:
+    """Units of one joint.
+
+    Attributes:
+        position_unit: Of the positions.
+        position_scale: Radians (metres) that a declared one really is.
+        velocity_unit: Of the velocities; empty if none are logged.
+        velocity_scale: The same of velocities.
+        cost: Of this reading.
+    """
+
+    position_unit: str
+    position_scale: float
+    velocity_unit: str
+    velocity_scale: float
+    cost: float
+
+
+def step_cost(step: float) -> float:
+    """Cost of a clock's step [s] in a unit of time."""
+    if step <= 0.0:
+        return 0.0
+    off = max(SHORTEST_STEP / step, step / LONGEST_STEP)
+    return IMPLAUSIBLE_STEP + log10(off) if off > RANGE_SLACK else 0.0
+
+
+@dataclass(frozen=True)
+class JointFacts:
+    """What one joint's units are judged by.
+
+    Attributes:
+        coordinate: The joint.
+        low: Lowest position, as declared.
+        high: Highest position.
+        speed: Nearly the highest speed, in the seconds in which the log was looked at.
+        moves: Whether it moves.
+        scale: Velocity over derivative in the same seconds; NaN if that is not known.
+        positions: Units of the positions, the declared one first, and their scales over its.
+        velocities: The same of the velocities; empty if none are logged.
+        changed: What another unit of the velocities costs.
+        named: Units of position and velocity that the columns' names say; empty if they do not.
+    """
+
+    coordinate: Coordinate
+    low: float
+    high: float
+    speed: float
+    moves: bool
+    scale: float
+    positions: dict[str, float]
+    velocities: dict[str, float]
+    changed: float
+    named: tuple[str, str] = ("", "")
+
+    def cheapest(self, second: float) -> JointReading:
+        """The cheapest units if a second has so many of those in which the log was looked at."""
+        return min(
+            (
+                self._read(second, position, velocity)
+                for position in self.positions
+                for velocity in self.velocities or {"": 1.0}
+            ),
+            key=lambda joint: joint.cost,
+        )
+
+    def declared(self, second: float) -> JointReading:
+        """The units as declared."""
+        return self._read(second, next(iter(self.positions)), next(iter(self.velocities), ""))
+
+    def like(self, second: float, other: JointReading) -> JointReading:
+        """The units of another joint, which one that rests has for nothing."""
+        return self._read(second, other.position_unit, other.velocity_unit, free=not self.moves)
+
+    def _read(
+        self, second: float, position: str, velocity: str, free: bool = False
+    ) -> JointReading:
+        scale, relative = self.positions[position], self.velocities.get(velocity, 1.0)
+        cost = self._outside(scale) + self._speed(self.speed * scale / second)
+        if not free:
+            cost += CHANGED_UNIT_COST * (position != next(iter(self.positions)))
+            cost += self.changed * (velocity != next(iter(self.velocities), ""))
+        for name, unit in zip(self.named, (position, velocity), strict=True):
+            cost += NAMED_UNIT_COST * (name not in ("", unit) and unit != "")
+        ratio = abs(self.scale) * second * relative / scale
+        if isfinite(ratio) and ratio > 0.0 and abs(log(ratio)) > log(SAME_SCALE):
+            cost += DISAGREEING_COST
+        return JointReading(position, scale, velocity, relative, cost)
+
+    def _outside(self, scale: float) -> float:
+        off = position_beyond_range(self.coordinate, scale * self.low, scale * self.high)
+        return OUTSIDE_COST * min(
+            1.0, max(0.0, log(max(off, 1.0) / BEYOND_RANGE) / log(FAR_BEYOND))
+        )
+
+    def _speed(self, speed: float) -> float:
+        limit, usual = self.coordinate.limits.velocity, USUAL_SPEED[self.coordinate.kind]
+        if not self.moves or speed <= 0.0:
+            return 0.0
+        if not isfinite(limit) and speed > FAST_SPEED * usual:
+            share = min(1.0, log(speed / (FAST_SPEED * usual)) / log(FAR_TOO_FAST / FAST_SPEED))
+            return share * (TOO_FAST + log10(speed / usual))
+        limit = limit if isfinite(limit) else usual
+        if speed > FAST_SPEED * max(limit, usual):
+            return TOO_FAST + log10(speed / max(limit, usual))
+        if speed > FAST_SPEED * limit:
+            return OVER_LIMIT
+        return TOO_SLOW * max(0.0, log10(SLOW_SPEED * limit / speed))
+
+
+def shared_unit_readings(facts: Sequence[JointFacts], second: float) -> tuple[JointReading, ...]:
+    """The cheapest units of joints of one kind, of which logs hardly ever mix several.
+
+    Units that differ between joints are believed only if the same ones for all would cost more
+    than a change more, or if they are declared so. Joints that rest say little: they have the
+    units of the others.
+
+    Args:
+        facts: Of joints of one kind.
+        second: How many of those seconds in which the log was looked at a second has.
+    """
+    own = tuple(f.cheapest(second) for f in facts)
+    if _mixed(f.declared(second) for f in facts) or not _mixed(own):
+        return own
+    same = [tuple(f.like(second, joint) for f in facts) for joint in own]
+    best = min(same, key=_cost)
+    return best if _cost(best) <= _cost(own) + CHANGED_UNIT_COST else own
+
+
+def _mixed(joints: Iterable[JointReading]) -> bool:
+    return len({(joint.position_unit, joint.velocity_unit) for joint in joints}) > 1
+
+
+def _cost(joints: Iterable[JointReading]) -> float:
+    return sum(joint.cost for joint in joints)
+
+
+def position_beyond_range(coordinate: Coordinate, low: float, high: float) -> float:
+    """Farthest position from the middle of a joint's range, over half the range; 0 without one."""
+    lower, upper = coordinate.limits.lower, coordinate.limits.upper
+    if not (isfinite(lower) and isfinite(upper) and upper > lower):
+        return 0.0
+    middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
+    return max(abs(low - middle), abs(high - middle)) / half
+
+
+FASTEST_SHARE = 0.995
+"""Quantile of a joint's speed that is compared with its limit."""
+DRAGGED_SPEED_SHARE = 0.02
+"""Share of the fastest joint's rms speed below which a joint is only dragged along."""
+
+
+SURE_UNIT_GAIN = 1.0
+"""What another unit of a position must gain over the declared one to be right beyond doubt."""
+
+
+@dataclass(frozen=True)
+class UnitReading:
+    """The units that fit best.
+
+    Attributes:
+        time_unit: Of the stamps; `ROW` where velocities contradict the declared rate.
+        second: Seconds that a declared second really has.
+        joints: Units of each joint.
+        as_declared: The same with the units as declared, for their costs.
+        cost: Of all.
+        declared_cost: Of all units as declared.
+        agreement: Velocities against derivatives, in seconds of this reading but positions and
+            velocities as declared; `None` if there are none.
+    """
+
+    time_unit: str
+    second: float
+    joints: tuple[JointReading, ...]
+    as_declared: tuple[JointReading, ...]
+    cost: float
+    declared_cost: float
+    agreement: VelocityAgreement | None
+
+    @property
+    def sure(self) -> bool:
+        """Whether other units of positions than the declared ones are right beyond doubt."""
+        pairs = zip(self.as_declared, self.joints, strict=True)
+        gains = [a.cost - b.cost for a, b in pairs if a.position_unit != b.position_unit]
+        return min((gain for gain in gains if gain > 0.0), default=0.0) >= SURE_UNIT_GAIN
+
+    def relative(self, joint: int) -> float:
+        """Velocity over derivative of the position once all units are right; NaN if unknown."""
+        if self.agreement is None:
+            return float("nan")
+        units = self.joints[joint]
+        scale = float(self.agreement.scale[joint])
+        return scale * units.velocity_scale / units.position_scale
+
+
+def logged_velocities(case: Case, evidence: Evidence) -> tuple[tuple[str, ...], Array] | None:
+    """Columns and values of logged velocities, shape `(N, n)`, in the good rows.
+
+    Declared ones are in SI units as declared, others as logged. `None` if there are none.
+    """
+    overview, signals = signal_overview(case, evidence), evidence.recording.signals
+    if overview.dq is not None and signals.velocity is not None:
+        return signals.velocity, overview.dq
+    columns = case.guesses.get("velocity", ())
+    known = set(evidence.log.columns)
+    if (
+        len(columns) != signals.n
+        or not known.issuperset(columns)
+        or signals.position_map is not None
+    ):
+        return None
+    parts = list(evidence.log.parts(columns, evidence.window))
+    if not parts:
+        return None
+    values = np.concatenate(parts)[overview.kept]
+    return columns, np.where(np.isfinite(values), values, 0.0)
+
+
+def unit_of(scale: float, units: Mapping[str, float]) -> str:
+    """The unit with that scale; the nearest one."""
+    return min(units, key=lambda unit: abs(log(units[unit] / abs(scale))))
+
+
+def declared_units(evidence: Evidence, case: Case) -> tuple[str, ...]:
+    """Unit of each position as the robot file declares it."""
+    scales = evidence.recording.signals.position_scale
+    return tuple(
+        unit_of(float(s), POSITION_UNITS[c.kind])
+        for s, c in zip(scales, case.loaded.robot.coordinates, strict=True)
+    )
+
+
+def unit_value(
+    units: Sequence[str], case: Case, known: Mapping[str, Mapping[str, float]]
+) -> str | list[str]:
+    """Units of the joints as the robot file says them: one for all that can have it, or a list."""
+    kinds = [c.kind for c in case.loaded.robot.coordinates]
+    usual = {kind: next(iter(of_kind)) for kind, of_kind in known.items()}
+    for one in dict.fromkeys(units):
+        kind = kinds[units.index(one)]
+        meant = [one if k == kind else usual[k] for k in kinds]
+        if one != usual[kind] and meant == list(units):
+            return one
+    return units[0] if len(set(units)) == 1 else list(units)
+
+
+@cached_per_log
+def unit_reading(case: Case, evidence: Evidence) -> UnitReading:
+    """The cheapest reading of a log."""
+    overview, signals = signal_overview(case, evidence), evidence.recording.signals
+    logged = logged_velocities(case, evidence)
+    rate = rate_by_velocities(signals, overview, logged)
+    units = signals.time_units if rate is None else {ROW: 1.0 / rate}
+    time_scale = signals.time_scale
+    looked = min(
+        (s / time_scale for s in units.values()),
+        key=lambda second: (step_cost(overview.step * second), second != 1.0),
+    )
+    agreed = None if logged is None else velocity_agreement(overview, logged[1], looked)
+    facts = _facts(case, evidence, overview, looked, agreed)
+    found = []
+    for unit, scale in units.items():
+        second = scale / time_scale
+        joints = _units(facts, second / looked)
+        changed = CHANGED_UNIT_COST if abs(second - 1.0) > 1e-9 else 0.0
+        cost = sum(j.cost for j in joints) + changed + step_cost(overview.step * second)
+        found.append((cost, unit, second, joints))
+    cost, unit, second, joints = min(found, key=lambda f: f[0])
+    declared = tuple(f.declared(1.0 / looked) for f in facts)
+    return UnitReading(
+        unit,
+        second,
+        joints,
+        tuple(f.declared(second / looked) for f in facts),
+        cost,
+        sum(j.cost for j in declared) + step_cost(overview.step),
+        None if agreed is None else agreed.in_seconds(second / looked),
+    )
+
+
+def _units(facts: Sequence[JointFacts], second: float) -> tuple[JointReading, ...]:
+    """The cheapest units of all joints."""
+    kinds = [fact.coordinate.kind for fact in facts]
+    of_kind = {
+        k: iter(shared_unit_readings([f for f in facts if f.coordinate.kind == k], second))
+        for k in kinds
+    }
+    return tuple(next(of_kind[kind]) for kind in kinds)
+
+
+def _facts(
+    case: Case,
+    evidence: Evidence,
+    overview: SignalOverview,
+    looked: float,
+    agreed: VelocityAgreement | None,
+) -> tuple[JointFacts, ...]:
+    signals = evidence.recording.signals
+    slope = position_slopes(overview, looked)
+    v, move = slope.v, slope.moving
+    fast = np.quantile(np.abs(v), FASTEST_SHARE, axis=1) if v.shape[1] else np.zeros(len(v))
+    n = len(v)
+    low, high = (
+        np.quantile(overview.q, [0.005, 0.995], axis=0) if len(overview.q) else np.zeros((2, n))
+    )
+    reliable = np.zeros(n, dtype=np.bool_) if agreed is None else agreed.reliable_joints
+    positions = declared_units(evidence, case)
+    logged = logged_velocities(case, evidence)
+    rated = ("",) * n if logged is None else logged[0]
+    facts = []
+    for joint, c in enumerate(case.loaded.robot.coordinates):
+        own = 1.0
+        if signals.velocity is not None and signals.velocity_scale is not None:
+            own = abs(float(signals.velocity_scale[joint]))
+        rates = _relative(unit_of(own, VELOCITY_UNITS[c.kind]), VELOCITY_UNITS[c.kind])
+        facts.append(
+            JointFacts(
+                c,
+                float(low[joint]),
+                float(high[joint]),
+                float(fast[joint]),
+                bool(move[joint]),
+                float(agreed.scale[joint])
+                if agreed is not None and reliable[joint]
+                else float("nan"),
+                _relative(positions[joint], POSITION_UNITS[c.kind]),
+                {} if agreed is None else rates,
+                CHANGED_UNIT_COST if signals.velocity is not None else 0.5 * CHANGED_UNIT_COST,
+                (
+                    _named(signals.position[joint], POSITION_UNITS[c.kind]),
+                    _named(rated[joint], VELOCITY_UNITS[c.kind]),
+                ),
+            )
+        )
+    return tuple(facts)
+
+
+def _named(column: str, units: Mapping[str, float]) -> str:
+    """The unit in a column's name, such as that of `q1_rad`; empty if there is none."""
+    words = Column(column).words
+    for unit in sorted(units, key=lambda unit: (unit in ("m", "m/s"), unit)):
+        if unit.split("/")[0] in words:
+            return unit
+    return ""
+
+
+def _relative(declared: str, units: Mapping[str, float]) -> dict[str, float]:
+    """Scales of units over that of the declared one, which comes first."""
+    ordered = [declared, *(unit for unit in units if unit != declared)]
+    return {unit: units[unit] / units[declared] for unit in ordered}
+
+
+@cached_per_log
+def motion_in_units(case: Case, evidence: Evidence) -> PositionSlopes:
+    """Derivatives of the positions in true seconds, and which joints move."""
+    return position_slopes(signal_overview(case, evidence), unit_reading(case, evidence).second)
+
+
+@cached_per_log
+def driven_joints(case: Case, evidence: Evidence) -> NDArray[np.bool_]:
+    """Joints that are not only dragged along: their speed counts beside the fastest one's."""
+    slope, joints = motion_in_units(case, evidence), unit_reading(case, evidence).joints
+    if slope.v.shape[1] == 0:
+        return slope.moving
+    scale = np.array([joint.position_scale for joint in joints])
+    speed = np.sqrt(np.square(slope.v).mean(axis=1)) * scale * slope.moving
+    enough: NDArray[np.bool_] = slope.moving & (speed >= DRAGGED_SPEED_SHARE * speed.max())
+    return enough

@@ -1,0 +1,275 @@
+"""Logs named on the command line to the case that is checked, and the check before `identify`."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from steelyard.base.errors import DataError, LogError, ModelError
+from steelyard.base.progress import Progress, report_progress
+from steelyard.check.case import Case, Evidence
+from steelyard.check.examine import Diagnosis, examine
+from steelyard.check.finding import Edit, Finding, Fix, Severity
+from steelyard.check.findings_text import by_edits, edit_lines, place_of_finding, print_notes
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.logs.log import parse_log_argument
+from steelyard.model.laws.register import term_of
+from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.robot_file import load_robot, robot_text
+from steelyard.robot.file.signals import Signals
+from steelyard.robot.file.toml import tomllib
+from steelyard.robot.file.toml_edits import edited
+from steelyard.robot.init.guess_columns import guess_columns, refuse_motors, velocities_beside
+from steelyard.robot.init.proposal import proposed
+from steelyard.robot.init.template import assigned, drafted, notes_beside
+from steelyard.runs.named_logs import (
+    LogArgument,
+    distinct_names,
+    processing_of_robot,
+    recording_of,
+    sample_of,
+    signals_of,
+)
+from steelyard.runs.rows.clock import no_row, time_span
+
+READING_CHECK = "log"
+"""What a log that cannot be read is suspected of."""
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """The robot file that is checked: as it is on disk, as init writes it, or changed.
+
+    Attributes:
+        path: Where it is or would be; relative paths in it start there.
+        text: What it says.
+        loaded: The same, loaded.
+        notes: What was assumed.
+    """
+
+    path: Path
+    text: str
+    loaded: LoadedRobot
+    notes: tuple[str, ...] = ()
+
+    @property
+    def signals(self) -> Signals:
+        """Its signals.
+
+        Raises:
+            ModelError: It has none.
+        """
+        if self.loaded.signals is None:
+            raise ModelError(
+                "the robot file does not assign the columns of a log",
+                where=str(self.path),
+                fix="add [signals], or let `steelyard init URDF LOG` write a robot file",
+            )
+        return self.loaded.signals
+
+    def changed(self, text: str, path: Path) -> "Subject":
+        """Another robot file."""
+        return Subject(path, text, load_robot(path, text), self.notes)
+
+
+def subject_of(robot: str, log: LogArgument, base: str | None = None) -> Subject:
+    """The robot file, or for a URDF or MJCF what `steelyard init` would write from the log.
+
+    Raises:
+        ModelError: The file cannot be used.
+        LogError: The log's columns cannot be guessed.
+    """
+    path = Path(robot)
+    if path.suffix.lower() == ".toml":
+        text = robot_text(path)
+        loaded = load_robot(path, base=base)
+        for term in loaded.terms or ():
+            term_of(term.description, term.where)
+        if loaded.signals is not None:
+            return Subject(path, text, loaded, loaded.notes)
+        reasons = signals_of(loaded, log)[1]
+        section = guess_columns(loaded.robot.coordinates, *sample_of(log.path)).section
+        guessed = section.model_dump(exclude_none=True, exclude_defaults=True)
+        text = edited(text, [Edit(("signals",), guessed)])
+        return Subject(path, text, load_robot(path, text), (*loaded.notes, *reasons))
+    proposal = proposed(robot, base)
+    target = Path(f"{proposal.loaded.stem}.toml")
+    columns, sample = sample_of(log.path)
+    assignment = assigned(proposal, columns, sample)
+    if assignment.guess is not None:
+        refuse_motors(assignment.guess, columns)
+    text = drafted(proposal, assignment, target).text
+    loaded = load_robot(target, text)
+    guess = assignment.guess or guess_columns(loaded.robot.coordinates, columns, sample)
+    notes = (*proposal.notes, *notes_beside(proposal.loaded, loaded), *guess.reasons)
+    return Subject(target, text, loaded, notes)
+
+
+def case_of(
+    subject: Subject,
+    files: Sequence[LogArgument],
+    reference: IdentifiedModel | None,
+    progress: Progress,
+) -> tuple[Case, tuple[Finding, ...]]:
+    """The case, and a finding for every log that cannot be read."""
+    signals, wanted = subject.signals, processing_of_robot(subject.loaded)
+    evidence, unread = [], []
+    cuts = [parse_log_argument(file.text)[1].text for file in files]
+    names = distinct_names(
+        [(f"{file.path.stem}{cut}", file.path) for file, cut in zip(files, cuts, strict=True)]
+    )
+    for number, (name, file) in enumerate(zip(names, files, strict=True)):
+        report_progress(progress, "reading logs", number, len(files))
+        try:
+            one = Evidence(recording_of(file, signals), wanted, name)
+            _refuse_empty(one)
+            evidence.append(one)
+        except LogError as error:
+            unread.append(_unreadable(name, error))
+    case = Case(subject.loaded, tuple(evidence), reference, _guesses(signals, evidence), progress)
+    return case, tuple(unread)
+
+
+def _refuse_empty(evidence: Evidence) -> None:
+    """A log, and its window, have rows.
+
+    Raises:
+        LogError: They have none.
+    """
+    recording = evidence.recording
+    start = recording.cut.seconds[0]
+    if isfinite(start) and 0.0 < time_span(recording)[0] < start:
+        raise no_row(recording)
+    if len(evidence.rows[0]) > 0:
+        return
+    if recording.cut.text:
+        raise no_row(recording)
+    raise LogError("the log has no rows", where=recording.where, fix="record or copy it again")
+
+
+def diagnosed(
+    subject: Subject,
+    files: Sequence[LogArgument],
+    reference: IdentifiedModel | None,
+    progress: Progress,
+    *,
+    quick: bool,
+) -> Diagnosis:
+    """All that is found in logs; what cannot be read is a finding too."""
+    case, unread = case_of(subject, files, reference, progress)
+    found = examine(case, quick=quick).findings if case.logs else ()
+    data = tomllib.loads(subject.text)
+    return Diagnosis((*unread, *(_needed(finding, data) for finding in found)))
+
+
+def _needed(finding: Finding, data: Mapping[str, Any]) -> Finding:
+    """The finding without edits that take out what the robot file does not have."""
+    if finding.fix is None:
+        return finding
+    edits = tuple(e for e in finding.fix.edits if e.value is not None or _given(data, e.path))
+    return replace(finding, fix=replace(finding.fix, edits=edits))
+
+
+def _given(data: Any, path: Sequence[str]) -> bool:
+    """Whether a robot file has a key."""
+    for name in path:
+        if not isinstance(data, Mapping) or name not in data:
+            return False
+        data = data[name]
+    return True
+
+
+def _unreadable(name: str, error: LogError) -> Finding:
+    return Finding(
+        READING_CHECK, name, Severity.WRONG, error.wrong, error.where, (), Fix(error.fix)
+    )
+
+
+def _guesses(signals: Signals, evidence: Sequence[Evidence]) -> Mapping[str, tuple[str, ...]]:
+    """Velocity columns that are there, but not declared."""
+    if signals.velocity is not None or not evidence:
+        return {}
+    velocity = velocities_beside(signals.position, evidence[0].log.columns)
+    return {"velocity": velocity} if velocity else {}
+
+
+def refuse_foreign(reference: IdentifiedModel, loaded: LoadedRobot, where: str) -> None:
+    """The model of clean runs must be one of the same joints.
+
+    Raises:
+        ModelError: It is not.
+    """
+    mine, its = loaded.robot.joint_names, reference.model.robot.joint_names
+    if mine != its:
+        raise ModelError(
+            f"the model is of the joints {', '.join(its)}, the robot file of {', '.join(mine)}",
+            where=where,
+            fix="give a model that `steelyard identify` made with this robot file",
+        )
+
+
+def prechecked(
+    robot: str, loaded: LoadedRobot, files: Sequence[LogArgument], progress: Progress
+) -> Diagnosis:
+    """What the quick checks find.
+
+    Raises:
+        DataError: Something is wrong that lines of the robot file correct.
+    """
+    path = Path(robot)
+    text = robot_text(path) if path.suffix.lower() == ".toml" else ""
+    diagnosis = diagnosed(Subject(path, text, loaded), files, None, progress, quick=True)
+    mendable = [f for f in diagnosis.findings if f.fix is not None and f.fix.edits]
+    _refuse(Diagnosis(tuple(mendable)), robot)
+    return diagnosis
+
+
+def notes_of_precheck(diagnosis: Diagnosis, robot: str) -> tuple[str, ...]:
+    """Notes on what is doubtful; made once runs are clean, whose own errors say more.
+
+    Raises:
+        DataError: Something is wrong.
+    """
+    _refuse(diagnosis, robot)
+    return print_notes(diagnosis)
+
+
+def _refuse(diagnosis: Diagnosis, robot: str) -> None:
+    error = refusal(diagnosis, robot)
+    if error is not None:
+        raise error
+
+
+def refusal(diagnosis: Diagnosis, robot: str) -> DataError | None:
+    """Why an identification stops at what is wrong; `None` if nothing is.
+
+    Args:
+        diagnosis: What was found.
+        robot: The robot file's name, for the advice.
+    """
+    wrong = [f for f in diagnosis.findings if f.severity == Severity.WRONG]
+    if not wrong:
+        return None
+    places = [
+        f"{place_of_finding(f)} ({f.figure})" if place_of_finding(f) else f.figure for f in wrong
+    ]
+    fixes = [f.fix for f in wrong if f.fix is not None]
+    edits = Diagnosis(tuple(wrong)).edits
+    advice = "; ".join(dict.fromkeys(fix.says for fix in fixes)) or "examine the log"
+    if edits:
+        advice += f":\n\n{_indented(edit_lines(edits))}\n\n  " + (
+            f"`steelyard check {robot} LOG... --fix` writes a robot file with these lines; "
+        )
+    else:
+        advice += f"; `steelyard check {robot} LOG...` shows the evidence; "
+    return DataError(
+        f"failed check, {', '.join(dict.fromkeys(f.check for f in wrong))}: "
+        + "; ".join(dict.fromkeys(alike[0].says for alike in by_edits(wrong))),
+        where="; ".join(dict.fromkeys(places)),
+        fix=f"{advice}--no-check continues anyway",
+    )
+
+
+def _indented(text: str) -> str:
+    return "\n".join(f"    {line}" if line else "" for line in text.split("\n"))

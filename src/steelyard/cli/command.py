@@ -1,0 +1,266 @@
+"""What all commands share: options, errors as one message, a progress bar, results written."""
+
+import functools
+import inspect
+import json
+import re
+import shlex
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, Protocol, TypeVar
+
+import typer
+
+from steelyard.base.errors import ModelError, SteelyardError
+from steelyard.base.progress import Event, Progress
+from steelyard.cli import interrupt
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+ROBOT_SUFFIXES = (".toml", ".urdf", ".xacro", ".xml", ".mjcf")
+"""Endings of robot files and robot models; no log has them."""
+
+FIRST_ARGUMENTS = {"robot": ("robot file", "ROBOT"), "model": ("model", "MODEL")}
+"""Parameters that stand before the logs, with their name and placeholder."""
+
+
+def refuse_wrong_order(command: Callable[..., None], arguments: Mapping[str, Any]) -> None:
+    """The robot or the model comes first, then the logs.
+
+    Args:
+        command: The function of the command.
+        arguments: Its arguments.
+
+    Raises:
+        ModelError: A log is in the place of the robot, or a robot file among the logs.
+    """
+    role = next(iter(inspect.signature(command).parameters), "")
+    given = arguments.get("logs") or arguments.get("log")
+    if role not in FIRST_ARGUMENTS or not given:
+        return
+    first, logs = arguments[role], [given] if isinstance(given, str) else list(given)
+    what, placeholder = (
+        ("robot model", "URDF") if command.__name__ == "init" else FIRST_ARGUMENTS[role]
+    )
+    if _is_log(first):
+        wrong = f"a log is in the place of the {what}"
+    elif misplaced := [text for text in logs if _is_robot(text)]:
+        wrong = f"'{misplaced[0]}' is among the logs, but is a robot file"
+    else:
+        return
+    words = _in_order([first, *logs], placeholder, model=placeholder == "MODEL")
+    raise ModelError(
+        wrong,
+        where=f"steelyard {command.__name__} {shlex.join([first, *logs])}",
+        fix=f"{what} first, then logs: steelyard {command.__name__} {words}",
+    )
+
+
+def _in_order(texts: Sequence[str], placeholder: str, *, model: bool) -> str:
+    """The robot, or the first that can be an identified model, or a placeholder; then the logs."""
+    able = [t for t in texts if (not _is_log(t) and not _is_robot(t) if model else _is_robot(t))]
+    first = able[0] if able else None
+    logs = [text for text in texts if text != first and not _is_robot(text)]
+    return f"{placeholder if first is None else shlex.quote(first)} {shlex.join(logs) or 'LOG'}"
+
+
+def _is_log(text: str) -> bool:
+    """Whether an argument has the suffix or the window of a log."""
+    from steelyard.logs.formats import FORMATS
+
+    name = re.sub(r"[@#][^@#/]*:[^@#/]*$", "", text)
+    return Path(name).suffix.lower() in FORMATS or (name != text and not _is_robot(name))
+
+
+def _is_robot(text: str) -> bool:
+    """Whether an argument has the suffix of a robot file, arguments of a xacro file apart."""
+    return Path(text.split(" ")[0]).suffix.lower() in ROBOT_SUFFIXES
+
+
+Arguments = ParamSpec("Arguments")
+
+USAGE_ERROR = 2
+
+
+def guarded(command: Callable[Arguments, None]) -> Callable[Arguments, None]:
+    """Exit code 2 with a message for what a user can correct."""
+
+    @functools.wraps(command)
+    def run(*args: Arguments.args, **kwargs: Arguments.kwargs) -> None:
+        try:
+            refuse_wrong_order(command, kwargs)
+            command(*args, **kwargs)
+        except SteelyardError as error:
+            interrupt.check()
+            typer.echo(f"error: {error}", err=True)
+            raise typer.Exit(USAGE_ERROR) from None
+
+    return run
+
+
+Json = Annotated[bool, typer.Option("--json", help="Machine-readable results on standard output.")]
+Verbose = Annotated[
+    bool, typer.Option("--verbose", "-v", help="Print what each check found, ok ones too.")
+]
+Details = Annotated[
+    bool,
+    typer.Option("--verbose", "-v", help="Print all errors, parameters and notes."),
+]
+DesignDetails = Annotated[
+    bool,
+    typer.Option(
+        "--verbose",
+        "-v",
+        help="Print all tight limits, all motions that would reduce uncertainty, and notes.",
+    ),
+]
+Threads = Annotated[
+    int | None, typer.Option(min=1, help="Threads for the pass over the data; all cores if unset.")
+]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")]
+FrictionDrift = Annotated[
+    float,
+    typer.Option(
+        min=0, max=1000, metavar="FACTOR", help="Factor on the true friction, such as 1.2."
+    ),
+]
+
+
+def output_folder(default: str) -> Any:
+    """The option of a folder that is always written, `default` if unset."""
+    return typer.Option(
+        "--output",
+        "-o",
+        help=f"Output folder; must not exist. If unset {default}, or {default}-2 and so on if "
+        "that exists.",
+    )
+
+
+Commanded = Annotated[
+    bool,
+    typer.Option(
+        "--commanded",
+        help="Predict the efforts of validation logs from the commanded motion "
+        "(commanded_position in the robot file), as feedforward would.",
+    ),
+]
+XACRO_ARGUMENTS_HELP = "Arguments of a xacro file follow it: arm.urdf.xacro name:=left."
+RobotArgument = Annotated[
+    str,
+    typer.Argument(
+        help=f"Robot file (TOML), URDF, xacro file or MJCF. {XACRO_ARGUMENTS_HELP}", metavar="ROBOT"
+    ),
+]
+ModelArgument = Annotated[
+    str, typer.Argument(help="model.json, or the folder that contains it.", metavar="MODEL")
+]
+AlarmRate = Annotated[
+    float | None,
+    typer.Option(
+        min=1e-9,
+        help="False alarms per hour of all joints together; if unset 1, or as few as the "
+        "calibration supports.",
+        metavar="NUMBER",
+    ),
+]
+FixedBase = Annotated[
+    str | None,
+    typer.Option(
+        help="Link to fix to the world, for a URDF or MJCF with a floating base; in a robot "
+        "file, base = ... does this.",
+        metavar="LINK",
+    ),
+]
+LOG_HELP = (
+    "Logs: CSV, Parquet (a file, or a folder of parts), MCAP, ROS 1 and 2 bags, NumPy, MATLAB, "
+    "HDF5. Cut by time: run.parquet@0.6:9.5 (seconds from its start), "
+    "or by rows: run.parquet#921:4442."
+)
+
+
+class CommandResult(Protocol):
+    """What a command found: numbers for JSON, files in a folder, lines of the terminal."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers."""
+        ...
+
+    def write(self, folder: Path) -> None:
+        """Write report and tables to a folder."""
+        ...
+
+    def show(self, console: "Console") -> None:
+        """Print it."""
+        ...
+
+
+R = TypeVar("R", bound=CommandResult)
+
+
+@contextmanager
+def progress_bar() -> Iterator[Progress]:
+    """A watcher that draws one bar per phase, and is gone when the work is done."""
+    from rich.console import Console
+    from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bars
+
+    bars = Bars(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[note]}"),
+        console=Console(file=sys.stderr),
+        transient=True,
+        disable=not sys.stderr.isatty(),
+    )
+    tasks: dict[str, TaskID] = {}
+
+    def watch(event: Event) -> bool:
+        interrupt.check()
+        if event.phase not in tasks:
+            for task in tasks.values():
+                bars.remove_task(task)
+            tasks.clear()
+            tasks[event.phase] = bars.add_task(event.phase, total=event.total, note=event.note)
+        bars.update(tasks[event.phase], completed=event.done, total=event.total, note=event.note)
+        return True
+
+    with bars:
+        yield watch
+
+
+def computed(
+    compute: Callable[[Progress], R], output: Path | None, as_json: bool, **files: str
+) -> R:
+    """Compute a result with a progress bar, write it if wanted, and print it.
+
+    Args:
+        compute: Computes it.
+        output: Folder to write it to, whole or not at all; none if `None`.
+        as_json: Whether to print it as JSON.
+        **files: Names of written files that the terminal lists, by what they are.
+    """
+    import typer
+    from rich.console import Console
+
+    from steelyard.base.files import new_folder, whole_folder
+
+    folder = None if output is None else new_folder(output, "")
+    with progress_bar() as progress:
+        found = compute(progress)
+        if folder is not None:
+            with whole_folder(folder) as part:
+                found.write(part)
+                interrupt.too_late()
+    if as_json:
+        typer.echo(json.dumps(found.to_dict(), allow_nan=False))
+        return found
+    found.show(Console())
+    if folder is not None:
+        lines = (f"{kind:<7} {folder / name}" for kind, name in files.items())
+        typer.echo("\n".join(["", *lines]))
+    return found

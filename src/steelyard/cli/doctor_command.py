@@ -1,0 +1,180 @@
+"""`steelyard doctor`: what is installed, what is cached, and where steelyard can write."""
+
+import json
+import os
+import platform
+import re
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, requires, version
+from pathlib import Path
+
+import typer
+
+from steelyard.cli.command import Json, guarded
+
+EXTRA_PACKAGES = {
+    "polars": "logs in Parquet, results as data frames, CSV logs ten times faster",
+    "population": "genetic search and CMA-ES in `excite` and `compare`",
+    "replay": "`steelyard replay`",
+}
+"""Extras of the package that commands need, and what they are for."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """One thing that was examined.
+
+    Attributes:
+        name: What.
+        says: What was found.
+        ok: Whether commands work with it.
+        fix: What to do if they do not, or what would add to them; empty if nothing.
+        optional: Whether it is not there, and only some commands use it.
+    """
+
+    name: str
+    says: str
+    ok: bool = True
+    fix: str = ""
+    optional: bool = False
+
+    @property
+    def mark(self) -> tuple[str, str]:
+        """Label and style in the terminal."""
+        if not self.ok:
+            return "wrong", "bold red"
+        return ("optional", "cyan") if self.optional else ("ok", "bold green")
+
+
+@guarded
+def doctor(as_json: Json = False) -> None:
+    """Print what is installed, what is cached, and where files can be written.
+
+    The exit code is 1 if something is missing that commands need.
+
+    Example: steelyard doctor
+    """
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    found = list(examined())
+    if as_json:
+        typer.echo(json.dumps([asdict(line) for line in found]))
+    else:
+        table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
+        for line in found:
+            words = Text(line.says, overflow="fold")
+            if line.fix:
+                words.append(f"\n{line.fix}", "cyan")
+            table.add_row(Text(*line.mark), line.name, words)
+        console = Console()
+        console.print(table)
+        console.print(Text(summary(found)))
+    if not all(line.ok for line in found):
+        raise typer.Exit(1)
+
+
+def summary(found: Sequence[Line]) -> str:
+    """What is missing, in one sentence."""
+    wrong = [line.name for line in found if not line.ok]
+    left = [line.name.removeprefix("extra ") for line in found if line.optional]
+    extras = f"; optional extras that are not installed: {', '.join(left)}" * bool(left)
+    if wrong:
+        return f"To be corrected: {', '.join(wrong)}{extras}"
+    return f"All that steelyard needs is there{extras}"
+
+
+def examined() -> Iterator[Line]:
+    """All lines, one after the other."""
+    yield Line("steelyard", f"{version('steelyard')} in {Path(__file__).parents[1]}")
+    yield Line("Python", f"{platform.python_version()}, {sys.executable}")
+    yield Line("machine", f"{platform.platform()}, {os.cpu_count() or 1} cores")
+    yield _packages()
+    yield from (_extra(name, use) for name, use in EXTRA_PACKAGES.items())
+    yield _compiler()
+    yield _cache()
+    yield _writable("temporary files", Path(tempfile.gettempdir()), "set TMPDIR to another folder")
+    yield _writable("this folder", Path.cwd(), "go to another folder, or name one with --output")
+
+
+def _names(extra: str = "") -> list[str]:
+    """Packages that steelyard needs, or that an extra adds."""
+    found = []
+    for line in requires("steelyard") or ():
+        wanted = re.search(r"extra == ['\"](\w+)", line)
+        name = re.match(r"[\w.-]+", line)
+        if name and (wanted[1] if wanted else "") == extra and _applies(line):
+            found.append(name[0])
+    return found
+
+
+def _applies(line: str) -> bool:
+    """Whether a package is needed on this version of Python."""
+    bound = re.search(r"python_version (<|>=) ['\"]3\.(\d+)['\"]", line)
+    return bound is None or (bound[1] == "<") == (sys.version_info < (3, int(bound[2])))
+
+
+def _versions(names: list[str]) -> tuple[list[str], list[str]]:
+    """Those that are installed, with versions, and those that are not."""
+    there, missing = [], []
+    for name in names:
+        try:
+            there.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            missing.append(name)
+    return there, missing
+
+
+def _packages() -> Line:
+    there, missing = _versions(_names())
+    if missing:
+        return Line(
+            "packages",
+            f"missing: {', '.join(missing)}",
+            False,
+            f"{sys.executable} -m pip install {' '.join(missing)}",
+        )
+    return Line("packages", ", ".join(there))
+
+
+def _extra(name: str, use: str) -> Line:
+    there, missing = _versions(_names(name))
+    if missing:
+        how = f'{sys.executable} -m pip install "steelyard[{name}]"'
+        return Line(f"extra {name}", f"not installed: {use}", fix=how, optional=True)
+    return Line(f"extra {name}", f"{', '.join(there)}: {use}")
+
+
+def _compiler() -> Line:
+    """Code generator, and the processor that programs are compiled for."""
+    from steelyard.symbolic.native import machine
+
+    return Line("compiler", f"{machine.version()} for {machine.host()[0]}, {machine.lanes()} lanes")
+
+
+def _cache() -> Line:
+    from steelyard.symbolic.native.cache import folder
+
+    if os.environ.get("STEELYARD_CACHE") == "":
+        return Line("cache", "off: STEELYARD_CACHE is empty, so every start compiles again")
+    place = folder()
+    if place is None:
+        return Line(
+            "cache",
+            "no private folder could be made, so every start compiles again",
+            fix="set STEELYARD_CACHE to a folder that only you can write to",
+        )
+    sizes = [file.stat().st_size for file in place.glob("*.kernel")]
+    return Line("cache", f"{place}: {len(sizes)} programs, {sum(sizes) / 2**20:.1f} MiB")
+
+
+def _writable(name: str, folder: Path, fix: str) -> Line:
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return Line(name, f"{folder} can be written")
+    except OSError as error:
+        return Line(name, f"{folder} cannot be written: {error.strerror}", False, fix)

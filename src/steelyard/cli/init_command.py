@@ -1,0 +1,338 @@
+"""`steelyard init`: a commented robot file with the best guesses."""
+
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from steelyard.cli.command import XACRO_ARGUMENTS_HELP, FixedBase, Json, guarded
+
+if TYPE_CHECKING:
+    from steelyard.cli.drive_questions import Stated
+    from steelyard.identify.validation_data import ProposedCut
+    from steelyard.robot.init.proposal import Proposal
+    from steelyard.robot.init.signals_section import Known
+    from steelyard.robot.init.template import Assignment, Draft
+    from steelyard.runs.named_logs import LogArgument
+
+
+INCOMPLETE = 1
+"""Exit code where the robot file is written, but has to be completed before it is of use."""
+
+_NAMED = 6
+"""Locked joints that are named; the robot file lists all."""
+
+
+@guarded
+def init(
+    model: Annotated[
+        str,
+        typer.Argument(
+            help=f"URDF, xacro file or MJCF of the robot. {XACRO_ARGUMENTS_HELP}", metavar="URDF"
+        ),
+    ],
+    logs: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="Logs: columns are guessed from the first, gains and friction from all.",
+            metavar="[LOG]...",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Robot file to write; must not exist.")
+    ] = None,
+    rate: Annotated[
+        float | None,
+        typer.Option(
+            help="Sampling rate of the log in Hz, if it has no time column.", min=1e-6, max=1e6
+        ),
+    ] = None,
+    gains: Annotated[
+        str | None,
+        typer.Option(
+            help="Drive gains of currents, Nm (N) at the joint per A, one per joint: 12,12,9.8.",
+            metavar="LIST",
+        ),
+    ] = None,
+    ratios: Annotated[
+        str | None,
+        typer.Option(
+            help="Gear ratios, if the log has motor-side signals: one per joint, negative if "
+            "opposite: 32,-48.",
+            metavar="LIST",
+        ),
+    ] = None,
+    coupling: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A motor that turns with a second joint: MOTOR is the name of the joint that it "
+            "drives, JOINT the second one, RATIO turns of the motor per turn of JOINT, such as "
+            "joint_6,joint_5,32. Repeatable.",
+            metavar="MOTOR,JOINT,RATIO",
+        ),
+    ] = None,
+    zeros: Annotated[
+        str | None,
+        typer.Option(
+            help="Joint positions where the log, or the motor, says zero, in rad (m), or with "
+            "deg: 0,-90deg,90deg.",
+            metavar="LIST",
+        ),
+    ] = None,
+    no_input: Annotated[
+        bool, typer.Option("--no-input", help="Ask nothing, even at a terminal.")
+    ] = False,
+    fixed_base: FixedBase = None,
+    as_json: Json = False,
+) -> None:
+    """Write a commented robot file: guesses columns, locks finger joints, copies limits.
+
+    At a terminal it asks what neither the model nor the log contains; Enter skips a question.
+
+    The exit code is 1 if the file is incomplete: columns of some joints are missing in the log or
+    not recognised, values contradict the model, or gear ratios are unknown.
+
+    Example: steelyard init panda.urdf run1.csv -o panda.toml
+
+    Without a time column: steelyard init panda.urdf run1.csv --rate 1000
+
+    Signals of motors: steelyard init arm.urdf run1.csv --ratios 32,45,-48 --coupling
+    wrist,elbow,32
+    """
+    from steelyard.base.errors import ModelError, OutputError
+    from steelyard.base.files import whole_file
+    from steelyard.cli import interrupt
+    from steelyard.cli.drive_questions import Stated
+    from steelyard.identify.validation_data import ProposedCut, propose_cut
+    from steelyard.robot.file.robot_file import load_robot
+    from steelyard.robot.init.proposal import proposed
+    from steelyard.robot.init.template import drafted, notes_beside
+    from steelyard.runs.named_logs import log_files
+
+    proposal = proposed(model, fixed_base)
+    target = output if output is not None else Path(f"{proposal.loaded.stem}.toml")
+    if target.exists():
+        raise OutputError(
+            "the robot file exists already",
+            where=str(target),
+            fix="name another one with --output, or remove it",
+        )
+    options = {"rate": rate, "gains": gains, "ratios": ratios, "coupling": coupling, "zeros": zeros}
+    for name in [] if logs else [f"--{name}" for name, value in options.items() if value]:
+        raise ModelError(
+            f"{name} is given without a log",
+            where=name,
+            fix=f"give the log after the model file, or leave out {name}",
+        )
+    asking = not (no_input or as_json) and sys.stdin.isatty() and sys.stdout.isatty()
+    stated = Stated(ratios, coupling or (), gains, zeros)
+    assignment, known = examined(proposal, log_files(logs or []), rate, stated, asking)
+    draft = drafted(proposal, assignment, target, known)
+    with whole_file(target) as part:
+        part.write_text(draft.text, encoding="utf-8")
+        interrupt.too_late()
+    written = proposal.loaded if draft.unreadable else load_robot(target)
+    notes = (*proposal.notes, *_locked(draft), *notes_beside(proposal.loaded, written))
+    if as_json:
+        typer.echo(json.dumps(results(draft, known, target, notes)))
+    else:
+        whole = draft.unreadable or written.signals is None
+        parts = ProposedCut(tuple(logs or ())) if whole else propose_cut(written, logs or ())
+        show(draft, known, notes, [model, str(target), *(logs or [])], parts)
+    if draft.missing or draft.without_columns:
+        raise typer.Exit(INCOMPLETE)
+
+
+def examined(
+    proposal: "Proposal",
+    logs: "Sequence[LogArgument]",
+    rate: float | None,
+    stated: "Stated",
+    asking: bool,
+) -> "tuple[Assignment, Known]":
+    """Joints with their columns, and what else logs and answers contain."""
+    from steelyard.check.new_robot_file import known_from_logs, refuse_other_columns
+    from steelyard.cli import drive_questions as questions
+    from steelyard.robot.init.signals_section import Known, with_effort
+    from steelyard.robot.init.template import assigned, gears_of
+    from steelyard.runs.named_logs import sample_of
+
+    columns, sample = sample_of(logs[0].path) if logs else (None, None)
+    assignment = assigned(proposal, columns, sample, rate, stated.ratios is not None)
+    guess, moving = assignment.guess, assignment.moving
+    if guess is None:
+        return assignment, Known(gravity=questions.mounting_of(_ask) if asking else None)
+    refuse_other_columns(logs, guess, moving)
+    effort = questions.effort_of(guess, _ask) if asking else None
+    gears = stated.gears(guess, moving) or gears_of(proposal, moving, guess)
+    asked = asking and guess.motor_side and stated.ratios is None
+    if asked and gears is None:
+        gears = questions.gears_of(guess, moving, _ask)
+    if asked and gears is not None and len(moving) > 1 and gears is not guess.gears:
+        gears = replace(gears, coupling=questions.coupling_of(moving, _ask))
+    known = known_from_logs(proposal.loaded, moving, logs, with_effort(guess, effort), gears)
+    known = stated.with_gains(replace(known, effort=effort, gears=gears), guess, moving)
+    known = stated.with_zeros(known, moving)
+    if asking:
+        of_motors = guess.section.coordinates == "motor" and known.gears is not None
+        if asked and of_motors and not known.zeros:
+            known = replace(known, zeros=questions.zeros_of(moving, _ask))
+        known = questions.with_gains(known, guess, moving, _ask)
+        known = replace(known, gravity=questions.mounting_of(_ask))
+    return assignment, known
+
+
+def _ask(question: str, default: str) -> str:
+    """The answer at the terminal; Enter gives the default."""
+    return str(typer.prompt(f"{question} (Enter: {default})", default, show_default=False))
+
+
+def results(
+    draft: "Draft", known: "Known", target: Path, notes: Sequence[str]
+) -> dict[str, object]:
+    """What `--json` prints."""
+    return {
+        "robot_file": str(target),
+        "complete": not (draft.missing or draft.without_columns),
+        "joints": list(draft.identified),
+        "without_columns": list(draft.without_columns),
+        "columns_found": draft.guess is not None,
+        "missing": [{"what": what, "fix": fix} for what, fix in draft.missing],
+        "guesses": [] if draft.guess is None else list(draft.guess.reasons),
+        "gains": list(known.gains) or None,
+        "friction": "auto" if known.auto else "fixed",
+        "notes": list(notes),
+    }
+
+
+def _locked(draft: "Draft") -> tuple[str, ...]:
+    """Joints that are locked, if any: those of hands, and those apart from identified ones."""
+    return tuple(
+        f"locked {_some(names)} ({why}); to identify one, move it from [robot.locked] to joints"
+        for names, why in (
+            (draft.hands, "recognised as joints of a hand"),
+            (draft.apart, "no columns in the log; apart from the identified joints"),
+        )
+        if names
+    )
+
+
+def _some(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return ", ".join(names[:_NAMED]) + more
+
+
+def show(
+    draft: "Draft",
+    known: "Known",
+    notes: Sequence[str],
+    named: Sequence[str],
+    parts: "ProposedCut",
+) -> None:
+    """Print what is written, what was guessed, and what is left to do.
+
+    Args:
+        draft: The robot file.
+        known: What is known beyond the columns.
+        notes: What was decided.
+        named: Model file, robot file and logs, as they were given.
+        parts: Logs to identify from, the last to validate.
+    """
+    from rich.console import Console
+    from rich.text import Text
+
+    from steelyard.report.words import count
+
+    console = Console()
+
+    def say(words: str, style: str = "") -> None:
+        console.print(Text(words, style=style), soft_wrap=True)
+
+    target = named[1]
+    wrong = list(draft.missing)
+    if draft.without_columns:
+        names = ", ".join(draft.without_columns)
+        fix = "state their positions in [robot.locked], or log them; zero is assumed"
+        wrong.append((f"the log has no columns of {names}", fix))
+    if wrong:
+        say(f"wrote {target}, incomplete: {'; '.join(what for what, _ in wrong)}", "bold red")
+        for fix in dict.fromkeys(fix for _, fix in wrong):
+            say(f"to do {fix}", "bold")
+    else:
+        say(f"wrote {target}: {count(len(draft.identified), 'joint')} to identify")
+    for reason in () if draft.guess is None else draft.guess.reasons:
+        say(f"guess {reason}")
+    for line in _beyond_columns(draft, known):
+        say(line)
+    for note in notes:
+        say(f"note  {note}")
+    for line in next_steps(draft, named, parts):
+        say(line)
+
+
+def _beyond_columns(draft: "Draft", known: "Known") -> Iterator[str]:
+    """Gains and friction laws, and where they come from."""
+    from steelyard.robot.init.signals_section import needs_gains, scale_words
+
+    if draft.guess is None:
+        return
+    if known.gears is not None and "# position_offset" in draft.text:
+        yield (
+            "zeros     joints are assumed at zero where their motors are; if not, give --zeros, or "
+            "state position_offset in [signals]"
+        )
+    if known.gains:
+        left = " Others are identified relative to these." * ("identify" in known.gains)
+        yield f"gains from {known.gains_source}.{left}"
+    elif needs_gains(draft.guess):
+        yield (
+            "gains unknown: the log does not contain Nm per A. Write those of the data sheet below "
+            "[signals.effort], or weigh a known payload (command there). As written: "
+            f"{scale_words(draft.guess)}"
+        )
+    if known.auto:
+        yield f'friction  "auto", laws chosen by cross-validation: {known.friction}'
+    elif known.friction:
+        yield f'friction  Coulomb and viscous; for "auto" {known.friction}'
+
+
+def next_steps(draft: "Draft", named: Sequence[str], parts: "ProposedCut") -> list[str]:
+    """Commands that follow, with the real names.
+
+    Args:
+        draft: The robot file.
+        named: Model file, robot file and logs, as they were given.
+        parts: Logs to identify from, the last to validate.
+    """
+    from steelyard.identify.page.model_verdict import identify_command, path_word, step_lines
+
+    target = path_word(named[1])
+    given = " ".join(path_word(log) for log in named[2:]) or "LOG..."
+    review = "review the lines marked CHECK, then:"
+    if len(named) > 3:
+        why = "the last log validates the model"
+    elif len(parts.logs) > 1:
+        why = "; ".join(filter(None, ("the end of the log validates the model", parts.ends)))
+    else:
+        why = "--validate OTHER_LOG validates the model"
+    steps = []
+    if not named[2:]:
+        steps = [
+            (
+                f"steelyard excite {target} -o motion",
+                "review the lines marked CHECK, then design a motion to record:",
+            ),
+        ]
+        review = "with its log (columns are guessed unless [signals] names them):"
+    elif draft.missing:
+        review = f"correct the above, {review}"
+    last = identify_command(named[1], parts.logs or ("LOG...",))
+    steps += [
+        (f"steelyard check {target} {given}", review),
+        (last, f"if no error is found, identify; {why}:"),
+    ]
+    return step_lines(tuple(steps), 6)

@@ -1,0 +1,346 @@
+"""The commands `check` and `log`: what is wrong with logs, and what is in them."""
+
+import json
+from collections.abc import Sequence
+from contextlib import ExitStack
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from steelyard.cli.command import LOG_HELP, FixedBase, Json, RobotArgument, Verbose, guarded
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from steelyard.check.check import CheckResult
+    from steelyard.logs.contents import LogContent
+
+
+WHAT_TO_COMPARE = (
+    "compare signs, gear ratios, couplings, position_offset and units in the robot file with the "
+    "data sheet, or give --model"
+)
+"""What to do where the logs do not decide whether the robot file is right."""
+
+WHAT_TO_COMPARE_OF_GEARS = (
+    "compare signs of ratios and couplings in [robot.transmission] with the data sheet, or log "
+    "each joint moving alone: a second motor that turns is coupled; compare directions with the "
+    "model file"
+)
+"""What to do where the logs do not decide whether the gears are right."""
+
+WHAT_DECIDES_GAINS = (
+    "gains: a log with a load of known mass (identify --loaded); payload: a log without it, and "
+    "--model from runs known to be correct"
+)
+"""What decides gains and payload where the nominal model does not."""
+
+
+@guarded
+def check(
+    robot: RobotArgument,
+    logs: Annotated[list[str], typer.Argument(help=LOG_HELP, metavar="LOG...")],
+    model: Annotated[
+        str | None,
+        typer.Option(
+            help="Reference model, identified from runs without payload, contact or wrong signals: "
+            "model.json or its folder.",
+            metavar="MODEL",
+        ),
+    ] = None,
+    fix: Annotated[
+        str | None,
+        typer.Option(
+            help="Write a corrected robot file and check again; ROBOT-fixed.toml "
+            "if no FILE.toml follows.",
+            metavar="[FILE.toml]",
+        ),
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Only the checks that `identify` makes before the fit.")
+    ] = False,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="Output folder for a page with plots and JSON; none if unset."
+        ),
+    ] = None,
+    fixed_base: FixedBase = None,
+    verbose: Verbose = False,
+    as_json: Json = False,
+) -> None:
+    """Check logs for errors, and propose lines of the robot file that correct them.
+
+    The exit code is 0 if all is ok or open (not decidable from these logs), 1 if something is
+    doubtful or the result is inconclusive (the misfit is too large for most checks), 2 if something
+    is wrong or the command fails; with --fix it is that of the new robot file.
+
+    Example: steelyard check ur10e.toml run1.csv run2.csv --fix
+    """
+    from rich.console import Console
+    from rich.text import Text
+
+    from steelyard.base.errors import ModelError
+    from steelyard.base.files import new_folder, whole_file, whole_folder
+    from steelyard.check.check import check as checked
+    from steelyard.cli import interrupt
+    from steelyard.cli.command import progress_bar
+    from steelyard.identify.validation_data import ProposedCut, propose_cut
+    from steelyard.robot.file.robot_file import load_robot
+
+    folder = None if output is None else new_folder(output, "")
+    with progress_bar() as progress:
+        found = checked(
+            robot,
+            logs,
+            model,
+            fix=fix,
+            quick=quick,
+            fixed_base=fixed_base,
+            progress=progress,
+        )
+        with ExitStack() as parts:
+            if found.fixed is not None and found.fixed.changes:
+                file = parts.enter_context(whole_file(found.fixed.subject.path))
+                file.write_text(found.fixed.subject.text, encoding="utf-8")
+            if folder is not None:
+                found.write(parts.enter_context(whole_folder(folder)))
+            interrupt.too_late()
+    if as_json:
+        typer.echo(
+            json.dumps({**found.to_dict(), "output": folder and str(folder)}, allow_nan=False)
+        )
+    else:
+        console = Console()
+        found.show(console, verbose)
+        given, gains = ProposedCut(tuple(logs)), True
+        if not (model or found.last.severity):
+            changed = found.fixed is not None and found.fixed.changes
+            read = found.fixed.subject.path if found.fixed is not None and changed else robot
+            try:
+                given = propose_cut(load_robot(read, base=fixed_base), logs)
+            except ModelError:  # a model file and currents: no drive gains, as columns are guessed
+                gains = False
+        named = [] if model else [robot, *given.logs]
+        for line in hints(found, folder, named, given.ends, gains=gains):
+            console.print(Text(line), soft_wrap=True)
+    if found.last.severity:
+        raise typer.Exit(int(found.last.severity))
+
+
+def hints(
+    found: "CheckResult",
+    folder: Path | None,
+    named: Sequence[str],
+    ends: str = "",
+    *,
+    gains: bool = True,
+) -> list[str]:
+    """Where things are written, or how to have them written; and what to do next.
+
+    Args:
+        found: What was found.
+        folder: Of the page, if there is one.
+        named: Robot file and logs as they were given, to be identified from; else empty.
+        ends: Why the log that validates ends before its last row, if it does.
+        gains: Whether the drive gains are known; if not, a robot file is needed for them.
+    """
+    from steelyard.identify.page.model_verdict import (
+        gear_side_steps,
+        identify_command,
+        path_word,
+        step_lines,
+    )
+
+    lines, used = [""], list(named)
+    if found.fixed is not None and found.fixed.changes:
+        lines.append(f"robot file  {found.fixed.subject.path}")
+        used[:1] = [str(found.fixed.subject.path)]
+    if folder is not None:
+        lines += [f"page        {folder / 'check.html'}", f"JSON        {folder / 'check.json'}"]
+    if found.fixed is None and found.content.diagnosis.edits:
+        lines.append("--fix       writes a new robot file with these lines, and checks again")
+    if folder is None and found.content.diagnosis.severity:
+        lines.append("-o FOLDER   writes a page with the plots")
+    file = path_word(used[0] if used else found.content.file)
+    steps = gear_side_steps(found.last.findings, file)
+    if found.last.inconclusive:
+        steps.insert(0, ("", WHAT_TO_COMPARE))
+    elif "transmission" in found.last.open_checks:
+        steps.insert(0, ("", WHAT_TO_COMPARE_OF_GEARS))
+    if found.last.model_open:
+        steps.insert(1, ("", WHAT_DECIDES_GAINS))
+    if named and not gains:
+        words = " ".join(path_word(name) for name in used)
+        steps.append((f"steelyard init {words}", "identify needs a robot file for drive gains:"))
+    elif named and not found.last.severity:
+        steps.append((identify_command(used[0], used[1:]), ends))
+    lines += step_lines(tuple(steps), 12)
+    return lines if len(lines) > 1 else []
+
+
+log = typer.Typer(
+    name="log", help="List the contents of logs, and convert them.", no_args_is_help=True
+)
+
+
+@log.command()
+@guarded
+def info(
+    logs: Annotated[list[str], typer.Argument(help=LOG_HELP, metavar="LOG...")],
+    as_json: Json = False,
+) -> None:
+    """List rows, duration, rate and columns of logs.
+
+    Example: steelyard log info run.csv
+    """
+    from rich.console import Console
+
+    from steelyard.cli.command import progress_bar
+    from steelyard.logs.contents import content_of
+    from steelyard.logs.formats import open_log
+    from steelyard.logs.log import parse_log_argument
+
+    found = []
+    for text in logs:
+        path, cut = parse_log_argument(text)
+        with progress_bar() as progress:
+            found.append(content_of(open_log(path), cut, progress))
+    if as_json:
+        typer.echo(json.dumps([content.to_dict() for content in found], allow_nan=False))
+        return
+    for content in found:
+        show_content(content, Console())
+
+
+@log.command()
+@guarded
+def convert(
+    source: Annotated[str, typer.Argument(help=LOG_HELP, metavar="LOG")],
+    output: Annotated[
+        Path,
+        typer.Argument(
+            help="File to write: .csv, .parquet, .npz, .mat or .h5; must not exist.",
+            metavar="OUTPUT",
+        ),
+    ],
+    columns: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--columns",
+            help="Columns to write, in this order; * is a wildcard. All if unset.",
+            metavar="NAME...",
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Convert a log, or a part of it, to another format; no number is changed.
+
+    Example: steelyard log convert run.mcap@1:5 run.csv --columns "/joint_states/*"
+    """
+    from steelyard.base.files import whole_file
+    from steelyard.cli import interrupt
+    from steelyard.cli.command import progress_bar
+    from steelyard.logs.contents import windowed, with_progress
+    from steelyard.logs.formats import open_log, writer_for
+    from steelyard.logs.log import parse_log_argument, require_columns
+
+    path, cut = parse_log_argument(source)
+    opened = open_log(path)
+    wanted = chosen(opened.columns, columns or [])
+    require_columns(path, opened.columns, wanted)
+    writer = writer_for(output)
+    rows = 0
+    with progress_bar() as progress, whole_file(output) as part:
+        with writer(part, wanted) as write:
+            for table in with_progress(windowed(opened, wanted, cut), opened, progress, "writing"):
+                write(table)
+                rows += len(table)
+        interrupt.too_late()
+    if as_json:
+        facts = {"output": str(output), "rows": rows, "columns": list(wanted)}
+        typer.echo(json.dumps(facts))
+        return
+    typer.echo(f"wrote {output}: {rows} rows of {len(wanted)} columns")
+
+
+def chosen(known: tuple[str, ...], patterns: list[str]) -> tuple[str, ...]:
+    """The columns that names and patterns stand for; a pattern that fits none stays a name."""
+    names: list[str] = []
+    for pattern in patterns:
+        fitting = [pattern] if pattern in known else [n for n in known if fnmatchcase(n, pattern)]
+        names += fitting or [pattern]
+    return tuple(dict.fromkeys(names)) if patterns else tuple(known)
+
+
+def show_content(content: "LogContent", console: "Console") -> None:
+    """Print what is in a log."""
+    facts = [content.format, size_text(content.size), f"{content.rows} rows"]
+    if content.duration is not None:
+        facts.append(f"{content.duration:.6g} s")
+    if content.rate is not None:
+        facts.append(f"{content.rate:.6g} Hz")
+    console.print(content.path, style="bold", highlight=False, markup=False)
+    console.print(", ".join(facts), highlight=False)
+    if content.time is not None:
+        line = f"time is '{content.time.name}' in {content.time.unit}"
+        console.print(line, highlight=False, markup=False)
+    for remark in content.remarks:
+        console.print(f"note  {remark}", highlight=False, markup=False)
+    console.print(_columns(content))
+    if content.topics:
+        console.print(_topics(content))
+    for name, why in content.left_out:
+        console.print(f"left out  {name}: {why}", highlight=False, markup=False)
+    console.print()
+
+
+def size_text(size: int) -> str:
+    """Bytes in the unit that fits."""
+    value, units = float(size), ["B", "KiB", "MiB", "GiB", "TiB"]
+    while value >= 1024.0 and len(units) > 1:
+        value /= 1024.0
+        units.pop(0)
+    return f"{value:.4g} {units[0]}"
+
+
+def _columns(content: "LogContent") -> "Table":
+    table = _table("column", "kind", "first", "least", "greatest", "missing")
+    for column in content.columns:
+        numbers = [
+            "" if x is None else f"{x:.6g}" for x in (column.first, column.least, column.most)
+        ]
+        missing = f"{100.0 * column.missing:.3g} %" if column.missing else ""
+        table.add_row(_text(column.name), column.kind, *numbers, missing)
+    return table
+
+
+def _topics(content: "LogContent") -> "Table":
+    table = _table("topic", "type", "messages", "rate", "")
+    for topic in content.topics:
+        rate = f"{topic['rate']:.4g} Hz" if topic["rate"] else ""
+        table.add_row(
+            _text(topic["name"]), _text(topic["type"]), str(topic["count"]), rate,
+            _text(topic["problem"])
+        )  # fmt: skip
+    return table
+
+
+def _table(*headings: str) -> "Table":
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for heading in headings:
+        right = heading in ("first", "least", "greatest", "missing", "messages", "rate")
+        table.add_column(heading, justify="right" if right else "left", overflow="fold")
+    return table
+
+
+def _text(name: str) -> "Text":
+    from rich.text import Text
+
+    return Text(name)

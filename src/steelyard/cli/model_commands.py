@@ -1,0 +1,430 @@
+"""The commands `reduce` and `export`: another form of an identified model."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from steelyard.base.progress import DESIGN_BUDGET_S
+from steelyard.cli.command import (
+    LOG_HELP,
+    Details,
+    Json,
+    ModelArgument,
+    Threads,
+    guarded,
+    output_folder,
+)
+
+if TYPE_CHECKING:
+    from steelyard.export.code.model_code import WrittenCode
+    from steelyard.export.model_files.model_file import Exported
+
+
+@guarded
+def reduce(
+    model: ModelArgument,
+    logs: Annotated[list[str], typer.Argument(help=LOG_HELP, metavar="LOG...")],
+    validate: Annotated[
+        list[str] | None,
+        typer.Option("--validate", help="Logs of other motions, for validation.", metavar="LOG..."),
+    ] = None,
+    criterion: Annotated[
+        str,
+        typer.Option(
+            help="The parameter that is removed next has the least loss (rise of chi-square), "
+            "contribution (to the torque), mean_column (mean absolute value of its regressor "
+            "column) or deviation (value over standard deviation).",
+            metavar="NAME",
+        ),
+    ] = "loss",
+    stop: Annotated[
+        str,
+        typer.Option(
+            help="Stopping rule: one_standard_error (smallest model with a left-out error within "
+            "one standard error of the least), tolerance=5 (greatest relative rise of a joint's "
+            "error in percent), bic, condition=30 (normalised condition number), ratio=30 "
+            "(greatest over least relative standard deviation), count=25 (parameters), one_fewer "
+            "(removes one besides those of --drop) or refit (none besides those).",
+            metavar="RULE",
+        ),
+    ] = "one_standard_error",
+    keep: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--keep",
+            help="Base parameters that stay, such as 'viscous.*'; with tolerance, friction of "
+            "joints that move stays too.",
+            metavar="NAME...",
+        ),
+    ] = None,
+    drop: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--drop",
+            help="Base parameters that are removed first, whatever the stopping rule.",
+            metavar="NAME...",
+        ),
+    ] = None,
+    robot: Annotated[
+        str | None,
+        typer.Option("--robot", help="Robot file; --bodies and --next need it.", metavar="ROBOT"),
+    ] = None,
+    bodies: Annotated[
+        bool,
+        typer.Option(
+            "--bodies",
+            help="Estimate physically consistent link inertial parameters, with the removed "
+            "parameters equal to zero; such a model can be exported.",
+        ),
+    ] = False,
+    following: Annotated[
+        Path | None,
+        typer.Option(
+            "--next",
+            help="Also design the motion that excites the smaller model best, into this folder.",
+            metavar="DIR",
+        ),
+    ] = None,
+    last: Annotated[
+        Path | None,
+        typer.Option(
+            "--last",
+            help="trajectory.json of the motion that was logged: the next one is improved from it.",
+            metavar="MOTION",
+        ),
+    ] = None,
+    budget: Annotated[
+        float, typer.Option(min=1.0, help="Time limit of that design in seconds.")
+    ] = DESIGN_BUDGET_S,
+    output: Annotated[Path | None, output_folder("steelyard-reduced")] = None,
+    threads: Threads = None,
+    verbose: Details = False,
+    as_json: Json = False,
+) -> None:
+    """Remove parameters as long as errors on left-out data do not rise significantly.
+
+    Removed parameters are zero, and the others are estimated again. The smaller model describes
+    the speeds and postures of the logs; elsewhere a removed parameter may matter. The estimate with
+    a prior (`steelyard identify`) often predicts as well without removing anything.
+
+    Example: steelyard reduce steelyard-ur10e run1.parquet run2.parquet --validate run3.parquet
+    """
+    from rich.console import Console
+
+    from steelyard.base.files import new_folder, whole_folder
+    from steelyard.cli import interrupt
+    from steelyard.cli.command import progress_bar
+    from steelyard.excite.excite import design_excitation
+    from steelyard.identify.page.model_verdict import exit_code
+    from steelyard.identify.reduce import reduce as reduced
+
+    _refuse_missing(robot, {"--bodies": bodies, "--next": following is not None}, last)
+    folder = new_folder(output, "steelyard-reduced")
+    motion_folder = None if following is None else new_folder(following, "")
+    with progress_bar() as progress:
+        found = reduced(
+            model,
+            logs,
+            validate or (),
+            criterion=criterion,
+            stop=stop,
+            keep=keep or (),
+            drop=drop or (),
+            bodies=robot if bodies else None,
+            threads=threads,
+            progress=progress,
+        )
+        with whole_folder(folder) as place:
+            found.write(place)
+            if motion_folder is None:
+                interrupt.too_late()
+    interrupt.finished(str(folder))
+    if not as_json:
+        found.show(Console(), verbose)
+        typer.echo(f"\nmodel   {folder / 'model.json'}\nreport  {folder / 'report.html'}")
+    if motion_folder is not None and robot is not None:
+        with progress_bar() as progress, whole_folder(motion_folder) as place:
+            motion = design_excitation(
+                robot, earlier=found.model, start=last, budget=budget, progress=progress
+            )
+            motion.write(place)
+            interrupt.too_late()
+        if not as_json:
+            typer.echo(f"motion  {motion_folder / 'trajectory.json'}")
+    if as_json:
+        written = {"output": str(folder), "motion": motion_folder and str(motion_folder)}
+        typer.echo(json.dumps({**found.to_dict(), **written}, allow_nan=False))
+    raise typer.Exit(exit_code(found.content))
+
+
+def _refuse_missing(robot: str | None, asking: dict[str, bool], last: Path | None) -> None:
+    """Options that others need are given.
+
+    Args:
+        robot: The robot file.
+        asking: Options that need it, and whether they are given.
+        last: The motion to improve, which needs `--next`.
+
+    Raises:
+        ModelError: One is missing.
+    """
+    from steelyard.base.errors import ModelError
+
+    if robot is None and any(asking.values()):
+        raise ModelError(
+            f"{' and '.join(name for name, given in asking.items() if given)} without a robot file",
+            where="--robot",
+            fix="give the robot file that the model was identified with: --robot ROBOT",
+        )
+    if last is not None and not asking["--next"]:
+        raise ModelError(
+            "--last is given, but no motion is designed",
+            where="--last",
+            fix="add --next DIR, or leave --last out",
+        )
+
+
+Kind = Literal["urdf", "mjcf", "c", "python", "fmu", "ros2", "simulink"]
+KIND_OF_ENDING: dict[str, Kind] = {
+    ".urdf": "urdf",
+    ".mjcf": "mjcf",
+    ".xml": "mjcf",
+    ".py": "python",
+    ".fmu": "fmu",
+}
+KIND_NAMES: dict[Kind, str] = {
+    "urdf": "URDF",
+    "mjcf": "MJCF",
+    "c": "C",
+    "python": "Python",
+    "fmu": "an FMU",
+    "ros2": "a ROS 2 package",
+    "simulink": "Simulink",
+}
+FEW_DATA_SHARE = 0.5
+"""Share of a link's mass from the data below which the terminal names the link."""
+
+USUAL_ENDINGS: dict[Kind, str] = {
+    "urdf": ".urdf",
+    "mjcf": ".xml",
+    "c": "-c",
+    "python": ".py",
+    "fmu": ".fmu",
+    "ros2": "-ros2",
+    "simulink": "-simulink",
+}
+
+
+@guarded
+def export(
+    model: ModelArgument,
+    to: Annotated[
+        Kind | None,
+        typer.Option(help="Format; if unset, from the suffix of --output."),
+    ] = None,
+    original: Annotated[
+        Path | None,
+        typer.Option(
+            "--model",
+            help="URDF of the robot, or its robot file: values are written into a copy; meshes "
+            "and comments are kept.",
+            metavar="URDF",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="Output file, of C, ROS 2 and Simulink a folder; must not exist. If unset, in the "
+            "current folder and named after the robot.",
+        ),
+    ] = None,
+    precision: Annotated[
+        Literal["double", "float"] | None,
+        typer.Option(help="Type of numbers in C; double if unset."),
+    ] = None,
+    functions: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--function",
+            help="Function in the C or Python code; repeat for several: torque, gravity, bias, "
+            "friction, mass, regressor (all of these if unset), momentum, momentum_rate, "
+            "forward_dynamics, observer (external efforts and contact).",
+            metavar="NAME",
+        ),
+    ] = None,
+    frames: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--frame",
+            help="Frame whose pose and Jacobian are in the C or Python code; repeat for several; "
+            "if unset, those at the robot's ends.",
+            metavar="NAME",
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Write an identified model as URDF or MJCF, or as code for controllers.
+
+    Code is C, Python, an FMU, a ROS 2 package or an S-function for Simulink.
+
+    Of URDF and MJCF, terminal and file header list what the format cannot represent, and what
+    comes from the prior instead of the data.
+
+    Example: steelyard export steelyard-ur10e --to c -o ur10e-c
+    """
+    from steelyard.base.files import whole_file
+    from steelyard.cli import interrupt
+    from steelyard.estimate.identified import load_model
+    from steelyard.export.model_files.model_file import exported, refuse_changed
+
+    form = _format(to, output)
+    identified = load_model(model)
+    path = _new_file(output, f"{identified.model.robot.name}{USUAL_ENDINGS[form]}")
+    if form != "urdf" and form != "mjcf":
+        _refuse(form, {"--model": original})
+        from steelyard.export.code.model_code import write_code
+
+        written = write_code(
+            identified, path, form, precision or "double", functions or (), frames or ()
+        )
+        _print_code(path, form, written, as_json)
+        return
+    _refuse(form, {"--precision": precision, "--function": functions, "--frame": frames})
+    made = exported(identified, form, original)
+    with whole_file(path) as part:
+        part.write_text(made.text, encoding="utf-8", newline="")
+        refuse_changed(part, made)
+        interrupt.too_late()
+    if as_json:
+        printed = {
+            "file": str(path),
+            "format": form,
+            "unsupported": list(made.unsupported),
+            "mass_from_data": made.mass_shares,
+            "not_seen": list(made.unseen),
+            "impossible_in_original": list(made.impossible),
+        }
+        typer.echo(json.dumps(printed))
+        return
+    _print_export(path, made)
+
+
+def _format(to: Kind | None, output: Path | None) -> Kind:
+    """The format that is asked for, by name or by the file's ending.
+
+    Raises:
+        OutputError: Neither says it, or they say two things.
+    """
+    from steelyard.base.errors import OutputError
+
+    ending = "" if output is None else output.suffix.lower()
+    form = to or KIND_OF_ENDING.get(ending)
+    if form is None:
+        raise OutputError(
+            "no format is named",
+            where="--to" if output is None else str(output),
+            fix="give --to urdf, mjcf, c, python, fmu, ros2 or simulink, or end the name of "
+            "--output in .urdf, .xml, .py or .fmu",
+        )
+    if ending in (".urdf", ".mjcf", ".py", ".fmu") and KIND_OF_ENDING[ending] != form:
+        usual = USUAL_ENDINGS[form]
+        name = f"end its name in '{usual}'" if usual.startswith(".") else "name a folder"
+        raise OutputError(
+            f"the file would be {KIND_NAMES[form]}, but its name ends in '{ending}'",
+            where=str(output),
+            fix=f"{name}, or give --to {KIND_OF_ENDING[ending]}",
+        )
+    return form
+
+
+def _refuse(form: Kind, given: dict[str, object]) -> None:
+    """Refuse options that a format has no use for.
+
+    Raises:
+        OutputError: One of them is given.
+    """
+    from steelyard.base.errors import OutputError
+
+    for option, value in given.items():
+        if value:
+            raise OutputError(
+                f"{option} does not apply to {KIND_NAMES[form]}",
+                where=option,
+                fix=f"leave it out, or give --to {'urdf' if option == '--model' else 'c'}",
+            )
+
+
+def _new_file(output: Path | None, default: str) -> Path:
+    """The file to make.
+
+    Raises:
+        OutputError: It is there already.
+    """
+    from steelyard.base.files import refuse_existing
+
+    path = Path(default.replace("/", "_")).absolute() if output is None else output
+    refuse_existing(path)
+    return path
+
+
+def _print_export(path: Path, made: "Exported") -> None:
+    """What was written, and what was not."""
+    from rich.console import Console
+    from rich.text import Text
+
+    from steelyard.export.model_files.model_file import KEPT, UNSEEN, listed_under
+
+    content = made.content
+    count = sum(not body.massless for body in content.robot.bodies)
+    mass = sum(inertia.mass for inertia in content.inertias)
+    console = Console()
+    links = "1 moving link" if count == 1 else f"{count} moving links"
+    console.print(Text(f"{path}: {links}, {mass:.4g} kg"), soft_wrap=True)
+    few = [f"{name} {x:.0%}" for name, x in made.mass_shares.items() if x < FEW_DATA_SHARE]
+    for heading, sentences in (
+        (f"{made.form.upper()} cannot represent:", made.unsupported),
+        (
+            "mostly from the prior (share of the mass that comes from the data):",
+            (", ".join(few),) if few else (),
+        ),
+        (UNSEEN, (", ".join(made.unseen),) if made.unseen else ()),
+        (KEPT, made.impossible),
+    ):
+        for line in listed_under(heading, sentences):
+            console.print(Text(line))
+
+
+def _print_code(path: Path, form: Kind, written: "WrittenCode", as_json: bool) -> None:
+    """What was written, names that became others, and functions that there cannot be."""
+    from rich.console import Console
+    from rich.text import Text
+
+    if as_json:
+        printed = {
+            "file": str(path),
+            "format": form,
+            "files": list(written.files),
+            "functions": list(written.functions),
+            "absent": list(written.absent),
+            "identifiers": written.renamed,
+            "stack_bytes": written.stack,
+        }
+        typer.echo(json.dumps(printed))
+        return
+    lines = [f"{path}: {', '.join(written.files)}", f"functions: {', '.join(written.functions)}"]
+    if written.stack is not None:
+        lines.append(f"local variables: at most {written.stack} bytes a function")
+    if written.absent:
+        lines.append(
+            f"without {', '.join(written.absent)}: friction with memory needs the state of start "
+            'and step; a model of friction = "auto_memoryless" in the robot file has all'
+        )
+    if written.renamed:
+        pairs = ", ".join(f"{name} as {plain}" for name, plain in written.renamed.items())
+        lines.append(f"identifiers: {pairs}")
+    for line in lines:
+        Console().print(Text(line), soft_wrap=True)

@@ -1,0 +1,259 @@
+"""The commands `excite` and `replay`: a motion designed, and shown in the browser."""
+
+import json
+import os
+import time
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from steelyard.base.progress import DESIGN_BUDGET_S
+from steelyard.cli.command import (
+    DesignDetails,
+    FixedBase,
+    Json,
+    RobotArgument,
+    Seed,
+    guarded,
+    output_folder,
+)
+
+if TYPE_CHECKING:
+    from steelyard.base.progress import Event, Progress
+    from steelyard.excite.excite import DesignedMotion, DesignTask
+    from steelyard.excite.search.parallel_search import SearchBudget
+
+
+UNPROVEN = 1
+"""Exit code where a limit or a constraint is not proven."""
+
+UNCOVERED = 3
+"""Exit code where all that was looked at is proven, but not everything was looked at."""
+
+
+EXITS = {"good": 0, "fair": UNCOVERED, "poor": UNPROVEN}
+"""Exit code by how good the certificate is."""
+
+
+@guarded
+def excite(
+    robot: RobotArgument,
+    motion: Annotated[
+        str | None,
+        typer.Option(
+            help="Kind of motion: fourier, raw_fourier, blended_fourier, ramped_fourier, spline "
+            "or reaching are optimised; pick_and_place, square, waypoints, circle, "
+            "cartesian_reaching, sweeps, postures and replay are planned. If unset, the robot "
+            "file's, or fourier.",
+            metavar="KIND",
+        ),
+    ] = None,
+    period: Annotated[
+        float | None, typer.Option(help="Duration or period of the motion in seconds.")
+    ] = None,
+    harmonics: Annotated[int | None, typer.Option(help="Harmonics of a Fourier series.")] = None,
+    criterion: Annotated[
+        str | None,
+        typer.Option(
+            help="condition, normalised_condition, d_optimal, a_optimal or e_optimal.",
+            metavar="KIND",
+        ),
+    ] = None,
+    earlier: Annotated[
+        Path | None,
+        typer.Option(
+            help="model.json identified from a previous log: gives noise for predicted standard "
+            "deviations, and parameter values for predicted torques.",
+            metavar="MODEL",
+        ),
+    ] = None,
+    start: Annotated[
+        Path | None,
+        typer.Option(
+            help="trajectory.json of a motion of the same kind, such as the last one: an "
+            "additional starting point of the search.",
+            metavar="MOTION",
+        ),
+    ] = None,
+    still_unknown: Annotated[
+        bool,
+        typer.Option(
+            "--still-unknown",
+            help="Optimise the information of previous and new log together; needs --earlier.",
+        ),
+    ] = False,
+    method: Annotated[
+        str | None, typer.Option(help="Search method: gradient, genetic or cma_es.", metavar="NAME")
+    ] = None,
+    budget: Annotated[
+        float, typer.Option(min=1.0, help="Time limit in seconds.")
+    ] = DESIGN_BUDGET_S,
+    searches: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Stop after this many searches; if the budget suffices, the result depends on "
+            "the seed only.",
+        ),
+    ] = None,
+    processes: Annotated[
+        int | None, typer.Option(min=1, help="Search processes; all cores if unset.")
+    ] = None,
+    formats: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--format",
+            help="Also write the motion for a controller: csv, ros2, urscript, krl, rapid, mujoco.",
+            metavar="NAME",
+        ),
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option(min=1.0, help="Points per second in the files of --format.")
+    ] = None,
+    fixed_base: FixedBase = None,
+    seed: Seed = 0,
+    output: Annotated[Path | None, output_folder("steelyard-ROBOT-motion")] = None,
+    verbose: DesignDetails = False,
+    as_json: Json = False,
+) -> None:
+    """Design an excitation motion, and prove that it satisfies all limits.
+
+    The excitation tables of the robot file give limits, workspace, obstacles and criterion.
+    Writes trajectory.json, certificate.json, trajectory.csv and report.html. Ctrl-C ends the search
+    and keeps the best motion so far. Exit code 1: a planned motion violates a limit; trajectory and
+    report are written, but no controller program. Exit code 3: all that was checked is proven, but
+    something was not checked (floor, links without shapes, torques), no search converged, or
+    parameters are nearly inseparable; all files are written, and the summary lists what is not
+    covered.
+
+    Example: steelyard excite panda.toml --budget 20 -o panda-motion
+    """
+    begun = time.monotonic()
+    from rich.console import Console
+
+    from steelyard.base.files import new_folder
+    from steelyard.excite.excite import design_task
+    from steelyard.excite.page.design_words import design_level
+    from steelyard.excite.search.parallel_search import SearchBudget
+    from steelyard.robot.models.xacro import stem_of
+
+    task = design_task(
+        robot,
+        earlier=earlier,
+        start=start,
+        formats=formats or (),
+        rate=rate,
+        fixed_base=fixed_base,
+        motion=motion,
+        period=period,
+        harmonics=harmonics,
+        criterion=criterion,
+        method=method,
+        still_unknown=still_unknown,
+    )
+    folder = new_folder(output, f"steelyard-{stem_of(robot)}-motion")
+    effort = SearchBudget(budget, searches, processes or os.cpu_count() or 1, seed)
+    found, written = _designed(task, effort, folder, begun)
+    if as_json:
+        typer.echo(json.dumps(found.to_dict() | {"files": written}, allow_nan=False))
+    else:
+        found.show(Console(), verbose)
+        files = [f"{name:<12} {path}" for name, path in written.items()]
+        typer.echo("\n".join(["", *files, *_withheld(task, found)]))
+    if code := EXITS[design_level(found.designed)]:
+        raise typer.Exit(code)
+
+
+def _designed(
+    task: "DesignTask", effort: "SearchBudget", folder: Path, begun: float
+) -> "tuple[DesignedMotion, dict[str, str]]":
+    """The design and its files, whole in a new folder; Ctrl-C ends a search and keeps its best."""
+    from steelyard.base.files import whole_folder
+    from steelyard.base.progress import Stopped
+    from steelyard.cli import interrupt
+    from steelyard.cli.command import progress_bar
+
+    try:
+        with progress_bar() as progress, whole_folder(folder) as part:
+            with interrupt.quietly() if task.searched else nullcontext():
+                watch = _ending(progress) if task.searched else progress
+                found = task.done(effort, progress=watch, since=begun)
+                if not found.designed.stopped:
+                    interrupt.answered()
+            files = found.written_to(part)
+            interrupt.too_late()
+    except Stopped:
+        interrupt.leave()
+    return found, {name: str(folder / path) for name, path in files.items()}
+
+
+def _withheld(task: "DesignTask", found: "DesignedMotion") -> list[str]:
+    """A line on formats that were requested and not written."""
+    missing = [form for form in task.formats if form not in found.written_formats]
+    words = "the motion is not proven to satisfy all limits; do not run it"
+    return [f"not written  {', '.join(missing)}: {words}"] if missing else []
+
+
+def _ending(progress: "Progress") -> "Progress":
+    """A watcher that lets Ctrl-C end a search, and keeps what it has found."""
+    from steelyard.cli import interrupt
+
+    def watch(event: "Event") -> bool:
+        if interrupt.stop_requested():
+            interrupt.answered()
+            return False
+        return progress(event)
+
+    return watch
+
+
+THIS_MACHINE = "127.0.0.1"
+"""This machine alone."""
+
+
+@guarded
+def replay(
+    robot: RobotArgument,
+    trajectory: Annotated[
+        Path,
+        typer.Argument(
+            help="Motion: trajectory.json, or a table of time and positions.", metavar="TRAJECTORY"
+        ),
+    ],
+    port: Annotated[
+        int, typer.Option(min=1, max=65535, help="Port of the page in the browser.")
+    ] = 8080,
+    host: Annotated[
+        str, typer.Option(help="Address to listen at; 0.0.0.0 accepts other machines.")
+    ] = THIS_MACHINE,
+    speed: Annotated[
+        float, typer.Option(min=0.01, max=100.0, help="Playback speed, relative to the motion's.")
+    ] = 1.0,
+) -> None:
+    r"""Animate a motion of a robot in the browser, until Ctrl-C.
+
+    Links are drawn as their collision shapes, or as lines without one. Needs viser:
+    pip install "steelyard\[replay]".
+
+    Example: steelyard replay panda.toml panda-motion/trajectory.json
+    """
+    from steelyard.cli import interrupt
+    from steelyard.excite.page.replay import replayed
+    from steelyard.excite.page.stage import staged
+    from steelyard.excite.trajectories.trajectory_files import read_motion
+    from steelyard.robot.file.robot_file import load_robot
+
+    loaded = load_robot(robot)
+    stage = staged(loaded, read_motion(trajectory, loaded.robot))
+    for note in stage.notes:
+        typer.echo(f"note        {note}")
+    with interrupt.quietly():
+        shown = replayed(stage, host, port, speed)
+        typer.echo(f"replay      {shown.address}  (Ctrl-C ends it)")
+        try:
+            shown.run(interrupt.stop_requested)
+        finally:
+            shown.stop()
+    interrupt.answered()

@@ -1,0 +1,258 @@
+"""`steelyard watch`: external torque, contacts and payload on samples as they arrive."""
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from steelyard.cli.command import AlarmRate, Json, ModelArgument, guarded
+
+if TYPE_CHECKING:
+    from steelyard.base.arrays import Array
+    from steelyard.uses.watch.watch import WatchStart
+    from steelyard.uses.watch.watcher import StreamEvent
+
+
+POLL = 0.01
+"""Pause while there is nothing new [s]."""
+
+REDRAW_PERIOD = 0.1
+"""Least time between two states of the terminal's line [s]."""
+
+
+@guarded
+def watch(
+    model: ModelArgument,
+    source: Annotated[
+        str,
+        typer.Option(
+            "--from",
+            help="File that is being written (CSV, JSON lines, MCAP), or - for standard input "
+            "(CSV, JSON lines), with the columns of the robot file.",
+            metavar="SOURCE",
+        ),
+    ],
+    frame: Annotated[
+        str | None,
+        typer.Option(help="Estimate the wrench on this frame, along its axes.", metavar="NAME"),
+    ] = None,
+    calibrate: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--calibrate",
+            help="Logs of motion without contact, not fitted, recorded like the stream, to "
+            "calibrate thresholds of contact with; if unset, the residuals of the "
+            "cross-validation that are stored in the model.",
+            metavar="LOG...",
+        ),
+    ] = None,
+    rate: AlarmRate = None,
+    bandwidth: Annotated[
+        float | None,
+        typer.Option(
+            min=1e-3,
+            help="Bandwidth of the observer in Hz, a tenth of the sampling rate at most; if "
+            "unset, the cut-off at which the thresholds of contact were computed.",
+            metavar="HZ",
+        ),
+    ] = None,
+    every: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            help="Print estimates too, with this time between them in s (also in estimates.csv).",
+            metavar="SECONDS",
+        ),
+    ] = None,
+    timeout: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            help="End if nothing is appended to the file for this time; 0 reads what is there. "
+            "If unset, only Ctrl-C ends it; standard input ends with its writer.",
+            metavar="SECONDS",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="Output folder for events.csv and estimates.csv, written as they come; must not "
+            "exist.",
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Report external torque, contacts and payload on samples as they arrive.
+
+    Events are printed as they come, one line each; with --json one JSON object a line.
+
+    Example: steelyard watch steelyard-ur10e --from today.csv --frame tool0 -o today
+    """
+    from steelyard.base.errors import DataError
+    from steelyard.base.files import new_folder
+    from steelyard.cli import interrupt
+    from steelyard.cli.command import progress_bar
+    from steelyard.logs.streams import STANDARD_INPUT, rows_of
+    from steelyard.uses.watch.records import StreamFiles
+    from steelyard.uses.watch.watch import start_watch, watch_rows
+    from steelyard.uses.watch.watch_text import state_line
+
+    if source == STANDARD_INPUT and timeout is not None:
+        raise DataError(
+            "standard input ends when its writer closes it, not after some time",
+            where="--timeout",
+            fix="leave it out, or give a file with --from",
+        )
+    folder = None if output is None else new_folder(output, "")
+    with progress_bar() as progress:
+        begun = start_watch(
+            model,
+            frame,
+            calibrate=calibrate or (),
+            rate=rate,
+            bandwidth=bandwidth,
+            every=every,
+            progress=progress,
+        )
+    watcher, joints = begun.watcher, begun.model.robot.joint_names
+    line = _StateLine()
+    printer = _Printer(line, as_json, estimates=every is not None)
+    arrival = _Arrival(timeout, lambda: line.draw(state_line(watcher)))
+    arriving = rows_of(source, watcher.samples.columns, arrival.waiting, _read)
+    with ExitStack() as stack:
+        files = None
+        if folder is not None:
+            files = stack.enter_context(StreamFiles.opened(folder, joints, frame is not None))
+        printer.start(begun)
+        stack.enter_context(interrupt.quietly())
+        try:
+            watch_rows(
+                watcher,
+                arrival.noted(arriving),
+                printer.event,
+                files,
+                source=source,
+                stopped=interrupt.stop_requested,
+            )
+        finally:
+            if watcher.started:
+                printer.summary(begun)
+                if folder is not None and not as_json:
+                    printer.text(f"written  {folder}")
+            line.clear()
+        if watcher.observer.steps:
+            interrupt.answered()
+
+
+class _Printer:
+    """Prints what a stream reports, in lines or as JSON.
+
+    Args:
+        line: The terminal's line of the state, removed before anything is printed.
+        as_json: Whether every line is a JSON object.
+        estimates: Whether estimates are printed too.
+    """
+
+    def __init__(self, line: "_StateLine", as_json: bool, *, estimates: bool) -> None:
+        self._line, self._as_json, self._estimates = line, as_json, estimates
+
+    def text(self, text: str) -> None:
+        """A line."""
+        self._line.clear()
+        typer.echo(text)
+
+    def start(self, begun: "WatchStart") -> None:
+        """What the watcher rests on."""
+        lines = (json.dumps(begun.to_dict()),) if self._as_json else begun.notes
+        for text in lines:
+            self.text(text)
+
+    def event(self, event: "StreamEvent") -> None:
+        """An event as it comes."""
+        from steelyard.uses.watch.records import record_of
+        from steelyard.uses.watch.watch_text import event_line
+        from steelyard.uses.watch.watcher import StreamEstimate
+
+        if self._estimates or not isinstance(event, StreamEstimate):
+            self.text(json.dumps(record_of(event)) if self._as_json else event_line(event))
+
+    def summary(self, begun: "WatchStart") -> None:
+        """The end of the stream."""
+        from steelyard.uses.watch.records import summary_record
+        from steelyard.uses.watch.watch_text import summary_lines
+
+        found, robot = begun.watcher.summary, begun.model.robot
+        texts = summary_lines(found, robot.joint_names, robot.effort_units)
+        for text in (json.dumps(summary_record(found)),) if self._as_json else texts:
+            self.text(text)
+
+
+class _Arrival:
+    """Waits for rows, and knows when to stop.
+
+    Args:
+        timeout: Time without rows after which the stream ends [s]; never if `None`.
+        draw: Shows the state.
+    """
+
+    def __init__(self, timeout: float | None, draw: Callable[[], None]) -> None:
+        self._timeout, self._draw = timeout, draw
+        self._latest = time.monotonic()
+
+    def noted(self, arriving: "Iterable[Array]") -> "Iterator[Array]":
+        """The same rows; the time at which they come is noted."""
+        for rows in arriving:
+            self._latest = time.monotonic()
+            self._draw()
+            yield rows
+
+    def waiting(self) -> bool:
+        """Pause; whether to go on."""
+        from steelyard.cli import interrupt
+
+        late = self._timeout is not None and time.monotonic() - self._latest >= self._timeout
+        if late or interrupt.stop_requested():
+            return False
+        self._draw()
+        time.sleep(POLL)
+        return True
+
+
+class _StateLine:
+    """A line on the terminal's standard error that is written again and again; none elsewhere."""
+
+    def __init__(self) -> None:
+        self._on, self._drawn = sys.stderr.isatty(), -1.0
+
+    def draw(self, text: str) -> None:
+        """Replace the line, now and then."""
+        now = time.monotonic()
+        if self._on and now - self._drawn >= REDRAW_PERIOD:
+            self._drawn = now
+            sys.stderr.write(f"\r\x1b[2K{text}")
+            sys.stderr.flush()
+
+    def clear(self) -> None:
+        """Remove it."""
+        if self._on and self._drawn >= 0.0:
+            sys.stderr.write("\r\x1b[2K")
+            sys.stderr.flush()
+
+
+def _read() -> bytes:
+    """What standard input has, without a buffer that a thread could hold at the end."""
+    from steelyard.logs.streams import PIECE_BYTES
+
+    try:
+        number = sys.stdin.fileno()
+    except OSError:
+        return bytes(sys.stdin.buffer.read(PIECE_BYTES))
+    return os.read(number, PIECE_BYTES)

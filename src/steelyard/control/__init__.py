@@ -1,1 +1,0 @@
-"""Joint controllers with and without an identified model, and torques along a motion."""

@@ -1,1 +1,0 @@
-"""From compared hypotheses to findings: ranking, verdict, checks."""

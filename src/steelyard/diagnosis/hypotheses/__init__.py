@@ -1,1 +1,0 @@
-"""Checks that compare interpretations of a log."""

@@ -1,1 +1,0 @@
-"""How well an interpretation of a log agrees with what is known of the robot."""

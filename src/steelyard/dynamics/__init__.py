@@ -1,1 +1,0 @@
-"""Efforts and other quantities of a model: as programs, along motions, and at single samples."""

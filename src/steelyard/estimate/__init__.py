@@ -1,0 +1,1 @@
+"""The mathematics of identification: information, estimators, scores."""

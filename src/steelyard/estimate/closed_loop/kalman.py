@@ -1,0 +1,405 @@
+r"""Extended Kalman filter over motion and parameters, with the noise of its signals [Gautier2001].
+
+The state is $(q, \dot q, w, \phi)$ with the noise $w$ of the last torque sample. Measured torques
+drive the model, the mean of two samples from one to the next, and measured positions correct it;
+neither are filtered. What a step does to the state, to the parameters and to a torque's noise is
+found by moving each of them a little, all side by side: derivatives of the whole step, friction and
+integration included.
+
+Three things keep the values from being biased or impossible. A torque sample acts before and
+after it: without $w$ in the state, its noise and the motion would be taken for independent.
+Derivatives by the parameters are taken under the torque that the model makes in closed loop: under
+the measured one their noise would be that of the step. And in each pass they are taken at the
+parameters that it began with, whose departures then count linearly: a wild one at the start, where
+the filter knows little, cannot leave the values that a mechanism can have. Passes are repeated
+until that makes no difference; each is a Gauss-Newton step of maximum likelihood.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.estimate.closed_loop.experiment import Experiment, Measured, require_sound, simulate
+from steelyard.estimate.closed_loop.filtered_regressor import not_converged_error, result
+from steelyard.estimate.closed_loop.motion_under_torque import Integration
+from steelyard.estimate.estimate import Estimate
+
+_ORDER = 4
+_NORM = np.sqrt(70.0)
+"""Size of a fourth difference of white noise of size 1: the root of 1 + 16 + 36 + 16 + 1."""
+
+_GAUSSIAN = 1.482602218505602
+"""Standard deviation over the median size of normal numbers."""
+
+
+def white_noise(values: Array) -> Array:
+    """Standard deviation of the white noise on smooth signals, shape `(C,)`.
+
+    Fourth differences hold next to nothing of what is smooth; their median size does not mind a few
+    jumps.
+
+    Args:
+        values: Uniform samples, shape `(N, C)`.
+    """
+    differences = np.diff(values, n=_ORDER, axis=0)
+    return np.asarray(_GAUSSIAN * np.median(np.abs(differences), axis=0) / _NORM)
+
+
+def torque_noise(tau: Array, q: Array) -> Array:
+    """Standard deviation of what torque sensors add, shape `(n,)`.
+
+    A controller answers the noise of measured positions with real torques. What follows that noise,
+    at the same sample or a neighbour, is therefore no noise of the torque.
+
+    Args:
+        tau: Torques, uniform samples, shape `(N, n)`.
+        q: Positions of the same joints and samples, not filtered, shape `(N, n)`.
+    """
+    noisy, answered = (np.diff(x, n=_ORDER, axis=0) for x in (tau, q))
+    rest = noisy[1:-1].copy()
+    for joint in range(tau.shape[1]):
+        own = answered[:, joint]
+        near = np.column_stack((own[:-2], own[1:-1], own[2:]))
+        rest[:, joint] -= near @ np.linalg.lstsq(near, rest[:, joint], rcond=None)[0]
+    return np.asarray(_GAUSSIAN * np.median(np.abs(rest), axis=0) / _NORM)
+
+
+_TURN, _SPEED, _SHARE = 1e-6, 1e-5, 1e-4
+"""Changes by which derivatives are found: of positions, velocities, and of the rest over their
+size."""
+
+_FAR = 0.5
+"""Error of a predicted position at which the filter has diverged [rad; m]."""
+
+_UNSURE = 0.1
+"""First uncertainty of velocities, over their size."""
+
+_TICKS_PER_EVENT = 500
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """White noise of one run.
+
+    Attributes:
+        position: Standard deviation per joint, shape `(n,)` [rad; m].
+        torque: Likewise [Nm; N].
+        size: Root mean square of the torque, likewise.
+    """
+
+    position: Array
+    torque: Array
+    size: Array
+
+    def torque_variance(self, counts: Array) -> Array:
+        """Variance of the torque at a sample that counts, or does not, shape `(n,)`."""
+        return np.where(counts > 0.0, self.torque**2, self.size**2)
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """Parameters, shape `(p,)`, and their covariance, `(p, p)`."""
+
+    values: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """One step and its derivatives.
+
+    Attributes:
+        ends: Positions and velocities after it, shape `(2 n,)`.
+        motion: Derivatives by those before, shape `(2 n, 2 n)`.
+        effort: By the torques, shape `(2 n, n)`.
+        values: By the parameters, shape `(2 n, p)`.
+        least: Least pivot of the mass matrix.
+    """
+
+    ends: Array
+    motion: Array
+    effort: Array
+    values: Array
+    least: float
+
+
+class Steps:
+    """Steps from one sample to the next and their derivatives, all lanes at once.
+
+    Attributes:
+        about: Parameters that the derivatives are taken at, shape `(p,)`.
+    """
+
+    def __init__(self, experiment: Experiment, noise: Noise, about: Array, scale: Array) -> None:
+        """Begin.
+
+        Args:
+            experiment: What moves.
+            noise: Gives the size of the torques.
+            about: See the class.
+            scale: Sizes of the parameters' changes, shape `(p,)`.
+        """
+        n, p = len(noise.torque), len(scale)
+        self._changes = np.concatenate(
+            (np.full(n, _TURN), np.full(n, _SPEED), _SHARE * noise.size, _SHARE * scale)
+        )
+        self._n, self._first = n, 3 * n + 1
+        lanes = np.zeros((3 * n + p, self._first + p + 1))
+        lanes[: 3 * n, 1 : self._first] = np.diag(self._changes[: 3 * n])
+        lanes[3 * n :, self._first + 1 :] = np.diag(self._changes[3 * n :])
+        self._q, self._dq, self._effort, values = np.split(lanes, (n, 2 * n, 3 * n))
+        self._quiet = np.arange(lanes.shape[1]) >= self._first
+        widths = experiment.start_values.widths
+        self._moving = Integration(experiment.dynamics, values + about[:, None], widths)
+        self.about = about
+
+    def __call__(self, motion: Array, noisy: Array, quiet: Array, duration: float) -> Slopes:
+        """One step.
+
+        Args:
+            motion: Positions and velocities, shape `(2 n,)`.
+            noisy: Measured torque, shape `(n,)`.
+            quiet: Torque without noise, at which the parameters' derivatives are taken.
+            duration: [s].
+        """
+        n, first, moving = self._n, self._first, self._moving
+        np.add(self._q, motion[:n, None], out=moving.q)
+        np.add(self._dq, motion[n:, None], out=moving.dq)
+        applied = np.where(self._quiet, quiet[:, None], noisy[:, None])
+        np.add(self._effort, applied, out=moving.effort)
+        moving.advance(duration)
+        ends = np.concatenate((moving.q, moving.dq))
+        slopes = (ends[:, 1:first] - ends[:, :1]) / self._changes[: 3 * n]
+        by_value = (ends[:, first + 1 :] - ends[:, first : first + 1]) / self._changes[3 * n :]
+        least = float(moving.least[0])
+        return Slopes(ends[:, 0], slopes[:, : 2 * n], slopes[:, 2 * n :], by_value, least)
+
+
+class State:
+    """Motion, noise of the last torque sample, and departure of the parameters, with covariance."""
+
+    def __init__(self, run: Measured, noise: Noise, departure: Array, covariance: Array) -> None:
+        n = len(noise.torque)
+        self._n, self._noise = n, noise
+        self._moving, self._noisy = slice(0, 2 * n), slice(2 * n, 3 * n)
+        self._fixed = slice(3 * n, None)
+        self.mean = np.concatenate((run.motion.q[0], run.motion.dq[0], np.zeros(n), departure))
+        speeds = _UNSURE * np.sqrt(np.mean(run.motion.dq**2, axis=0))
+        own = (
+            noise.position**2,
+            speeds**2,
+            noise.torque_variance(run.counts[0]),
+            np.zeros(len(departure)),
+        )
+        self.spread = np.diag(np.concatenate(own))
+        self.spread[self._fixed, self._fixed] = covariance
+
+    @property
+    def motion(self) -> Array:
+        """Positions and velocities, shape `(2 n,)`."""
+        return self.mean[self._moving]
+
+    def predict(self, slopes: Slopes, counts: Array) -> None:
+        """Go one step on; the noise of the torque sample at its end is new.
+
+        Args:
+            slopes: The step under the mean of two torque samples.
+            counts: Whether the sample at its end counts, shape `(n,)`.
+        """
+        moving, noisy, fixed, spread = self._moving, self._noisy, self._fixed, self.spread
+        variance, half = self._noise.torque_variance(counts), -0.5 * slopes.effort
+        departed = slopes.values @ self.mean[fixed]
+        self.mean[moving] = slopes.ends + half @ self.mean[noisy] + departed
+        self.mean[noisy] = 0.0
+        transition = np.concatenate((slopes.motion, half, slopes.values), axis=1)
+        moved, fresh = transition @ spread, half * variance
+        spread[moving, moving] = moved @ transition.T + fresh @ half.T
+        spread[moving, noisy], spread[noisy, moving] = fresh, fresh.T
+        spread[noisy, noisy] = np.diag(variance)
+        spread[noisy, fixed], spread[fixed, noisy] = 0.0, 0.0
+        spread[moving, fixed], spread[fixed, moving] = moved[:, fixed], moved[:, fixed].T
+
+    def correct(self, missed: Array) -> Array:
+        """Take measured positions in.
+
+        Args:
+            missed: Their distance from the predicted ones, shape `(n,)`.
+
+        Returns:
+            Its squares over what was expected, shape `(n,)`.
+        """
+        n, spread = self._n, self.spread
+        expected = spread[:n, :n] + np.diag(self._noise.position**2)
+        gain = np.linalg.solve(expected, spread[:n]).T
+        self.mean += gain @ missed
+        spread -= gain @ spread[:n]
+        self.spread = 0.5 * (spread + spread.T)
+        return np.asarray(missed**2 / np.diag(expected))
+
+    def belief(self, about: Array) -> Belief:
+        """The parameters."""
+        return Belief(about + self.mean[self._fixed], self.spread[self._fixed, self._fixed])
+
+
+def filtered(
+    run: Measured, noise: Noise, steps: Steps, quiet: Array, belief: Belief, progress: Progress
+) -> tuple[Belief, Array]:
+    """One pass over one run.
+
+    Args:
+        run: What was measured.
+        noise: Its noise.
+        steps: The model's.
+        quiet: Torques without noise, shape `(N, n)`.
+        belief: What is known before.
+        progress: Told how far it is.
+
+    Returns:
+        What is known after it, and the mean square of the positions' errors over what was expected,
+        shape `(n,)`.
+
+    Raises:
+        DataError: The filter diverges.
+    """
+    n, wonder = len(noise.torque), np.zeros(len(noise.torque))
+    state = State(run, noise, belief.values - steps.about, belief.covariance)
+    for k in range(1, len(run.q)):
+        if k % _TICKS_PER_EVENT == 0:
+            report_progress(progress, f"filtering {run.name}", k / run.rate, len(run.q) / run.rate)
+        noisy, calm = (0.5 * (x[k - 1] + x[k]) for x in (run.tau, quiet))
+        slopes = steps(state.motion, noisy, calm, 1.0 / run.rate)
+        state.predict(slopes, run.counts[k])
+        missed = run.q[k] - state.mean[:n]
+        if slopes.least <= 0.0 or not np.abs(missed).max() < _FAR:
+            raise _diverged(run, k, slopes.least)
+        wonder += state.correct(missed)
+    return state.belief(steps.about), wonder / (len(run.q) - 1)
+
+
+def _diverged(run: Measured, k: int, least: float) -> DataError:
+    """What to say where the filter has lost the robot."""
+    why = (
+        "its mass matrix is no longer positive definite"
+        if least <= 0.0
+        else f"it is more than {_FAR:g} rad (m) off"
+    )
+    return DataError(
+        f"the Kalman filter diverged at {run.motion.t[k]:.2f} s: {why}",
+        where=run.name,
+        fix="low-pass the motion of its start values more, or give the noise of positions and "
+        "torques",
+    )
+
+
+KALMAN_NAME = "extended Kalman filter"
+
+_LEAST_POSITION_NOISE, _LEAST_TORQUE_NOISE = 1e-8, 1e-5
+"""Least noise of positions [rad; m], and of torques over their size."""
+
+_STEADY = 0.1
+"""Change between passes over the standard deviations, root mean square, that is none."""
+
+_CREDIBLE_ERROR_RATIO = 1.3
+"""Mean square of a joint's errors, over what was expected, that is still believed."""
+
+
+@dataclass(frozen=True)
+class KalmanParameters:
+    """Parameters as states that do not change.
+
+    The filter begins with `Experiment.start_values`, every parameter uncertain by that value at
+    which it alone makes `uncertainty` of the torque, and goes through the runs again and again,
+    each time from the last pass's values, until these settle. White noise of positions and torques
+    is found from the signals, where it is not given. Where positions surprise the filter more than
+    that noise allows, as those of a robot do that the model does not wholly describe, the noise of
+    the joint's torque is raised and the pass repeated. Where a joint rests its friction is unknown,
+    and its torque says nothing.
+
+    Attributes:
+        uncertainty: Share of the torque.
+        passes: Most passes.
+        position_noise: Standard deviation [rad; m].
+        torque_noise: Standard deviation per joint [Nm; N].
+        progress: Told how far each pass is.
+    """
+
+    uncertainty: float = 0.1
+    passes: int = 12
+    position_noise: float | None = None
+    torque_noise: tuple[float, ...] | None = None
+    progress: Progress = silent
+
+    def __call__(self, experiment: Experiment) -> Estimate:
+        """Estimate all columns that the filtered motion shows.
+
+        Raises:
+            DataError: The filter diverges, or the values do not settle.
+        """
+        noises = [self._noise(run) for run in experiment.runs]
+        values, scale = experiment.start_values.values, self.uncertainty * _sizes(experiment)
+        raised = np.ones(len(noises[0].torque))
+        for number in range(self.passes):
+            belief, wonder = self._passed(experiment, noises, values, scale)
+            if (wonder > _CREDIBLE_ERROR_RATIO).any():
+                factor = np.maximum(wonder, 1.0)
+                raised *= factor
+                noises = [replace(noise, torque=noise.torque * factor) for noise in noises]
+                continue
+            change, values = (belief.values - values) / scale, belief.values
+            unit = belief.covariance / scale[:, None] / scale
+            if change @ np.linalg.solve(unit, change) <= _STEADY**2 * len(change):
+                sigma = np.sqrt(np.mean([noise.torque**2 for noise in noises], axis=0))
+                counts = np.sum([run.counts.sum(axis=0) for run in experiment.runs], axis=0)
+                notes = (f"{number + 1} passes", *_noise_notes(raised))
+                return result(
+                    KALMAN_NAME, experiment, values, belief.covariance, sigma, counts, notes
+                )
+        raise not_converged_error(KALMAN_NAME, experiment, self.passes)
+
+    def _passed(
+        self, experiment: Experiment, noises: Sequence[Noise], values: Array, scale: Array
+    ) -> tuple[Belief, Array]:
+        """One pass over all runs, and how surprising each joint's positions were, `(n,)`."""
+        belief, wonders = Belief(values, np.diag(scale**2)), []
+        made = simulate(experiment, values, self.progress)
+        require_sound(experiment, made)
+        for run, noise, quiet in zip(experiment.runs, noises, made, strict=True):
+            steps = Steps(experiment, noise, values, scale)
+            belief, wonder = filtered(run, noise, steps, quiet.tau[..., 0], belief, self.progress)
+            wonders.append(wonder)
+        return belief, np.asarray(np.mean(wonders, axis=0))
+
+    def _noise(self, run: Measured) -> Noise:
+        n, size = run.q.shape[1], np.sqrt(np.mean(run.tau**2, axis=0))
+        position, torque = white_noise(run.q), torque_noise(run.tau, run.q)
+        if self.position_noise is not None:
+            position = np.full(n, self.position_noise)
+        if self.torque_noise is not None:
+            torque = np.array(self.torque_noise)
+        return Noise(
+            np.maximum(position, _LEAST_POSITION_NOISE),
+            np.maximum(torque, _LEAST_TORQUE_NOISE * size),
+            size,
+        )
+
+
+def _noise_notes(raised: Array) -> tuple[str, ...]:
+    """Whether the torque's noise had to be raised."""
+    if raised.max() == 1.0:
+        return ()
+    return (
+        "the innovations exceeded their covariance: torque noise was raised up to "
+        f"{raised.max():.2g} times that of the sensors",
+    )
+
+
+def _sizes(experiment: Experiment) -> Array:
+    """Values at which each parameter alone makes all of the torque, shape `(p,)`."""
+    efforts = experiment.information.effort_squares()
+    weights = 1.0 / np.maximum(efforts, max(1e-6 * float(efforts.max()), 1e-300))
+    own = np.diag(experiment.information.normal(weights)[0])[experiment.kept]
+    return np.asarray(1.0 / np.sqrt(np.maximum(own, 1e-300)))

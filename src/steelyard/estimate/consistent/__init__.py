@@ -1,0 +1,1 @@
+"""Physically consistent inertial parameters."""

@@ -1,0 +1,199 @@
+r"""Conic programs, handed to Clarabel as they are: no modelling layer between.
+
+A program is $\min \tfrac12 x^T P x + q^T x$ with $b - A x$ in a product of cones.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+
+Places = NDArray[np.intp]
+
+Kind = Literal["zero", "nonnegative", "semidefinite", "exponential"]
+
+WAYS = (True, False)
+"""Ways to solve a program, in turn: whether rows and columns are scaled before."""
+
+AIM = 1e-12
+"""Relative gap and infeasibility that are required of the solver. A gap moves the weighted squares
+by its root: they are good to six digits only with a tiny one."""
+
+GOOD, FAIR = 1e-8, 1e-6
+"""Gap and infeasibility at which no other way is tried, and at which a program counts as solved,
+as they are measured, whatever the solver calls them."""
+
+MOST_ITERATIONS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Rows `b - A x` that lie in one cone.
+
+    Attributes:
+        kind: The cone.
+        columns: Variables that the rows look at, `k` of them.
+        matrix: Their coefficients, shape `(rows, k)`.
+        offset: `b`, shape `(rows,)`.
+        order: Of the matrix, for `semidefinite`: its upper triangle column by column, entries off
+            the diagonal times the root of two.
+    """
+
+    kind: Kind
+    columns: Places
+    matrix: Array
+    offset: Array
+    order: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Conic:
+    """A conic program of `n` variables.
+
+    Attributes:
+        square: Diagonal of `P`, shape `(n,)`.
+        linear: `q`, shape `(n,)`.
+        blocks: The cones.
+    """
+
+    square: Array
+    linear: Array
+    blocks: tuple[Block, ...]
+
+
+class Infeasible(DataError):
+    """Nothing satisfies all cones of a program."""
+
+
+class Unsolved(DataError):
+    """The solver stopped before the optimum."""
+
+
+def solved(
+    program: Conic,
+    where: str,
+    most_iterations: int = MOST_ITERATIONS,
+    *,
+    aim: float = AIM,
+    enough: float = 0.0,
+) -> Array:
+    """The optimum, shape `(n,)`.
+
+    Args:
+        program: The program.
+        where: What is solved, for messages.
+        most_iterations: After which the solver stops.
+        aim: Relative gap and infeasibility that are required of the solver.
+        enough: Gap, as it is, at which a program counts as solved even if it is more than `FAIR`.
+
+    Raises:
+        Infeasible: There is no point in all cones.
+        Unsolved: The solver stopped for another reason than the optimum.
+    """
+    ends = []
+    for scaling in WAYS:
+        end = _clarabel(program, scaling, most_iterations, aim)
+        if end.status == "PrimalInfeasible":
+            raise _infeasible(where)
+        ends.append(end)
+        if end.error <= max(GOOD, aim) or end.status == "MaxIterations":
+            break
+    best = min(ends, key=lambda end: end.error)
+    if best.error <= FAIR or (best.gap <= enough and best.infeasibility <= FAIR):
+        return best.x
+    if any(end.status == "AlmostPrimalInfeasible" for end in ends):
+        raise _infeasible(where)
+    raise Unsolved(
+        f"the solver stopped before the optimum ({best.status}, off by {best.error:.1g})",
+        where=where,
+        fix="log a more exciting motion, give a prior or a smaller uncertainty of it, "
+        "or use least squares",
+    )
+
+
+def _infeasible(where: str) -> Infeasible:
+    return Infeasible(
+        "no parameters satisfy all constraints",
+        where=where,
+        fix="relax or remove contradicting constraints",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _End:
+    """Where the solver stopped: its word for it, the point, its gap and infeasibility.
+
+    Attributes:
+        status: The solver's word.
+        x: The point.
+        gap: Between the objective and its bound.
+        infeasibility: Of the point and of the bound, relative.
+        error: The greater of infeasibility and gap over objective.
+    """
+
+    status: str
+    x: Array
+    gap: float
+    infeasibility: float
+    error: float
+
+
+def _clarabel(program: Conic, scaling: bool, most_iterations: int, aim: float) -> _End:
+    import clarabel
+    from scipy import sparse
+
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_iter = most_iterations
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = aim
+    settings.equilibrate_enable = scaling
+    settings.max_threads = 1
+    cones = {
+        "zero": clarabel.ZeroConeT,
+        "nonnegative": clarabel.NonnegativeConeT,
+        "semidefinite": clarabel.PSDTriangleConeT,
+    }
+    kinds = [
+        clarabel.ExponentialConeT()
+        if block.kind == "exponential"
+        else cones[block.kind](block.order or len(block.offset))
+        for block in program.blocks
+    ]
+    solver = clarabel.DefaultSolver(
+        sparse.diags_array(program.square, format="csc"),
+        program.linear,
+        _stacked(program.blocks, len(program.linear)),
+        np.concatenate([block.offset for block in program.blocks]),
+        kinds,
+        settings,
+    )
+    solution = solver.solve()
+    x, status = np.array(solution.x), str(solution.status)
+    if "Infeasible" in status or status.startswith("Max"):
+        return _End(status, x, np.inf, np.inf, np.inf)
+    gap, *rest = np.nan_to_num(
+        [abs(solution.obj_val - solution.obj_val_dual), solution.r_prim, solution.r_dual],
+        nan=np.inf,
+    )
+    error = max(gap / max(1.0, abs(solution.obj_val)), *rest)
+    return _End(status, x, float(gap), float(max(rest)), float(error))
+
+
+def _stacked(blocks: Sequence[Block], n: int) -> Any:
+    """All blocks' coefficients as one sparse matrix, compressed by columns."""
+    from scipy import sparse
+
+    rows, columns, values, start = [], [], [], 0
+    for block in blocks:
+        row, column = np.nonzero(block.matrix)
+        rows.append(row + start)
+        columns.append(np.asarray(block.columns)[column])
+        values.append(block.matrix[row, column])
+        start += len(block.offset)
+    places = np.concatenate(rows), np.concatenate(columns)
+    return sparse.csc_array((np.concatenate(values), places), shape=(start, n))

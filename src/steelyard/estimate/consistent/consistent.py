@@ -1,0 +1,387 @@
+r"""Physically consistent parameters: bodies near their priors [Wensing2018].
+
+The data come whitened and compressed, bodies in the scale of their prior, friction, rotor inertia
+and stiffness within their bounds; the program is convex: Clarabel comes near its optimum, Newton's
+method gets there. Its curvature at the optimum is the posterior's precision (Laplace), so intervals
+count data and prior alike, and each parameter has its share of data. Near the edge of physical
+consistency the penalty is steep, which makes no parameter better known: the prior counts there with
+the curvature that it has at its own values.
+"""
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from steelyard.base.arrays import Array, Parameters, frozen
+from steelyard.estimate.consistent.conic import MOST_ITERATIONS, Infeasible, Unsolved, solved
+from steelyard.estimate.consistent.constraint_costs import (
+    Tried,
+    Weighed,
+    active_bounds,
+    cost_notes,
+    far_constraints,
+    weighed,
+)
+from steelyard.estimate.consistent.contradictions import refuse_contradictions
+from steelyard.estimate.consistent.penalties import Entropic, Form, Unknowns, unknowns
+from steelyard.estimate.consistent.program import Program, conic_constraints, polished
+from steelyard.estimate.estimate import Estimate, StandardEstimate
+from steelyard.estimate.information.base_parameters import BaseMap
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.least_squares.least_squares import Whitened, whitened
+from steelyard.estimate.least_squares.normal_equations import Solution, Spread, described
+from steelyard.estimate.prior.prior import Knowledge
+
+ROUGH = 1e-8
+"""Gap and infeasibility required of the solver where Newton's method does the rest."""
+
+UNITS = (1e4, 1e6)
+"""Units of the squares that are tried where the solver stops in that of the noise, before that of
+the whole effort."""
+
+GAP_IN_EFFORT_UNITS = 1e-5
+"""Gap that is enough in such a unit: of squares that are nearly all of the effort's."""
+
+ENOUGH = 5e-5
+"""Gap of the objective that moves no value by more than 0.01 standard deviations: within a gap `g`
+the data and the prior together leave a distance of the root of `2 g`."""
+
+LISTED = 6
+"""Prior constraints that the notes list."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConsistentValues:
+    """Values without covariances.
+
+    Attributes:
+        values: Of the information's columns, shape `(p,)`, zero without a base parameter.
+        gamma: Weight of the prior that they were estimated with.
+        standard: All standard parameters.
+    """
+
+    values: Array
+    gamma: float
+    standard: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Consistent:
+    """The convex estimate with a prior; the default.
+
+    Attributes:
+        base: Lifts base parameters to standard ones.
+        knowledge: Priors, bounds and constraints.
+        form: Penalties of bodies far from their priors, and physical consistency.
+        gamma: Weight of the prior; of its stated uncertainty, or found from the data, if `None`.
+        per_run: Columns whose parameters every run has for itself.
+        equal: Whether all rows weigh the same, whatever their noise.
+        iterations: After which the solver gives up.
+    """
+
+    base: BaseMap
+    knowledge: Knowledge
+    form: Form = Entropic()
+    gamma: float | None = None
+    per_run: tuple[str, ...] = ()
+    equal: bool = False
+    iterations: int = MOST_ITERATIONS
+
+    def __post_init__(self) -> None:
+        if self.gamma is not None and not self.gamma > 0.0:
+            raise ValueError("a weight of the prior is positive; the form `Free` takes none")
+
+    def __call__(self, information: Information) -> Estimate:
+        """Estimate all standard parameters.
+
+        Raises:
+            DataError: The data are too few, the constraints contradict each other, or the solver
+                stopped before the optimum.
+        """
+        data = whitened(information, self.per_run, equal=self.equal)
+        program = self.program(data)
+        found = self.weighed(program)
+        return self._described(data, program, found)
+
+    def values(
+        self, information: Information, gamma: float | None = None, near: Array | None = None
+    ) -> ConsistentValues:
+        """Values of the information's columns, without covariances.
+
+        Args:
+            information: What the data say; no run has parameters of its own.
+            gamma: Weight of the prior; as of a call if `None`.
+            near: Standard parameters of a similar problem, to begin at.
+
+        Raises:
+            DataError: As of a call.
+        """
+        program = self.program(whitened(information, equal=self.equal))
+        if gamma is None:
+            tried = self.weighed(program).tried
+        else:
+            begin = None if near is None else program.unknowns.of_standard(near)
+            tried = self._tried(program, gamma, begin)
+        standard = program.unknowns.standard(tried.u)
+        lifted = self.base.lift @ standard
+        known = dict(zip(self.base.base_names, lifted.tolist(), strict=True))
+        values = np.array([known.get(c, 0.0) for c in information.layout.columns])
+        return ConsistentValues(values, tried.gamma, standard)
+
+    def program(self, data: Whitened) -> Program:
+        """The convex program of whitened data."""
+        known = unknowns(data, self.base, self.knowledge)
+        return Program(known, conic_constraints(known, self.knowledge), self.form)
+
+    def solve(self, program: Program, gamma: float, near: Array | None = None) -> Array:
+        """The unknowns at the optimum with a weight of the prior.
+
+        Args:
+            program: The program.
+            gamma: The weight.
+            near: Unknowns of a similar problem, to begin at.
+
+        Raises:
+            DataError: As of a call.
+        """
+        if near is not None and (end := self._from_nearby(program, gamma, near)) is not None:
+            return end
+        try:
+            return self._optimum(program, gamma)
+        except (Infeasible, Unsolved) as error:
+            refuse_contradictions(self.knowledge)
+            if far := far_constraints(program.constraints):
+                raise type(error)(
+                    error.wrong,
+                    where=self._where,
+                    fix=f"check the magnitudes in [[knowledge]]: {'; '.join(far)}",
+                ) from None
+            raise
+
+    def _from_nearby(self, program: Program, gamma: float, near: Array) -> Array | None:
+        """The optimum from a solution nearby by Newton's method, where that confirms it."""
+        return polished(program, near, gamma) if self._smooth(program) else None
+
+    def _smooth(self, program: Program) -> bool:
+        return self.form.penalises and all(program.unknowns.priors)
+
+    def _optimum(self, program: Program, gamma: float) -> Array:
+        """Near it by the solver and to the end by Newton's method, or all by the solver."""
+        conic, m = program.conic(gamma), len(program.unknowns.weak)
+        if self._smooth(program):
+            with suppress(Infeasible, Unsolved):
+                near = solved(conic, self._where, self.iterations, aim=ROUGH, enough=ENOUGH)[:m]
+                end = polished(program, near, gamma)
+                if end is not None:
+                    return end
+        try:
+            return solved(conic, self._where, self.iterations, enough=ENOUGH)[:m]
+        except (Infeasible, Unsolved):
+            found = self._rescaled(program, gamma)
+            if found is None:
+                raise
+            return found
+
+    def _rescaled(self, program: Program, gamma: float) -> Array | None:
+        """The optimum in other units of the squares; `None` where they do not help either.
+
+        Where consistent bodies contradict the data, the squares are so many times the prior's
+        penalty that the solver loses the latter's digits.
+        """
+        for unit in units_of(program.unknowns):
+            with suppress(Infeasible, Unsolved):
+                conic = program.conic(gamma, unit=unit)
+                near = solved(
+                    conic, self._where, self.iterations, aim=ROUGH, enough=GAP_IN_EFFORT_UNITS
+                )
+                return near[: len(program.unknowns.weak)]
+        return None
+
+    @property
+    def _where(self) -> str:
+        return f"the consistent estimate ({self.form.name} prior)"
+
+    def weighed(self, program: Program) -> Weighed:
+        """The solution with the weight of the prior that is given, stated or found."""
+        known = program.unknowns
+
+        def at(gamma: float, near: Array | None = None) -> Tried:
+            return self._tried(program, gamma, near)
+
+        stated = self.gamma
+        if stated is None and self.knowledge.uncertainty is not None:
+            stated = self.knowledge.uncertainty**-2
+        if stated is None and self.form.penalises and any(known.priors):
+            return weighed(at, len(known.vector))
+        return Weighed(at(0.0 if stated is None else stated))
+
+    def _tried(self, program: Program, gamma: float, near: Array | None = None) -> Tried:
+        """The solution with one weight."""
+        u = self.solve(program, gamma, near)
+        return Tried(gamma, u, program.unknowns.chi_squared(u), program.evidence(u, gamma))
+
+    def _described(self, data: Whitened, program: Program, found: Weighed) -> Estimate:
+        """The estimate: base parameters as the data see them, and all standard ones."""
+        known = program.unknowns
+        after, before = _spreads(data, program, found.tried)
+        at = active_bounds(program, found.tried.u, after @ after.T)
+        standard = known.standard(at.u)
+        lift, free = self.base.lift, program.constraints.free
+        spread = lift @ (known.scale @ after)
+        solution = _solution(data, lift @ standard, spread @ spread.T, self.base)
+        own = [part.covariance(solution.kept, solution.inverse) for part in solution.locals]
+        fit = replace(data.fit, solution=solution)
+        name = f"physically consistent ({self.form.name} prior)"
+        estimate = described(name, fit, Spread(solution.inverse, tuple(own)))
+        place = {n: k for k, n in enumerate(self.base.base_names)}
+        rows = [place[n] for n in estimate.parameters.names]
+        learned = _share(lift @ known.scale, free, after, before)[rows]
+        learned[[n in self.per_run for n in estimate.parameters.names]] = 1.0
+        alone = {n for n, row in zip(self.base.base_names, lift, strict=True) if _alone(row)}
+        return replace(
+            estimate,
+            standard=self._standard(
+                estimate,
+                standard,
+                known.scale @ after,
+                _share(known.scale, free, after, before),
+            ),
+            learned=frozen(learned),
+            at_bound=tuple(n for n in estimate.parameters.names if n in at.names and n in alone),
+            notes=(*self.knowledge.notes, *self._notes(data, program, found)),
+        )
+
+    def _notes(self, data: Whitened, program: Program, found: Weighed) -> tuple[str, ...]:
+        """What was known, how its weight came about, and what it costs."""
+        return (
+            *_constraint_notes(self.knowledge),
+            *_weight_note(found, self, len(program.unknowns.vector), any(program.unknowns.priors)),
+            *cost_notes(
+                program,
+                self.knowledge,
+                found,
+                self._tried,
+                lambda some, tried: _covariance(data, some, tried),
+            ),
+        )
+
+    def _standard(
+        self, estimate: Estimate, values: Array, spread: Array, share: Array
+    ) -> StandardEstimate:
+        """All standard parameters; what every run has for itself is as a new run is expected."""
+        learned = share.copy()
+        full, covariance = values.copy(), spread @ spread.T
+        place = {name: k for k, name in enumerate(self.base.names)}
+        for name in self.per_run:
+            if name in estimate.parameters.names:
+                k, own = place[name], estimate.parameters.names.index(name)
+                full[k], learned[k] = estimate.parameters.values[own], 1.0
+                covariance[k, k] = estimate.covariance[own, own]
+        return StandardEstimate(
+            Parameters(self.base.names, self.base.units, full),
+            frozen(covariance),
+            frozen(learned),
+        )
+
+
+def units_of(unknowns: Unknowns) -> tuple[float, ...]:
+    """Units of the squares to be tried, up to that of the whole effort."""
+    whole = float(unknowns.vector @ unknowns.vector)
+    return tuple(unit for unit in (*UNITS, whole) if 1.0 < unit <= whole)
+
+
+def _covariance(data: Whitened, program: Program, tried: Tried) -> Array:
+    """Covariance of the unknowns with the data."""
+    root = _spreads(data, program, tried)[0]
+    return root @ root.T
+
+
+def _spreads(data: Whitened, program: Program, tried: Tried) -> tuple[Array, Array]:
+    r"""Roots $R$ of the unknowns' covariances $R R^T$ with the data and without, each `(m, k)`.
+
+    Within the constraints' equations. Sums of unknowns of which each is hardly known have a small
+    variance that rounding would take from $R R^T$, not from their rows of $R$. Where rows do not
+    weigh by their noise, that of the data is between the inverses.
+    """
+    known, free = program.unknowns, program.constraints.free
+    prior = program.stated_precision(tried.u, tried.gamma)
+    after, before = (
+        free @ _root_of_inverse(free.T @ precision @ free)
+        for precision in (prior + known.matrix.T @ known.matrix, prior)
+    )
+    if not np.array_equal(data.noise, np.eye(len(data.noise))):
+        values, vectors = np.linalg.eigh(known.matrix.T @ data.noise @ known.matrix + prior)
+        after = after @ (after.T @ (vectors * np.sqrt(np.maximum(values, 0.0))))
+    return after, before
+
+
+def _alone(row: Array) -> bool:
+    """Whether a base parameter is one standard parameter."""
+    return int(np.count_nonzero(row)) == 1
+
+
+def inverse_of(precision: Array) -> Array:
+    """Inverse of a precision; of what nothing is known, a large variance."""
+    root = _root_of_inverse(precision)
+    return root @ root.T
+
+
+def _root_of_inverse(precision: Array) -> Array:
+    values, vectors = np.linalg.eigh(precision)
+    floor = 1e-14 * max(float(values.max(initial=0.0)), 1.0)
+    return np.asarray(vectors / np.sqrt(np.maximum(values, floor)))
+
+
+def _share(parameters: Array, free: Array, after: Array, before: Array) -> Array:
+    """Share of what is known that the data taught; nothing of what the constraints' equations give.
+
+    Args:
+        parameters: As sums of the unknowns, shape `(p, m)`.
+        free: Directions of the unknowns that the equations leave, shape `(m, k)`.
+        after: Root of the unknowns' covariance with the data, see `_spreads`.
+        before: The same without.
+    """
+    taught, guessed = (np.sum(np.square(parameters @ root), axis=1) for root in (after, before))
+    lengths = np.linalg.norm(parameters, axis=1)
+    given = np.linalg.norm(parameters @ free, axis=1) <= 1e-9 * lengths
+    ratio = taught / np.where(given | (guessed <= 0.0), 1.0, guessed)
+    return np.where(given | (guessed <= 0.0), 0.0, np.clip(1.0 - ratio, 0.0, 1.0))
+
+
+def _solution(data: Whitened, values: Array, covariance: Array, base: BaseMap) -> Solution:
+    """The values as a solution in base parameters, with the parameters of single runs."""
+    old, columns = data.fit.solution, data.fit.data.whole.layout.columns
+    place = {name: k for k, name in enumerate(base.base_names)}
+    rows = [place[name] for name in columns]
+    local = list(data.fit.data.local)
+    full = values[rows]
+    full[local] = 0.0
+    kept = [rows[k] for k in old.kept]
+    return replace(
+        old,
+        values=full,
+        inverse=covariance[np.ix_(kept, kept)],
+        locals=tuple(part.solved(full) for part in data.eliminated),
+    )
+
+
+def _constraint_notes(knowledge: Knowledge) -> tuple[str, ...]:
+    """The prior constraints that were applied, for people to read."""
+    labels = tuple(dict.fromkeys(row.label for row in knowledge.rows))
+    more = f"; and {len(labels) - LISTED} more" if len(labels) > LISTED else ""
+    return (f"prior constraints: {'; '.join(labels[:LISTED])}{more}",) if labels else ()
+
+
+def _weight_note(found: Weighed, estimator: Consistent, rank: int, priors: bool) -> tuple[str, ...]:
+    """How the weight came about."""
+    gamma = found.tried.gamma
+    if not gamma or not priors:
+        return ()
+    how = "as stated"
+    if estimator.gamma is None and estimator.knowledge.uncertainty is None:
+        how = f"estimated from the data in {found.solves} iterations"
+    return (
+        f"prior uncertainty of link inertias {100.0 * gamma**-0.5:.3g} % ({how}); prior and "
+        f"constraints raise χ² by {found.tried.rise:.3g} (up to {rank} is within noise)",
+    )

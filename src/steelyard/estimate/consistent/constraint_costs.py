@@ -1,0 +1,361 @@
+r"""The weight of the prior, active bounds, and what constraints and prior cost the fit.
+
+Stated, $\gamma = 1/s^2$ with the prior's relative uncertainty $s$. Otherwise the $\gamma$ under
+which the data are likeliest, all parameters integrated out (Laplace) [MacKay1992], and never so
+large that the weighted squares rise over those of least squares by more than the rank of the data:
+as much as noise alone moves them.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.estimate.consistent.program import ConicConstraints, Program, conic_constraints
+from steelyard.estimate.prior.prior import Knowledge
+
+LEAST_PRIOR_WEIGHT, MOST_PRIOR_WEIGHT = 1e-3, 1e4
+"""Range of weights; prior uncertainties of 3000 % and 1 %."""
+
+FIRST_PRIOR_WEIGHT = 10.0
+"""Weight that is tried first: 32 %."""
+
+PRIOR_WEIGHT_STEP = 6.0
+"""Factor between weights until the likeliest is between two."""
+
+REFINED = 2
+"""Times that a parabola through three weights gives a better one."""
+
+SOLVES = 15
+"""Most solutions of a search."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """The solution with one weight.
+
+    Attributes:
+        gamma: The weight.
+        u: The unknowns.
+        rise: Rise of the weighted squares over those of least squares.
+        evidence: Logarithm of the data's likelihood, but for a constant.
+    """
+
+    gamma: float
+    u: Array
+    rise: float
+    evidence: float
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """A weight and the solution with it.
+
+    Attributes:
+        tried: The solution.
+        solves: Solutions that the search took.
+        physics: The rise without a prior worth the name where that is more than the rank of the
+            data; else zero.
+    """
+
+    tried: Tried
+    solves: int = 1
+    physics: float = 0.0
+
+
+SolveWithWeight = Callable[[float, Array | None], Tried]
+"""The solution with a weight, from unknowns of a solution nearby if there are any."""
+
+
+def weighed(attempt: SolveWithWeight, rank: int) -> Weighed:
+    """Search the likeliest weight whose rise the data allow.
+
+    Args:
+        attempt: The solution with a weight.
+        rank: Rise that is allowed.
+    """
+    search = _Search(attempt)
+    best = search.likeliest()
+    if search.at(best).rise <= rank:
+        return Weighed(search.at(best), len(search.found))
+    least = search.at(LEAST_PRIOR_WEIGHT).rise
+    allowed = rank if least <= rank else least + rank
+    gamma = search.largest(best, allowed)
+    return Weighed(search.at(gamma), len(search.found), least if least > rank else 0.0)
+
+
+class _Search:
+    """Weights that were tried; each is solved once."""
+
+    def __init__(self, attempt: SolveWithWeight) -> None:
+        self._attempt = attempt
+        self.found: dict[float, Tried] = {}
+
+    def at(self, gamma: float) -> Tried:
+        """The solution with a weight."""
+        if gamma not in self.found:
+            apart = {abs(np.log(gamma / known)): tried.u for known, tried in self.found.items()}
+            self.found[gamma] = self._attempt(gamma, apart[min(apart)] if apart else None)
+        return self.found[gamma]
+
+    def likeliest(self) -> float:
+        """The weight of most evidence, at an end of the range or between its neighbours."""
+        best = FIRST_PRIOR_WEIGHT
+        for factor in (PRIOR_WEIGHT_STEP, 1.0 / PRIOR_WEIGHT_STEP):
+            while LEAST_PRIOR_WEIGHT < best < MOST_PRIOR_WEIGHT:
+                further = float(np.clip(best * factor, LEAST_PRIOR_WEIGHT, MOST_PRIOR_WEIGHT))
+                if self.at(further).evidence <= self.at(best).evidence:
+                    break
+                best = further
+        for _ in range(REFINED):
+            below = max((g for g in self.found if g < best), default=None)
+            above = min((g for g in self.found if g > best), default=None)
+            if below is None or above is None:
+                break
+            gamma = self._peak(below, best, above)
+            best = max(best, gamma, key=lambda g: self.at(g).evidence)
+        return best
+
+    def _peak(self, *gammas: float) -> float:
+        """Top of the parabola through three weights, in their logarithm, kept between them."""
+        x, y = np.log(gammas), [self.at(g).evidence for g in gammas]
+        curve = np.polyfit(x - x[1], y, 2)
+        top = -curve[1] / (2.0 * curve[0]) if curve[0] < 0.0 else 0.0
+        return float(np.exp(x[1] + np.clip(top, 0.8 * (x[0] - x[1]), 0.8 * (x[2] - x[1]))))
+
+    def largest(self, high: float, allowed: float) -> float:
+        """The largest weight below `high` whose rise is allowed, to a few percent."""
+        low = max(
+            (g for g, t in self.found.items() if t.rise <= allowed), default=LEAST_PRIOR_WEIGHT
+        )
+        high = min((g for g, t in self.found.items() if t.rise > allowed), default=high)
+        while len(self.found) < SOLVES and high > 1.1 * low:
+            middle = float(np.sqrt(low * high))
+            low, high = (middle, high) if self.at(middle).rise <= allowed else (low, middle)
+        return low
+
+
+DISTANCE_TO_BOUND, DISTANCE_BEYOND_BOUND = 1e-3, 1e-3
+"""Distance to a bound, and distance beyond it at the data's optimum, in standard deviations, at
+which it counts as active."""
+
+CONTRADICTED = 2.0
+"""Standard deviations by which data violate a constraint that they contradict."""
+
+FAR = 1e3
+"""Size of a constraint to be checked, in units of a body's prior or of the whole effort."""
+
+CONTRADICTED_IN_NOTE = 3
+"""Constraints that are named: those that the data contradict most."""
+
+
+@dataclass(frozen=True, eq=False)
+class ActiveBounds:
+    """Unknowns with those that a bound holds put onto it, and those not identifiable to zero.
+
+    Attributes:
+        u: The unknowns.
+        names: Standard parameters that a bound holds.
+    """
+
+    u: Array
+    names: tuple[str, ...]
+
+
+def active_bounds(program: Program, u: Array, covariance: Array) -> ActiveBounds:
+    """Find the parameters that a bound of their own holds.
+
+    Args:
+        program: The program.
+        u: Its optimum, shape `(m,)`.
+        covariance: Of the unknowns, shape `(m, m)`.
+    """
+    known, constraints = program.unknowns, program.constraints
+    slope = known.matrix.T @ (known.matrix @ u - known.vector) + known.weak * u
+    own = (np.count_nonzero(constraints.matrix, axis=1) == 1) & ~constraints.equal
+    first = 10 * len(known.priors)
+    at, names = u.copy(), []
+    for number in np.flatnonzero(own):
+        k = int(np.argmax(np.abs(constraints.matrix[number])))
+        if k < first:
+            continue
+        sign, std = constraints.matrix[number, k], float(np.sqrt(max(covariance[k, k], 0.0)))
+        for bound, outward in ((constraints.lower[number], 1.0), (constraints.upper[number], -1.0)):
+            slack = outward * (sign * u[k] - bound)
+            if (
+                slack <= DISTANCE_TO_BOUND * std
+                and outward * sign * slope[k] * std >= DISTANCE_BEYOND_BOUND
+            ):
+                at[k] = sign * bound
+                names.append(known.names[known.terms[k - first]])
+    for k in _unidentifiable(program):
+        alone = constraints.matrix[:, k] != 0.0
+        both = np.array([constraints.lower[alone], constraints.upper[alone]])
+        edges = np.sort(both / constraints.matrix[alone, k], axis=0)
+        at[k] = np.clip(0.0, edges[0].max(initial=-np.inf), edges[1].min(initial=np.inf))
+    return ActiveBounds(at, tuple(dict.fromkeys(names)))
+
+
+def _unidentifiable(program: Program) -> list[int]:
+    """Unknowns of terms that neither data nor constraints on several parameters identify."""
+    several = program.constraints.matrix[np.count_nonzero(program.constraints.matrix, axis=1) > 1]
+    identified = np.any(program.unknowns.matrix != 0.0, axis=0) | np.any(several != 0.0, axis=0)
+    first = 10 * len(program.unknowns.priors)
+    return [k for k in range(first, len(identified)) if not identified[k]]
+
+
+def contradicted(program: Program, free: Array, covariance: Array) -> tuple[str, ...]:
+    """Constraints of the user that the data contradict, with the values without them.
+
+    Args:
+        program: The program with the constraints.
+        free: The unknowns at the optimum without them, shape `(m,)`.
+        covariance: Of these, shape `(m, m)`.
+    """
+    constraints, known = program.constraints, program.unknowns
+    found: dict[str, tuple[float, float]] = {}
+    values = constraints.matrix @ free
+    squares = np.einsum("rm,mn,rn->r", constraints.matrix, covariance, constraints.matrix)
+    stds = np.sqrt(np.maximum(squares, 0.0))
+    standard = dict(zip(known.names, known.standard(free).tolist(), strict=True))
+    for row, value, std, low, high in zip(
+        constraints.rows, values, stds, constraints.lower, constraints.upper, strict=True
+    ):
+        missed = max(low - value, value - high)
+        if missed <= CONTRADICTED * std or missed <= 0.0:
+            continue
+        worth = missed / max(std, 1e-300)
+        data = sum(factor * standard[name] for name, factor in row.coefficients.items())
+        if row.label not in found or worth > found[row.label][0]:
+            found[row.label] = (worth, data)
+    order = sorted(found, key=lambda label: -found[label][0])
+    return _named(order, [found[label][1] for label in order])
+
+
+def far_constraints(constraints: ConicConstraints) -> tuple[str, ...]:
+    """Constraints of sizes that hardly any parameter has, for messages."""
+    sizes = np.where(np.isfinite(constraints.lower), np.abs(constraints.lower), 0.0)
+    sizes = np.maximum(
+        sizes, np.where(np.isfinite(constraints.upper), np.abs(constraints.upper), 0.0)
+    )
+    found = [row.label for row, size in zip(constraints.rows, sizes, strict=True) if size > FAR]
+    return tuple(dict.fromkeys(found))[:CONTRADICTED_IN_NOTE]
+
+
+def _named(labels: Sequence[str], values: Sequence[float]) -> tuple[str, ...]:
+    """The first few with what the data would have."""
+    lines = [
+        f"{label}: {value:.4g} without it"
+        for label, value in list(zip(labels, values, strict=True))[:CONTRADICTED_IN_NOTE]
+    ]
+    rest = len(labels) - CONTRADICTED_IN_NOTE
+    return (*lines, *([f"and {rest} more"] if rest > 0 else []))
+
+
+EDGE = 0.02
+"""Least eigenvalue of a body's `X` below which it is at the edge of consistent bodies."""
+
+CONSTRAINTS_IN_NOTE = 6
+"""Active constraints that a note names."""
+
+SolveProgram = Callable[[Program, float], Tried]
+"""The solution of a program with a weight of the prior."""
+
+Spread = Callable[[Program, Tried], Array]
+"""Covariance of the unknowns of a solution, shape `(m, m)`."""
+
+
+def cost_notes(
+    program: Program, knowledge: Knowledge, found: Weighed, attempt: SolveProgram, spread: Spread
+) -> tuple[str, ...]:
+    """What contradicts the data: knowledge, physical constraints, or the prior.
+
+    Args:
+        program: The program.
+        knowledge: What its constraints and priors are made of.
+        found: Its solution.
+        attempt: Solves a program.
+        spread: Covariance of a solution's unknowns.
+    """
+    rank, gamma, rise, notes = len(program.unknowns.vector), found.tried.gamma, found.tried.rise, []
+    try:
+        if knowledge.rows:
+            knowledge = replace(knowledge, rows=())
+            bare = replace(program, constraints=conic_constraints(program.unknowns, knowledge))
+            free = attempt(bare, gamma)
+            if against := contradicted(program, free.u, spread(bare, free)):
+                notes.append(
+                    f"the data contradict the prior constraints, which raise χ² by "
+                    f"{rise - free.rise:.4g}: {'; '.join(against)}"
+                )
+            program, rise = bare, free.rise
+        if (found.physics or rise > rank) and (
+            physical := _physical(program, knowledge, attempt, spread)
+        ):
+            return (*notes, physical)
+    except DataError:
+        return tuple(notes)
+    if rise > 2.0 * rank and any(program.unknowns.priors):
+        notes.append(
+            f"a prior with this uncertainty raises χ² by {rise:.4g}, where up to {rank} is within "
+            "noise: the data contradict it"
+        )
+    return tuple(notes)
+
+
+def _physical(
+    program: Program, knowledge: Knowledge, attempt: SolveProgram, spread: Spread
+) -> str | None:
+    """What bounds and consistent bodies cost without a prior; nothing if noise explains it."""
+    whole = attempt(program, LEAST_PRIOR_WEIGHT)
+    if whole.rise <= len(program.unknowns.vector):
+        return None
+    bodies = {k for body in range(len(knowledge.bodies)) for k in knowledge.tens(body)}
+    laws = [k not in bodies for k in range(len(knowledge.names))]
+    unbounded = replace(
+        knowledge,
+        lower=np.where(laws, -np.inf, knowledge.lower),
+        upper=np.where(laws, np.inf, knowledge.upper),
+        curves=(),
+    )
+    alone = attempt(
+        replace(program, constraints=conic_constraints(program.unknowns, unbounded)),
+        LEAST_PRIOR_WEIGHT,
+    )
+    at = active_bounds(program, whole.u, spread(program, whole)).names
+    thin = np.linalg.eigvalsh(program.unknowns.pseudo(whole.u))[:, 0] <= EDGE
+    edges = [name for name, near in zip(knowledge.bodies, thin, strict=True) if near]
+    parts = (
+        (whole.rise - alone.rise, "bounds of", grouped(at, knowledge.names)),
+        (alone.rise, "valid inertia of", edges),
+    )
+    named = [
+        f"{kind} {_first_names(names)} ({cost:.4g})"
+        for cost, kind, names in sorted(parts, key=lambda part: -part[0])
+        if names and cost > 0.05 * whole.rise
+    ]
+    active = f"; active: {'; '.join(named)}" if named else ""
+    return (
+        f"physical constraints (valid inertias, bounds such as friction >= 0) raise χ² by "
+        f"{whole.rise:.4g} even without a prior{active}: a term is missing or wrong"
+    )
+
+
+def grouped(names: Sequence[str], every: Sequence[str]) -> list[str]:
+    """Names of parameters; a law of which all are among them is `law.*`."""
+    found: dict[str, None] = {}
+    for name in names:
+        law = name.split(".")[0]
+        family = [other for other in every if other.split(".")[0] == law]
+        whole = len(family) > 1 and set(family) <= set(names)
+        found[f"{law}.*" if whole else name] = None
+    return list(found)
+
+
+def _first_names(names: Sequence[str]) -> str:
+    more = (
+        f" and {len(names) - CONSTRAINTS_IN_NOTE} more" if len(names) > CONSTRAINTS_IN_NOTE else ""
+    )
+    return ", ".join(names[:CONSTRAINTS_IN_NOTE]) + more

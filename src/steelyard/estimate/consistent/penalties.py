@@ -1,0 +1,326 @@
+r"""Standard parameters in the scale of their prior, and penalties on their distance from it.
+
+A body's pseudo-inertia is $J = L X L^T$ with $J_0 = L L^T$ that of its prior: the prior is
+$X = 1$, and margins have no unit [Wensing2018]. A body's unknowns are the ten entries of the upper
+triangle of $X$, column by column; every other parameter is counted in the standard deviation that
+is known of it, else in the size that would make all of the effort, or, where the data do not see
+it, in what is wide in its SI unit.
+
+Every form keeps $X \succeq \delta 1$: a body with margin.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.estimate.consistent.conic import Block
+from steelyard.estimate.information.base_parameters import BaseMap
+from steelyard.estimate.least_squares.least_squares import Whitened
+from steelyard.estimate.prior.prior import Knowledge
+from steelyard.robot.rigid_body import Inertia
+
+ORDER = 4
+"""Rows of a pseudo-inertia."""
+
+ENTRIES = tuple((i, j) for j in range(ORDER) for i in range(j + 1))
+"""Places of the upper triangle, column by column."""
+
+WIDEST = 10.0
+"""Standard deviation of a cause of torque that nothing is known of, in that of the whole effort."""
+
+UNSEEN = 1e-9
+"""Effort of a parameter, over that of the strongest, below which the data do not see it."""
+
+UNKNOWN = 100.0
+"""Standard deviation of a parameter that the data do not see, in its SI unit."""
+
+SCALE_WITHOUT_PRIOR = Inertia.about_com(1.0, np.zeros(3), 0.01 * np.eye(3))
+"""Scale of a body without prior."""
+
+BASIS = np.zeros((10, ORDER, ORDER))
+for _k, (_i, _j) in enumerate(ENTRIES):
+    BASIS[_k, _i, _j] = BASIS[_k, _j, _i] = 1.0
+BASIS.flags.writeable = False
+
+_TENS = np.array([Inertia.from_pseudo(e).ten for e in BASIS]).T
+"""Ten numbers of a body per entry of its pseudo-inertia, shape `(10, 10)`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    r"""Standard parameters as unknowns of a program, $\phi = c + T u$.
+
+    Attributes:
+        names: Standard parameters, `p` of them.
+        priors: Per body whether it has a prior; its unknowns are `u[10 k : 10 k + 10]`.
+        terms: Indices in `names` of the other unknowns, which follow those of the bodies.
+        scale: $T$, shape `(p, m)`.
+        weak: Precision of each unknown that keeps what no data show near zero, shape `(m,)`.
+        matrix: Whitened data over the unknowns, shape `(rank, m)`.
+        vector: Shape `(rank,)`.
+    """
+
+    names: tuple[str, ...]
+    priors: tuple[bool, ...]
+    terms: tuple[int, ...]
+    scale: Array
+    weak: Array
+    matrix: Array
+    vector: Array
+
+    @property
+    def start(self) -> Array:
+        """The prior: `X = 1`, no friction."""
+        u = np.zeros(len(self.weak))
+        u[: 10 * len(self.priors)] = np.tile([float(i == j) for i, j in ENTRIES], len(self.priors))
+        return u
+
+    def pseudo(self, u: Array) -> Array:
+        """`X` of every body, shape `(bodies, 4, 4)`."""
+        return np.tensordot(u[: 10 * len(self.priors)].reshape(-1, 10), BASIS, axes=1)
+
+    def standard(self, u: Array) -> Array:
+        """Standard parameters, shape `(p,)`; unseen ones of terms are zero but for constraints."""
+        return np.asarray(self.scale @ u)
+
+    def of_standard(self, standard: Array) -> Array:
+        """The unknowns of standard parameters, shape `(m,)`; the reverse of `standard`."""
+        return np.asarray(np.linalg.solve(self.scale, standard))
+
+    def chi_squared(self, u: Array) -> float:
+        """Rise of the weighted squares over those of weighted least squares."""
+        residual = self.matrix @ u - self.vector
+        return float(residual @ residual)
+
+
+def unknowns(data: Whitened, base: BaseMap, knowledge: Knowledge) -> Unknowns:
+    """The unknowns of a problem.
+
+    Args:
+        data: The whitened data.
+        base: Lifts base parameters to standard ones.
+        knowledge: Gives the priors.
+    """
+    count = len(knowledge.bodies)
+    tens = [knowledge.tens(body) for body in range(count)]
+    place = {name: k for k, name in enumerate(base.base_names)}
+    lift = base.lift[[place[name] for name in data.names]]
+    bodies = {k for ten in tens for k in ten}
+    strength = np.linalg.norm(data.matrix @ lift, axis=0)
+    terms = tuple(k for k in range(len(base.names)) if k not in bodies)
+    scale = np.zeros((len(base.names), 10 * count + len(terms)))
+    for body, ten in enumerate(tens):
+        prior = knowledge.priors[body] or SCALE_WITHOUT_PRIOR
+        scale[ten, 10 * body : 10 * body + 10] = ten_map(prior)
+    least = UNSEEN * float(strength.max(initial=0.0))
+    strength = strength[list(terms)]
+    sizes = np.divide(
+        data.effort, strength, out=np.full(len(terms), UNKNOWN), where=strength > least
+    )
+    stated = np.array([knowledge.deviations.get(base.names[k], np.nan) for k in terms])
+    sizes = np.where(np.isfinite(stated), stated, sizes)
+    scale[list(terms), 10 * count + np.arange(len(terms))] = sizes
+    matrix = data.matrix @ lift @ scale
+    matrix[:, 10 * count + np.flatnonzero(strength <= least)] = 0.0
+    weak = np.full(scale.shape[1], WIDEST**-2)
+    weak[: 10 * count] = 0.0
+    weak[10 * count + np.flatnonzero((strength <= least) | np.isfinite(stated))] = 1.0
+    return Unknowns(
+        base.names,
+        tuple(prior is not None for prior in knowledge.priors),
+        terms,
+        frozen(scale),
+        frozen(weak),
+        frozen(matrix),
+        data.vector,
+    )
+
+
+def ten_map(prior: Inertia) -> Array:
+    """Ten numbers of a body per entry of its `X`, shape `(10, 10)`."""
+    factor = np.linalg.cholesky(prior.pseudo)
+    rows, columns = np.array(ENTRIES).T
+    return np.asarray(_TENS @ (factor @ BASIS @ factor.T)[:, rows, columns].T)
+
+
+_DIAGONAL = np.array([k for k, (i, j) in enumerate(ENTRIES) if i == j])
+_TWICE = np.array([1.0 if i == j else 2.0 for i, j in ENTRIES])
+
+FAINT = 1e-6
+"""Weight that keeps bodies without prior bounded."""
+
+
+@dataclass(frozen=True, eq=False)
+class BodyPenalty:
+    """What one body adds to a program.
+
+    Attributes:
+        square: Quadratic cost of its ten unknowns, then of its helpers.
+        linear: Linear cost of the same.
+        blocks: Cones over the same; columns count from the body's first unknown, helpers from 10.
+    """
+
+    square: Array
+    linear: Array
+    blocks: tuple[Block, ...]
+
+
+class Form(Protocol):
+    """A penalty on a body's distance from its prior."""
+
+    name: ClassVar[str]
+    penalises: ClassVar[bool]
+
+    @property
+    def margin(self) -> float:
+        """Least eigenvalue of `X`."""
+        ...
+
+    def part(self, gamma: float) -> BodyPenalty:
+        """Cost and cones of one body, the penalty times `gamma`."""
+        ...
+
+    def cost(self, x: Array) -> float:
+        """The penalty of one `X`, shape `(4, 4)`; zero at the prior."""
+        ...
+
+    def slope(self, x: Array) -> Array:
+        """Derivative of the penalty by the ten entries of `X`, shape `(10,)`."""
+        ...
+
+    def curvature(self, x: Array) -> Array:
+        """Second derivative of the penalty by the ten entries of `X`, shape `(10, 10)`."""
+        ...
+
+
+@dataclass(frozen=True)
+class Entropic:
+    r"""$\mathrm{tr}\,X - \log\det X - 4$, the divergence of two mass distributions [Lee2020].
+
+    In cones: $\log\det X \ge \sum_k t_k$ where $\begin{pmatrix} X & Z \\ Z^T & D
+    \end{pmatrix} \succeq 0$, $Z$ lower triangular, $D$ its diagonal, $t_k \le \log D_{kk}$.
+    """
+
+    name: ClassVar[str] = "entropic"
+    penalises: ClassVar[bool] = True
+    margin: float = 1e-3
+
+    def part(self, gamma: float) -> BodyPenalty:
+        """Ten entries of `Z` and four logarithms help."""
+        linear = np.zeros(24)
+        linear[_DIAGONAL] = gamma
+        linear[20:] = -gamma
+        return BodyPenalty(np.zeros(24), linear, (_bordered(), *_logarithms(), _apart(self.margin)))
+
+    def cost(self, x: Array) -> float:
+        """The divergence."""
+        return float(np.trace(x) - np.linalg.slogdet(x)[1] - ORDER)
+
+    def slope(self, x: Array) -> Array:
+        r"""$\mathrm{tr}((1 - X^{-1}) E_a)$."""
+        return np.asarray(np.tensordot(BASIS, np.eye(ORDER) - np.linalg.inv(x), axes=2))
+
+    def curvature(self, x: Array) -> Array:
+        r"""$\mathrm{tr}(X^{-1} E_a X^{-1} E_b)$."""
+        turned = np.linalg.solve(x, BASIS)
+        return np.asarray(np.einsum("aij,bji->ab", turned, turned))
+
+
+@dataclass(frozen=True)
+class Pullback:
+    r"""$\tfrac12 \|X - 1\|_F^2$: the divergence to second order, a quadratic [Lee2018]."""
+
+    name: ClassVar[str] = "quadratic"
+    penalises: ClassVar[bool] = True
+    margin: float = 1e-3
+
+    def part(self, gamma: float) -> BodyPenalty:
+        """A quadratic around the prior; no helpers."""
+        linear = np.zeros(10)
+        linear[_DIAGONAL] = -gamma
+        return BodyPenalty(gamma * _TWICE, linear, (_apart(self.margin),))
+
+    def cost(self, x: Array) -> float:
+        """Half the squared distance."""
+        return 0.5 * float(np.square(x - np.eye(ORDER)).sum())
+
+    def slope(self, x: Array) -> Array:
+        r"""$\mathrm{tr}((X - 1) E_a)$."""
+        return np.asarray(np.tensordot(BASIS, x - np.eye(ORDER), axes=2))
+
+    def curvature(self, x: Array) -> Array:
+        """The same everywhere."""
+        return np.diag(_TWICE)
+
+
+@dataclass(frozen=True)
+class Free:
+    """No penalty beyond physical consistency.
+
+    What no data show is kept from growing without bound: 1000 times the prior costs one half.
+    """
+
+    name: ClassVar[str] = "free"
+    penalises: ClassVar[bool] = False
+    margin: float = 1e-3
+
+    def part(self, gamma: float) -> BodyPenalty:
+        """The margin, and hardly more."""
+        return BodyPenalty(FAINT * _TWICE, np.zeros(10), (_apart(self.margin),))
+
+    def cost(self, x: Array) -> float:
+        """Next to nothing."""
+        return 0.5 * FAINT * float(_TWICE @ np.square(x[tuple(zip(*ENTRIES, strict=True))]))
+
+    def slope(self, x: Array) -> Array:
+        """Next to nothing."""
+        return FAINT * _TWICE * x[tuple(zip(*ENTRIES, strict=True))]
+
+    def curvature(self, x: Array) -> Array:
+        """Next to nothing."""
+        return np.diag(FAINT * _TWICE)
+
+
+def _triangle(order: int, entries: dict[tuple[int, int], list[int]], width: int) -> Array:
+    """Rows of a matrix's upper triangle whose entry `(i, j)` is the sum of some unknowns."""
+    rows = []
+    for j in range(order):
+        for i in range(j + 1):
+            row = np.zeros(width)
+            row[entries.get((i, j), [])] = 1.0 if i == j else np.sqrt(2.0)
+            rows.append(row)
+    return np.array(rows)
+
+
+def _apart(margin: float) -> Block:
+    """`X - margin` is positive semidefinite."""
+    matrix = _triangle(ORDER, {place: [k] for k, place in enumerate(ENTRIES)}, 10)
+    offset = -margin * np.array([float(i == j) for i, j in ENTRIES])
+    return Block("semidefinite", np.arange(10), -matrix, offset, ORDER)
+
+
+def _bordered() -> Block:
+    """`X` bordered by `Z` and its diagonal is positive semidefinite."""
+    entries = {place: [k] for k, place in enumerate(ENTRIES)}
+    for k, (i, j) in enumerate(ENTRIES):
+        # Z is lower triangular: its entry (j, i) is the upper triangle's (i, j)
+        entries[j, ORDER + i] = [10 + k]
+        if i == j:
+            entries[ORDER + i, ORDER + i] = [10 + k]
+    matrix = _triangle(2 * ORDER, entries, 20)
+    return Block("semidefinite", np.arange(20), -matrix, np.zeros(len(matrix)), 2 * ORDER)
+
+
+def _logarithms() -> tuple[Block, ...]:
+    """Each of the last four helpers is at most the logarithm of an entry of `D`."""
+    return tuple(
+        Block(
+            "exponential",
+            np.array([20 + k, 10 + diagonal]),
+            np.array([[-1.0, 0.0], [0.0, 0.0], [0.0, -1.0]]),
+            np.array([0.0, 1.0, 0.0]),
+        )
+        for k, diagonal in enumerate(_DIAGONAL)
+    )

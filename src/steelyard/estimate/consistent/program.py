@@ -1,0 +1,339 @@
+r"""The convex program of consistent parameters, and its refinement by Newton's method.
+
+$\min \tfrac12\|y\|^2 + \gamma \sum_i D(X_i) + \tfrac12\sum_k w_k u_k^2$ with $y = Au - z$ as an
+equation: with $A^T A$ in the cost, solvers call points solved that are not.
+
+An interior-point solver comes near the optimum in a dozen steps and needs as many again for the
+digits that the weighted squares show; it cannot begin at the solution of a similar problem. Within
+consistent bodies the objective is smooth: with the bounds that hold as equations, a few Newton
+steps, shortened while they gain nothing, end at rounding. The problem is convex, so a point with
+no slope, bounds that hold pulling outward, is the optimum; where that cannot be confirmed, or a
+body lies at the margin of physical consistency, nothing is returned.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array
+from steelyard.estimate.consistent.conic import Block, Conic
+from steelyard.estimate.consistent.penalties import Form, Free, Unknowns
+from steelyard.estimate.prior.prior import Knowledge, Row
+from steelyard.robot.rigid_body import INERTIAL_NAMES
+
+UNREACHED_BOUND = 1e6
+"""Bound that nothing reaches, in units of a body's prior or of the whole effort."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConicConstraints:
+    r"""Bounds and rows over the unknowns, each scaled to unit length: $l \le a\,u \le h$.
+
+    Attributes:
+        rows: The constraints as they were given.
+        matrix: Shape `(rows, m)`.
+        lower: Shape `(rows,)`.
+        upper: Shape `(rows,)`.
+    """
+
+    rows: tuple[Row, ...]
+    matrix: Array
+    lower: Array
+    upper: Array
+
+    @property
+    def free(self) -> Array:
+        """Directions that the equations leave, shape `(m, free)`, orthonormal."""
+        _, sizes, turned = np.linalg.svd(self.matrix[self.equal], full_matrices=True)
+        return np.asarray(turned[int(np.sum(sizes > 1e-10)) :].T)
+
+    @property
+    def equal(self) -> NDArray[np.bool_]:
+        """Those that are equations, as a mask."""
+        return np.asarray(self.lower == self.upper)
+
+
+def conic_constraints(unknowns: Unknowns, knowledge: Knowledge) -> ConicConstraints:
+    """Bounds of the parameters and the user's rows; those that hold for any body are left out."""
+    rows = (*_bounds(unknowns, knowledge), *knowledge.curves, *knowledge.rows)
+    place = {name: k for k, name in enumerate(unknowns.names)}
+    matrix = np.zeros((len(rows), unknowns.scale.shape[1]))
+    for number, row in enumerate(rows):
+        for name, coefficient in row.coefficients.items():
+            matrix[number] += coefficient * unknowns.scale[place[name]]
+    sizes = np.linalg.norm(matrix, axis=1)
+    sizes = np.where(sizes > 0.0, sizes, 1.0)
+    lower, upper = (
+        np.array([getattr(row, side) for row in rows]) / sizes for side in ("lower", "upper")
+    )
+    equal = lower == upper
+    lower = np.where((lower < -UNREACHED_BOUND) & ~equal, -np.inf, lower)
+    upper = np.where((upper > UNREACHED_BOUND) & ~equal, np.inf, upper)
+    return ConicConstraints(rows, matrix / sizes[:, None], lower, upper)
+
+
+def _bounds(unknowns: Unknowns, knowledge: Knowledge) -> list[Row]:
+    bodies = {name for name in unknowns.names if name.split(".")[0] in INERTIAL_NAMES}
+    found = []
+    for k, name in enumerate(unknowns.names):
+        low, high = float(knowledge.lower[k]), float(knowledge.upper[k])
+        low = -np.inf if name in knowledge.shaped or (name in bodies and low == 0.0) else low
+        if np.isfinite(low) or np.isfinite(high):
+            label = f"{name} between {low:g} and {high:g}"
+            found.append(Row(label, {name: 1.0}, low, high))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """The program but for the weight of the prior, so that many weights share it.
+
+    Attributes:
+        unknowns: The unknowns.
+        constraints: Bounds and rows.
+        form: The penalty of bodies that have a prior.
+    """
+
+    unknowns: Unknowns
+    constraints: ConicConstraints
+    form: Form
+
+    def conic(self, gamma: float, *, data: bool = True, unit: float = 1.0) -> Conic:
+        """The program with a weight.
+
+        Args:
+            gamma: Weight of the prior.
+            unit: Of the squares, in that of the noise; the optimum does not depend on it.
+            data: Whether the data play a part; without them the constraints' feasibility is tested.
+        """
+        known = self.unknowns
+        m, rank = len(known.weak), len(known.vector) if data else 0
+        square, linear = [known.weak, np.ones(rank)], [np.zeros(m), np.zeros(rank)]
+        blocks = [*_constraint_blocks(self.constraints)]
+        if data:
+            columns = np.arange(m + rank)
+            matrix = np.hstack([known.matrix, -np.eye(rank)])
+            matrix[:, :m] /= np.sqrt(unit)
+            blocks.insert(0, Block("zero", columns, matrix, known.vector / np.sqrt(unit)))
+        total = m + rank
+        for body, prior in enumerate(known.priors):
+            part = self._form(prior).part(gamma)
+            helpers = len(part.linear) - 10
+            place = np.concatenate([10 * body + np.arange(10), total + np.arange(helpers)])
+            square[0] = _added(square[0], place[:10], part.square[:10])
+            linear[0] = _added(linear[0], place[:10], part.linear[:10])
+            square.append(part.square[10:])
+            linear.append(part.linear[10:])
+            blocks += [
+                Block(b.kind, place[b.columns], b.matrix, b.offset, b.order) for b in part.blocks
+            ]
+            total += helpers
+        square[:1] = [square[0] / unit]
+        square[2:], linear = [x / unit for x in square[2:]], [x / unit for x in linear]
+        return Conic(np.concatenate(square), np.concatenate(linear), tuple(blocks))
+
+    def cost(self, u: Array, gamma: float) -> float:
+        """The objective."""
+        known = self.unknowns
+        total = 0.5 * (known.chi_squared(u) + float(known.weak @ np.square(u)))
+        for x, prior in zip(known.pseudo(u), known.priors, strict=True):
+            total += self._weight(prior, gamma) * self._form(prior).cost(x)
+        return total
+
+    def _form(self, prior: bool) -> Form:
+        """The penalty of a body with or without prior."""
+        return self.form if prior else Free(self.form.margin)
+
+    def _weight(self, prior: bool, gamma: float) -> float:
+        return gamma if prior and self.form.penalises else 1.0
+
+    def evidence(self, u: Array, gamma: float) -> float:
+        r"""Logarithm of the data's likelihood at a weight of the prior, but for a constant.
+
+        Laplace's approximation at the optimum,
+        $-f(u) + \tfrac12 \log\det P - \tfrac12 \log\det(P + A^T A)$ with the prior's precision $P$,
+        within the constraints' equations.
+        """
+        free = self.constraints.free
+        prior = self.precision(u, gamma)
+        before = free.T @ prior @ free
+        data = self.unknowns.matrix @ free
+        before, after = np.linalg.slogdet(before)[1], np.linalg.slogdet(before + data.T @ data)[1]
+        return -self.cost(u, gamma) + 0.5 * float(before - after)
+
+    def slope(self, u: Array, gamma: float) -> Array:
+        """Derivative of the objective, shape `(m,)`."""
+        known = self.unknowns
+        slope = known.matrix.T @ (known.matrix @ u - known.vector) + known.weak * u
+        for body, (x, prior) in enumerate(zip(known.pseudo(u), known.priors, strict=True)):
+            part = slice(10 * body, 10 * body + 10)
+            slope[part] += self._weight(prior, gamma) * self._form(prior).slope(x)
+        return slope
+
+    def precision(self, u: Array, gamma: float) -> Array:
+        """Second derivative of the objective without the data, shape `(m, m)`."""
+        return self._precision(self.unknowns.pseudo(u), gamma)
+
+    def stated_precision(self, u: Array, gamma: float) -> Array:
+        r"""The same without what is gained by being near the edge of consistent bodies.
+
+        Where an eigenvalue $\lambda$ of $X$ nears zero, the penalty's curvature grows with
+        $\lambda^{-2}$: it keeps the body possible, but knows the parameters no better. There the
+        curvature at $\lambda = 1$ counts, the prior's own.
+        """
+        values, vectors = np.linalg.eigh(self.unknowns.pseudo(u))
+        lifted = (vectors * np.maximum(values, 1.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
+        return self._precision(lifted, gamma)
+
+    def _precision(self, bodies: Array, gamma: float) -> Array:
+        """Second derivative of the objective without the data, at bodies `X`, `(bodies, 4, 4)`."""
+        known = self.unknowns
+        matrix = np.diag(known.weak)
+        for body, (x, prior) in enumerate(zip(bodies, known.priors, strict=True)):
+            part = slice(10 * body, 10 * body + 10)
+            matrix[part, part] += self._weight(prior, gamma) * self._form(prior).curvature(x)
+        return matrix
+
+
+def _added(values: Array, place: Array, more: Array) -> Array:
+    values = values.copy()
+    values[place] += more
+    return values
+
+
+def _constraint_blocks(constraints: ConicConstraints) -> Sequence[Block]:
+    """Equations, then lower and upper bounds that are finite."""
+    equal, columns = constraints.equal, np.arange(constraints.matrix.shape[1])
+    low, high = (np.isfinite(side) & ~equal for side in (constraints.lower, constraints.upper))
+    matrix = np.vstack([-constraints.matrix[low], constraints.matrix[high]])
+    offset = np.concatenate([-constraints.lower[low], constraints.upper[high]])
+    blocks = [
+        Block("zero", columns, constraints.matrix[equal], constraints.lower[equal]),
+        Block("nonnegative", columns, matrix, offset),
+    ]
+    return [block for block in blocks if len(block.offset)]
+
+
+ROUNDS = 30
+"""Most Newton steps and changes of the bounds that hold."""
+
+NEAR = 1e-6
+"""Slack of a bound that is taken to hold at first, the row in unit length."""
+
+SMALL = 1e-20
+"""Decrement, relative to the cost, at which there is nothing left to gain."""
+
+ROUNDING = 1e-12
+"""Rise of the cost, relative to it, that is rounding."""
+
+HALVINGS = 6
+"""Most times that a step is halved."""
+
+
+def polished(program: Program, u: Array, gamma: float) -> Array | None:
+    """The optimum from a point near it; `None` where it cannot be confirmed.
+
+    Args:
+        program: The program.
+        u: The point, shape `(m,)`.
+        gamma: Weight of the prior.
+    """
+    if not _inside(program, u):
+        return None
+    rows, ends, equal = _planes(program)
+    slack = ends - rows @ u
+    if slack.min(initial=0.0) < -NEAR or np.abs(slack[equal]).max(initial=0.0) > NEAR:
+        return None
+    holds = equal | (slack <= NEAR)
+    data = program.unknowns.matrix.T @ program.unknowns.matrix
+    for _ in range(ROUNDS):
+        curved = program.precision(u, gamma) + data
+        off = (ends - rows @ u)[holds]
+        try:
+            step, pulls = _newton(curved, program.slope(u, gamma), rows[holds], off)
+        except np.linalg.LinAlgError:
+            return None
+        wrong = (pulls < 0.0) & ~equal[holds]
+        if wrong.any():
+            holds[np.flatnonzero(holds)[int(np.argmin(np.where(wrong, pulls, 0.0)))]] = False
+            continue
+        room, first = _share(rows, ends, holds, u, step)
+        share = _gaining(program, gamma, u, room * step, float(np.abs(pulls) @ np.abs(off)))
+        if share is None:
+            return None
+        u = u + share * room * step
+        if share < 1.0:
+            continue
+        if room < 1.0:
+            holds[first] = True
+        elif step @ curved @ step <= SMALL * max(1.0, program.cost(u, gamma)):
+            return u
+    return None
+
+
+def _planes(program: Program) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Bounds and constraints as rows, each at most an end; and which are equations."""
+    constraints = program.constraints
+    equal = constraints.equal
+    low, high = np.isfinite(constraints.lower) & ~equal, np.isfinite(constraints.upper) & ~equal
+    rows = np.vstack(
+        [constraints.matrix[equal], -constraints.matrix[low], constraints.matrix[high]]
+    )
+    ends = np.concatenate(
+        [constraints.upper[equal], -constraints.lower[low], constraints.upper[high]]
+    )
+    return rows, ends, np.arange(len(rows)) < int(equal.sum())
+
+
+def _newton(curved: Array, slope: Array, rows: Array, ends: Array) -> tuple[Array, Array]:
+    """The step to the optimum of the model on the rows, and how hard each row is pulled."""
+    m, count = len(slope), len(rows)
+    scale = 1.0 / np.sqrt(np.diag(curved))
+    matrix = np.zeros((m + count, m + count))
+    matrix[:m, :m] = curved * scale[:, None] * scale
+    matrix[:m, m:] = (rows * scale).T
+    matrix[m:, :m] = rows * scale
+    found = np.linalg.solve(matrix, np.concatenate([-slope * scale, ends]))
+    return found[:m] * scale, found[m:]
+
+
+def _share(
+    rows: Array, ends: Array, holds: NDArray[np.bool_], u: Array, step: Array
+) -> tuple[float, int]:
+    """How much of a step the other bounds leave, and which is reached first."""
+    ahead = rows @ step
+    slack = np.maximum(ends - rows @ u, 0.0)
+    free = ~holds & (ahead > 0.0)
+    shares = np.where(free, slack / np.where(free, ahead, 1.0), np.inf)
+    first = int(np.argmin(shares)) if len(shares) else 0
+    return min(1.0, float(shares.min(initial=np.inf))), first
+
+
+def _gaining(program: Program, gamma: float, u: Array, step: Array, allowed: float) -> float | None:
+    """Share of a step with all bodies inside that gains; `None` if none does.
+
+    Args:
+        program: The program.
+        gamma: Weight of the prior.
+        u: Where the step begins, shape `(m,)`.
+        step: The step, shape `(m,)`.
+        allowed: What it may cost to fulfil the rows that hold.
+    """
+    most = program.cost(u, gamma)
+    most += allowed + ROUNDING * max(1.0, most)
+    for halvings in range(HALVINGS + 1):
+        share = 0.5**halvings
+        end = u + share * step
+        if _inside(program, end) and program.cost(end, gamma) <= most:
+            return share
+    return None
+
+
+def _inside(program: Program, u: Array) -> bool:
+    """Whether every body is well within the margin."""
+    margin = program.form.margin
+    return bool(
+        np.linalg.eigvalsh(program.unknowns.pseudo(u))[:, 0].min(initial=np.inf) > 1.01 * margin
+    )

@@ -1,0 +1,314 @@
+r"""How certain predicted efforts are: scales, 95 % bands, correlation of joints, friction at rest.
+
+Noise gives a predicted effort the standard deviation $s$. What a model lacks adds to it, and only
+motion that was not fitted shows how much: the 95 % quantile of $|e| / s$ over left-out samples, per
+joint and per range of its speed, takes the place of 1.96 (split conformal prediction, every run
+left out in turn [Vovk2005] [Barber2021]).
+
+$$S = Y C Y^T + D R D$$
+
+with the regressor $Y$ and the covariance $C$ of its parameters, residuals of the standard
+deviations $D$ by joint and speed, as left-out motions have them, and their correlation $R$. A
+joint at rest has friction anywhere in its dead zone.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.estimate.estimate import Z95
+from steelyard.estimate.external.residual_peaks import ResidualPeaks
+from steelyard.model.model import ValuedModel
+from steelyard.model.quantity import FRICTION
+from steelyard.robot.loop_closures import loop_equations
+
+Kind = Literal["runs", "stretches"]
+
+EDGES = (0.25, 1.0)
+"""Where slow, medium and fast meet, in root mean squares of a joint's speed while fitting."""
+
+BINS = 2 + len(EDGES)
+"""Ranges of speed: at rest, slow, medium, fast."""
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """Half-widths of 95 % bands in standard deviations, by joint and speed.
+
+    Attributes:
+        kind: Whether whole runs were left out, or stretches of one motion.
+        count: How many of them.
+        edges: Speeds at which slow, medium and fast meet, shape `(n, 2)` [rad/s; m/s].
+        factors: Half-width in standard deviations at rest, slow, medium and fast, shape `(n, 4)`;
+            1.96 of a joint that no left-out motion could test. What parameters leave open counts
+            with 1.96 at least.
+        peaks: Largest residuals of the left-out motion, from which thresholds of contact follow;
+            `None` in models of versions before there were any.
+        correlation: Of the left-out errors between joints, shape `(n, n)`; `None` if unknown.
+    """
+
+    kind: Kind
+    count: int
+    edges: Array
+    factors: Array
+    peaks: ResidualPeaks | None = None
+    correlation: Array | None = None
+
+    def __post_init__(self) -> None:
+        n = len(self.edges)
+        object.__setattr__(self, "edges", frozen(self.edges, (n, len(EDGES))))
+        object.__setattr__(self, "factors", frozen(self.factors, (n, BINS)))
+        if self.correlation is not None:
+            object.__setattr__(self, "correlation", frozen(self.correlation, (n, n)))
+
+    @property
+    def text(self) -> str:
+        """What it rests on, for people to read."""
+        if self.kind == "runs":
+            return f"calibrated on {self.count} left-out runs"
+        return f"calibrated on {self.count} left-out segments of one motion"
+
+    def factor(self, speed: Array, moving: NDArray[np.bool_]) -> Array:
+        """Half-width in standard deviations, shape `(n, B)`.
+
+        Args:
+            speed: Velocities, shape `(n, B)` [rad/s; m/s].
+            moving: Whether each joint moves, likewise.
+        """
+        return np.take_along_axis(self.factors, bins(speed, moving, self.edges), axis=1)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {
+            "left_out": self.kind,
+            "count": self.count,
+            "speed_edges": self.edges.tolist(),
+            "factors": self.factors.tolist(),
+            "peaks": None if self.peaks is None else self.peaks.to_dict(),
+            "correlation": None if self.correlation is None else self.correlation.tolist(),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "Calibration":
+        """The calibration that `to_dict` wrote."""
+        factors = np.array(data["factors"], dtype=np.float64)
+        if not (np.isfinite(factors).all() and (factors > 0.0).all()):
+            raise ValueError("a factor of the band's calibration is not a number above zero")
+        if data["left_out"] not in ("runs", "stretches"):
+            raise ValueError(f"a band cannot be calibrated on left-out '{data['left_out']}'")
+        peaks, correlation = data.get("peaks"), data.get("correlation")
+        if correlation is not None:
+            correlation = np.array(correlation, dtype=np.float64)
+            if not (np.linalg.eigvalsh(correlation) > 0.0).all():
+                raise ValueError("the correlation of left-out errors is not positive definite")
+        return cls(
+            data["left_out"],
+            int(data["count"]),
+            np.array(data["speed_edges"]),
+            factors,
+            None if peaks is None else ResidualPeaks.from_dict(peaks),
+            correlation,
+        )
+
+
+def bins(speed: Array, moving: NDArray[np.bool_], edges: Array) -> NDArray[np.intp]:
+    """Range of speed of every sample: 0 at rest, then 1 to 3, shape `(n, B)`.
+
+    Args:
+        speed: Velocities, shape `(n, B)`.
+        moving: Whether each joint moves, likewise.
+        edges: See `Calibration`.
+    """
+    found = 1 + np.sum(np.abs(speed)[:, None, :] > edges[:, :, None], axis=1)
+    return np.asarray(np.where(moving, found, 0), dtype=np.intp)
+
+
+@dataclass(frozen=True, eq=False)
+class EffortUncertainty:
+    """Uncertainty of the efforts that a model predicts.
+
+    Attributes:
+        factor: `F`, with `F @ F.T` the covariance of the columns' parameters, shape `(c, k)`.
+        sigma: Standard deviation of residuals behind the observer, shape `(n,)` [Nm; N].
+        dead_zone: Half of the friction's dead zone at rest, shape `(n,)` [Nm; N].
+        calibration: How much wider residuals of left-out motions are, and their correlation.
+    """
+
+    factor: Array
+    sigma: Array
+    dead_zone: Array
+    calibration: Calibration | None
+
+    def factor_of(self, speed: Array, moving: NDArray[np.bool_]) -> Array:
+        """How much wider residuals of left-out motions are than those of the fit, `(n, B)`.
+
+        Args:
+            speed: Velocities, shape `(n, B)` [rad/s; m/s].
+            moving: Whether each joint moves, likewise.
+        """
+        if self.calibration is None:
+            return np.ones(speed.shape)
+        return np.asarray(self.calibration.factor(speed, moving) / Z95)
+
+    def covariance(self, columns: Array, speed: Array, moving: NDArray[np.bool_]) -> Array:
+        """Covariance of the efforts that the model predicts wrongly, shape `(B, n, n)`.
+
+        Args:
+            columns: Regressor entries, shape `(B, n, c)`.
+            speed: Velocities, shape `(n, B)` [rad/s; m/s].
+            moving: Whether each joint moves, likewise.
+        """
+        spread, noise = self.spread(columns, speed, moving), self.noise(speed, moving)
+        noise_part = noise[:, :, None] * self.correlation * noise[:, None, :]
+        return np.asarray(spread @ spread.swapaxes(1, 2) + noise_part)
+
+    def spread(self, columns: Array, speed: Array, moving: NDArray[np.bool_]) -> Array:
+        """Efforts per standard deviation of independent combinations of parameters, `(B, n, k)`.
+
+        As in prediction bands, factors below 1 do not make parameters surer.
+
+        Args:
+            columns: Regressor entries, shape `(B, n, c)`.
+            speed: Velocities, shape `(n, B)` [rad/s; m/s].
+            moving: Whether each joint moves, likewise.
+        """
+        factor = np.maximum(self.factor_of(speed, moving), 1.0)
+        return np.asarray(factor.T[:, :, None] * (columns @ self.factor))
+
+    def noise(self, speed: Array, moving: NDArray[np.bool_]) -> Array:
+        """Standard deviations of residuals, shape `(B, n)` [Nm; N].
+
+        Args:
+            speed: Velocities, shape `(n, B)` [rad/s; m/s].
+            moving: Whether each joint moves, likewise.
+        """
+        noise = self.factor_of(speed, moving) * self.sigma[:, None]
+        return np.asarray(np.where(moving, noise, np.maximum(noise, self.at_rest[:, None])).T)
+
+    @cached_property
+    def at_rest(self) -> Array:
+        """Standard deviation of a joint that rests in the dead zone of its friction, `(n,)`."""
+        return np.asarray(np.hypot(self.sigma, self.dead_zone / np.sqrt(3.0)))
+
+    @cached_property
+    def correlation(self) -> Array:
+        """Correlation of residuals between joints, shape `(n, n)`; none if nothing is known."""
+        known = None if self.calibration is None else self.calibration.correlation
+        return np.eye(len(self.sigma)) if known is None else known
+
+
+def covariance_root(covariance: Array) -> Array:
+    """A factor of a covariance that rounding may have made slightly indefinite."""
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    scale = np.where(std > 0.0, std, 1.0)
+    values, vectors = np.linalg.eigh(covariance / scale[:, None] / scale)
+    return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class KnownScales:
+    """Scales that a model's gains count already.
+
+    Attributes:
+        joints: Names of the effort rows.
+        values: Logged effort over that of the model, shape `(rows,)`.
+        covariance: Of their logarithms, shape `(rows, rows)`.
+    """
+
+    joints: tuple[str, ...]
+    values: Array
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        n = len(self.joints)
+        if self.values.shape != (n,) or self.covariance.shape != (n, n):
+            raise ValueError(
+                f"{n} joints need {n} scales of efforts with a covariance of shape ({n}, {n})"
+            )
+
+    @property
+    def half_width(self) -> Array:
+        """Half-widths of the 95 % intervals, shape `(rows,)`."""
+        return Z95 * np.sqrt(np.diag(self.covariance)) * self.values
+
+    @property
+    def words(self) -> str:
+        """Like `joint1 0.90, joint2 1.10`."""
+        return ", ".join(
+            f"{name} {x:.2f}" for name, x in zip(self.joints, self.values, strict=True)
+        )
+
+    def __repr__(self) -> str:
+        """Each joint's scale with its 95 % interval."""
+        known = zip(self.joints, self.values, self.half_width, strict=True)
+        return ", ".join(f"{joint} {x:.3f} ± {half:.2g}" for joint, x, half in known)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values; exact."""
+        return {"values": self.values.tolist(), "covariance": self.covariance.tolist()}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any], joints: Sequence[str]) -> "KnownScales":
+        """What `to_dict` wrote, of these joints."""
+        return cls(tuple(joints), frozen(data["values"]), frozen(data["covariance"]))
+
+
+SLOW = 0.02
+"""Speed at which the dead zone is taken [rad/s; m/s]."""
+
+SAMPLES = 64
+"""Samples of the motion that lets friction with memory forget its start."""
+
+REST_SPEED_SHARE = 0.02
+"""Rest speed over the root mean square of a joint's speed while fitting."""
+
+LOWEST_REST_SPEED = 1e-3
+"""Rest speed of a joint of which nothing is known [rad/s; m/s]."""
+
+
+def dead_zone(valued: ValuedModel) -> Array:
+    """Half of the range of efforts in which friction holds each joint, shape `(n,)` [Nm; N].
+
+    Args:
+        valued: The model; friction that depends on the load is taken at the reference posture.
+    """
+    robot = valued.robot
+    posture = loop_equations(robot).assembly[: robot.n] if robot.loops else np.zeros(robot.n)
+    travel = 1.5 * valued.model.scan().warm_up[: robot.n, 0]
+    way = np.linspace(-1.0, 0.0, SAMPLES)[:, None] * travel
+    speed, still = np.full_like(way, SLOW), np.zeros_like(way)
+    efforts = [
+        valued.evaluate(FRICTION, posture + sign * way, sign * speed, still)[-1]
+        for sign in (1.0, -1.0)
+    ]
+    return np.asarray(0.5 * np.abs(efforts[0] - efforts[1]))
+
+
+def rest_speed_of(n: int, known: Calibration | None, given: ArrayLike | None) -> Array:
+    """Speed up to which joints rest on a stream, shape `(n,)` [rad/s; m/s].
+
+    Args:
+        n: Number of joints.
+        known: Speeds while fitting.
+        given: The rest speeds that the robot file states.
+    """
+    if given is not None:
+        return frozen(np.broadcast_to(np.asarray(given, dtype=np.float64), (n,)))
+    if known is None:
+        return np.full(n, LOWEST_REST_SPEED)
+    return np.maximum(REST_SPEED_SHARE * known.edges[:, 0] / EDGES[0], LOWEST_REST_SPEED)
+
+
+def rest_speed_of_runs(speeds: Sequence[Array], usual: Array) -> Array:
+    """Speed up to which joints rest in all of some runs, shape `(n,)` [rad/s; m/s].
+
+    Args:
+        speeds: That of each run, shape `(n,)`; infinite where nothing moves.
+        usual: What it is of a run without motion, shape `(n,)`.
+    """
+    return np.asarray(np.max([np.where(np.isfinite(one), one, usual) for one in speeds], axis=0))

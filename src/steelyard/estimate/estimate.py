@@ -1,0 +1,254 @@
+"""What an estimator returns: named numbers, their uncertainty, and what the data did not see."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+
+from steelyard.base.arrays import Array, Parameters, frozen
+
+Data = TypeVar("Data", contravariant=True)
+
+
+class Estimator(Protocol[Data]):
+    """From data to parameters.
+
+    What an estimator has to look at is in its type: `Estimator[Information]` needs sums of
+    products alone, `Estimator[Samples]` filtered samples, `Estimator[Experiment]` raw signals and,
+    if it simulates, the controller.
+    """
+
+    def __call__(self, data: Data, /) -> "Estimate":
+        """Estimate the parameters.
+
+        Raises:
+            DataError: The data cannot give an estimate; the message says why.
+        """
+        ...
+
+
+Z95 = 1.959963984540054
+"""Half-width of a 95 % interval in standard deviations."""
+
+
+@dataclass(frozen=True)
+class Unidentifiable:
+    """A base parameter that the data do not show.
+
+    Attributes:
+        name: The parameter.
+        tied_to: Parameters of indistinguishable columns; empty if its column is zero.
+    """
+
+    name: str
+    tied_to: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Removed:
+    """A base parameter that a reduction removed: it is known to be zero, not unknown.
+
+    Attributes:
+        name: The parameter.
+        step: Number of the step that removed it, from 1 on.
+        cost: Rise of chi-squared by its removal, residuals counted by their correlation.
+    """
+
+    name: str
+    step: int
+    cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class RunParameters:
+    """Parameters that one run has for itself.
+
+    Attributes:
+        run: The run.
+        parameters: Their values.
+        std: Their standard deviations, shape `(l,)`.
+    """
+
+    run: str
+    parameters: Parameters
+    std: Array
+
+
+@dataclass(frozen=True, eq=False)
+class StandardEstimate:
+    """Values of all standard parameters, as data and prior together have them.
+
+    Attributes:
+        parameters: All standard parameters of the model, `p` of them.
+        covariance: Shape `(p, p)`.
+        learned: Share of each parameter's knowledge that comes from the data, 0 to 1, shape
+            `(p,)`: one minus the ratio of its variance after the data to that before; 1 where
+            nothing was known before, 0 of what was given or no data show.
+    """
+
+    parameters: Parameters
+    covariance: Array
+    learned: Array
+
+    @property
+    def std(self) -> Array:
+        """Standard deviation of each parameter, shape `(p,)`."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Estimate:
+    """Estimated base parameters.
+
+    Attributes:
+        estimator: What made it, for people to read.
+        parameters: The parameters that the data see.
+        covariance: Shape `(p, p)`, corrected for the filter's correlation of residuals.
+        blind: What the data do not see; such parameters are left at zero.
+        sigma: Standard deviation of the filtered residuals per effort row, shape `(rows,)`.
+        n_samples: Filtered samples per effort row, shape `(rows,)`.
+        condition: Condition number of the whitened regressor, columns as they are.
+        condition_normalised: The same with columns scaled to unit length.
+        per_run: Parameters of single runs; `parameters` then holds what a new run is to be
+            expected to have, their mean, with the variance between runs.
+        standard: Values of all standard parameters, of estimators that know a prior; what the
+            data do not see is then as the prior says.
+        learned: Share of each of `parameters` that comes from the data, 0 to 1, shape `(p,)`; all
+            ones without a prior.
+        at_bound: Those of `parameters` that a bound of a law or of the user holds: the data would
+            have them beyond it.
+        notes: What was decided on the way, for people to read.
+        removed: Parameters that the model was reduced by, in the order of their removal; they are
+            zero, and in none of the other lists.
+        known: Those of `parameters` that were not estimated, as prior constraints give their value;
+            they have no uncertainty.
+
+    Example:
+        >>> estimate = load_model("arm-model").estimate
+        >>> len(estimate.std) == len(estimate.parameters)
+        True
+    """
+
+    estimator: str
+    parameters: Parameters
+    covariance: Array
+    blind: tuple[Unidentifiable, ...]
+    sigma: Array
+    n_samples: Array
+    condition: float
+    condition_normalised: float
+    per_run: tuple[RunParameters, ...] = ()
+    standard: StandardEstimate | None = None
+    learned: Array | None = None
+    at_bound: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    removed: tuple[Removed, ...] = ()
+    known: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"Estimate({self.estimator}: {len(self.parameters)} parameters)"
+
+    @property
+    def values(self) -> Parameters:
+        """What a model is to be given: all standard parameters where they are known."""
+        return self.parameters if self.standard is None else self.standard.parameters
+
+    @property
+    def std(self) -> Array:
+        """Standard deviation of each parameter, shape `(p,)`."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def half_width(self) -> Array:
+        """Half-width of the 95 % intervals, shape `(p,)`."""
+        return Z95 * self.std
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values; exact."""
+        return {
+            "estimator": self.estimator,
+            "names": list(self.parameters.names),
+            "units": list(self.parameters.units),
+            "values": self.parameters.values.tolist(),
+            "covariance": self.covariance.tolist(),
+            "blind": [{"name": b.name, "tied_to": list(b.tied_to)} for b in self.blind],
+            "sigma": self.sigma.tolist(),
+            "n_samples": self.n_samples.tolist(),
+            "condition": self.condition,
+            "condition_normalised": self.condition_normalised,
+            "per_run": [
+                {
+                    "run": own.run,
+                    "names": list(own.parameters.names),
+                    "units": list(own.parameters.units),
+                    "values": own.parameters.values.tolist(),
+                    "std": own.std.tolist(),
+                }
+                for own in self.per_run
+            ],
+            "standard": None if self.standard is None else _standard_to_dict(self.standard),
+            "learned": None if self.learned is None else self.learned.tolist(),
+            "at_bound": list(self.at_bound),
+            "notes": list(self.notes),
+            "removed": [vars(removed) for removed in self.removed],
+            "known": list(self.known),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "Estimate":
+        """The estimate that `to_dict` wrote."""
+        size = len(data["names"])
+        covariance = frozen(np.reshape(data["covariance"], (size, size)))
+        values = frozen(data["values"])
+        if not np.isfinite(values).all() or not (np.diag(covariance) >= 0.0).all():
+            raise ValueError("an estimated value is not finite, or a variance is negative")
+        return cls(
+            estimator=data["estimator"],
+            parameters=Parameters(data["names"], data["units"], values),
+            covariance=covariance,
+            blind=tuple(Unidentifiable(b["name"], tuple(b["tied_to"])) for b in data["blind"]),
+            sigma=frozen(data["sigma"]),
+            n_samples=frozen(data["n_samples"]),
+            condition=data["condition"],
+            condition_normalised=data["condition_normalised"],
+            per_run=tuple(
+                RunParameters(
+                    own["run"],
+                    Parameters(own["names"], own["units"], own["values"]),
+                    frozen(own["std"]),
+                )
+                for own in data["per_run"]
+            ),
+            standard=None if data["standard"] is None else _standard_from_dict(data["standard"]),
+            learned=None if data["learned"] is None else frozen(data["learned"], (size,)),
+            at_bound=tuple(data["at_bound"]),
+            notes=tuple(data["notes"]),
+            removed=tuple(
+                Removed(str(r["name"]), int(r["step"]), float(r["cost"]))
+                for r in data.get("removed", ())
+            ),
+            known=tuple(data.get("known", ())),
+        )
+
+
+def _standard_to_dict(standard: StandardEstimate) -> dict[str, Any]:
+    return {
+        "names": list(standard.parameters.names),
+        "units": list(standard.parameters.units),
+        "values": standard.parameters.values.tolist(),
+        "covariance": standard.covariance.tolist(),
+        "learned": standard.learned.tolist(),
+    }
+
+
+def _standard_from_dict(data: Mapping[str, Any]) -> StandardEstimate:
+    size = len(data["names"])
+    standard = StandardEstimate(
+        Parameters(data["names"], data["units"], data["values"]),
+        frozen(np.reshape(data["covariance"], (size, size))),
+        frozen(data["learned"], (size,)),
+    )
+    if not all(np.isfinite(x).all() for x in (standard.parameters.values, standard.covariance)):
+        raise ValueError("a standard parameter or its covariance is not finite")
+    return standard

@@ -1,0 +1,362 @@
+r"""Scatter of estimates: block bootstrap, repeated estimations, sensitivity to cut-offs.
+
+Windows of every run are drawn with replacement, as many as the run has, and the estimator runs on
+what was drawn; samples are not read again. Residuals may be correlated within windows, and the
+estimator may be any. Of few windows, draws scatter too little, by $\sqrt{(W-1)/W}$ for `W` of them;
+deviations are scaled by the inverse [Davison1997].
+
+Of $N$ estimates $X_i$ with the mean $\bar X$ [Wang, eq. 13], the sample standard deviation is
+$\sqrt{\sum_i (X_i - \bar X)^2 / (N - 1)}$; that of the population divides by $N$. (Eq. 14 of [Wang]
+divides the root by $N$; the numbers of its table I are those of the population.)
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from steelyard.base.arrays import Array, Parameters, frozen
+from steelyard.base.errors import DataError
+from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.estimate.estimate import Estimate, Estimator
+from steelyard.estimate.information.information import Information
+
+LEAST_DRAWS_ESTIMATED = 0.5
+"""Share of the draws that must have given an estimate."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bootstrap:
+    """Estimates of data drawn again.
+
+    Attributes:
+        parameters: The estimate of the data as they are.
+        draws: One estimate per row, deviations scaled; NaN where the windows drawn do not show the
+            parameter, shape `(draws, p)`.
+        failed: Draws that gave no estimate; they are not among the rows.
+        windows: Windows of all runs together.
+    """
+
+    parameters: Parameters
+    draws: Array
+    failed: int
+    windows: int
+
+    @property
+    def std(self) -> Array:
+        """Standard deviation of each parameter, shape `(p,)`."""
+        deviations = self.draws - self.parameters.values
+        return np.asarray(np.sqrt(np.nanmean(np.square(deviations), axis=0)))
+
+    def interval(self, level: float = 0.95) -> tuple[Array, Array]:
+        """Percentiles that leave out half of the rest on each side, two of shape `(p,)`.
+
+        Args:
+            level: Between 0 and 1.
+        """
+        rest = 50.0 * (1.0 - level)
+        lower, upper = np.nanpercentile(self.draws, [rest, 100.0 - rest], axis=0)
+        return lower, upper
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values, without the draws."""
+        lower, upper = self.interval()
+        return {
+            "draws": len(self.draws),
+            "failed": self.failed,
+            "windows": self.windows,
+            "parameters": [
+                {"name": n, "unit": u, "value": v, "std": s, "lower95": a, "upper95": b}
+                for n, u, v, s, a, b in zip(
+                    self.parameters.names,
+                    self.parameters.units,
+                    self.parameters.values.tolist(),
+                    self.std.tolist(),
+                    lower.tolist(),
+                    upper.tolist(),
+                    strict=True,
+                )
+            ],
+        }
+
+
+def bootstrap(
+    estimator: Estimator[Information],
+    information: Information,
+    *,
+    draws: int = 200,
+    seed: int = 0,
+    progress: Progress = silent,
+) -> Bootstrap:
+    """Estimate again and again from windows drawn with replacement, run by run.
+
+    Args:
+        estimator: What estimates.
+        information: The data; every window is a block.
+        draws: How often.
+        seed: Same seed, same draws.
+        progress: Told about every draw.
+
+    Raises:
+        Stopped: `progress` requested a stop.
+        DataError: The data give no estimate, have a single window per run, or too few draws gave
+            an estimate.
+    """
+    runs = _windows_by_run(information)
+    count, kept = len(information.windows), len(information.windows) - len(runs)
+    where = f"runs {', '.join(runs)}"
+    if not kept:
+        raise DataError(
+            "a bootstrap needs several windows of time, and each run has one",
+            where=where,
+            fix="log for longer, or raise matched_cutoff in [processing] of the robot file",
+        )
+    whole, rng = estimator(information).parameters, np.random.default_rng(seed)
+    found = []
+    for number in range(draws):
+        drawn = [int(k) for mine in runs.values() for k in rng.choice(mine, len(mine))]
+        values = _values(estimator, information.of(drawn), whole)
+        found += [] if values is None else [values]
+        report_progress(progress, "resampling windows", number + 1, draws)
+    if len(found) < LEAST_DRAWS_ESTIMATED * draws:
+        raise DataError(
+            f"only {len(found)} of {draws} bootstrap draws gave an estimate",
+            where=where,
+            fix="log for longer: the estimate exists only with certain windows",
+        )
+    scaled = (np.array(found) - whole.values) * np.sqrt(count / kept)
+    return Bootstrap(whole, frozen(whole.values + scaled), draws - len(found), count)
+
+
+def _windows_by_run(information: Information) -> dict[str, list[int]]:
+    runs: dict[str, list[int]] = {}
+    for number, window in enumerate(information.windows):
+        runs.setdefault(window.run, []).append(number)
+    return runs
+
+
+def _values(
+    estimator: Estimator[Information], drawn: Information, wanted: Parameters
+) -> Array | None:
+    """The parameters wanted, NaN where they are not seen; `None` without an estimate."""
+    try:
+        estimate: Estimate = estimator(drawn)
+    except DataError:
+        return None
+    known = estimate.parameters.as_dict()
+    return np.array([known.get(name, np.nan) for name in wanted.names])
+
+
+@dataclass(frozen=True, eq=False)
+class RepeatedEstimates:
+    """Several estimates of the same parameters.
+
+    Attributes:
+        labels: Name of each estimation.
+        names: Parameters that at least one of them identifies, `p` of them.
+        units: Their units.
+        values: NaN where an estimation does not identify a parameter, shape `(N, p)`.
+        stated: Stated standard deviations, likewise.
+        population: Whether standard deviations are those of the population, not of the sample.
+    """
+
+    labels: tuple[str, ...]
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+    stated: Array
+    population: bool = False
+
+    @classmethod
+    def of(
+        cls, estimates: Mapping[str, Estimate], *, population: bool = False
+    ) -> "RepeatedEstimates":
+        """The scatter of estimates by their labels, parameters in the order of their appearance.
+
+        Raises:
+            DataError: There are fewer than two.
+        """
+        if len(estimates) < 2:
+            raise DataError(
+                f"{len(estimates)} estimation has no scatter",
+                where="repeated estimations",
+                fix="give two or more",
+            )
+        units = {
+            name: unit
+            for estimate in estimates.values()
+            for name, unit in zip(estimate.parameters.names, estimate.parameters.units, strict=True)
+        }
+        values = [estimate.parameters.as_dict() for estimate in estimates.values()]
+        stated = [
+            dict(zip(estimate.parameters.names, estimate.std.tolist(), strict=True))
+            for estimate in estimates.values()
+        ]
+        return cls(
+            tuple(estimates),
+            tuple(units),
+            tuple(units.values()),
+            _table(values, units),
+            _table(stated, units),
+            population,
+        )
+
+    @property
+    def count(self) -> Array:
+        """Number of estimations that identify each parameter, shape `(p,)`."""
+        return np.asarray(np.isfinite(self.values).sum(axis=0), dtype=np.float64)
+
+    @property
+    def mean(self) -> Array:
+        """Mean of each parameter, shape `(p,)`."""
+        return np.asarray(np.nanmean(self.values, axis=0))
+
+    @property
+    def std(self) -> Array:
+        """Standard deviation of each parameter, NaN of a single value, shape `(p,)`."""
+        squares = np.nansum(np.square(self.values - self.mean), axis=0)
+        divisor = self.count - (0 if self.population else 1)
+        single = self.count < 2
+        return np.where(single, np.nan, np.sqrt(squares / np.where(single, 1, divisor)))
+
+    @property
+    def relative_percent(self) -> Array:
+        """Standard deviation over the size of the mean [%], NaN at zero, shape `(p,)`."""
+        size = np.abs(self.mean)
+        known = size > 0.0
+        return np.where(known, 100.0 * self.std / np.where(known, size, 1.0), np.nan)
+
+    @property
+    def stated_std(self) -> Array:
+        """Root mean square of the stated standard deviations, shape `(p,)`."""
+        return np.asarray(np.sqrt(np.nanmean(np.square(self.stated), axis=0)))
+
+    @property
+    def deviation(self) -> str:
+        """Which standard deviation it is, in words."""
+        return "population (1/N)" if self.population else "sample (1/(N - 1))"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row per parameter, `None` where there is no number; `values` by estimation."""
+        columns = {
+            "mean": self.mean,
+            "std": self.std,
+            "relative_percent": self.relative_percent,
+            "stated_std": self.stated_std,
+        }
+        return [
+            {
+                "name": name,
+                "unit": unit,
+                "count": int(count),
+                **{key: _number(column[k]) for key, column in columns.items()},
+                "values": [_number(value) for value in self.values[:, k]],
+            }
+            for k, (name, unit, count) in enumerate(
+                zip(self.names, self.units, self.count, strict=True)
+            )
+        ]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {
+            "estimations": list(self.labels),
+            "deviation": "population" if self.population else "sample",
+            "parameters": self.rows(),
+        }
+
+
+def _table(numbers: Sequence[Mapping[str, float]], names: Mapping[str, str]) -> Array:
+    """Numbers by estimation and name, NaN where there is none, shape `(N, p)`."""
+    return frozen([[row.get(name, np.nan) for name in names] for row in numbers])
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+FACTORS = (0.5, 0.71, 1.41, 2.0)
+"""What both cut-offs are multiplied with, one fit each."""
+
+
+@dataclass(frozen=True, eq=False)
+class Variation:
+    """A fit with other cut-offs.
+
+    Attributes:
+        factor: Both cut-offs over those of the result.
+        motion: Cut-off of the motion [Hz].
+        matched: Matched cut-off [Hz].
+        values: Its parameters, in the result's order, shape `(p,)`; `None` if it failed.
+        fitted: Error on the runs that were fitted, of the headline's kind [%].
+        unseen: The same on runs that were not; `None` without any.
+        failed: Why there is no fit; empty if there is one.
+    """
+
+    factor: float
+    motion: float
+    matched: float
+    values: Array | None
+    fitted: float | None = None
+    unseen: float | None = None
+    failed: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivity:
+    """Fits with other cut-offs beside the result.
+
+    Attributes:
+        parameters: The result's.
+        std: Their standard deviations, shape `(p,)`.
+        result: The result itself, with factor 1.
+        variations: By factor.
+    """
+
+    parameters: Parameters
+    std: Array
+    result: Variation
+    variations: Sequence[Variation]
+
+    @property
+    def spread(self) -> Array:
+        """How far any of the fits has each parameter from the result, in standard deviations."""
+        farthest: Array = np.max([self.shift(v) for v in self.variations], axis=0, initial=0.0)
+        return farthest
+
+    @property
+    def rows(self) -> tuple[Variation, ...]:
+        """The result among its variations, by factor."""
+        return tuple(sorted((self.result, *self.variations), key=lambda v: v.factor))
+
+    def shift(self, variation: Variation) -> Array:
+        """How far one fit has each parameter from the result, in standard deviations."""
+        if variation.values is None:
+            return np.zeros(len(self.std))
+        known = np.where(self.std > 0.0, self.std, np.inf)
+        shift: Array = np.abs(variation.values - self.parameters.values) / known
+        return shift
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {
+            "fits": [
+                {
+                    "factor": v.factor,
+                    "motion_cutoff": v.motion,
+                    "matched_cutoff": v.matched,
+                    "identification_percent": v.fitted,
+                    "validation_percent": v.unseen,
+                    "median_shift_in_std": (
+                        None if v.values is None else float(np.median(self.shift(v)))
+                    ),
+                    "failed": v.failed or None,
+                }
+                for v in self.rows
+            ],
+            "parameters": [
+                {"name": name, "largest_shift_in_std": float(spread)}
+                for name, spread in zip(self.parameters.names, self.spread, strict=True)
+            ],
+        }

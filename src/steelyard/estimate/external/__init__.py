@@ -1,0 +1,1 @@
+"""External torque and wrench: observer and regression."""

@@ -1,0 +1,205 @@
+r"""From external joint efforts to the wrench that makes them, sample by sample.
+
+A wrench $F$ on a frame makes efforts $\tau = J^T F$. With the covariance $S$ of what the model
+predicts wrongly, and wrenches of the expected size $P$,
+
+$$\hat F = (J S^{-1} J^T + P^{-1})^{-1} J S^{-1} \tau = P J (J^T P J + S)^{-1} \tau$$
+
+with the covariance $P - P J (J^T P J + S)^{-1} J^T P$. The second form needs no inverse of $J$: it
+is finite in singular postures, for any number of joints. What no effort shows stays at zero, with
+an interval as wide as the expected size. $J^{-T} \tau$ knows neither $S$ nor $P$.
+"""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import DataError
+
+FORCE = 30.0
+"""Expected size of a force [N]: a firm push."""
+
+LEVER = 0.1
+"""Expected distance of a force from the frame's origin [m]."""
+
+FORCES, LEVERS = (0.1, 1e5), (0.0, 100.0)
+"""Range of expected forces [N] and levers [m]."""
+
+TINY = 1e-12
+"""Singular values of a Jacobian below this share of the largest are zero."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """The size that wrenches are expected to have.
+
+    Attributes:
+        force: Standard deviation of each component of the force [N].
+        lever: That of each component of the moment, over `force` [m]; 0 for forces at the origin.
+    """
+
+    force: float = FORCE
+    lever: float = LEVER
+
+    def __post_init__(self) -> None:
+        for name, value, (least, most), unit, usual in (
+            ("force", self.force, FORCES, "N", "the size of a usual force, such as 30 N"),
+            ("lever", self.lever, LEVERS, "m", "how far from the frame's origin, such as 0.1 m"),
+        ):
+            if not least <= value <= most:
+                raise DataError(
+                    f"a {name} of {value:g} {unit} is no expected size: {least:g} to {most:g} "
+                    f"{unit} can be expected",
+                    where=f"expected wrench (--{name})",
+                    fix=f"give {usual}",
+                )
+
+    @property
+    def variances(self) -> Array:
+        """Diagonal of $P$, shape `(6,)`."""
+        moment = self.force * self.lever
+        return frozen(np.repeat(np.square([self.force, moment]), 3))
+
+
+@dataclass(frozen=True, eq=False)
+class ExternalEfforts:
+    r"""External efforts along a stretch of a log, behind a low-pass, and how far they may be off.
+
+    They are $J^T F + A z + e$ with parameters $z$ of the model, independent and of variance 1, and
+    residuals $e$, one part of which is slow, another one noise.
+
+    Attributes:
+        step: Time between samples [s].
+        torque: External efforts, shape `(N, n)` [Nm; N].
+        jacobian: Of the frame, shape `(N, 6, n)`.
+        spread: $A$, shape `(N, n, k)`.
+        slow: Standard deviation of the slow residuals, shape `(N, n)` [Nm; N].
+        noise: That of the others, likewise.
+        correlation: Of both between joints, shape `(n, n)`.
+        per_independent: Samples per independent one of the noise.
+    """
+
+    step: float
+    torque: Array
+    jacobian: Array
+    spread: Array
+    slow: Array
+    noise: Array
+    correlation: Array
+    per_independent: float
+
+    def part(self, at: slice) -> "ExternalEfforts":
+        """Some consecutive samples."""
+        names = ("torque", "jacobian", "spread", "slow", "noise")
+        return replace(self, **{name: getattr(self, name)[at] for name in names})
+
+    @property
+    def covariance(self) -> Array:
+        """$S$, shape `(N, n, n)`."""
+        std = np.hypot(self.slow, self.noise)
+        residual = std[:, :, None] * self.correlation * std[:, None, :]
+        return np.asarray(self.spread @ self.spread.swapaxes(1, 2) + residual)
+
+
+@dataclass(frozen=True, eq=False)
+class Wrenches:
+    """Estimated wrenches.
+
+    Attributes:
+        values: Force [N] and moment [Nm], shape `(N, 6)`.
+        covariance: Shape `(N, 6, 6)`.
+        learned: Share of what is expected of a wrench that efforts decide, see `learned_of`, shape
+            `(N, 6, 6)`.
+    """
+
+    values: Array
+    covariance: Array
+    learned: Array
+
+
+class WrenchMethod(Protocol):
+    """From external efforts to wrenches.
+
+    Attributes:
+        name: Of the method, for results.
+        expected: The size of wrenches, beside which a direction is seen or not.
+    """
+
+    name: ClassVar[str]
+
+    @property
+    def expected(self) -> Expected:
+        """See the attributes."""
+        ...
+
+    def __call__(self, efforts: ExternalEfforts) -> Wrenches:
+        """Wrenches of all samples."""
+        ...
+
+
+@dataclass(frozen=True)
+class Weighted:
+    """Each sample by itself, weighted by the model's uncertainty and the expected size.
+
+    Attributes:
+        expected: The size.
+    """
+
+    name: ClassVar[str] = "weighted"
+    expected: Expected = Expected()
+
+    def __call__(self, efforts: ExternalEfforts) -> Wrenches:
+        """See `WrenchMethod`."""
+        prior, jacobian = self.expected.variances, efforts.jacobian
+        spread = jacobian * prior[:, None]
+        together = jacobian.swapaxes(1, 2) @ spread + efforts.covariance
+        gain = np.linalg.solve(together, spread.swapaxes(1, 2)).swapaxes(1, 2)
+        covariance = np.diag(prior) - gain @ spread.swapaxes(1, 2)
+        values = (gain @ efforts.torque[:, :, None])[:, :, 0]
+        return Wrenches(values, covariance, learned_of(covariance, self.expected))
+
+
+@dataclass(frozen=True)
+class InverseJacobian:
+    r"""$J^{-T} \tau$, by the pseudo-inverse where $J$ has none; large near singular postures.
+
+    Attributes:
+        expected: The size of wrenches, beside which a direction is seen or not.
+    """
+
+    name: ClassVar[str] = "inverse"
+    expected: Expected = Expected()
+
+    def __call__(self, efforts: ExternalEfforts) -> Wrenches:
+        """See `WrenchMethod`."""
+        inverse = np.linalg.pinv(efforts.jacobian.swapaxes(1, 2), rcond=TINY)
+        values = (inverse @ efforts.torque[:, :, None])[:, :, 0]
+        covariance = inverse @ efforts.covariance @ inverse.swapaxes(1, 2)
+        return Wrenches(values, covariance, Weighted(self.expected)(efforts).learned)
+
+
+def learned_of(covariance: Array, expected: Expected) -> Array:
+    r"""Share of what is expected of a wrench that efforts decide, $1 - P^{-1/2} C P^{-1/2}$.
+
+    Args:
+        covariance: Of wrenches that had the covariance $P$ before, shape `(N, 6, 6)`.
+        expected: What was expected.
+
+    Returns:
+        Shape `(N, 6, 6)`; eigenvalues of 0 belong to directions that no effort shows, of 1 to those
+        that efforts show exactly. Without a lever there is nothing to know of moments.
+    """
+    std = np.sqrt(expected.variances)
+    scale = np.divide(1.0, std, out=np.zeros(6), where=std > 0.0)
+    return np.asarray(np.eye(6) - scale[:, None] * covariance * scale)
+
+
+def condition_numbers(jacobian: Array) -> Array:
+    """Condition number of each Jacobian, `(N, 6, n)` to `(N,)`; infinite where it is singular."""
+    values = np.linalg.svd(jacobian, compute_uv=False)
+    if jacobian.shape[2] < jacobian.shape[1]:
+        return np.full(len(jacobian), np.inf)
+    with np.errstate(divide="ignore"):
+        return np.asarray(values[:, 0] / values[:, -1])

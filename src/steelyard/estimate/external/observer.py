@@ -1,0 +1,330 @@
+r"""External efforts and wrench, sample by sample, by the generalised momentum [DeLuca2005].
+
+Between two samples the momentum changes by $\Delta p = \int (\tau + u + \tau_e)\,dt$, see
+`observed`, so that $s = \Delta p / \Delta t - \overline{\tau + u}$ is the mean external effort, and
+the observer of first order with bandwidth $b$ follows it as $r \leftarrow a r + (1 - a) s$ with
+$a = e^{-2 \pi b \Delta t}$.
+"""
+
+from collections.abc import Callable
+from math import exp, inf, pi
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import DataError
+from steelyard.base.motion import numbers
+from steelyard.estimate.effort_uncertainty import EffortUncertainty
+from steelyard.estimate.estimate import Z95
+from steelyard.estimate.external.effort_to_wrench import Expected
+from steelyard.estimate.external.observer_program import STATES, StepProgram
+from steelyard.estimate.external.residual_peaks import ContactThresholds
+from steelyard.estimate.external.rest_changes import ChangeStepper
+from steelyard.model.evaluation import check_angles
+from steelyard.model.terms.memory import Scan
+from steelyard.symbolic.native.emit import MAX_ANGLE
+
+PER_PERIOD = 10.0
+"""Samples that a period of the observer's bandwidth needs."""
+
+NOISE = 0.5 * np.pi
+"""Noise bandwidth of a low-pass of first order over its bandwidth."""
+
+
+def check_bandwidth(bandwidth: float) -> None:
+    """Check a bandwidth.
+
+    Raises:
+        DataError: It is not above zero.
+    """
+    if not 0.0 < bandwidth < np.inf:
+        raise DataError(
+            f"{bandwidth:g} Hz is no bandwidth",
+            where="observer of external efforts",
+            fix="give a frequency above zero, such as 8 Hz",
+        )
+
+
+def momentum_residual(momentum: Array, effort: Array, rate: float) -> Array:
+    r"""External efforts along one segment, not low-passed, shape `(N, n)` [Nm; N].
+
+    That of a sample is the mean of $s$ before and after it; zero where there is one sample alone.
+
+    Args:
+        momentum: Shape `(N, n)`.
+        effort: Joint efforts and what else drives the momentum, $\tau + u$, shape `(N, n)`.
+        rate: Of the samples [Hz].
+    """
+    if len(momentum) < 2:
+        return np.zeros_like(momentum)
+    between = rate * np.diff(momentum, axis=0) - 0.5 * (effort[1:] + effort[:-1])
+    return np.asarray(
+        0.5 * (between[[0, *range(len(between))]] + between[[*range(len(between)), -1]])
+    )
+
+
+SMALL = np.float64(MAX_ANGLE**2)
+"""Sum of squares below which no position is too large for the machine code."""
+
+PER_PERIOD_COVARIANCE = 4.0
+"""How often the covariance of the efforts is computed in a period of the bandwidth, at most."""
+
+GAP = 2.0
+"""Longest step, over the longest that the bandwidth allows, that is no gap."""
+
+FEW = 20
+"""Steps from which on too many gaps are an error."""
+
+
+class Observer:
+    """External efforts, wrench and contact of a robot on samples as they arrive.
+
+    `step` takes a sample; the attributes are then those of this sample, and new arrays whenever
+    they are read. A new motion needs a new observer, and so does every thread. After a gap in
+    time it begins anew.
+
+    Example:
+        >>> model = load_model("arm-model")
+        >>> observer = model.observe("lower")
+        >>> for k in range(100):
+        ...     q, still = [0.3, 0.5], [0.0, 0.0]
+        ...     observer.step(0.004 * k, q, still, model.torque(q, still, still))
+        >>> bool(abs(observer.torque).max() < 1e-9)
+        True
+    """
+
+    def __init__(
+        self,
+        program: StepProgram,
+        values: Array,
+        columns: Callable[[Array, Array, Array], Array],
+        uncertainty: EffortUncertainty,
+        rest_speed: Array,
+        bandwidth: float,
+        expected: Expected,
+        thresholds: ContactThresholds | None = None,
+    ) -> None:
+        """Begin.
+
+        Args:
+            program: One step.
+            values: All parameters of the model.
+            columns: Regressor entries `(n, c)` at a sample.
+            uncertainty: How far the model's efforts may be off.
+            rest_speed: Speed up to which each joint rests, shape `(n,)` [rad/s; m/s].
+            bandwidth: Of the observer [Hz].
+            expected: Size of wrenches.
+            thresholds: Of contact, for this bandwidth; without, no contact is reported.
+        """
+        code, n = program.code, len(rest_speed)
+        self.bandwidth, self.expected = bandwidth, expected
+        self.steps = self.gaps = 0
+        """Samples so far, and gaps in time among them."""
+        self._n, self._columns, self._code = n, columns, code
+        self._noise = _Noise(uncertainty, rest_speed)
+        self._thresholds = None if thresholds is None else thresholds.start()
+        self._changes = None if thresholds is None else ChangeStepper(thresholds.changes)
+        self._limits, self._changed = np.full(n, np.nan), np.zeros(n, dtype=bool)
+        self._rate = 2.0 * pi * bandwidth
+        self._longest = GAP / (PER_PERIOD * bandwidth)
+        self._hold = 1.0 / (PER_PERIOD_COVARIANCE * bandwidth)
+        self._t = self._due = -inf
+        self._state, self._sample = np.zeros(STATES * n), np.zeros(3 * n)
+        self._scalars = np.zeros(3)
+        self._q, self._dq, self._tau = (self._sample[k * n : k * n + n] for k in range(3))
+        self._scan = program.equations.scan() if program.equations.n_channels else None
+        self._channels = np.zeros(program.equations.n_channels)
+        self._covariance = np.zeros((n, n))
+        self._values, self._variances = np.ascontiguousarray(values), expected.variances
+        self._lanes = np.zeros((code.n_outputs, code.lanes))
+        self._entries = np.zeros(code.n_outputs)
+        self._next = self._entries[: STATES * n]
+        inputs = (
+            self._state, self._sample, self._scalars, self._channels, self._values,
+            self._covariance, self._variances,
+        )  # fmt: skip
+        self._addresses = np.array(
+            [
+                code.lanes,
+                *(number for x in inputs for number in (x.ctypes.data, 0)),
+                *(self._lanes.ctypes.data, code.lanes, self._sample.ctypes.data, 3 * n),
+                *(self._entries.ctypes.data, code.n_outputs, SMALL.view(np.int64)),
+            ],
+            dtype=np.int64,
+        )
+        self._call, self._place = code.sample, self._addresses.ctypes.data
+
+    def step(self, t: float, q: ArrayLike, dq: ArrayLike, tau: ArrayLike) -> None:
+        """Take the next sample.
+
+        Args:
+            t: Time [s].
+            q: Positions, shape `(n,)` [rad; m].
+            dq: Velocities, likewise.
+            tau: Joint efforts, likewise [Nm; N].
+
+        Raises:
+            DataError: An argument has another shape or is no finite number, time does not increase,
+                or samples come less than ten times per period of the bandwidth.
+        """
+        since = t - self._t
+        if not since > 0.0:
+            raise self._backward(t)
+        try:
+            self._q[:], self._dq[:], self._tau[:] = q, dq, tau
+        except (TypeError, ValueError):
+            raise self._misfit(q, dq, tau) from None
+        gap = since > self._longest
+        if gap:
+            self._begin()
+            self._scalars[:] = 1.0, 0.0, self._rate
+        else:
+            self._scalars[:] = exp(-self._rate * since), 1.0 / since, self._rate
+        if self._scan is not None:
+            self._remember(self._scan)
+        if t >= self._due:
+            self._refresh(t)
+        if not self._call(self._place):
+            self._check()
+        self._state[:] = self._next
+        self._t = t
+        if self._thresholds is not None and self._changes is not None:
+            self._limits = self._thresholds.step(t, self._dq)
+            resting, external = self._thresholds.resting, self._state[3 * self._n :]
+            self._changed = self._changes.step(t, resting, external)
+        self.steps += 1
+        if gap:
+            self._count()
+
+    @property
+    def torque(self) -> Array:
+        """External effort of each joint, shape `(n,)` [Nm; N]; zero at the first sample."""
+        return self._state[3 * self._n :].copy()
+
+    @property
+    def torque_half_width(self) -> Array:
+        """Half-width of the 95 % intervals of `torque`, shape `(n,)` [Nm; N]."""
+        return np.asarray(Z95 * np.sqrt(np.diag(self._covariance)))
+
+    @property
+    def wrench(self) -> Array:
+        """Force [N] and moment [Nm] on the frame, shape `(6,)`."""
+        return self._entries[-12:-6].copy()
+
+    @property
+    def half_width(self) -> Array:
+        """Half-width of the 95 % intervals of `wrench`, shape `(6,)` [N; Nm]."""
+        return np.asarray(Z95 * np.sqrt(np.maximum(self._entries[-6:], 0.0)))
+
+    @property
+    def contact(self) -> NDArray[np.bool_]:
+        """Whether each joint's external effort, or its change at rest, exceeds its threshold.
+
+        Returns:
+            Shape `(n,)`.
+
+        Raises:
+            DataError: The observer has no thresholds.
+        """
+        if self._thresholds is None:
+            raise DataError(
+                "the observer has no thresholds of contact",
+                where="contact of an observer",
+                fix="give thresholds to observe(), such as those of steelyard.contact(...)",
+            )
+        return (np.abs(self._state[3 * self._n :]) > self._limits) | self._changed
+
+    def _begin(self) -> None:
+        """Forget what was before."""
+        n = self._n
+        self._state[2 * n : 3 * n], self._state[3 * n :] = self._dq, 0.0
+        self._due = -inf
+        if self._changes is not None:
+            self._changes.begin()
+        if self._scan is not None:
+            self._scan = self._scan.again()
+
+    def _accelerations(self) -> Array:
+        """Those behind the observer's low-pass, shape `(n,)`."""
+        slow = self._state[2 * self._n : 3 * self._n]
+        return np.asarray(self._rate * self._scalars[0] * (self._dq - slow))
+
+    def _remember(self, scan: Scan) -> None:
+        """Channels of the sample."""
+        motion = (self._q, self._dq, self._accelerations())
+        self._channels[:] = scan(*(x[:, None] for x in motion))[:, 0]
+
+    def _refresh(self, t: float) -> None:
+        """The covariance of the efforts, which changes no faster than the observer."""
+        entries = self._columns(self._q, self._dq, self._accelerations())
+        self._covariance[:] = self._noise(entries, self._dq)
+        self._due = t + self._hold
+
+    def _check(self) -> None:
+        """Name the argument that is too large or not finite."""
+        check_angles(self._q)
+        numbers("dq", self._dq, [(self._n,)])
+        numbers("tau", self._tau, [(self._n,)])
+        raise DataError(
+            "a velocity or an effort is too large for numbers",
+            where="samples of an observer",
+            fix="check their units",
+        )
+
+    def _count(self) -> None:
+        self.gaps += 1
+        if self.steps > FEW and 2 * self.gaps > self.steps:
+            raise DataError(
+                f"most samples are more than {self._longest:.3g} s apart",
+                where=f"observer with a bandwidth of {self.bandwidth:g} Hz",
+                fix=f"give at least {PER_PERIOD * self.bandwidth:g} samples a second, or choose a "
+                "lower bandwidth",
+            )
+
+    def _misfit(self, *given: ArrayLike) -> DataError:
+        shapes = ", ".join(str(np.shape(x)) for x in given)
+        return DataError(
+            f"values of shapes {shapes} for {self._n} joints",
+            where="q, dq, tau",
+            fix="give one number per joint in each",
+        )
+
+    def _backward(self, t: float) -> DataError:
+        return DataError(
+            f"time does not increase: {t:g} s after {self._t:g} s",
+            where="samples of an observer",
+            fix="leave repeated samples out",
+        )
+
+
+class _Noise:
+    """Covariance of what the model predicts wrongly, at single samples.
+
+    What depends on the range of speed of each joint alone is computed once per combination.
+    """
+
+    def __init__(self, uncertainty: EffortUncertainty, rest_speed: Array) -> None:
+        self._uncertainty, self._rest = uncertainty, rest_speed[:, None]
+        known = uncertainty.calibration
+        edges = np.empty((len(rest_speed), 0)) if known is None else known.edges
+        self._edges = frozen(np.maximum(np.hstack([self._rest, edges]), self._rest))
+        self._factor = np.ascontiguousarray(uncertainty.factor)
+        self._of_speed: dict[bytes, tuple[Array, Array]] = {}
+
+    def __call__(self, columns: Array, dq: Array) -> Array:
+        """Covariance, shape `(n, n)`, of regressor entries `(n, c)` at velocities `(n,)`."""
+        place = np.abs(dq)[:, None] > self._edges
+        found = self._of_speed.get(place.tobytes())
+        if found is None:
+            found = self._of_speed[place.tobytes()] = self._ranges(np.abs(dq))
+        noise, scale = found
+        spread = (columns @ self._factor) * scale
+        return np.asarray(spread @ spread.T + noise)
+
+    def _ranges(self, speed: Array) -> tuple[Array, Array]:
+        speed = speed[:, None]
+        moving = speed > self._rest
+        nothing = np.zeros((1, len(speed), self._factor.shape[0]))
+        noise = self._uncertainty.covariance(nothing, speed, moving)[0]
+        return noise, np.maximum(self._uncertainty.factor_of(speed, moving), 1.0)

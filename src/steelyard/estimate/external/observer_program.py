@@ -1,0 +1,322 @@
+r"""What an observer of external efforts needs of a model, and one step of it as machine code.
+
+With momentum $p = M \dot q$ and $u = C^T \dot q - g - \tau_o$, where $\tau_o$ are all efforts
+beside those of the inertia (friction, springs, offsets), $\dot p = \tau + u + J^T F$ under joint
+efforts $\tau$ and a wrench $F$ on a frame.
+
+The covariance $S$ of the efforts comes in as numbers; $A = J^T P J + S = L D L^T$ is solved here,
+so that $\hat F = P J A^{-1} \tau$ has the variances of the diagonal of $P - P J A^{-1} J^T P$.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import ModelError
+from steelyard.model.equations.inverse_dynamics import JointState, Matrix, Scalar
+from steelyard.model.equations.kinematics import frame_of, frame_outputs, last_frame
+from steelyard.model.quantity import MOMENTUM, MOMENTUM_RATE, MOTION, TORQUE, Given, Quantity
+from steelyard.model.terms.term import Term, channels_of
+from steelyard.model.torque_equations import Equations
+from steelyard.robot.robot import Frame, Robot
+from steelyard.symbolic.native.compiled import Code, compiled
+from steelyard.symbolic.program import InputArray as Input
+from steelyard.symbolic.program import Program
+
+Axes = Literal["frame", "base"]
+"""Whose axes a wrench is given along."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """The parts of what the program computes at samples.
+
+    Attributes:
+        momentum: Shape `(..., n)` [kg m²/s; kg m/s].
+        drive: $u$, shape `(..., n)` [Nm; N].
+        jacobian: Of the frame's origin, then of its rotation, shape `(..., 6, n)`.
+        columns: Regressor entries of the chosen parameters, shape `(..., n, c)`.
+    """
+
+    momentum: Array
+    drive: Array
+    jacobian: Array
+    columns: Array
+
+    @classmethod
+    def of(cls, entries: Array, n: int) -> "Observed":
+        """The parts of the outputs, shape `(..., 2 n + 6 n + n c)`; views."""
+        columns = entries[..., 8 * n :].reshape(*entries.shape[:-1], n, -1)
+        jacobian = entries[..., 2 * n : 8 * n].reshape(*entries.shape[:-1], 6, n)
+        return cls(entries[..., :n], entries[..., n : 2 * n], jacobian, columns)
+
+
+def moved_frame(robot: Robot, name: str | None) -> Frame:
+    """The frame of a name, the robot's end if `None`, if joints move it.
+
+    Raises:
+        ModelError: There is no such frame, or it is fixed to the base.
+    """
+    frame = frame_of(robot, last_frame(robot) if name is None else name)
+    if frame.body < 0:
+        raise ModelError(
+            f"frame '{frame.name}' is fixed to the base: no joint feels what pushes there",
+            where=f"robot '{robot.name}'",
+            fix=f"name a frame on a moving link, such as '{last_frame(robot)}'",
+        )
+    return frame
+
+
+def observed_quantity(frame: Frame, axes: Axes, columns: tuple[int, ...]) -> Quantity:
+    """Momentum, drive, Jacobian and regressor columns of a model at a sample.
+
+    Args:
+        frame: The frame that the wrench acts on.
+        axes: Whose axes the wrench is given along.
+        columns: Indices of standard parameters of the model.
+    """
+
+    def build(equations: Equations, given: Given) -> list[Scalar]:
+        momentum, drive = momentum_and_drive(equations, given)
+        jacobian = jacobian_of(equations, frame, axes, given)
+        return [*momentum, *drive, *jacobian.ravel(), *_regressor(equations, given, columns)]
+
+    key = (axes, list(columns), frame.body, frame.rotation.tolist(), frame.position.tolist())
+    return Quantity(
+        "observed efforts",
+        MOTION,
+        lambda _: True,
+        build,
+        lambda part: (part.robot.n * (8 + len(columns)),),
+        key,
+    )
+
+
+def columns_quantity(columns: tuple[int, ...]) -> Quantity:
+    """Regressor columns of a model at a sample, shape `(n, c)`.
+
+    Args:
+        columns: Indices of standard parameters of the model.
+    """
+    return Quantity(
+        "chosen regressor columns",
+        MOTION,
+        lambda _: True,
+        lambda equations, given: _regressor(equations, given, columns),
+        lambda part: (part.robot.n, len(columns)),
+        (list(columns),),
+    )
+
+
+def momentum_and_drive(
+    equations: Equations, given: Given
+) -> tuple[Sequence[Scalar], Sequence[Scalar]]:
+    """Momentum $p$, and $u$: what changes it beside joint efforts and wrenches."""
+    state = {name: given[name] for name in ("q", "dq", "channels", "parameters")}
+    inertia = _part(equations, state, lambda term: term.cause == "inertia")
+    others = _part(equations, given, lambda term: term.cause != "inertia")
+    rates = zip(MOMENTUM_RATE.build(*inertia), TORQUE.build(*others), strict=True)
+    return MOMENTUM.build(*inertia), [change - effort for change, effort in rates]
+
+
+def _part(
+    equations: Equations, given: Given, enters: Callable[[Term], bool]
+) -> tuple[Equations, Given]:
+    """Some terms, with their own parameters and channels."""
+    robot, kept = equations.robot, [term for term in equations.terms if enters(term)]
+    channels, parameters = list(given["channels"][: len(robot.passive)]), list[Scalar]()
+    channel, parameter = len(robot.passive), 0
+    for term in equations.terms:
+        more, width = channels_of(term, robot), len(term.parameters(robot))
+        if term in kept:
+            channels += given["channels"][channel : channel + more]
+            parameters += given["parameters"][parameter : parameter + width]
+        channel, parameter = channel + more, parameter + width
+    own = {**given, "channels": channels, "parameters": parameters}
+    return Equations(robot, tuple(kept)), own
+
+
+def jacobian_of(equations: Equations, frame: Frame, axes: Axes, given: Given) -> Matrix:
+    """Jacobian of a frame along the chosen axes, shape `(6, n)`."""
+    robot = equations.robot
+    found = frame_outputs(robot, frame, given["q"], given["channels"][: len(robot.passive)])
+    rows = np.array(found[12:], dtype=object).reshape(2, 3, robot.n)
+    if axes == "frame":
+        turned = np.array(found[3:12], dtype=object).reshape(3, 3).T
+        rows = np.array([turned @ part for part in rows], dtype=object)
+    return rows.reshape(6, robot.n)
+
+
+def _regressor(equations: Equations, given: Given, columns: tuple[int, ...]) -> list[Scalar]:
+    state = JointState(given["q"], given["dq"], given["ddq"], given["channels"])
+    entries = equations.columns(state)
+    return [entries.get((row, k), 0.0) for row in range(equations.robot.n) for k in columns]
+
+
+STATES = 4
+"""Vectors that a step hands to the next one: momentum, drive, slow velocities, external efforts."""
+
+
+@dataclass(frozen=True, eq=False)
+class StepProgram:
+    """Machine code of a step.
+
+    All inputs are those of one sample: the state `(4 n,)`; positions, velocities and efforts
+    `(3 n,)`; what is left of the value before, the inverse of the time since then, and the
+    observer's rate in rad/s `(3,)`; channels; parameters; the covariance of the efforts `(n n,)`
+    and the variances of the wrench `(6,)`. Outputs are the state, accelerations behind the observer
+    `(n,)`, wrench `(6,)` and its variances `(6,)`.
+
+    Attributes:
+        equations: The model.
+        code: The program.
+    """
+
+    equations: Equations
+    code: Code
+
+    @classmethod
+    def of(cls, equations: Equations, frame: Frame, axes: Axes) -> "StepProgram":
+        """Compile, or load from the cache."""
+        n, parameters = equations.robot.n, len(equations.parameters)
+        sizes = {
+            "state": STATES * n,
+            "sample": 3 * n,
+            "scalars": 3,
+            "channels": equations.n_channels,
+            "parameters": parameters,
+            "covariance": n * n,
+            "variances": 6,
+        }
+
+        def build() -> tuple[Program, dict[str, Any]]:
+            from steelyard.model.equations.trace import symbolic
+
+            inputs = [Input(name, size, shared=True) for name, size in sizes.items()]
+            return symbolic(lambda *x: _outputs(equations, frame, axes, *x), inputs), {}
+
+        place = [axes, frame.body, frame.rotation.tolist(), frame.position.tolist()]
+        return cls(equations, compiled(["observer step", place, equations.program_key], build))
+
+
+def _outputs(
+    equations: Equations,
+    frame: Frame,
+    axes: Axes,
+    state: Sequence[Scalar],
+    sample: Sequence[Scalar],
+    scalars: Sequence[Scalar],
+    channels: Sequence[Scalar],
+    parameters: Sequence[Scalar],
+    covariance: Sequence[Scalar],
+    variances: Sequence[Scalar],
+) -> list[Scalar]:
+    n = equations.robot.n
+    old = _vectors(state, n)
+    q, dq, tau = _vectors(sample, n)
+    slow, ddq = slow_velocities(dq, old[2], scalars)
+    given = {"q": q, "dq": dq, "ddq": ddq, "channels": channels, "parameters": parameters}
+    momentum, drive, torque = observed_torque(
+        equations, given, tau, (old[0], old[1], old[3]), scalars
+    )
+    rows = jacobian_of(equations, frame, axes, given)
+    wrench, spread = _wrench([list(row) for row in rows], covariance, variances, torque)
+    return [*momentum, *drive, *slow, *torque, *ddq, *wrench, *spread]
+
+
+def slow_velocities(
+    dq: Sequence[Scalar], old: Sequence[Scalar], scalars: Sequence[Scalar]
+) -> tuple[list[Scalar], list[Scalar]]:
+    """Velocities behind the observer's low-pass, and the accelerations there.
+
+    Args:
+        dq: Velocities, `(n,)`.
+        old: Slow velocities of the sample before, `(n,)`.
+        scalars: See `StepProgram`.
+    """
+    left, _, rate = scalars
+    slow = [v + left * (before - v) for v, before in zip(dq, old, strict=True)]
+    return slow, [rate * (v - s) for v, s in zip(dq, slow, strict=True)]
+
+
+def observed_torque(
+    equations: Equations,
+    given: Given,
+    tau: Sequence[Scalar],
+    old: tuple[Sequence[Scalar], Sequence[Scalar], Sequence[Scalar]],
+    scalars: Sequence[Scalar],
+) -> tuple[Sequence[Scalar], list[Scalar], list[Scalar]]:
+    """Momentum, drive and external efforts after a step, `(n,)` each.
+
+    Args:
+        equations: The model.
+        given: `q`, `dq`, `ddq`, `channels` and `parameters`.
+        tau: Joint efforts, `(n,)`.
+        old: Momentum, drive and external efforts of the sample before.
+        scalars: See `StepProgram`.
+    """
+    left, inverse, _ = scalars
+    old_momentum, old_drive, old_torque = old
+    momentum, beside = momentum_and_drive(equations, given)
+    drive = [effort + other for effort, other in zip(tau, beside, strict=True)]
+    torque = []
+    for k in range(equations.robot.n):
+        mean = inverse * (momentum[k] - old_momentum[k]) - 0.5 * (drive[k] + old_drive[k])
+        torque.append(mean + left * (old_torque[k] - mean))
+    return momentum, drive, torque
+
+
+def _vectors(entries: Sequence[Scalar], n: int) -> list[Sequence[Scalar]]:
+    """Vectors of `n` that stand one after another."""
+    return [entries[k * n : (k + 1) * n] for k in range(len(entries) // n)]
+
+
+def _wrench(
+    jacobian: list[list[Scalar]],
+    covariance: Sequence[Scalar],
+    variances: Sequence[Scalar],
+    torque: Sequence[Scalar],
+) -> tuple[list[Scalar], list[Scalar]]:
+    """The weighted wrench and its variances."""
+    n = len(torque)
+    weighed = [[p * x for x in row] for p, row in zip(variances, jacobian, strict=True)]
+    lower: list[list[Scalar]] = [[0.0] * n for _ in range(n)]
+    pivots: list[Scalar] = []
+    for j in range(n):
+        for i in range(j, n):
+            value = covariance[i * n + j]
+            for row, other in zip(jacobian, weighed, strict=True):
+                value = value + row[i] * other[j]
+            for k in range(j):
+                value = value - lower[i][k] * pivots[k] * lower[j][k]
+            if i == j:
+                pivots.append(value)
+            else:
+                lower[i][j] = value / pivots[j]
+    efforts = _forward(lower, list(torque))
+    wrench: list[Scalar] = []
+    spread: list[Scalar] = []
+    for variance, row in zip(variances, weighed, strict=True):
+        along = _forward(lower, row)
+        scaled = [x / pivot for x, pivot in zip(along, pivots, strict=True)]
+        wrench.append(_dot(scaled, efforts))
+        spread.append(variance - _dot(scaled, along))
+    return wrench, spread
+
+
+def _forward(lower: list[list[Scalar]], side: list[Scalar]) -> list[Scalar]:
+    """$L^{-1}$ times a vector."""
+    found: list[Scalar] = []
+    for i, value in enumerate(side):
+        found.append(value - _dot(lower[i][:i], found))
+    return found
+
+
+def _dot(a: Sequence[Scalar], b: Sequence[Scalar]) -> Scalar:
+    total: Scalar = 0.0
+    for x, y in zip(a, b, strict=True):
+        total = total + x * y
+    return total

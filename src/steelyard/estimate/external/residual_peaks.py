@@ -1,0 +1,408 @@
+r"""Maxima of the residuals of free motion, their Pareto tail, and contact thresholds from them.
+
+A joint's speed is divided into ranges: rest, turning, slow, medium, fast. Of every visit to a
+range the largest residual $\max |r|$ is kept: residuals of neighbouring samples are alike, those of
+visits much less. A threshold $x$ of a range is exceeded $\zeta\,P(\max |r| > x)$ times per hour in
+that range, with $\zeta$ visits per hour. Above a base $u$, $P$ follows a generalised Pareto law
+whose shape $\xi$ and scale $s$ are uncertain [Coles2001]: over both, weighted by how they explain
+the $k$ of $n$ maxima above $u$,
+
+$$ P(\max|r| > x) = \frac{k}{n} \iint \left(1 + \xi \frac{x - u}{s}\right)^{-1/\xi}
+   p(\xi, s \mid \text{maxima})\, ds\, d\xi . $$
+
+All joints share the shape of a range, each has a scale of its own. Few maxima make this tail
+heavier: what is uncertain raises the threshold. Changes of the residual at rest (`rest_changes`)
+have maxima and thresholds of their own; both tests at rest share the false alarms allowed there.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.estimate.external.rest_changes import changes_at_rest
+
+SHAPE = (0.1, 0.2)
+"""Mean and standard deviation of the tail's shape before the data."""
+
+_SHAPES = np.linspace(-0.5, 0.9, 36)[:, None] + 1e-9
+"""Shapes of Pareto laws that are compared."""
+
+LOG_PRIOR = -0.5 * np.square((_SHAPES[:, 0] - SHAPE[0]) / SHAPE[1])
+"""Logarithm of what is known of the shape before the data."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tail:
+    """Maxima above a base: a generalised Pareto law whose shape and scale are uncertain.
+
+    Attributes:
+        base: [Nm; N].
+        excesses: What the maxima exceed it by, positive, shape `(k,)` [Nm; N].
+    """
+
+    base: float
+    excesses: Array
+
+    @cached_property
+    def _scales(self) -> Array:
+        return np.asarray(np.mean(self.excesses) * np.geomspace(0.1, 10.0, 60)[None])
+
+    @cached_property
+    def _log_likelihood(self) -> Array:
+        """Of shapes and scales."""
+        inside = 1.0 + _SHAPES[..., None] * self.excesses / self._scales[..., None]
+        logs = np.log(np.maximum(inside, 1e-300)).sum(axis=-1)
+        found = -len(self.excesses) * np.log(self._scales) - (1.0 / _SHAPES + 1.0) * logs
+        return np.where((inside > 0.0).all(axis=-1), found, -np.inf)
+
+    @cached_property
+    def log_shape(self) -> Array:
+        """Logarithm of the likelihood of every shape, over all scales."""
+        highest = self._log_likelihood.max()
+        return np.asarray(np.log(np.exp(self._log_likelihood - highest).sum(axis=1) + 1e-300))
+
+    def size(self, probability: float, log_shape: Array) -> float:
+        """The size that a maximum above the base exceeds with a probability.
+
+        Args:
+            probability: Wanted; the base is returned from 1 on.
+            log_shape: Logarithm of what is known otherwise of every shape.
+        """
+        if probability >= 1.0:
+            return self.base
+        logs = self._log_likelihood + log_shape[:, None]
+        weights = np.exp(logs - logs.max())
+        weights /= weights.sum()
+
+        def exceeded(excess: float) -> float:
+            inside = np.maximum(1.0 + _SHAPES * excess / self._scales, 1e-300)
+            return float(np.sum(weights * np.exp(-np.log(inside) / _SHAPES)))
+
+        low, high = 0.0, float(self.excesses.max())
+        while exceeded(high) > probability:
+            low, high = high, 2.0 * high
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if exceeded(middle) > probability else (low, middle)
+        return self.base + high
+
+
+RANGES = ("rest", "turning", "slow", "medium", "fast")
+"""Ranges of a joint's speed; it is turning where it starts, stops or reverses."""
+
+CHANGE = len(RANGES)
+"""Column of the maxima of changes at rest, after those of the ranges."""
+
+TESTS = np.array([0.5, 1.0, 1.0, 1.0, 1.0, 0.5])
+"""Share of the false alarms of each column: two of them test a joint at rest."""
+
+LONGEST_VISIT = 1.0
+"""Longest visit to a range in which a joint moves [s]; longer stays count several times."""
+
+HOLD = 0.15
+"""A faster range begins that long after the last sample in a slower one [s]: the residual's filter
+and the friction of a joint that starts to move remember."""
+
+MOST_KEPT = 200
+"""Maxima kept per joint and range."""
+
+TAIL_SHARE = 0.3
+"""Share of the maxima of a range that its tail is fitted to."""
+
+SETTLED = 0.5
+"""A joint is at rest that long after its last motion [s]: a robot that stops abruptly swings."""
+
+FEWEST = 10
+"""Maxima that the tail of a range needs."""
+
+EXTRAPOLATION = 10.0
+"""How many times longer than the calibration the mean time between false alarms may be."""
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualPeaks:
+    """Largest residuals of visits to ranges of speed, in motion without contact.
+
+    The last column is that of changes at rest.
+
+    Attributes:
+        edges: Speeds at which ranges meet, rest and turning at the first, shape `(n, 3)`
+            [rad/s; m/s].
+        cutoff: Of the low-pass behind which the residuals were taken [Hz].
+        maxima: Per joint and range the largest maxima, falling, at most `MOST_KEPT` [Nm; N].
+        visits: Visits, shape `(n, 6)`.
+        seconds: Time spent, shape `(n, 6)` [s].
+    """
+
+    edges: Array
+    cutoff: float
+    maxima: tuple[tuple[Array, ...], ...]
+    visits: Array
+    seconds: Array
+
+    def __add__(self, other: "ResidualPeaks") -> "ResidualPeaks":
+        """Visits of both; the ranges and the cut-off must be the same."""
+        maxima = tuple(
+            tuple(_largest(np.concatenate(pair)) for pair in zip(*rows, strict=True))
+            for rows in zip(self.maxima, other.maxima, strict=True)
+        )
+        return ResidualPeaks(
+            self.edges,
+            self.cutoff,
+            maxima,
+            frozen(self.visits + other.visits),
+            frozen(self.seconds + other.seconds),
+        )
+
+    @property
+    def duration(self) -> float:
+        """Time that the residuals were taken from [s]."""
+        return float(self.seconds[:, :CHANGE].sum(axis=1).max(initial=0.0))
+
+    @property
+    def lowest_rate(self) -> float:
+        """Least false alarms per hour that this much motion supports."""
+        return 3600.0 / (EXTRAPOLATION * self.duration) if self.duration else np.inf
+
+    def thresholds(self, rate: float, friction: Array | float = 0.0) -> "ContactThresholds":
+        """Thresholds that free motion exceeds at a rate.
+
+        Every joint may cause its share of the false alarms. A range that was visited less than
+        `FEWEST` times takes the largest threshold of its joint, increased by friction; changes at
+        rest are then not tested.
+
+        Args:
+            rate: False alarms per hour of all joints together.
+            friction: What that friction is, shape `(n,)` [Nm; N].
+        """
+        limits = np.full(self.visits.shape, np.nan)
+        for k, test in enumerate(TESTS):
+            joints = [int(j) for j in np.flatnonzero(self.visits[:, k] >= FEWEST)]
+            tails = [self._tail(j, k) for j in joints]
+            shape = sum((tail.log_shape for tail in tails), start=LOG_PRIOR)
+            for j, tail in zip(joints, tails, strict=True):
+                per_hour = 3600.0 * (len(tail.excesses) + 0.5) / float(self.seconds[j, k])
+                limits[j, k] = tail.size(
+                    test * rate / len(limits) / per_hour, shape - tail.log_shape
+                )
+        limits, changes = limits[:, :CHANGE], limits[:, CHANGE]
+        own = np.isfinite(limits)
+        known = own.any(axis=1)
+        greatest = np.max(limits, axis=1, where=own, initial=-np.inf) + friction
+        limits = np.where(own, limits, np.where(known, greatest, np.nan)[:, None])
+        return ContactThresholds(
+            self.edges,
+            self.cutoff,
+            rate,
+            self.duration,
+            frozen(limits),
+            tuple(map(tuple, own.tolist())),
+            frozen(changes),
+        )
+
+    def _tail(self, j: int, k: int) -> Tail:
+        """The largest maxima of one joint in one range."""
+        maxima, visits = self.maxima[j][k], float(self.visits[j, k])
+        count = int(min(max(FEWEST, TAIL_SHARE * visits), len(maxima) - 1))
+        least = 1e-9 * max(float(maxima[0]), 1e-300)
+        base = float(maxima[count])
+        return Tail(base, frozen(np.maximum(maxima[:count] - base, least)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values; maxima with six digits."""
+        maxima = [[[float(f"{x:.6g}") for x in row] for row in rows] for rows in self.maxima]
+        return {
+            "speed_edges": self.edges.tolist(),
+            "cutoff_hz": self.cutoff,
+            "maxima": maxima,
+            "visits": self.visits.tolist(),
+            "seconds": self.seconds.tolist(),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "ResidualPeaks":
+        """The peaks that `to_dict` wrote."""
+        edges = np.array(data["speed_edges"], dtype=np.float64)
+        shape = (len(edges), len(TESTS))
+        maxima = tuple(tuple(frozen(row) for row in rows) for rows in data["maxima"])
+        visits, seconds = (frozen(data[name], shape) for name in ("visits", "seconds"))
+        return cls(frozen(edges), float(data["cutoff_hz"]), maxima, visits, seconds)
+
+
+@dataclass(frozen=True, eq=False)
+class ContactThresholds:
+    """Residual that a contact must exceed, per joint and range of its speed.
+
+    Attributes:
+        edges: Speeds at which ranges meet, rest and turning at the first, shape `(n, 3)`
+            [rad/s; m/s].
+        cutoff: Of the first-order low-pass of the residuals that they are for [Hz].
+        rate: False alarms per hour of all joints together that they are for.
+        duration: Length of the free motion that they rest on [s].
+        limits: Shape `(n, 5)`; NaN of a joint that no free motion could test [Nm; N].
+        own: Whether the range of the joint was visited often enough for a threshold of its own,
+            shape `(n, 5)`; others take the largest of the joint and its friction.
+        changes: Of changes at rest, shape `(n,)`; NaN where they are not tested [Nm; N].
+    """
+
+    edges: Array
+    cutoff: float
+    rate: float
+    duration: float
+    limits: Array
+    own: tuple[tuple[bool, ...], ...]
+    changes: Array
+
+    def at(self, ranges: NDArray[np.intp]) -> Array:
+        """Thresholds of ranges `(n, B)`, its shape [Nm; N]."""
+        return np.take_along_axis(self.limits, ranges, axis=1)
+
+    def start(self) -> "ThresholdStepper":
+        """Begin to evaluate sample by sample."""
+        return ThresholdStepper(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values; `None` for a threshold that is not known."""
+        limits, changes = (_known(x) for x in (self.limits, self.changes[None]))
+        return {
+            "false_alarms_per_hour": self.rate,
+            "free_motion_s": self.duration,
+            "cutoff_hz": self.cutoff,
+            "ranges": list(RANGES),
+            "speed_edges": self.edges.tolist(),
+            "thresholds": limits,
+            "own": [list(row) for row in self.own],
+            "changes_at_rest": changes[0],
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "ContactThresholds":
+        """The thresholds that `to_dict` wrote."""
+        limits, changes = (
+            frozen([[np.nan if x is None else float(x) for x in row] for row in rows])
+            for rows in (data["thresholds"], [data["changes_at_rest"]])
+        )
+        return cls(
+            frozen(data["speed_edges"]),
+            float(data["cutoff_hz"]),
+            float(data["false_alarms_per_hour"]),
+            float(data["free_motion_s"]),
+            limits,
+            tuple(tuple(bool(x) for x in row) for row in data["own"]),
+            changes[0],
+        )
+
+
+def _known(rows: Array) -> list[list[float | None]]:
+    """Numbers as JSON values, `None` for NaN."""
+    return [[None if np.isnan(x) else float(x) for x in row] for row in rows]
+
+
+class ThresholdStepper:
+    """Thresholds sample by sample.
+
+    A joint is in the slowest range of the last `HOLD` seconds, at rest only `SETTLED` seconds after
+    its last motion.
+
+    Attributes:
+        resting: Whether all joints were at rest at the last sample.
+    """
+
+    def __init__(self, thresholds: ContactThresholds) -> None:
+        self._edges = thresholds.edges
+        self._limits = thresholds.limits
+        self._last = np.full((len(self._edges), 1 + self._edges.shape[1]), -np.inf)
+        self._moved = np.full(len(thresholds.limits), -np.inf)
+        self._joints = np.arange(len(self._edges))
+        self.resting = False
+
+    def step(self, t: float, speed: Array | Sequence[float]) -> Array:
+        """Thresholds at a sample.
+
+        Args:
+            t: Time, not falling [s].
+            speed: Velocities, shape `(n,)` [rad/s; m/s].
+
+        Returns:
+            Shape `(n,)` [Nm; N].
+        """
+        now = np.sum(np.abs(speed)[:, None] > self._edges, axis=1)
+        self._last[self._joints, now] = t
+        self._moved[now > 0] = t
+        held = np.argmax(self._last >= t - HOLD, axis=1)
+        held = held + ((held > 0) | (t - self._moved <= SETTLED))
+        self.resting = not held.any()
+        return np.asarray(self._limits[self._joints, held])
+
+
+def ranges_of(slowest: Array, fastest: Array, edges: Array) -> NDArray[np.intp]:
+    """Range of every sample, shape `(n, B)`.
+
+    Args:
+        slowest: Least speed of each joint in the last `HOLD` seconds, shape `(n, B)`.
+        fastest: Greatest speed in the last `SETTLED` seconds, likewise.
+        edges: Shape `(n, 3)`.
+    """
+    found = np.sum(slowest[:, None] > edges[:, :, None], axis=1)
+    return np.asarray(found + ((found > 0) | (fastest > edges[:, :1])), dtype=np.intp)
+
+
+def peaks_of(
+    t: Array, residual: Array, ranges: NDArray[np.intp], step: float, edges: Array, cutoff: float
+) -> ResidualPeaks:
+    """Largest residual of every visit to a range, in stretches without contact.
+
+    Args:
+        t: Time, shape `(N,)` [s]; a step of more than twice `step` ends all visits.
+        residual: Measured minus predicted effort, low-passed, shape `(n, N)`; a joint with NaN is
+            left out [Nm; N].
+        ranges: Shape `(n, N)`.
+        step: Time between samples [s].
+        edges: See `ResidualPeaks`.
+        cutoff: Likewise [Hz].
+    """
+    found = [_visits(np.abs(r), k, t, step) for r, k in zip(residual, ranges, strict=True)]
+    tested, found_there = _changes(t, residual, ranges, step)
+    found = [[*own, change] for own, change in zip(found, found_there, strict=True)]
+    maxima = tuple(tuple(_largest(m) for m in row) for row in found)
+    visits = frozen([[len(m) for m in row] for row in found])
+    known = np.asarray(np.isfinite(residual).all(axis=1))
+    spent = [[*np.bincount(k, minlength=len(RANGES)), tested] for k in ranges]
+    seconds = known[:, None] * np.array(spent, dtype=np.float64) * step
+    return ResidualPeaks(edges, cutoff, maxima, visits, frozen(seconds))
+
+
+def _changes(
+    t: Array, residual: Array, ranges: NDArray[np.intp], step: float
+) -> tuple[int, list[Array]]:
+    """Samples at which changes at rest are tested, and the largest of every visit per joint."""
+    change = changes_at_rest(t, residual, ranges, step)
+    tested = np.isfinite(change).any(axis=0)
+    cut = np.ones(int(tested.sum()), dtype=np.intp)  # as visits to a range in which joints move
+    return len(cut), [_visits(x, cut, t[tested], step)[1] for x in np.abs(change[:, tested])]
+
+
+def _visits(size: Array, ranges: NDArray[np.intp], t: Array, step: float) -> list[Array]:
+    """Maxima of one joint's visits, per range."""
+    if not len(size) or not np.isfinite(size).all():
+        return [np.empty(0)] * len(RANGES)
+    gaps = np.diff(t) > 2.0 * step
+    starts = np.flatnonzero(np.concatenate(([True], (np.diff(ranges) != 0) | gaps)))
+    ends = np.append(starts[1:], len(size))
+    most = max(1, round(LONGEST_VISIT / step))
+    cuts = [
+        np.arange(a, b, most) if ranges[a] else np.array([a])
+        for a, b in zip(starts, ends, strict=True)
+    ]
+    begins = np.concatenate(cuts)
+    maxima = np.maximum.reduceat(size, begins)
+    return [maxima[ranges[begins] == k] for k in range(len(RANGES))]
+
+
+def _largest(maxima: Array) -> Array:
+    return frozen(np.sort(maxima)[::-1][:MOST_KEPT])

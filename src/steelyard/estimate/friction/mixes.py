@@ -1,0 +1,221 @@
+"""Mixes of friction laws for `friction = "auto"`, and whether logs contain enough motion for it.
+
+Friction laws are compared by leaving out a fifth of the motion (or one run) in turn. Every part
+should have motion of every joint at several speeds, over a distance at which laws with internal
+states become usable (three of their lengths), and all parts together motion in both directions.
+With fewer data no laws can be distinguished; with these, the comparison itself keeps Coulomb
+friction unless another law is significantly better.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from itertools import groupby
+from typing import Any, Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array
+from steelyard.estimate.scores.cross_validation import FOLDS
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.model.laws.offset import Offset
+from steelyard.model.laws.powers import Cubic, Quadratic, Root
+from steelyard.model.laws.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.model.laws.spring import Spring
+from steelyard.model.laws.stribeck import Stribeck
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.model import Model
+from steelyard.model.terms.term import StatefulTerm, Term
+from steelyard.robot.file.sections import EffortKind
+from steelyard.robot.robot import Coordinate, Robot
+
+FINE = (3e-4, 1e-3, 3e-3, 1e-2)
+WIDE = (1e-3, 4e-3, 2e-2, 1e-1)
+
+DIRECTION: tuple[tuple[Term, ...], ...] = (
+    (Coulomb(),),
+    *((Coulomb(smoothing=speed),) for speed in (0.005, 0.02, 0.05)),
+    *((Dahl(length=length),) for length in (3e-4, 1e-3, 3e-3, 1e-2)),
+    *(
+        (LuGre(length=length, breakaway=1.15, speed=speed),)
+        for length in (3e-4, 1e-3)
+        for speed in (0.1, 0.3)
+    ),
+    (MaxwellSlip(lengths=FINE),),
+    (MaxwellSlip(lengths=WIDE, relaxing=True),),
+    (Coulomb(), MaxwellSlip(lengths=FINE)),
+)
+"""How friction turns round with the direction of motion, the simplest first."""
+
+SPEED: tuple[tuple[Term, ...], ...] = (
+    (Viscous(),),
+    (Viscous(), Root()),
+    (Viscous(), Quadratic()),
+    (Viscous(), Cubic()),
+    *((Viscous(), Stribeck(speed=speed)) for speed in (0.02, 0.1)),
+)
+"""How friction grows with speed."""
+
+PLAIN: tuple[Term, ...] = (*DIRECTION[0], *SPEED[0])
+"""Coulomb and viscous friction, with which all others are compared."""
+
+LOADED = ("motor_current", "motor_torque")
+"""Kinds of effort that gears stand behind: their friction grows with the load."""
+
+LOAD: tuple[tuple[Term, ...], ...] = ((), (LoadDependent(length=1e-3),))
+"""Whether friction grows with the load."""
+
+LEVER = 0.1
+"""Arm at which a prismatic joint's speeds and lengths are those of a revolute one [m]."""
+
+SPRINGS: tuple[tuple[Term, ...], ...] = ((), (Spring(),))
+"""Whether cables or springs pull the joints."""
+
+
+def stages_of(
+    model: Model, kind: EffortKind, left_out: Literal["run", "segment"]
+) -> tuple[tuple[tuple[Term, ...], ...], ...]:
+    """The candidates for a model, stage by stage.
+
+    Laws of speed act along further coordinates as well, where the model has viscous friction along
+    them. A spring that the model has is no candidate.
+
+    Args:
+        model: The model without the friction that is to be chosen.
+        kind: Of the efforts.
+        left_out: What is left out in turn: stretches of one motion share its postures, and cannot
+            tell a spring from what else depends on posture.
+    """
+    aside = [x for x in model.terms if isinstance(x, Viscous) and (x.along or x.motors)]
+    speed = [(*laws, *_along(laws[1:], aside)) for laws in SPEED]
+    stages = [_sized(DIRECTION, model.robot), _sized(speed, model.robot)]
+    if kind in LOADED:
+        stages.append(_sized(LOAD, model.robot))
+    if left_out == "run" and not any(isinstance(term, Spring) for term in model.terms):
+        free = any(isinstance(term, Offset) for term in model.terms)
+        stages.append(SPRINGS if free else ((), (Spring(free="unknown"),)))
+    return tuple(stages)
+
+
+def _sized(stage: Sequence[tuple[Term, ...]], robot: Robot) -> tuple[tuple[Term, ...], ...]:
+    """The candidates with speeds and lengths of prismatic joints as at a lever."""
+    sizes = [LEVER if c.kind == "prismatic" else 1.0 for c in robot.coordinates]
+    if LEVER not in sizes:
+        return tuple(stage)
+    return tuple(tuple(_with_sizes(term, sizes) for term in mix) for mix in stage)
+
+
+def _with_sizes(term: Term, sizes: Sequence[float]) -> Term:
+    if any(getattr(term, name, None) for name in ("joints", "motors", "along")):
+        return term
+    given = {name: getattr(term, name) for name in term.bounds}
+    wanted = {name: tuple(value * x for x in sizes) for name, value in given.items() if value}
+    return cast(Term, replace(cast(Any, term), **wanted)) if wanted else term
+
+
+def _along(laws: Sequence[Term], aside: Sequence[Viscous]) -> tuple[Term, ...]:
+    """The laws along the coordinates of others."""
+    return tuple(
+        replace(cast(Any, law), joints=x.joints, motors=x.motors, along=x.along)
+        for law in laws
+        for x in aside
+    )
+
+
+def has_memory(terms: Sequence[Term]) -> bool:
+    """Whether friction at rest is known: some law has a memory of where the joint came from."""
+    return any(isinstance(term, StatefulTerm) for term in terms)
+
+
+def mix_name(terms: Sequence[Term]) -> str:
+    """A mix for people to read: laws with their speeds and lengths, and what else is not usual."""
+    return " + ".join(_term_name(term) for term in terms)
+
+
+def _term_name(term: Term) -> str:
+    values = {f.name: getattr(term, f.name) for f in fields(term)}  # type: ignore[arg-type]
+    usual = {f.name: f.default for f in fields(term)}  # type: ignore[arg-type]
+    given = [
+        name if value is True else f"{name} {_short(value)}"
+        for name, value in values.items()
+        if name not in term.unnamed and value and (name in term.bounds or value != usual[name])
+    ]
+    return f"{term.law} ({', '.join(given)})" if given else term.law
+
+
+def _short(value: object) -> str:
+    if isinstance(value, tuple) and value and isinstance(value[0], tuple):
+        return ", ".join(str(name) for name, _ in value)
+    if isinstance(value, tuple):
+        alike = [(x, len(list(same))) for x, same in groupby(value)]
+        return ", ".join(_short(x) + (f" x {n}" if n > 1 else "") for x, n in alike)
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+LENGTHS = 3.0
+"""Lengths of a law's state that a joint travels until its samples are used."""
+SPEEDS = 2.0
+"""Fast over slow motion (quantiles 0.9 and 0.1 of the speed) from which on speeds differ."""
+SLOWEST = 0.03
+"""Speed up to which a joint rests, relative to its fastest."""
+
+
+@dataclass(frozen=True)
+class JointMotion:
+    """Motion of one joint over all logs.
+
+    Attributes:
+        reversals: Reversals of its direction.
+        travel: Distance travelled [rad; m].
+        speeds: Fast over slow motion, quantiles 0.9 and 0.1 of the speed in motion.
+    """
+
+    reversals: int
+    travel: float
+    speeds: float
+
+
+def joint_motions(
+    logs: Sequence[tuple[Array, NDArray[np.intp], float]],
+) -> tuple[JointMotion, ...]:
+    """Motion of each joint.
+
+    Args:
+        logs: Of each log velocities, shape `(n, B)` [rad/s; m/s], the number of the stretch that
+            each sample lies in, shape `(B,)`, and the time between samples [s].
+    """
+    n = len(logs[0][0])
+    fastest = [max(float(np.quantile(np.abs(dq[j]), 0.98)) for dq, _, _ in logs) for j in range(n)]
+    found = []
+    for joint in range(n):
+        reversals, travel, speeds = 0, 0.0, [np.zeros(0)]
+        for dq, stretch, step in logs:
+            moving = np.abs(dq[joint]) > SLOWEST * fastest[joint]
+            for number in np.unique(stretch[moving]):
+                signs = np.sign(dq[joint][moving & (stretch == number)])
+                reversals += int(np.count_nonzero(np.diff(signs)))
+            travel += float(np.abs(dq[joint]).sum()) * step
+            speeds.append(np.abs(dq[joint])[moving])
+        every = np.concatenate(speeds)
+        slow, fast = np.quantile(every, (0.1, 0.9)) if len(every) else (1.0, 0.0)
+        found.append(JointMotion(reversals, travel, float(fast / slow)))
+    return tuple(found)
+
+
+def lacking(motions: Sequence[JointMotion], coordinates: Sequence[Coordinate]) -> tuple[str, ...]:
+    """What is missing for `friction = "auto"`, one sentence per joint; none if nothing is."""
+    found = []
+    for motion, coordinate in zip(motions, coordinates, strict=True):
+        size = LEVER if coordinate.kind == "prismatic" else 1.0
+        least = FOLDS * LENGTHS * max(WIDE) * size
+        if motion.reversals == 0:
+            found.append(f"{coordinate.name} moves in one direction only")
+        elif motion.travel < least:
+            found.append(
+                f"{coordinate.name} travels {motion.travel:.2g} {coordinate.unit} "
+                f"({least:.2g} needed)"
+            )
+        elif motion.speeds < SPEEDS:
+            found.append(f"{coordinate.name} moves at one speed only")
+    return tuple(found)

@@ -1,0 +1,1 @@
+"""Regressor, base parameters, and the information of all samples."""

@@ -1,0 +1,380 @@
+r"""Base parameters: independent columns of the regressor, their groupings and customary symbols.
+
+Calibrated model files have joint axes that are parallel to 1e-4 rad. Natural order alone then takes
+columns whose new part is no more than 1e-8, and the rounding errors of everything after it, blown
+up by 1e8, look like new parts as well. Here the rank stands at the largest gap of the singular
+values. A column is taken in natural order only if a good part of it is new; the columns that are
+then missing are those that add most (QR with column pivoting [Businger1965, Gautier1991]).
+
+The regressor of *all* linear terms is evaluated on random states. A column that is zero, or that
+is a combination of others, has no parameter of its own: its parameter is grouped with others,
+$\phi_\mathrm{base} = \phi_b + K \phi_d$ [Gautier1991]. Natural order is kept where that is
+well-conditioned, so groupings come out the customary way: a link's mass joins the moments of the
+links before it.
+
+Letters name the number of a body's ten (`M, MX, MY, MZ, XX, XY, YY, XZ, YZ, ZZ`, about the link
+frame's origin) or the law, the figure the link or joint, and `R` says that others are grouped with
+it [Khalil2002, ch. 9].
+"""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import qr, solve_triangular
+
+from steelyard.base.arguments import checked
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import ModelError
+from steelyard.model.equations.passive_joints import random_positions
+from steelyard.model.laws.register import TERMS
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
+from steelyard.robot.rigid_body import INERTIAL_NAMES
+from steelyard.robot.robot import Robot
+from steelyard.symbolic.native import cache
+from steelyard.symbolic.program import run
+
+NEW = 1e-2
+"""Part of a column, relative to its norm, that must be new for it to be taken in natural order."""
+
+UNSEEN = 1e-9
+"""Norm of a column, relative to the largest, at which it is zero but for rounding errors."""
+
+GAP = 1e-3
+"""Singular values above this part of the largest one count in any case."""
+
+ROUNDING = 1e-14
+"""Singular values below this part of the largest one are rounding errors."""
+
+
+def seen_columns(matrix: Array) -> list[int]:
+    """Indices of the columns of a `(rows, p)` matrix that are not zero."""
+    norms = np.linalg.norm(matrix, axis=0)
+    return [int(k) for k in np.flatnonzero(norms > UNSEEN * norms.max(initial=0.0))]
+
+
+def independent_columns(matrix: Array) -> list[int]:
+    """Indices of columns that span a matrix, as many as its rank, in ascending order.
+
+    Args:
+        matrix: Shape `(rows, p)`, `rows >= p`.
+    """
+    seen = seen_columns(matrix)
+    if not seen:
+        return []
+    unit = matrix[:, seen] / np.linalg.norm(matrix[:, seen], axis=0)
+    triangle = np.asarray(np.linalg.qr(unit, mode="r"))
+    natural, basis = _natural(triangle)
+    values: Array = np.linalg.svd(triangle, compute_uv=False)
+    missing = rank(values) - len(natural)
+    others = [k for k in range(len(seen)) if k not in set(natural)]
+    if missing > 0:
+        rest = triangle[:, others]
+        for _ in range(2):
+            rest = rest - basis @ (basis.T @ rest)
+        _, order = cast(tuple[Array, Array], qr(rest, mode="r", pivoting=True))
+        natural += [others[int(k)] for k in order[:missing]]
+    return sorted(seen[k] for k in natural)
+
+
+def rank(values: Array) -> int:
+    """How many descending singular values stand before their largest gap."""
+    sizes = np.maximum(np.append(values / values[0], 0.0), ROUNDING)
+    first = max(1, int((sizes >= GAP).sum()))
+    return first + int(np.argmax(sizes[first - 1 : -1] / sizes[first:]))
+
+
+def _natural(columns: Array) -> tuple[list[int], Array]:
+    """Unit columns that are new by `NEW`, one after another; an orthonormal basis of them."""
+    rows, count = columns.shape
+    basis, taken = np.empty((rows, min(rows, count)), order="F"), list[int]()
+    for k in range(count):
+        before, rest = basis[:, : len(taken)], columns[:, k]
+        for _ in range(2):
+            rest = rest - before @ (before.T @ rest)
+        new = float(np.linalg.norm(rest))
+        if new > NEW:
+            basis[:, len(taken)] = rest / new
+            taken.append(k)
+    return taken, basis[:, : len(taken)]
+
+
+FAINT = 1e-3
+"""Part of a column that others do not explain, over the norm of the largest one of its unit, below
+which motions are not designed for it."""
+
+ENGINE = 2
+"""Raised whenever the choice of columns changes: old cache entries are then not used."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BaseMap:
+    r"""Standard parameters to base parameters, $\phi_\mathrm{base} = \phi_b + K \phi_d$.
+
+    Attributes:
+        names: Names of the standard parameters, `p` of them.
+        units: Their units.
+        independent: Indices of the parameters that lead a group, one per base parameter.
+        dependent: Indices of the parameters that are grouped with those.
+        unseen: Indices of the parameters that no motion can show.
+        coefficients: $K$, shape `(len(independent), len(dependent))`.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    independent: tuple[int, ...]
+    dependent: tuple[int, ...]
+    unseen: tuple[int, ...]
+    coefficients: Array
+
+    def __repr__(self) -> str:
+        return f"BaseMap({len(self)} base parameters of {len(self.names)})"
+
+    def __len__(self) -> int:
+        return len(self.independent)
+
+    @property
+    def base_names(self) -> tuple[str, ...]:
+        """Each base parameter has the name of the standard parameter that leads its group."""
+        return tuple(self.names[k] for k in self.independent)
+
+    @property
+    def base_units(self) -> tuple[str, ...]:
+        """Units of the base parameters."""
+        return tuple(self.units[k] for k in self.independent)
+
+    def base_values(self, standard: ArrayLike) -> Array:
+        """Base parameters of standard ones, shape `(p,)` to `(b,)`."""
+        values = np.asarray(standard, dtype=np.float64)
+        return values[list(self.independent)] + self.coefficients @ values[list(self.dependent)]
+
+    @property
+    def lift(self) -> Array:
+        """The matrix of `base_values`, shape `(b, p)`."""
+        matrix = np.zeros((len(self), len(self.names)))
+        matrix[range(len(self)), list(self.independent)] = 1.0
+        matrix[:, list(self.dependent)] += self.coefficients
+        return matrix
+
+    def beside(self, names: Sequence[str], units: Sequence[str]) -> "BaseMap":
+        """The map with further parameters that are base parameters by themselves."""
+        p, n = len(self.names), len(names)
+        return BaseMap(
+            (*self.names, *names),
+            (*self.units, *units),
+            (*self.independent, *range(p, p + n)),
+            self.dependent,
+            self.unseen,
+            np.vstack([self.coefficients, np.zeros((n, len(self.dependent)))]),
+        )
+
+    def without(self, names: Collection[str]) -> "BaseMap":
+        """The map of a model whose base parameters of these names are zero."""
+        left = [k for k, name in enumerate(self.base_names) if name not in names]
+        return replace(
+            self,
+            independent=tuple(self.independent[k] for k in left),
+            coefficients=frozen(self.coefficients[left]),
+        )
+
+    def grouping(self, base: int) -> str:
+        """A base parameter in full, like `Izz.link1 + Iyy.link2 + 0.25 m.link3`."""
+        text = self.names[self.independent[base]]
+        for coefficient, k in zip(self.coefficients[base], self.dependent, strict=True):
+            if coefficient:
+                size = "" if abs(coefficient) == 1.0 else f"{abs(coefficient):.4g} "
+                text += f" {'-' if coefficient < 0 else '+'} {size}{self.names[k]}"
+        return text
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values; exact."""
+        return {
+            "names": list(self.names),
+            "units": list(self.units),
+            "independent": list(self.independent),
+            "dependent": list(self.dependent),
+            "unseen": list(self.unseen),
+            "coefficients": self.coefficients.tolist(),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "BaseMap":
+        """The map that `to_dict` wrote."""
+        independent, dependent = tuple(data["independent"]), tuple(data["dependent"])
+        return cls(
+            names=tuple(data["names"]),
+            units=tuple(data["units"]),
+            independent=independent,
+            dependent=dependent,
+            unseen=tuple(data["unseen"]),
+            coefficients=frozen(
+                np.reshape(data["coefficients"], (len(independent), len(dependent)))
+            ),
+        )
+
+
+@checked()
+def base_parameters(model: Model) -> BaseMap:
+    """The structural base parameters of a model, from the cache where possible.
+
+    Example:
+        >>> base = base_parameters(model_of("arm.toml"))
+        >>> base.base_names[:2]
+        ('mx.upper', 'mz.upper')
+    """
+    return _found("base", model, independent_columns)
+
+
+def clear_map(model: Model) -> BaseMap:
+    """The base parameters for which motions are designed: those that change torque by themselves.
+
+    Where all others explain a column up to less than `FAINT` of the largest one of its unit, as
+    behind axes that are parallel or upright to 1e-4 rad, its parameter is grouped with them: no
+    motion shows it beside them, and a criterion that includes it would see nothing else. Of robots
+    with loops all are kept: how much they show depends on where the loops are.
+    """
+    if model.robot.passive:
+        return base_parameters(model)
+    return _found("clear base", model, lambda regressor: _clear(model, regressor))
+
+
+def _found(kind: str, model: Model, choose: Callable[[Array], list[int]]) -> BaseMap:
+    key = cache.key_of([kind, FAINT, ENGINE, model.program_key])
+    entry = cache.load(key)
+    if entry is not None:
+        return BaseMap.from_dict(entry[0])
+    regressor = full_regressor(model)
+    found = _group(model, regressor, choose(regressor))
+    cache.store(key, found.to_dict(), b"")
+    return found
+
+
+def _clear(model: Model, regressor: Array) -> list[int]:
+    """Independent columns without the least one, as long as that is no more than faint."""
+    norms = np.linalg.norm(regressor, axis=0)
+    largest = {unit: norms[[u == unit for u in model.units]].max() for unit in model.units}
+    columns = independent_columns(regressor)
+    sizes = np.array([largest[model.units[k]] for k in columns])
+    triangle = np.asarray(np.linalg.qr(regressor[:, columns] / sizes, mode="r"))
+    while columns:
+        inverse = solve_triangular(triangle, np.eye(len(columns)))
+        own = 1.0 / np.linalg.norm(inverse, axis=1)
+        least = int(np.argmin(own))
+        if own[least] >= FAINT:
+            break
+        columns = columns[:least] + columns[least + 1 :]
+        triangle = np.asarray(np.linalg.qr(np.delete(triangle, least, axis=1), mode="r"))
+    return columns
+
+
+def full_regressor(
+    model: Model, seed: int = 0, n_samples: int | None = None, slow: float = 0.3
+) -> Array:
+    """Regressor of all standard parameters on random states, shape `(n * N, p)`.
+
+    Speeds and accelerations are normally distributed with a standard deviation of 1 rad/s and
+    1 rad/s² (m/s, m/s²). Loops are closed in all states.
+
+    Args:
+        model: The model.
+        seed: Same seed, same states.
+        n_samples: Number of states; `None` for as many as determine all columns.
+        slow: Share of the speeds that are much smaller: laws that fade with speed show only there.
+    """
+    n, p = model.robot.n, len(model.parameters)
+    program, places = model.columns_program
+    n_samples = 3 * p // n + 10 if n_samples is None else n_samples
+    rng = np.random.default_rng(seed)
+    q, passive = random_positions(model.robot, n_samples, rng)
+    dq, ddq = rng.normal(size=(2, n, n_samples))
+    dq *= 10.0 ** (rng.uniform(-4.0, 0.0, dq.shape) * (rng.uniform(size=dq.shape) < slow))
+    channels = rng.uniform(-1.0, 1.0, (model.n_channels, n_samples))
+    channels[: len(passive)] = passive
+    values = run(program, [q, dq, ddq, channels])
+    regressor = np.zeros((n, n_samples, p))
+    for (row, column), entries in zip(places, values, strict=True):
+        regressor[row, :, column] = entries
+    return regressor.reshape(n * n_samples, p)
+
+
+def _group(model: Model, regressor: Array, independent: list[int]) -> BaseMap:
+    """The independent columns, and the others as combinations of them."""
+    seen = set(seen_columns(regressor))
+    columns = range(regressor.shape[1])
+    dependent = [k for k in columns if k in seen and k not in set(independent)]
+    solved = np.linalg.lstsq(regressor[:, independent], regressor[:, dependent], rcond=None)[0]
+    return BaseMap(
+        names=model.names,
+        units=model.units,
+        independent=tuple(independent),
+        dependent=tuple(dependent),
+        unseen=tuple(k for k in columns if k not in seen),
+        coefficients=frozen(_snapped(frozen(solved))),
+    )
+
+
+def _snapped(coefficients: Array) -> Array:
+    """Clean rounding from coefficients that are 0 or ±1 by structure."""
+    clean = coefficients.copy()
+    for exact in (0.0, 1.0, -1.0):
+        clean[np.abs(clean - exact) < 1e-8] = exact
+    return clean
+
+
+def refuse_twins(model: Model, base: BaseMap) -> None:
+    """Causes of torque that no motion distinguishes, bodies aside, are a mistake.
+
+    A rotor's inertia may join a link's: then only their sum is known, and named as such. Two
+    frictions that are one leave no such doubt.
+
+    Raises:
+        ModelError: A parameter that is no body's is a combination of others like it.
+    """
+    bodies = {p.name for p in RigidBody().parameters(model.robot)}
+    for place, k in enumerate(base.dependent):
+        if base.names[k] in bodies:
+            continue
+        others = [
+            base.names[base.independent[row]] for row in np.flatnonzero(base.coefficients[:, place])
+        ]
+        if others and not bodies.intersection(others):
+            raise ModelError(
+                f"'{base.names[k]}' is not distinguishable from {' and '.join(map(repr, others))}: "
+                "no motion separates these torque terms",
+                where=f"list of terms of robot '{model.robot.name}'",
+                fix="leave one of the terms out, or restrict it to other joints (`joints`)",
+            )
+
+
+TEN = ("M", "MX", "MY", "MZ", "XX", "XY", "YY", "XZ", "YZ", "ZZ")
+LETTERS = {
+    **dict(zip(INERTIAL_NAMES, TEN, strict=True)),
+    **{law: term.symbol for law, term in TERMS.items() if term.symbol},
+}
+"""Letters of a parameter by what stands before the dot of its name."""
+
+
+def symbol(robot: Robot, base: BaseMap, number: int) -> str:
+    """The customary symbol of a base parameter; its own name where none is customary.
+
+    Args:
+        robot: Gives links and joints their numbers.
+        base: The base parameters.
+        number: Which of them.
+    """
+    name = base.base_names[number]
+    kind, _, of = name.partition(".")
+    if kind not in LETTERS:
+        return name
+    owners = [b.name for b in robot.bodies] if kind in INERTIAL_NAMES else list(robot.joint_names)
+    place = str(owners.index(of) + 1) if of in owners else f"_{of}"
+    grouped = "R" if base.coefficients[number].any() else ""
+    return f"{LETTERS[kind]}{place}{grouped}"
+
+
+def symbols(robot: Robot, base: BaseMap) -> tuple[str, ...]:
+    """The customary symbols of all base parameters."""
+    return tuple(symbol(robot, base, number) for number in range(len(base)))

@@ -1,0 +1,326 @@
+"""The pass over runs: stretches of samples to information, by windows, on several threads."""
+
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import LogError
+from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.estimate.information.accumulate import Accumulator, Stretch, Sums
+from steelyard.estimate.information.information import Information, Signature, Window
+from steelyard.estimate.information.regressor import ParallelFilter, Regressor
+from steelyard.model.model import Model
+from steelyard.runs.run import Block, Run
+from steelyard.runs.run_samples import closed_parts
+
+MOST_WINDOWS = 128
+"""Windows kept per run; beyond that neighbours are merged."""
+
+
+class Windows:
+    """Sums of a run that may be of any length: when windows get too many, neighbours merge."""
+
+    def __init__(self, accumulator: Accumulator) -> None:
+        layout = accumulator.regressor.layout
+        size = sum(w * (w + 1) // 2 for w in layout.widths)
+        self.windows: list[Window] = []
+        self._rows = [
+            np.empty((MOST_WINDOWS + 1, k))
+            for k in (size, accumulator.width, len(layout.rows), size)
+        ]
+        self._size, self._filled = 1, 1
+
+    def add(self, window: Window, sums: Sums) -> None:
+        """Take one more piece."""
+        pieces = (sums.grams, sums.absolute, sums.counts, sums.beside)
+        if self.windows and self._filled < self._size:
+            self.windows[-1] = _spanning(self.windows[-1], window)
+            for rows, piece in zip(self._rows, pieces, strict=True):
+                rows[len(self.windows) - 1] += piece
+            self._filled += 1
+            return
+        for rows, piece in zip(self._rows, pieces, strict=True):
+            rows[len(self.windows)] = piece
+        self.windows.append(window)
+        self._filled = 1
+        if len(self.windows) > MOST_WINDOWS:
+            self._merge()
+
+    def _merge(self) -> None:
+        """Pair the windows; the last one, new and alone, begins a pair."""
+        half = MOST_WINDOWS // 2
+        pairs = zip(self.windows[:-1:2], self.windows[1::2], strict=True)
+        self.windows = [*(_spanning(a, b) for a, b in pairs), self.windows[-1]]
+        for rows in self._rows:
+            for k in range(half):
+                rows[k] = rows[2 * k] + rows[2 * k + 1]
+            rows[half] = rows[MOST_WINDOWS]
+        self._size *= 2
+
+    @property
+    def sums(self) -> tuple[Array, Array, Array, Array | None]:
+        """Gram matrices, sums of |value|, samples, and what is beside rests, one row a window."""
+        grams, absolute, counts, beside = (rows[: len(self.windows)] for rows in self._rows)
+        return grams, absolute, counts, beside if beside.any() else None
+
+
+def _spanning(first: Window, second: Window) -> Window:
+    return Window(first.run, first.start, second.stop)
+
+
+PIECE = 1024
+"""Least number of samples of a piece."""
+
+HALOS = 8
+"""Least length of a piece in halos of the filter, which are evaluated twice."""
+
+AHEAD = 2
+"""Pieces read ahead per thread."""
+
+LEAST_WINDOWS = 8
+"""Windows that even a short run is cut into, for the correlation of residuals."""
+
+SHORTEST = 2
+"""Least length of such a window in halos of the filter."""
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A short stretch of a run, the filter's halo included."""
+
+    window: Window
+    stretch: Stretch
+
+
+def gather(
+    regressor: Regressor,
+    run: Run,
+    *,
+    matched: bool = True,
+    rests: bool = False,
+    longest: float = np.inf,
+    threads: int = 1,
+    progress: Progress = silent,
+) -> Information:
+    """What one run says about the columns of a regressor.
+
+    Args:
+        regressor: The columns.
+        run: Clean motion and effort on a uniform clock.
+        matched: Whether columns and effort go through the run's parallel filter.
+        rests: Whether samples count where a joint rests; its friction then lies anywhere in a dead
+            zone, which only friction with memory knows.
+        longest: Length that a window should not exceed [s]; merged ones may.
+        threads: Native threads.
+        progress: Told about every window.
+
+    Raises:
+        Stopped: `progress` requested a stop.
+        LogError: No stretch of the run is as long as the filter, or an effort never changes.
+    """
+    gram_pass = start_pass(regressor, run, matched, rests, longest)
+    found = accumulate(
+        gram_pass.accumulator,
+        gram_pass.pieces,
+        gram_pass.signature,
+        threads,
+        run.duration,
+        progress,
+    )
+    if not found.windows:
+        raise gram_pass.too_short()
+    chosen = gram_pass.accumulator.matched
+    return found if chosen is None else found.with_effective_samples(chosen.inflation)
+
+
+@dataclass(frozen=True, eq=False)
+class GramPass:
+    """A run on its way into sums.
+
+    Attributes:
+        run: The run.
+        accumulator: What its pieces go through.
+        pieces: Stretches with their halo; to be read once.
+        signature: What the sums will mean.
+    """
+
+    run: Run
+    accumulator: Accumulator
+    pieces: Iterator[Piece]
+    signature: Signature
+
+    def too_short(self) -> LogError:
+        """What to say if nothing came out."""
+        matched = self.accumulator.matched
+        need = len(matched.taps) / self.run.rate if matched else 0.0
+        return LogError(
+            f"no segment of the log is as long as its filter ({need:.2f} s)",
+            where=self.run.name,
+            fix="log for longer, or raise matched_cutoff in [processing] of the robot file",
+        )
+
+
+def start_pass(
+    regressor: Regressor, run: Run, matched: bool, rests: bool, longest: float = np.inf
+) -> GramPass:
+    """A pass over a run that has not read anything yet; see `gather`.
+
+    Raises:
+        LogError: An effort never changes.
+    """
+    _refuse_dead_efforts(run)
+    chosen = ParallelFilter.design(run.matched_cutoff, run.rate) if matched else None
+    accumulator = Accumulator(regressor, chosen)
+    blocks = blocks_with_memory(run.blocks(), regressor.model, rests)
+    apart = max(run.duration * run.rate / LEAST_WINDOWS, SHORTEST * accumulator.halo)
+    pieces = cut_pieces(blocks, run.name, accumulator, int(min(longest * run.rate, apart)))
+    return GramPass(run, accumulator, pieces, stamp_of(regressor, run.effort_units, run, chosen))
+
+
+def _refuse_dead_efforts(run: Run) -> None:
+    """An effort that never changes would be fitted exactly, at the cost of all other joints."""
+    columns = run.recording.signals.effort
+    dead = [c for c, step in zip(columns, run.quality.effort_resolution, strict=True) if step == 0]
+    if dead:
+        raise LogError(
+            f"column '{dead[0]}' never changes: it holds no measured effort",
+            where=run.name,
+            fix="name the right column in [signals.effort], or leave its joint out of "
+            "[robot] joints and lock it",
+        )
+
+
+def stamp_of(
+    regressor: Regressor, effort: tuple[str, ...], run: Run, matched: ParallelFilter | None
+) -> Signature:
+    """What the sums of a run mean."""
+    after = "no parallel filter" if matched is None else f"matched {matched.cutoff:g} Hz"
+    return Signature(
+        model=regressor.model.fingerprint,
+        columns=regressor.layout.columns,
+        effort=effort,
+        filters=f"motion {run.motion_cutoff:g} Hz, {after}",
+    )
+
+
+def blocks_with_memory(blocks: Iterable[Block], model: Model, rests: bool) -> Iterator[Block]:
+    """The blocks of `blocks_with_channels`; only samples that count are marked as moving.
+
+    Samples before the start is forgotten do not count; nor do rests, unless they are wanted.
+    """
+    return blocks_with_channels(
+        blocks, model, lambda block, warm: warm if rests else block.moving & warm
+    )
+
+
+Mask = NDArray[np.bool_]
+
+
+def blocks_with_channels(
+    blocks: Iterable[Block],
+    model: Model,
+    marked: Callable[[Block, Mask], Mask] = lambda block, warm: block.moving,
+) -> Iterator[Block]:
+    """The blocks with the model's channels; every segment begins without memory.
+
+    Where open loops are dropped, segments end at them.
+
+    Args:
+        blocks: Samples of a run.
+        model: The model.
+        marked: What takes the place of `Block.moving`, given a block and which of its samples
+            the scan has forgotten the start at, shape `(n, B)`.
+    """
+    drop, number = model.robot.open_loops == "drop", 0
+    segment, scan = None, model.scan(drop)
+    for block in blocks:
+        if block.segment != segment:
+            segment, scan, number = block.segment, model.scan(drop), number + 1
+        channels = scan(block.q, block.dq, block.ddq, block.t)
+        mask = marked(block, scan.warm)
+        whole = replace(block, segment=number, channels=channels, moving=mask)
+        yield from closed_parts(whole, scan.closed)
+        number += int(np.sum(~scan.closed))
+
+
+def cut_pieces(
+    blocks: Iterable[Block], name: str, accumulator: Accumulator, longest: int = 2**62
+) -> Iterator[Piece]:
+    """Pieces of a run with the halo they need, from blocks of any size."""
+    unit, halo = accumulator.decimation, max(accumulator.halo, 0)
+    length = -(-max(1, min(longest, max(PIECE, HALOS * halo))) // unit) * unit
+    need = length + halo
+    buffered: list[Block] = []
+    for block in blocks:
+        if buffered and block.segment != buffered[0].segment:
+            yield from _pieces(buffered, name, length, need, last=True)
+            buffered = []
+        buffered.append(block)
+        if sum(len(b.t) for b in buffered) >= need:
+            rest = yield from _pieces(buffered, name, length, need, last=False)
+            buffered = [rest]
+    if buffered:
+        yield from _pieces(buffered, name, length, need, last=True)
+
+
+def _pieces(
+    buffered: list[Block], name: str, length: int, need: int, last: bool
+) -> Generator[Piece, None, Block]:
+    """The pieces that the buffered samples suffice for; returns the samples that are left."""
+    joined = buffered[0] if len(buffered) == 1 else Block.joined(buffered)
+    start = 0
+    while len(joined.t) - start >= need or (last and start < len(joined.t)):
+        yield _piece(joined.part(start, min(start + need, len(joined.t))), name, length)
+        start += length
+    return joined.part(start, len(joined.t))
+
+
+def _piece(block: Block, name: str, length: int) -> Piece:
+    weights = None if block.moving.all() else block.moving.astype(np.float64)
+    if block.weights is not None:
+        weights = block.weights if weights is None else block.weights * weights
+    window = Window(name, float(block.t[0]), float(block.t[min(length, len(block.t)) - 1]))
+    stretch = Stretch(block.q, block.dq, block.ddq, block.effort, weights, block.channels)
+    return Piece(window, stretch)
+
+
+def accumulate(
+    accumulator: Accumulator,
+    pieces: Iterable[Piece],
+    signature: Signature,
+    threads: int = 1,
+    duration: float = 0.0,
+    progress: Progress = silent,
+) -> Information:
+    """Sum up pieces, in order, on some threads; the result does not depend on their number."""
+    collected = Windows(accumulator)
+    for piece, result in in_order(accumulator, pieces, threads):
+        if result.counts.any():
+            collected.add(piece.window, result)
+        report_progress(progress, f"gathering {piece.window.run}", piece.window.stop, duration)
+    return Information(
+        accumulator.regressor.layout, signature, tuple(collected.windows), *collected.sums
+    )
+
+
+Result = TypeVar("Result")
+
+
+def in_order(
+    work: Callable[[Stretch], Result], pieces: Iterable[Piece], threads: int
+) -> Iterator[tuple[Piece, Result]]:
+    """Pieces with what was made of them on some threads, in order, a few read ahead."""
+    with ThreadPoolExecutor(threads) as pool:
+        waiting: list[tuple[Piece, Future[Result]]] = []
+        for piece in pieces:
+            waiting.append((piece, pool.submit(work, piece.stretch)))
+            if len(waiting) > AHEAD * threads:
+                first, future = waiting.pop(0)
+                yield first, future.result()
+        for first, future in waiting:
+            yield first, future.result()

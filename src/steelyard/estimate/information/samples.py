@@ -1,0 +1,354 @@
+"""Filtered samples, bounded in number, and the pass over a run that keeps them."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.gather import Piece, in_order, start_pass
+from steelyard.estimate.information.information import Information, Signature, Window, packed
+from steelyard.estimate.information.regressor import Layout, Regressor
+from steelyard.runs.noise_propagation import MotionError, motion_error
+from steelyard.runs.run import Run
+
+Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+
+WINDOWS = 24
+"""Windows that a run's samples are summed up in."""
+
+
+@dataclass(frozen=True, eq=False)
+class SampledRun:
+    """A run that samples come from.
+
+    Attributes:
+        run: Its name.
+        share: Independent samples that one stored sample is worth.
+        error: Noise of its motion behind the filters, if it is known.
+    """
+
+    run: str
+    share: float
+    error: MotionError | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class FilteredSamples:
+    """Instants of some runs, and per effort row what it saw at those of them that count for it.
+
+    Attributes:
+        layout: Names, and what each row sees.
+        signature: What the samples mean.
+        sources: The runs, in any order.
+        source: Number of the run of each instant, shape `(N,)`.
+        t: Time of each instant from its log's start, shape `(N,)` [s].
+        q: Positions at the instants, not behind the parallel filter, shape `(N, n)` [rad; m].
+        dq: Velocities, the same shape [rad/s; m/s].
+        ddq: Accelerations, the same shape [rad/s²; m/s²].
+        channels: What the model computed along the motion, shape `(N, n_channels)`.
+        rows: Per effort row `[columns that row sees | effort]` behind the parallel filter, shape
+            `(N_j, k_j + 1)`.
+        weights: Per effort row the weight of each of its samples, shape `(N_j,)`.
+        at: Per effort row the number of the instant of each of its samples, shape `(N_j,)`.
+    """
+
+    layout: Layout
+    signature: Signature
+    sources: tuple[SampledRun, ...]
+    source: Index
+    t: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    channels: Array
+    rows: tuple[Array, ...]
+    weights: tuple[Array, ...]
+    at: tuple[Index, ...]
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __add__(self, other: "FilteredSamples") -> "FilteredSamples":
+        """The samples of both.
+
+        Raises:
+            DataError: They differ in model, columns, effort unit or filters.
+        """
+        mine, theirs = ", ".join(self.runs), ", ".join(other.runs)
+        self.signature.refuse_unlike(other.signature, f"runs {mine} and {theirs}")
+        return replace(
+            self,
+            sources=self.sources + other.sources,
+            source=np.concatenate([self.source, other.source + len(self.sources)]),
+            t=np.concatenate([self.t, other.t]),
+            q=np.concatenate([self.q, other.q]),
+            dq=np.concatenate([self.dq, other.dq]),
+            ddq=np.concatenate([self.ddq, other.ddq]),
+            channels=np.concatenate([self.channels, other.channels]),
+            rows=_joined(self.rows, other.rows),
+            weights=_joined(self.weights, other.weights),
+            at=tuple(
+                np.concatenate([a, b + len(self)]) for a, b in zip(self.at, other.at, strict=True)
+            ),
+        )
+
+    @property
+    def runs(self) -> tuple[str, ...]:
+        """Names of the runs."""
+        return tuple(dict.fromkeys(source.run for source in self.sources))
+
+    @cached_property
+    def shares(self) -> tuple[Array, ...]:
+        """Per effort row what each sample is worth in independent ones, shape `(N_j,)`."""
+        shares = np.array([source.share for source in self.sources])
+        return tuple(shares[self.source[at]] for at in self.at)
+
+    def of(self, kept: Mask) -> "FilteredSamples":
+        """Some of the instants, marked by `kept`, shape `(N,)`."""
+        number = np.cumsum(kept) - 1
+        mine = [kept[at] for at in self.at]
+        return replace(
+            self,
+            source=self.source[kept],
+            t=self.t[kept],
+            q=self.q[kept],
+            dq=self.dq[kept],
+            ddq=self.ddq[kept],
+            channels=self.channels[kept],
+            rows=tuple(x[k] for x, k in zip(self.rows, mine, strict=True)),
+            weights=tuple(x[k] for x, k in zip(self.weights, mine, strict=True)),
+            at=tuple(number[at[k]] for at, k in zip(self.at, mine, strict=True)),
+        )
+
+    def during(self, windows: Sequence[Window]) -> "FilteredSamples":
+        """The samples in some windows of their runs."""
+        kept = np.zeros(len(self), dtype=np.bool_)
+        for window in windows:
+            mine = [k for k, source in enumerate(self.sources) if source.run == window.run]
+            inside = (self.t >= window.start) & (self.t <= window.stop)
+            kept |= inside & np.isin(self.source, mine)
+        return self.of(kept)
+
+    def scaled(self, gains: Array, units: Sequence[str]) -> "FilteredSamples":
+        """The same samples with each row's effort multiplied by a gain, in its new unit."""
+        rows = []
+        for row, gain in zip(self.rows, gains, strict=True):
+            changed = row.copy()
+            changed[:, -1] *= gain
+            rows.append(frozen(changed))
+        return replace(
+            self, rows=tuple(rows), signature=replace(self.signature, effort=tuple(units))
+        )
+
+    def residuals(self, values: Array) -> tuple[Array, ...]:
+        """Effort not explained by parameters `(p,)`, per row, shape `(N_j,)`."""
+        return tuple(
+            row[:, -1] - row[:, :-1] @ values[list(seen)]
+            for row, seen in zip(self.rows, self.layout.sees, strict=True)
+        )
+
+    def information(self, weights: Sequence[Array] | None = None) -> Information:
+        """Sums over the samples, counted as what they are worth, in some windows per run.
+
+        Args:
+            weights: Further weights of each row's samples, each `(N_j,)`; a sample of weight 0 does
+                not count.
+        """
+        given = [np.ones(len(w)) for w in self.weights] if weights is None else weights
+        total = [w * g for w, g in zip(self.weights, given, strict=True)]
+        parts = list(self._windows())
+        sums = [self._sums(source, mine, total) for source, _, mine in parts]
+        size = sum(w * (w + 1) // 2 for w in self.layout.widths)
+        return Information(
+            self.layout,
+            self.signature,
+            tuple(window for _, window, _ in parts),
+            np.reshape([grams for grams, _, _ in sums], (len(sums), size)),
+            np.reshape([absolute for _, absolute, _ in sums], (-1, sum(self.layout.widths))),
+            np.reshape([counts for _, _, counts in sums], (len(sums), len(self.rows))),
+        )
+
+    def _windows(self) -> Iterator[tuple[SampledRun, Window, Mask]]:
+        """Stretches of each run of equal numbers of instants, and the instants in them."""
+        for number, source in enumerate(self.sources):
+            order = np.flatnonzero(self.source == number)
+            order = order[np.argsort(self.t[order], kind="stable")]
+            for part in np.array_split(order, WINDOWS):
+                if len(part):
+                    mine = np.zeros(len(self), dtype=np.bool_)
+                    mine[part] = True
+                    yield (
+                        source,
+                        Window(source.run, float(self.t[part[0]]), float(self.t[part[-1]])),
+                        mine,
+                    )
+
+    def _sums(
+        self, source: SampledRun, mine: Mask, weights: Sequence[Array]
+    ) -> tuple[Array, Array, Array]:
+        """Packed Gram matrices, sums of |value| and counts of some instants of a run."""
+        grams, absolute, counts = [], [], []
+        for row, weight, at in zip(self.rows, weights, self.at, strict=True):
+            here = mine[at]
+            part = row[here] * np.sqrt(weight[here])[:, None]
+            grams.append(source.share * packed(part.T @ part))
+            absolute.append(source.share * np.abs(part).sum(axis=0))
+            counts.append(source.share * np.count_nonzero(weight[here]))
+        return np.concatenate(grams), np.concatenate(absolute), np.array(counts)
+
+
+def _joined(first: tuple[Array, ...], second: tuple[Array, ...]) -> tuple[Array, ...]:
+    return tuple(np.concatenate([a, b]) for a, b in zip(first, second, strict=True))
+
+
+MOST_SAMPLES_PER_ROW = 20_000
+"""Samples kept per effort row of a run."""
+
+
+def gather_samples(
+    regressor: Regressor,
+    run: Run,
+    *,
+    matched: bool = True,
+    rests: bool = False,
+    most: int = MOST_SAMPLES_PER_ROW,
+    threads: int = 1,
+    progress: Progress = silent,
+) -> FilteredSamples:
+    """Filtered samples of one run: every one of a short run, every 2nd, 4th, ... of a longer one.
+
+    Args:
+        regressor: The columns.
+        run: Clean motion and effort on a uniform clock.
+        matched: Whether columns and effort go through the run's parallel filter.
+        rests: Whether samples count where a joint rests, see `gather`.
+        most: Samples kept per effort row; memory holds twice as many.
+        threads: Native threads.
+        progress: Told about every piece.
+
+    Raises:
+        Stopped: `progress` requested a stop.
+        LogError: No stretch of the run is as long as the filter, or an effort never changes.
+    """
+    gram_pass = start_pass(regressor, run, matched, rests)
+    accumulator, kept = gram_pass.accumulator, _Kept(max(1, most))
+    for piece, found in in_order(accumulator.rows, gram_pass.pieces, threads):
+        kept.add(_instants(accumulator, piece, run.rate, *found))
+        report_progress(progress, f"gathering {piece.window.run}", piece.window.stop, run.duration)
+    if not kept.parts:
+        raise gram_pass.too_short()
+    chosen = accumulator.matched
+    share = 1.0
+    if chosen is not None:
+        share /= replace(chosen, decimation=chosen.decimation * kept.step).inflation
+    error = motion_error(run, None if chosen is None else chosen.taps)
+    return _samples(
+        regressor.layout, gram_pass.signature, SampledRun(run.name, share, error), kept.parts
+    )
+
+
+def _samples(
+    layout: Layout, signature: Signature, source: SampledRun, parts: "list[_SamplesOfPiece]"
+) -> FilteredSamples:
+    """Parts of one run, and what each row saw at the instants that count for it."""
+    whole = _SamplesOfPiece.joined(parts)
+    at = tuple(np.flatnonzero(weight) for weight in whole.weights)
+    return FilteredSamples(
+        layout=layout,
+        signature=signature,
+        sources=(source,),
+        source=np.zeros(len(whole.t), dtype=np.intp),
+        t=frozen(whole.t),
+        q=frozen(whole.q.T),
+        dq=frozen(whole.dq.T),
+        ddq=frozen(whole.ddq.T),
+        channels=frozen(whole.channels.T),
+        rows=tuple(
+            frozen(whole.rows[start : start + width, k].T)
+            for start, width, k in zip(layout.starts, layout.widths, at, strict=True)
+        ),
+        weights=tuple(frozen(w[k]) for w, k in zip(whole.weights, at, strict=True)),
+        at=at,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _SamplesOfPiece:
+    """Instants of a piece at which any row counts, joint-major.
+
+    Attributes:
+        numbers: Which filtered samples of the run they are, shape `(M,)`.
+        t: Their times, shape `(M,)` [s].
+        q: Shape `(n, M)`; likewise `dq`, `ddq` and `channels`.
+        rows: Columns and efforts as `Layout.starts` says, shape `(width, M)`.
+        weights: Shape `(n, M)`.
+    """
+
+    numbers: NDArray[np.intp]
+    t: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    channels: Array
+    rows: Array
+    weights: Array
+
+    @property
+    def _arrays(self) -> tuple[NDArray[np.generic], ...]:
+        return tuple(vars(self).values())
+
+    def of(self, kept: NDArray[np.bool_]) -> "_SamplesOfPiece":
+        """Some of the instants."""
+        return _SamplesOfPiece(*(x[..., kept] for x in self._arrays))  # type: ignore[arg-type]
+
+    @classmethod
+    def joined(cls, parts: "list[_SamplesOfPiece]") -> "_SamplesOfPiece":
+        """Parts one after another."""
+        columns = zip(*(part._arrays for part in parts), strict=True)
+        return cls(*(np.concatenate(column, axis=-1) for column in columns))
+
+
+class _Kept:
+    """Parts of a run of any length; beyond `most` samples in a row, every other one goes."""
+
+    def __init__(self, most: int) -> None:
+        self.parts: list[_SamplesOfPiece] = []
+        self.step = 1
+        self._most, self._seen, self._counts = most, 0, np.zeros(1)
+
+    def add(self, part: _SamplesOfPiece) -> None:
+        """Take in the next samples; kept are those whose number is a multiple of the step."""
+        self._seen, first = self._seen + len(part.t), self._seen
+        numbered = replace(part, numbers=part.numbers + first)
+        self._hold(numbered)
+        while self._counts.max(initial=0) > self._most:
+            self.step *= 2
+            buffered, self.parts, self._counts = self.parts, [], np.zeros(1)
+            for old in buffered:
+                self._hold(old)
+
+    def _hold(self, part: _SamplesOfPiece) -> None:
+        counted = (part.numbers % self.step == 0) & part.weights.any(axis=0)
+        if counted.any():
+            self.parts.append(part.of(counted))
+            self._counts = self._counts + np.count_nonzero(self.parts[-1].weights, axis=1)
+
+
+def _instants(
+    accumulator: Accumulator, piece: Piece, rate: float, rows: Array, weights: Array
+) -> _SamplesOfPiece:
+    """Filtered samples with the motion in the middle of the filter."""
+    stretch: Stretch = piece.stretch
+    count, unit = rows.shape[1], accumulator.decimation
+    middle = (len(accumulator.matched.taps) - 1) // 2 if accumulator.matched else 0
+    at = middle + unit * np.arange(count)
+    q, dq, ddq, channels, _ = (x[:, at] for x in stretch.inputs)
+    t = piece.window.start + at / rate
+    return _SamplesOfPiece(np.arange(count), t, q, dq, ddq, channels, rows, weights)

@@ -1,0 +1,1 @@
+"""Ordinary and weighted least squares, and their covariance."""

@@ -1,0 +1,294 @@
+r"""Least squares with known values, and within bounds of the base parameters.
+
+Of $\tau = X \varphi$ with known $\varphi_k$, $\tau - X_k \varphi_k = X_u \varphi_u$ is solved for
+the others: columns of known parameters are left out, so the values are met exactly.
+
+$\min \|R\varphi - z\|$ subject to $l \le \varphi \le u$, weighted as weighted least squares is;
+solved by an active set [Stark1995], so the optimum is exact.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from steelyard.base.arrays import Array, Parameters, frozen
+from steelyard.base.errors import DataError
+from steelyard.estimate.estimate import Estimate, Estimator
+from steelyard.estimate.information.base_parameters import BaseMap
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.regressor import Layout
+from steelyard.estimate.least_squares.least_squares import Whitened, whitened
+from steelyard.estimate.least_squares.normal_equations import Fit, described, spread_of
+from steelyard.estimate.least_squares.residual_covariance import scatter
+from steelyard.estimate.prior.prior import Knowledge
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """Base parameters that prior constraints determine alone.
+
+    Attributes:
+        values: By name of the base parameter.
+        unused: Labels of the constraints that determine none.
+    """
+
+    values: Mapping[str, float]
+    unused: tuple[str, ...]
+
+
+def fixed_values(base: BaseMap, knowledge: Knowledge) -> Fixed:
+    """Base parameters all of whose members have a known value.
+
+    Args:
+        base: Standard parameters to base parameters.
+        knowledge: Its constraints that give a standard parameter a value count.
+    """
+    known: dict[str, float] = {}
+    for row in knowledge.rows:
+        if len(row.coefficients) == 1 and row.lower == row.upper:
+            ((name, factor),) = row.coefficients.items()
+            known[name] = row.lower / factor
+    values, used = dict[str, float](), {base.names[k] for k in base.unseen}
+    for name, lift in zip(base.base_names, base.lift, strict=True):
+        members = {base.names[k]: float(lift[k]) for k in np.flatnonzero(lift)}
+        if members.keys() <= known.keys():
+            values[name] = sum(factor * known[member] for member, factor in members.items())
+            used |= members.keys()
+    unused = [
+        row.label
+        for row in knowledge.rows
+        if row.lower != row.upper or not row.coefficients.keys() <= used & known.keys()
+    ]
+    return Fixed(values, tuple(unused))
+
+
+@dataclass(frozen=True, eq=False)
+class WithKnownValues:
+    """An estimator of the parameters that are not known.
+
+    Attributes:
+        inner: Estimates the others.
+        values: Known parameters by name; those that are no columns have no effect.
+    """
+
+    inner: Estimator[Information]
+    values: Mapping[str, float]
+
+    def __call__(self, information: Information) -> Estimate:
+        """Estimate the columns that are not known; the known ones have no uncertainty."""
+        columns = information.layout.columns
+        known = {name: self.values[name] for name in columns if name in self.values}
+        if not known:
+            return self.inner(information)
+        found = self.inner(without_known(information, known))
+        return _joined(found, information.layout, known)
+
+
+def without_known(information: Information, known: Mapping[str, float]) -> Information:
+    """The data of the other columns, the known part taken from the efforts."""
+    layout = information.layout
+    left = [k for k, name in enumerate(layout.columns) if name not in known]
+    place = {column: k for k, column in enumerate(left)}
+    sees = tuple(tuple(place[c] for c in seen if c in place) for seen in layout.sees)
+    parts = []
+    for old, new in zip(layout.sees, sees, strict=True):
+        part = np.zeros((len(old) + 1, len(new) + 1))
+        part[-1, -1] = 1.0
+        for k, column in enumerate(old):
+            if column in place:
+                part[k, new.index(place[column])] = 1.0
+            else:
+                part[k, -1] = -known[layout.columns[column]]
+        parts.append(part)
+    names, units = ([of[k] for k in left] for of in (layout.columns, layout.units))
+    return information.mapped(Layout(tuple(names), tuple(units), layout.rows, sees), parts)
+
+
+def _joined(estimate: Estimate, layout: Layout, known: Mapping[str, float]) -> Estimate:
+    """The estimate with the known parameters among the others, in the order of the columns."""
+    found = estimate.parameters.as_dict()
+    order = [k for k, name in enumerate(layout.columns) if name in found or name in known]
+    names = tuple(layout.columns[k] for k in order)
+    at = [names.index(name) for name in estimate.parameters.names]
+    covariance = np.zeros((len(names), len(names)))
+    covariance[np.ix_(at, at)] = estimate.covariance
+    values = [known[name] if name in known else found[name] for name in names]
+    return replace(
+        estimate,
+        parameters=Parameters(names, tuple(layout.units[k] for k in order), values),
+        covariance=frozen(covariance),
+        known=tuple(name for name in names if name in known),
+    )
+
+
+Bounds = Mapping[str, tuple[float, float]]
+"""Lower and upper bound by name of the column; infinite where there is none."""
+
+AT_BOUND = 1e-6
+"""Distance from a bound, in standard deviations, up to which a parameter lies on it."""
+
+
+def base_bounds(base: BaseMap, knowledge: Knowledge) -> Bounds:
+    """Bounds of base parameters that follow from those of the standard parameters in them.
+
+    Args:
+        base: Standard parameters to base parameters.
+        knowledge: Bounds of the standard parameters.
+    """
+    lower = dict(zip(knowledge.names, knowledge.lower, strict=True))
+    upper = dict(zip(knowledge.names, knowledge.upper, strict=True))
+    result = {}
+    for name, row in zip(base.base_names, base.lift, strict=True):
+        low = high = 0.0
+        for k in np.flatnonzero(row):
+            ends = (row[k] * lower[base.names[k]], row[k] * upper[base.names[k]])
+            low, high = low + min(ends), high + max(ends)
+        result[name] = (float(low), float(high))
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    r"""Least squares of the columns that the data see, within a box.
+
+    Attributes:
+        data: The whitened data.
+        names: Columns that the data see, `k` of them.
+        lower: Their lower bounds, shape `(k,)`.
+        upper: Their upper bounds, likewise.
+        root: Their columns of $R$, shape `(rank, k)`.
+    """
+
+    data: Whitened
+    names: tuple[str, ...]
+    lower: Array
+    upper: Array
+    root: Array
+
+    @classmethod
+    def of(cls, data: Whitened, bounds: Bounds) -> "Box":
+        """A box of given bounds.
+
+        Of a parameter that stands for others, which the data cannot distinguish from it, bounds do
+        not hold: they are left out.
+
+        Raises:
+            DataError: A bound is of no column, or leaves no room.
+        """
+        solution, columns = data.fit.solution, data.fit.data.whole.layout.columns
+        refuse_bad_bounds(bounds, columns)
+        tied = {name for blind in solution.blind for name in blind.tied_to}
+        names = tuple(columns[k] for k in solution.kept)
+        free = (-np.inf, np.inf)
+        ends = [free if name in tied else bounds.get(name, free) for name in names]
+        lower, upper = np.array(ends, dtype=np.float64).reshape(-1, 2).T
+        root = data.matrix[:, [data.names.index(name) for name in names]]
+        return cls(data, names, lower, upper, root)
+
+    def optimum(self) -> Array:
+        """The best values within the box, by bounded least squares, shape `(k,)`.
+
+        Raises:
+            DataError: The solver did not finish.
+        """
+        from scipy.optimize import lsq_linear
+
+        lengths = np.linalg.norm(self.root, axis=0)
+        ends = (self.lower * lengths, self.upper * lengths)
+        found = lsq_linear(self.root / lengths, self.data.vector, ends, method="bvls", tol=1e-14)
+        if not found.success:
+            raise DataError(
+                f"bounded least squares did not converge: {found.message}",
+                where=f"{len(lengths)} parameters",
+                fix="remove bounds that contradict the data, or use WLS",
+            )
+        return np.asarray(np.clip(found.x / lengths, self.lower, self.upper))
+
+    def estimate(self, name: str, values: Array, notes: tuple[str, ...]) -> Estimate:
+        """An estimate at these values `(k,)`; it says which of them lie at a bound.
+
+        The covariance is that of weighted least squares, with the residuals that the values leave.
+        """
+        fit = self.data.fit
+        data, old = fit.data, fit.solution
+        full = np.zeros(len(old.values))
+        full[old.kept] = values
+        rise = residual_squares(fit, full) - residual_squares(fit, old.values)
+        variances = fit.variances + np.maximum(rise, 0.0) / np.maximum(data.whole.n_samples, 1.0)
+        matrix = data.normal(1.0 / variances)[0][np.ix_(old.kept, old.kept)]
+        lengths = np.sqrt(np.diag(matrix))
+        inverse = np.linalg.inv(matrix / lengths[:, None] / lengths) / lengths[:, None] / lengths
+        locals_ = tuple(part.solved(full) for part in data.normal(1.0 / variances)[2])
+        solution = replace(old, values=full, inverse=inverse, locals=locals_)
+        found = Fit(data, solution, variances)
+        made = described(name, found, spread_of(found, scatter(fit) / variances))
+        at_bounds = self.at_bounds(values)
+        at = (f"at a bound: {', '.join(at_bounds)}",) if at_bounds else ()
+        return replace(made, notes=(*notes, *at))
+
+    def at_bounds(self, values: Array) -> list[str]:
+        """Names of the parameters that lie at a bound."""
+        slack = AT_BOUND / np.linalg.norm(self.root, axis=0)
+        at = (values <= self.lower + slack) | (values >= self.upper - slack)
+        return [name for name, is_at in zip(self.names, at, strict=True) if is_at]
+
+
+def residual_squares(fit: Fit, values: Array) -> Array:
+    """Sum of squared residuals per row, `(rows,)`, with each run's own parameters fitted.
+
+    Args:
+        fit: Weighted least squares, whose weights fit what is a run's own.
+        values: Of the shared columns, shape `(p,)`.
+    """
+    total = np.zeros(len(fit.variances))
+    for run, own in zip(fit.data.runs, fit.solution.locals, strict=True):
+        mine = values.copy()
+        mine[list(own.columns)] = own.solved(values).values
+        total += run.residual_squares(mine)
+    return total
+
+
+def refuse_bad_bounds(bounds: Bounds, columns: tuple[str, ...]) -> None:
+    """Bounds must be of known columns and leave room.
+
+    Raises:
+        DataError: They are not, or do not.
+    """
+    for name, (lower, upper) in bounds.items():
+        if name not in columns:
+            raise DataError(
+                f"there is no column '{name}' that could be bounded",
+                where="bounds of the parameters",
+                fix=f"its columns are {', '.join(columns[:12])}, ...",
+            )
+        if not lower < upper:
+            raise DataError(
+                f"the bounds of '{name}' are empty: {lower:g} to {upper:g}",
+                where="bounds of the parameters",
+                fix="give a lower bound below the upper one, or leave the term out of the model",
+            )
+
+
+@dataclass(frozen=True)
+class BoundedLeastSquares:
+    """Weighted least squares within bounds.
+
+    The intervals are those without the bounds: wider than need be where a bound holds.
+
+    Attributes:
+        bounds: Lower and upper bound by column, see `box.base_bounds`.
+        per_run: Columns whose parameters every run has for itself.
+    """
+
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    per_run: tuple[str, ...] = ()
+
+    def __call__(self, information: Information) -> Estimate:
+        """Estimate all columns that the data see.
+
+        Raises:
+            DataError: The data show nothing, or a bound is unusable.
+        """
+        box = Box.of(whitened(information, self.per_run), self.bounds)
+        return box.estimate("bounded least squares", box.optimum(), ())

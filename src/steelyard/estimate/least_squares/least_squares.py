@@ -1,0 +1,372 @@
+r"""Ordinary, weighted and recursive least squares, and information as a whitened problem.
+
+Weights are one per effort row, $1/\sigma_j^2$, found by iteration: fit, take each row's residuals,
+fit again [Gautier1997]. Information counts filtered samples for what they are worth, as many as
+there are independent ones, so the covariance is right for white residuals behind a low-pass; where
+windows of time show that they are alike for longer or for less, it follows (see `sandwich`), and
+what samples beside rests move is added (see `beside_rests`).
+
+Rows are weighted by the variance of their residuals in weighted least squares, widened where
+residuals are alike for longer than the filter; parameters of single runs are eliminated, and what
+is left is compressed to as many rows as the data have rank.
+
+What was learned fades as $\lambda^{\Delta t}$ with the time of the windows after it, so parameters
+that drift are followed [Ljung1999]. Kept are the faded sums of products, not an inverse: nothing
+has to be guessed before the first window.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import DataError
+from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.least_squares.normal_equations import (
+    Fit,
+    Solution,
+    Spread,
+    described,
+    refuse_few,
+    scores_of,
+    solve,
+    spread_of,
+    variances_of,
+)
+from steelyard.estimate.least_squares.per_run import Eliminated, Runs
+from steelyard.estimate.least_squares.residual_covariance import (
+    inflations,
+    moved,
+    moved_scores,
+    note_of,
+    scatter,
+)
+
+DEPTH = 4
+"""Earlier points that are mixed."""
+
+NEAR = 0.1
+"""Change of a logarithm from which on earlier points are mixed."""
+
+LONGEST = 1.0
+"""Longest mixed step of a logarithm."""
+
+
+@dataclass(frozen=True)
+class OrdinaryLeastSquares:
+    """All rows weigh the same, whatever their noise.
+
+    Attributes:
+        per_run: Columns whose parameters every run has for itself.
+    """
+
+    per_run: tuple[str, ...] = ()
+
+    def __call__(self, information: Information) -> Estimate:
+        """Estimate all columns that the data see."""
+        data = Runs.of(information, self.per_run)
+        ones = np.ones(len(information.layout.rows))
+        solution = solve(data, ones)
+        fit = Fit(data, solution, variances=variances_of(data, solution, ones))
+        factors = scatter(WeightedLeastSquares(per_run=self.per_run).fit(information))
+        spread = _spread(fit, ones, factors * fit.variances)
+        estimate = described("ordinary least squares", fit, spread)
+        return replace(estimate, notes=note_of(information.layout.rows, factors))
+
+
+@dataclass(frozen=True)
+class WeightedLeastSquares:
+    """Every row weighs by the variance of its own residuals.
+
+    Attributes:
+        rounds: Most iterations of the weights.
+        tolerance: Relative change of the weights at which they have converged.
+        per_run: Columns whose parameters every run has for itself.
+    """
+
+    rounds: int = 50
+    tolerance: float = 1e-6
+    per_run: tuple[str, ...] = ()
+
+    def __call__(self, information: Information) -> Estimate:
+        """Estimate all columns that the data see."""
+        fit = self.fit(information)
+        factors = scatter(fit)
+        spread = _spread(fit, 1.0 / fit.variances, factors / fit.variances)
+        estimate = described("weighted least squares", fit, spread)
+        return replace(estimate, notes=note_of(information.layout.rows, factors))
+
+    def fit(self, information: Information) -> Fit:
+        """Values and converged weights, without covariances."""
+        data = Runs.of(information, self.per_run)
+        energy = information.effort_squares() / np.maximum(information.n_samples, 1.0)
+        logs, mixed = np.log(np.where(energy > 0.0, energy, 1.0)), Mixing()
+        before: Solution | None = None
+        for _ in range(self.rounds):
+            weights = np.exp(-logs)
+            solution = before = solve(data, weights, before)
+            variances = variances_of(data, solution, weights)
+            change = np.log(variances) - logs
+            if np.abs(change).max() < self.tolerance:
+                break
+            logs = mixed.next(logs, change)
+        return Fit(data, solution, variances)
+
+
+def _spread(fit: Fit, weights: Array, noise: Array) -> Spread:
+    """What noise does to a fit, and what samples beside rests move.
+
+    Args:
+        fit: The fit.
+        weights: One per row.
+        noise: Variance of the residuals times the square of their weight, per row.
+    """
+    spread, solution = spread_of(fit, noise), fit.solution
+    scores = scores_of(fit.data, solution.locals, solution.kept, noise)
+    shift = solution.inverse @ moved_scores(fit, weights, scores)
+    own = [part.slopes[:, solution.kept] @ shift for part in solution.locals]
+    return Spread(
+        spread.shared + np.outer(shift, shift),
+        tuple(found + np.outer(x, x) for found, x in zip(spread.own, own, strict=True)),
+    )
+
+
+class Mixing:
+    """Anderson's mixing: the next point of a fixed-point iteration from the last few."""
+
+    def __init__(self) -> None:
+        self._points: list[Array] = []
+        self._changes: list[Array] = []
+
+    def next(self, point: Array, change: Array) -> Array:
+        """The point at which a linear model of the changes is zero, or the plain next one.
+
+        Args:
+            point: Where the iteration stands.
+            change: What one plain step would add to it.
+        """
+        size = float(np.abs(change).max())
+        if size > NEAR:
+            self._points, self._changes = [], []
+            return point + change
+        self._points = [*self._points[-DEPTH:], point]
+        self._changes = [*self._changes[-DEPTH:], change]
+        slopes = np.diff(self._changes, axis=0).T
+        if not slopes.size:
+            return point + change
+        shares = np.linalg.lstsq(slopes, change, rcond=1e-8)[0]
+        step = change - (np.diff(self._points, axis=0).T + slopes) @ shares
+        return np.asarray(point + np.clip(step, -LONGEST, LONGEST))
+
+
+RANK = 1e-11
+"""Eigenvalue of the normal matrix, columns of unit length, below which it is rounding."""
+
+FREEDOM = 2.0
+"""Independent samples per parameter that a fit needs at least."""
+
+
+@dataclass(frozen=True, eq=False)
+class Whitened:
+    """A least-squares problem in base parameters.
+
+    Attributes:
+        fit: Weighted least squares of the same data.
+        eliminated: Per run its own parameters, as functions of the others.
+        names: Base parameters, `c` of them; those of single runs are not among them.
+        matrix: `R`, shape `(rank, c)`.
+        vector: `z`, shape `(rank,)`.
+        noise: Covariance of `z` from windows of time and samples beside rests, shape
+            `(rank, rank)`.
+        lengths: Root of the sum of squares of each whitened column, shape `(c,)`.
+        effort: Root of the sum of squares of the whitened efforts.
+    """
+
+    fit: Fit
+    eliminated: tuple[Eliminated, ...]
+    names: tuple[str, ...]
+    matrix: Array
+    vector: Array
+    noise: Array
+    lengths: Array
+    effort: float
+
+    @property
+    def rank(self) -> int:
+        """Rows of `matrix`."""
+        return len(self.vector)
+
+
+def whitened(
+    information: Information, per_run: Sequence[str] = (), *, equal: bool = False
+) -> Whitened:
+    """Compress information.
+
+    Args:
+        information: What the data say.
+        per_run: Columns whose parameters every run has for itself.
+        equal: Whether all rows weigh the same, by their mean variance.
+
+    Raises:
+        DataError: There are too few samples to distinguish noise from motion.
+    """
+    refuse_few(information, len(information.layout.columns), FREEDOM)
+    fit = WeightedLeastSquares(per_run=tuple(per_run)).fit(information)
+    variances = fit.variances * inflations(fit)
+    if equal:
+        counts = information.n_samples
+        variances = np.full(len(counts), variances @ counts / counts.sum())
+    normal, right, eliminated, squares = fit.data.normal(1.0 / variances)
+    columns = [k for k in range(len(right)) if k not in fit.data.local]
+    normal, right = normal[np.ix_(columns, columns)], right[columns]
+    lengths = np.sqrt(np.maximum(np.diag(normal), 0.0))
+    scale = np.where(lengths > 1e-12 * lengths.max(initial=1e-300), lengths, np.inf)
+    values, vectors = np.linalg.eigh(normal / scale[:, None] / scale)
+    kept = values > RANK * values[-1]
+    roots, vectors = np.sqrt(values[kept]), vectors[:, kept]
+    finite = np.where(np.isfinite(scale), scale, 0.0)
+    effort = information.effort_squares() @ (1.0 / variances)
+    names, matrix = (
+        tuple(information.layout.columns[k] for k in columns),
+        (vectors * roots).T * finite,
+    )
+    if equal:
+        noise = _noise(names, matrix, OrdinaryLeastSquares(tuple(per_run))(information))
+    else:
+        root = (vectors / scale[:, None]).T / roots[:, None]
+        squared = fit.variances * scatter(fit) / np.square(variances)
+        noise = root @ scores_of(fit.data, eliminated, columns, squared) @ root.T
+        shift = moved(fit, 1.0 / variances, root, columns, noise)
+        noise += np.outer(shift, shift)
+    return Whitened(
+        fit,
+        eliminated,
+        names,
+        matrix,
+        (vectors.T @ (right / scale)) / roots,
+        noise,
+        np.sqrt(np.maximum(squares[columns], 0.0)),
+        float(np.sqrt(effort)),
+    )
+
+
+def _noise(names: Sequence[str], matrix: Array, plain: Estimate) -> Array:
+    """Covariance of `z` where rows weigh the same: of what ordinary least squares makes of it."""
+    place = {name: k for k, name in enumerate(plain.parameters.names)}
+    shared = [name for name in names if name in place]
+    mine, theirs = [names.index(name) for name in shared], [place[name] for name in shared]
+    covariance = plain.covariance[np.ix_(theirs, theirs)]
+    return np.asarray(matrix[:, mine] @ covariance @ matrix[:, mine].T)
+
+
+MOST_WINDOWS_APART = 48
+"""Windows that are kept apart, for the correlation of residuals."""
+
+Inner = WeightedLeastSquares | OrdinaryLeastSquares
+
+
+@dataclass(frozen=True)
+class Recursive:
+    """Estimates window by window.
+
+    Attributes:
+        forgetting: Weight, after a second of further data, of what was learned before, above 0 and
+            up to 1; with 1 nothing fades, and the estimate is the inner one of all windows.
+        inner: How rows are weighted.
+    """
+
+    forgetting: float = 1.0
+    inner: Inner = field(default_factory=WeightedLeastSquares)
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.forgetting <= 1.0:
+            raise DataError(
+                f"a forgetting factor of {self.forgetting:g} per second is not valid",
+                where="recursive least squares",
+                fix="give a weight above 0 and up to 1, such as 0.98",
+            )
+
+    def start(self) -> "Online":
+        """Begin, with nothing learned."""
+        return Online(self)
+
+    def __call__(self, information: Information) -> Estimate:
+        """The estimate after all windows, in their order.
+
+        Raises:
+            DataError: The data see no parameter.
+        """
+        online = self.start()
+        online.add(information)
+        return online.estimate()
+
+
+class Online:
+    """Recursive least squares on its way; constant in size however long it goes on."""
+
+    def __init__(self, settings: Recursive) -> None:
+        self._settings = settings
+        self._faded: Information | None = None
+        self._squared: Information | None = None
+
+    def add(self, information: Information) -> None:
+        """Take in the next windows, in order.
+
+        Raises:
+            DataError: They differ from those before in model, columns, effort unit or filters.
+        """
+        for number, window in enumerate(information.windows):
+            keep = self._settings.forgetting ** max(window.stop - window.start, 0.0)
+            part = information.of([number])
+            self._faded = _after(self._faded, keep, part)
+            self._squared = _after(self._squared, keep**2, part)
+
+    def estimate(self) -> Estimate:
+        """What is known now.
+
+        Raises:
+            DataError: No window has come yet, or the data see no parameter.
+        """
+        if self._faded is None or self._squared is None:
+            raise DataError(
+                "no window was added yet",
+                where="recursive least squares",
+                fix="add information before asking for an estimate",
+            )
+        found = self._settings.inner(self._faded)
+        name = f"recursive {found.estimator}"
+        if self._settings.forgetting == 1.0:
+            return replace(found, estimator=name)
+        memory = -1.0 / np.log(self._settings.forgetting)
+        return replace(
+            found,
+            estimator=name,
+            covariance=self._covariance(found, self._faded, self._squared),
+            notes=(*found.notes, f"data {memory:.3g} s old have weight 1/e"),
+        )
+
+    def _covariance(self, found: Estimate, faded: Information, squared: Information) -> Array:
+        """What noise does where samples are weighted by their age: its weights enter squared."""
+        variances = np.square(np.maximum(found.sigma, 1e-300))
+        ordinary = isinstance(self._settings.inner, OrdinaryLeastSquares)
+        weights = np.ones(len(variances)) if ordinary else 1.0 / variances
+        names = found.parameters.names
+        normal = faded.select(names).normal(weights)[0]
+        noise = squared.select(names).normal(np.square(weights) * variances)[0]
+        lengths = np.sqrt(np.diag(normal))
+        inverse = np.linalg.inv(normal / lengths[:, None] / lengths) / lengths[:, None] / lengths
+        covariance = inverse @ noise @ inverse
+        return frozen(0.5 * (covariance + covariance.T))
+
+
+def _after(before: Information | None, keep: float, new: Information) -> Information:
+    """Sums that have faded, and new ones; neighbours merge when there get too many."""
+    if before is None:
+        return new
+    both = before.with_effective_samples(1.0 / keep) + new
+    count = len(both.windows)
+    if count <= MOST_WINDOWS_APART:
+        return both
+    return both.grouped([range(k, min(k + 2, count)) for k in range(0, count, 2)])

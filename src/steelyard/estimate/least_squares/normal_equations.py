@@ -1,0 +1,323 @@
+r"""Normal equations solved: what is seen, what is not, residual variances and covariance.
+
+Shared by all estimators that come down to weighted sums of products.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from steelyard.base.arrays import Array, Parameters, frozen
+from steelyard.base.errors import DataError
+from steelyard.estimate.estimate import Estimate, RunParameters, Unidentifiable
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.least_squares.per_run import TIED, Eliminated, Runs, explained
+
+SEEN = 1e-10
+"""Squared sine of the angle to earlier columns below which the data do not see a column."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Values of all columns (unseen ones zero), those kept, and the inverse Gram of these.
+
+    Attributes:
+        values: Shared columns, shape `(p,)`; columns of single runs are zero here.
+        kept: Shared columns that the data see.
+        inverse: Inverse of the normal matrix of `kept`.
+        locals: Per run the values of its own columns, their inverse normal matrix and the map
+            from shared columns to them; see `Runs`.
+        blind: What is not seen.
+        normal: Normal matrix of `kept`.
+    """
+
+    values: Array
+    kept: list[int]
+    inverse: Array
+    locals: tuple[Eliminated, ...]
+    blind: tuple[Unidentifiable, ...]
+    normal: Array
+
+    @cached_property
+    def singular(self) -> Array:
+        """Eigenvalues of the normal matrix, ascending."""
+        return frozen(np.linalg.eigvalsh(self.normal))
+
+    @cached_property
+    def singular_normalised(self) -> Array:
+        """Eigenvalues of the normal matrix with columns of unit length, ascending."""
+        scale = np.sqrt(np.diag(self.normal))
+        return frozen(np.linalg.eigvalsh(self.normal / scale[:, None] / scale))
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fit and what it was made from.
+
+    Attributes:
+        data: Information, with what is a run's own.
+        solution: Values.
+        variances: Residual variance per effort row, shape `(rows,)`.
+    """
+
+    data: Runs
+    solution: Solution
+    variances: Array
+
+
+def solve(data: Runs, weights: Array, before: Solution | None = None) -> Solution:
+    """Least squares over all rows, each with a weight, shape `(rows,)`.
+
+    Args:
+        data: What the data say.
+        weights: One per row.
+        before: The solution with other weights, which mostly sees the same columns.
+
+    Raises:
+        DataError: The data show no parameter.
+    """
+    information = data.whole
+    matrix, vector, eliminated, squares = data.normal(weights)
+    lengths = np.sqrt(np.maximum(squares, 0.0))
+    scale = np.where(lengths > 1e-12 * lengths.max(initial=1e-300), lengths, np.inf)
+    scale[list(data.local)] = np.inf
+    unit = matrix / scale[:, None] / scale
+    if before is not None and _all_new(unit[np.ix_(before.kept, before.kept)]):
+        kept, blind = before.kept, before.blind
+    else:
+        kept, blind = visible(unit, np.isfinite(scale), information.layout.columns)
+    blind = explained(blind, eliminated, lengths, information.layout.columns)
+    if not kept:
+        raise DataError(
+            "none of the model's parameters is identifiable from the data",
+            where=", ".join(dict.fromkeys(w.run for w in information.windows)) or "no window",
+            fix="log a motion in which the joints move",
+        )
+    refuse_few(information, len(kept), 1.0)
+    normal = matrix[np.ix_(kept, kept)]
+    scale = np.sqrt(np.diag(normal))
+    reduced = normal / scale[:, None] / scale
+    inverse = np.linalg.inv(reduced)
+    values = np.zeros(len(vector))
+    first = inverse @ (vector[kept] / scale)
+    first += inverse @ (vector[kept] / scale - reduced @ first)
+    values[kept] = first / scale
+    return Solution(
+        values,
+        kept,
+        inverse / scale[:, None] / scale,
+        tuple(part.solved(values) for part in eliminated),
+        blind,
+        frozen(normal),
+    )
+
+
+def refuse_few(information: Information, parameters: int, each: float) -> None:
+    """Refuse data without degrees of freedom for the noise.
+
+    Args:
+        information: The data.
+        parameters: Number of parameters to be found.
+        each: Independent samples per parameter of which there must be more.
+
+    Raises:
+        DataError: There are too few.
+    """
+    total = float(information.n_samples.sum())
+    if total <= each * parameters:
+        raise DataError(
+            f"too few samples: {total:.3g} independent ones for {parameters} parameters; more than "
+            f"{each * parameters:.4g} are needed",
+            where=", ".join(dict.fromkeys(w.run for w in information.windows)) or "no window",
+            fix="log longer, with more of the time in motion; or leave terms out ([model] terms). "
+            "A higher sampling rate adds none because of the low-pass; a higher [processing] "
+            "matched_cutoff does, if noise allows it",
+        )
+
+
+def visible(
+    unit: Array, nonzero: Array, names: tuple[str, ...]
+) -> tuple[list[int], tuple[Unidentifiable, ...]]:
+    """Columns that are new to those before them: Cholesky in natural order, the others left out."""
+    size = len(unit)
+    if nonzero.all() and _all_new(unit):
+        return list(range(size)), ()
+    factor = np.zeros((size, size))
+    kept: list[int] = []
+    blind: list[Unidentifiable] = []
+    for k in range(size):
+        if not nonzero[k]:
+            blind.append(Unidentifiable(names[k]))
+            continue
+        part = np.linalg.solve(factor[np.ix_(kept, kept)], unit[kept, k])
+        rest = unit[k, k] - part @ part
+        if rest < SEEN:
+            weights = np.linalg.solve(unit[np.ix_(kept, kept)], unit[kept, k])
+            tied = [names[j] for j, w in zip(kept, weights, strict=True) if abs(w) > TIED]
+            blind.append(Unidentifiable(names[k], tuple(tied)))
+            continue
+        factor[k, kept] = part
+        factor[k, k] = np.sqrt(rest)
+        kept.append(k)
+    return kept, tuple(blind)
+
+
+def _all_new(unit: Array) -> bool:
+    """Whether every column is new; LAPACK answers that at once."""
+    try:
+        return bool(np.square(np.diag(np.linalg.cholesky(unit))).min() >= SEEN)
+    except np.linalg.LinAlgError:
+        return False
+
+
+def variances_of(data: Runs, solution: Solution, weights: Array) -> Array:
+    """Residual variance per row; a fit takes from each row the degrees of freedom it used there."""
+    layout, counts = data.whole.layout, data.whole.n_samples
+    squares, used = np.zeros(len(layout.rows)), np.zeros(len(layout.rows))
+    for run, own in zip(data.runs, solution.locals, strict=True):
+        values = solution.values.copy()
+        values[list(own.columns)] = own.values
+        columns, covariance = own.joined(solution.kept, solution.inverse)
+        position = {column: k for k, column in enumerate(columns)}
+        squares += run.residual_squares(values)
+        for row, seen in enumerate(layout.sees):
+            mine = [k for k, column in enumerate(seen) if column in position]
+            place = [position[seen[k]] for k in mine]
+            gram = run.row_gram(row)[np.ix_(mine, mine)]
+            used[row] += weights[row] * np.sum(gram * covariance[np.ix_(place, place)])
+    variances = squares / np.maximum(counts - used, 1.0)
+    floor = 1e-24 * max(float(data.whole.effort_squares().max()), 1e-300)
+    return np.maximum(variances, floor)
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """Covariance of the shared parameters, and per run that of its own."""
+
+    shared: Array
+    own: tuple[Array, ...]
+
+
+def spread_of(fit: Fit, noise: Array | None = None) -> Spread:
+    """What noise does to a fit.
+
+    Args:
+        fit: The fit.
+        noise: Variance of the residuals times the square of their weight, per row; where all rows
+            weigh the same, the variances are it.
+    """
+    data, solution = fit.data, fit.solution
+    kept, inverse = solution.kept, solution.inverse
+    total, parts = np.zeros((len(kept), len(kept))), []
+    for run, own in zip(data.runs, solution.locals, strict=True):
+        matrix, _, _ = run.normal(fit.variances if noise is None else noise)
+        shared = shared_map(own, kept)
+        total += shared.T @ matrix @ shared
+        mine = own.inverse @ matrix[list(own.columns)]
+        parts.append((own.slopes[:, kept], mine[:, list(own.columns)] @ own.inverse, mine @ shared))
+    covariance = inverse @ total @ inverse
+    each = []
+    for slopes, noise, across in parts:
+        cross = across @ inverse @ slopes.T
+        each.append(noise + slopes @ covariance @ slopes.T + cross + cross.T)
+    return Spread(covariance, tuple(each))
+
+
+def scores_of(
+    data: Runs, locals_: Sequence[Eliminated], kept: Sequence[int], weights: Array
+) -> Array:
+    """Covariance of the scores of shared columns, those of the runs themselves fitted.
+
+    Args:
+        data: The data.
+        locals_: Per run its own parameters.
+        kept: Shared columns.
+        weights: Variance of the residuals times the square of their weight, per row.
+
+    Returns:
+        Shape `(len(kept), len(kept))`.
+    """
+    total = np.zeros((len(kept), len(kept)))
+    for run, own in zip(data.runs, locals_, strict=True):
+        matrix, _, _ = run.normal(weights)
+        shared = shared_map(own, kept)
+        total += shared.T @ matrix @ shared
+    return total
+
+
+def shared_map(own: Eliminated, kept: Sequence[int]) -> Array:
+    """All columns per shared column, those of the run itself fitted, shape `(p, len(kept))`."""
+    shared = np.zeros((own.slopes.shape[1], len(kept)))
+    shared[list(kept), range(len(kept))] = 1.0
+    shared[list(own.columns)] = own.slopes[:, list(kept)]
+    return shared
+
+
+def described(name: str, fit: Fit, spread: Spread) -> Estimate:
+    """The estimate of a fit, under the estimator's name."""
+    data, solution, variances = fit.data, fit.solution, fit.variances
+    layout = data.whole.layout
+    values, covariance, own = _with_locals(solution, spread)
+    columns = [*solution.kept, *own]
+    order = np.argsort(columns)
+    chosen = [columns[k] for k in order]
+    return Estimate(
+        estimator=name,
+        parameters=Parameters(
+            [layout.columns[k] for k in chosen],
+            [layout.units[k] for k in chosen],
+            values[order],
+        ),
+        covariance=frozen(covariance[np.ix_(order, order)]),
+        blind=solution.blind,
+        sigma=frozen(np.sqrt(variances)),
+        n_samples=frozen(data.whole.n_samples),
+        condition=condition_of(solution.singular),
+        condition_normalised=condition_of(solution.singular_normalised),
+        per_run=tuple(
+            RunParameters(
+                part.run,
+                Parameters(
+                    [layout.columns[k] for k in part.columns],
+                    [layout.units[k] for k in part.columns],
+                    part.values,
+                ),
+                frozen(np.sqrt(np.diag(covariance))),
+            )
+            for part, covariance in zip(solution.locals, spread.own, strict=True)
+            if part.columns
+        ),
+    )
+
+
+def _with_locals(solution: Solution, spread: Spread) -> tuple[Array, Array, list[int]]:
+    """Shared values and covariance, joined by what a new run is to be expected to have.
+
+    Of a column that every run has for itself that is the mean over runs, with the variance
+    between runs (of one run alone: its own).
+    """
+    own = sorted({column for part in solution.locals for column in part.columns})
+    means, variances = [], []
+    for column in own:
+        parts = [
+            (part.values[k], covariance[k, k])
+            for part, covariance in zip(solution.locals, spread.own, strict=True)
+            for k, mine in enumerate(part.columns)
+            if mine == column
+        ]
+        found = np.array([value for value, _ in parts])
+        means.append(found.mean())
+        variances.append(found.var(ddof=1) if len(found) > 1 else parts[0][1])
+    size = len(spread.shared)
+    total = np.zeros((size + len(own), size + len(own)))
+    total[:size, :size] = (spread.shared + spread.shared.T) / 2.0
+    total[range(size, len(total)), range(size, len(total))] = variances
+    return np.concatenate([solution.values[solution.kept], means]), total, own
+
+
+def condition_of(eigenvalues: Array) -> float:
+    """Root of the ratio of a Gram matrix's extreme eigenvalues, as far as rounding shows it."""
+    rounding = np.finfo(np.float64).eps * eigenvalues[-1]
+    return float(np.sqrt(eigenvalues[-1] / max(eigenvalues[0], rounding)))

@@ -1,0 +1,176 @@
+r"""Ridge regression: towards zero, or towards the nominal bodies, as far as the data are weak.
+
+Minimises $\chi^2 + \lambda \|S (\phi - \phi_0)\|^2$ with $S$ the lengths of the whitened columns.
+The weight is that of least generalised cross-validation [Golub1979],
+$N\,\mathrm{RSS}(\lambda) / (N - \mathrm{tr} H(\lambda))^2$, which follows from the Gram matrix:
+with its eigenvalues $d$, $\mathrm{tr} H = \sum d / (d + \lambda)$.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.information.base_parameters import BaseMap
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.least_squares.normal_equations import (
+    Fit,
+    Solution,
+    Spread,
+    described,
+    variances_of,
+)
+from steelyard.estimate.least_squares.residual_covariance import honest_covariance
+from steelyard.estimate.prior.prior import Knowledge
+
+WEIGHTS = 1e-14, 1e4
+"""Least and greatest weight; the eigenvalues add up to the number of columns."""
+
+STEPS = 240
+"""Weights that are tried before the best one is refined."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ridge:
+    """Rows are weighted as weighted least squares has them; blind parameters stay blind.
+
+    The covariance is that after the data if `1 / weight` was the variance before them in units of
+    the columns' lengths, residuals that are alike for longer than the filter allowed for; `learned`
+    is what the data took of it.
+
+    Attributes:
+        towards: Base parameters by name that the estimate is drawn to; zero where there is none.
+        target: What they are, for people to read.
+        weight: Of the deviation; by generalised cross-validation if `None`.
+        per_run: Columns whose parameters every run has for itself; they are not drawn anywhere.
+    """
+
+    towards: tuple[tuple[str, float], ...] = ()
+    target: str = "zero"
+    weight: float | None = None
+    per_run: tuple[str, ...] = ()
+
+    @classmethod
+    def nominal(cls, base: BaseMap, knowledge: Knowledge, per_run: tuple[str, ...] = ()) -> "Ridge":
+        """Towards the nominal bodies, if every body has a prior; towards zero otherwise."""
+        if not knowledge.priors or any(prior is None for prior in knowledge.priors):
+            return cls(per_run=per_run)
+        place = {name: k for k, name in enumerate(base.names)}
+        standard = np.zeros(len(base.names))
+        for body, prior in enumerate(knowledge.priors):
+            if prior is not None:
+                tens = [place[knowledge.names[k]] for k in knowledge.tens(body)]
+                standard[tens] = prior.ten
+        values = base.base_values(standard).tolist()
+        named = tuple(zip(base.base_names, values, strict=True))
+        return cls(named, "the nominal inertial parameters, zero friction", per_run=per_run)
+
+    def __call__(self, information: Information) -> Estimate:
+        """Estimate all columns that the data see.
+
+        Raises:
+            DataError: They see none.
+        """
+        fit = WeightedLeastSquares(per_run=self.per_run).fit(information)
+        solution, weights = fit.solution, 1.0 / fit.variances
+        matrix, vector, _, _ = fit.data.normal(weights)
+        kept = solution.kept
+        given = dict(self.towards)
+        aim = np.array([given.get(name, 0.0) for name in information.layout.columns])
+        target = solution.inverse @ (matrix[kept] @ aim)
+        lengths = np.sqrt(np.diag(matrix)[kept])
+        unit = matrix[np.ix_(kept, kept)] / lengths[:, None] / lengths
+        problem = _Problem.of(unit, lengths * (solution.values[kept] - target), fit)
+        weight = problem.best() if self.weight is None else self.weight
+        values = np.zeros(len(vector))
+        values[kept] = target + problem.step(weight) / lengths
+        inverse = problem.inverse(weight) / lengths[:, None] / lengths
+        after = honest_covariance(fit, inverse, np.diag(weight * np.square(lengths)))
+        return self._estimate(fit, values, after, problem.learned(weight), weight)
+
+    def _estimate(
+        self, fit: Fit, values: Array, covariance: Array, learned: Array, weight: float
+    ) -> Estimate:
+        parts = tuple(part.solved(values) for part in fit.solution.locals)
+        solution: Solution = replace(fit.solution, values=values, locals=parts)
+        variances = variances_of(fit.data, solution, 1.0 / fit.variances)
+        own = tuple(part.covariance(solution.kept, covariance) for part in parts)
+        found = described(
+            "ridge regression", Fit(fit.data, solution, variances), Spread(covariance, own)
+        )
+        names = fit.data.whole.layout.columns
+        share = {names[k]: x for k, x in zip(solution.kept, learned, strict=True)}
+        how = "given" if self.weight is not None else "by generalised cross-validation"
+        note = f"shrunk towards {self.target} with weight {weight:.3g} ({how})"
+        known = frozen([share.get(name, 1.0) for name in found.parameters.names])
+        return replace(found, learned=known, notes=(note,))
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Deviation from the target in units of the columns' lengths, in the Gram's own directions.
+
+    Attributes:
+        eigenvalues: Of the Gram matrix, columns of unit length, shape `(k,)`.
+        vectors: Their directions, shape `(k, k)`.
+        free: Deviation of the free fit along them, shape `(k,)`.
+        rest: Weighted squares that the free fit leaves.
+        count: Independent samples less parameters of single runs.
+    """
+
+    eigenvalues: Array
+    vectors: Array
+    free: Array
+    rest: float
+    count: float
+
+    @classmethod
+    def of(cls, unit: Array, deviation: Array, fit: Fit) -> "_Problem":
+        """The problem beside a free fit."""
+        values, vectors = np.linalg.eigh(unit)
+        rest, spent = 0.0, 0
+        for run, own in zip(fit.data.runs, fit.solution.locals, strict=True):
+            all_values = fit.solution.values.copy()
+            all_values[list(own.columns)] = own.values
+            rest += float(np.sum(run.residual_squares(all_values) / fit.variances))
+            spent += len(own.columns)
+        count = float(fit.data.whole.n_samples.sum()) - spent
+        return cls(np.maximum(values, 0.0), vectors, vectors.T @ deviation, rest, count)
+
+    def score(self, weight: Array) -> Array:
+        """Generalised cross-validation of weights, the same shape."""
+        d = self.eigenvalues
+        drawn = weight[..., None] / (d + weight[..., None])
+        squares = self.rest + np.sum(d * np.square(drawn * self.free), axis=-1)
+        left = self.count - np.sum(1.0 - drawn, axis=-1)
+        return np.where(left > 0.0, squares / np.square(np.maximum(left, 1e-9)), np.inf)
+
+    def best(self) -> float:
+        """The weight of least score; the greatest one if there are too few samples."""
+        from scipy.optimize import minimize_scalar
+
+        grid = np.linspace(np.log(WEIGHTS[0]), np.log(WEIGHTS[1]), STEPS)
+        scores = self.score(np.exp(grid))
+        if not np.isfinite(scores).any():
+            return WEIGHTS[1]
+        k = int(np.argmin(scores))
+        around = grid[max(k - 1, 0)], grid[min(k + 1, STEPS - 1)]
+        refined = minimize_scalar(
+            lambda x: float(self.score(np.exp(np.array(x)))), bounds=around, method="bounded"
+        )
+        return float(np.exp(refined.x if refined.fun < scores[k] else grid[k]))
+
+    def step(self, weight: float) -> Array:
+        """Deviation from the target, shape `(k,)`."""
+        d = self.eigenvalues
+        return np.asarray(self.vectors @ (d / (d + weight) * self.free))
+
+    def inverse(self, weight: float) -> Array:
+        """Covariance after the data, shape `(k, k)`."""
+        return np.asarray((self.vectors / (self.eigenvalues + weight)) @ self.vectors.T)
+
+    def learned(self, weight: float) -> Array:
+        """One minus the ratio of the variances after and before the data, shape `(k,)`."""
+        return np.clip(1.0 - weight * np.diag(self.inverse(weight)), 0.0, 1.0)

@@ -1,0 +1,1 @@
+"""Nonlinear parameters of terms, found by search over passes through the data."""

@@ -1,0 +1,389 @@
+r"""A scale of each joint's logged efforts: estimated, and taken where it predicts better.
+
+Sensors and published drive gains are off by some percent, those of wrists by more. Bodies are
+shared by the rows of all joints, so rows whose scales differ contradict each other:
+$y_j = s_j\,A_j\phi$. A Gauss-Newton step estimates $\phi$ and $w_j = \ln s_j$ together, at scales
+$\bar s$ and parameters $\bar\phi$ that were reached, as a convex program over the efforts
+$y_j / \bar s_j + \ln\bar s_j\,A_j\bar\phi$ with the column $A_j\bar\phi$ beside those of row $j$,
+where $w_j$ has the standard deviation that is known of it before the data.
+
+They ask where all scales being 1 is further from the estimate than chance explains: that tells
+scales from chance. Whether they serve is judged by leaving one run out, one stretch of a single
+run: scales are found without it, and its efforts predicted, in both cases with the weight of the
+prior that all data give. Found anew for each part, that weight scatters more than the gain.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from steelyard.base.arrays import Array, Parameters, frozen
+from steelyard.base.errors import DataError
+from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.estimate.consistent.consistent import Consistent, inverse_of
+from steelyard.estimate.effort_uncertainty import KnownScales
+from steelyard.estimate.estimate import Z95, Estimate
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.regressor import Layout
+from steelyard.estimate.least_squares.least_squares import whitened
+from steelyard.estimate.least_squares.normal_equations import condition_of
+from steelyard.estimate.scores.cross_validation import (
+    FEWEST,
+    FOLDS,
+    LEAST_GAIN_PER_PARAMETER,
+    logarithms,
+)
+
+
+def with_predicted(
+    information: Information, values: Array, names: Sequence[str], added: Array
+) -> Information:
+    """The same data with one column per row, in that row alone: its effort as predicted.
+
+    Sums of |column| do not transform; they are not a number in the result.
+
+    Args:
+        information: What the data say.
+        values: Of its columns, shape `(p,)`; they make the predicted efforts.
+        names: Of the new columns, one per row.
+        added: Share of the predicted effort that is added to that of each row, shape `(rows,)`.
+    """
+    old, p = information.layout, len(information.layout.columns)
+    sees = tuple((*seen, p + row) for row, seen in enumerate(old.sees))
+    columns = (*old.columns, *names)
+    layout = Layout(columns, (*old.units, *["1"] * len(names)), old.rows, sees)
+    parts = []
+    for row, seen in enumerate(old.sees):
+        k, mine = len(seen), values[list(seen)]
+        part = np.zeros((k + 1, k + 2))
+        part[:k, :k] = np.eye(k)
+        part[:k, k], part[:k, k + 1] = mine, added[row] * mine
+        part[k, k + 1] = 1.0
+        parts.append(part)
+    return information.mapped(layout, parts)
+
+
+DEVIATION = 0.1
+"""Standard deviation of a scale's logarithm before the data."""
+
+ROUNDS = 12
+"""Most Gauss-Newton steps."""
+
+LONGEST = 0.5
+"""Longest step of a logarithm."""
+
+TOLERANCE = 1e-3
+"""Step of a logarithm at which the search has converged."""
+
+LAW = "effort_scale"
+
+
+@dataclass(frozen=True, eq=False)
+class Scales:
+    """Scales and what they were found with.
+
+    Attributes:
+        values: Logged effort over that of the model, shape `(rows,)`.
+        covariance: Of their logarithms, shape `(rows, rows)`.
+        parameters: Of the information's columns, shape `(p,)`.
+        gamma: Weight of the prior of the bodies.
+        standard: All standard parameters, then the logarithms of the scales.
+    """
+
+    values: Array
+    covariance: Array
+    parameters: Array
+    gamma: float
+    standard: Array
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations of the logarithms, shape `(rows,)`."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def distance(self) -> float:
+        """Squared distance of all logarithms from zero, in what is left open of them."""
+        logs = np.log(self.values)
+        return float(logs @ np.linalg.solve(self.covariance, logs))
+
+
+@dataclass(frozen=True, eq=False)
+class Scaled:
+    """The consistent estimate with a scale of each row's efforts.
+
+    Attributes:
+        estimator: The estimate without.
+        rows: Names of the rows.
+        deviation: Standard deviation of a scale's logarithm before the data.
+    """
+
+    estimator: Consistent
+    rows: tuple[str, ...]
+    deviation: float = DEVIATION
+
+    def unscaled(self, information: Information, gamma: float | None = None) -> Scales:
+        """All scales 1, with a weight of the prior; of that which the estimate finds, if `None`.
+
+        Raises:
+            DataError: As of the estimate.
+        """
+        found, n = self.estimator.values(information, gamma), len(self.rows)
+        standard = np.concatenate([found.standard, np.zeros(n)])
+        return Scales(
+            np.ones(n), self.deviation**2 * np.eye(n), found.values, found.gamma, standard
+        )
+
+    def step(self, information: Information, at: Scales, *, weigh: bool = False) -> Scales:
+        """One Gauss-Newton step.
+
+        Args:
+            information: What the data say, efforts as logged.
+            at: The scales and parameters that were reached.
+            weigh: Whether the weight of the prior is found anew.
+
+        Raises:
+            DataError: As of the estimate.
+        """
+        wide, gamma = self._wide, at.gamma
+        program = wide.program(whitened(self._extended(information, at), equal=wide.equal))
+        if weigh:
+            tried = wide.weighed(program).tried
+            u, gamma = tried.u, tried.gamma
+        else:
+            u = wide.solve(program, gamma, program.unknowns.of_standard(at.standard))
+        standard = program.unknowns.standard(u)
+        logs, before = standard[-len(self.rows) :], np.log(at.values)
+        logs = before + np.clip(logs - before, -LONGEST, LONGEST)
+        precision = program.stated_precision(u, gamma)
+        precision += program.unknowns.matrix.T @ program.unknowns.matrix
+        n = len(self.rows)
+        spread = self.deviation**2 * inverse_of(precision)[-n:, -n:]
+        return Scales(
+            np.exp(logs),
+            spread,
+            self._of_columns(information, self.estimator.base.lift @ standard[: -len(self.rows)]),
+            gamma,
+            standard,
+        )
+
+    def converged(self, information: Information, at: Scales, *, weigh: bool = False) -> Scales:
+        """Steps until the scales stand still; arguments and errors as of `step`.
+
+        The weight is found when they do, and once more when they do with it.
+        """
+        weighing = False
+        for _ in range(ROUNDS):
+            found = self.step(information, at, weigh=weighing)
+            steady = np.abs(np.log(found.values / at.values)).max() < TOLERANCE
+            at = found
+            if steady and (weighing or not weigh):
+                break
+            weighing = weigh and steady
+        return at
+
+    def estimate(self, information: Information, scales: Scales) -> Estimate:
+        """The estimate of efforts in the model's scale, as unsure as the scales make it.
+
+        Condition numbers are those of the parameters, without the scales.
+
+        Args:
+            information: What the data say, efforts already divided by the scales.
+            scales: The scales.
+
+        Raises:
+            DataError: As of the estimate without.
+        """
+        names = self._names
+        logged = information.scaled(scales.values, information.signature.effort)
+        found = _without(self._wide(self._extended(logged, scales)), names)
+        own = whitened(information, equal=self.estimator.equal).fit.solution
+        return replace(
+            found,
+            condition=condition_of(own.singular),
+            condition_normalised=condition_of(own.singular_normalised),
+        )
+
+    def _extended(self, information: Information, at: Scales) -> Information:
+        scaled = information.scaled(1.0 / at.values, information.signature.effort)
+        return with_predicted(scaled, at.parameters, self._names, np.log(at.values))
+
+    def _of_columns(self, information: Information, lifted: Array) -> Array:
+        known = dict(zip(self.estimator.base.base_names, lifted.tolist(), strict=True))
+        return np.array([known.get(name, 0.0) for name in information.layout.columns])
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return tuple(f"{LAW}.{row}" for row in self.rows)
+
+    @cached_property
+    def _wide(self) -> Consistent:
+        """The estimator over the scales' logarithms beside all parameters."""
+        base, known, names = self.estimator.base, self.estimator.knowledge, self._names
+        n = len(names)
+        knowledge = replace(
+            known,
+            names=(*known.names, *names),
+            lower=np.append(known.lower, np.full(n, -np.inf)),
+            upper=np.append(known.upper, np.full(n, np.inf)),
+            deviations={**known.deviations, **dict.fromkeys(names, self.deviation)},
+        )
+        return replace(self.estimator, base=base.beside(names, ["1"] * n), knowledge=knowledge)
+
+
+def _without(estimate: Estimate, names: tuple[str, ...]) -> Estimate:
+    """The estimate without some of its parameters."""
+    if estimate.standard is None or estimate.learned is None:
+        raise ValueError("a consistent estimate has standard parameters")
+    kept = [k for k, name in enumerate(estimate.parameters.names) if name not in names]
+    whole = estimate.standard
+    rest = [k for k, name in enumerate(whole.parameters.names) if name not in names]
+    return replace(
+        estimate,
+        parameters=_some(estimate.parameters, kept),
+        covariance=frozen(estimate.covariance[np.ix_(kept, kept)]),
+        blind=tuple(blind for blind in estimate.blind if blind.name not in names),
+        learned=frozen(estimate.learned[kept]),
+        standard=replace(
+            whole,
+            parameters=_some(whole.parameters, rest),
+            covariance=frozen(whole.covariance[np.ix_(rest, rest)]),
+            learned=frozen(whole.learned[rest]),
+        ),
+    )
+
+
+def _some(parameters: Parameters, kept: list[int]) -> Parameters:
+    return Parameters(
+        tuple(parameters.names[k] for k in kept),
+        tuple(parameters.units[k] for k in kept),
+        parameters.values[kept],
+    )
+
+
+BEFORE = f"known to ± {100.0 * Z95 * DEVIATION:.0f} % a priori (95 % interval)"
+"""How well a scale is known without them, for people to read."""
+
+CHANCE = 1e-3
+"""Probability of such a distance, or a greater one, below which the data ask for scales."""
+
+
+@dataclass(frozen=True, eq=False)
+class EffortScales:
+    """Scales of the logged efforts, estimated together with the parameters.
+
+    Attributes:
+        joints: Names of the effort rows.
+        found: The scales.
+        error: Relative error on what was left out, mean over parts: the geometric mean of a
+            typical joint's and of all joints' together [%].
+        without: The same with all scales 1 [%].
+        scaled: Estimates with scales.
+    """
+
+    joints: tuple[str, ...]
+    found: Scales
+    error: float
+    without: float
+    scaled: Scaled
+
+    @property
+    def known(self) -> KnownScales:
+        """What an identified model keeps of them."""
+        return KnownScales(self.joints, frozen(self.found.values), frozen(self.found.covariance))
+
+    @property
+    def half_width(self) -> Array:
+        """Half-widths of the 95 % intervals, shape `(rows,)`."""
+        return self.known.half_width
+
+    @property
+    def note(self) -> str:
+        """Scales with their intervals and what they gain, for people to read."""
+        values = zip(self.joints, self.found.values, self.half_width, strict=True)
+        listed = ", ".join(f"{joint} {x:.2f} ± {half:.2f}" for joint, x, half in values)
+        return (
+            f"a scale of the efforts is estimated per joint (logged over model, {BEFORE}): "
+            f"{listed}; "
+            f"error on left-out motion {self.error:.3g} % instead of {self.without:.3g} %; masses "
+            'are as uncertain as the scales; effort_scales = "off" in [estimation] keeps the given '
+            "gains"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {
+            "joints": list(self.joints),
+            "values": self.found.values.tolist(),
+            "half_width": self.half_width.tolist(),
+            "left_out_error_percent": self.error,
+            "left_out_error_without_percent": self.without,
+        }
+
+
+def effort_scales(
+    estimator: Consistent, information: Information, *, progress: Progress = silent
+) -> EffortScales | None:
+    """Scales, where the data ask for them and predict better with them.
+
+    Args:
+        estimator: The estimate without scales.
+        information: What the runs say, efforts in the model's units.
+        progress: Told about every part that is left out.
+
+    Returns:
+        `None` where scales are not requested, gain nothing, or cannot be judged.
+
+    Raises:
+        Stopped: `progress` requested a stop.
+    """
+    scaled = Scaled(estimator, information.layout.rows)
+    try:
+        start = scaled.unscaled(information)
+        first = scaled.step(information, start)
+        if not _significant(first):
+            return None
+        found = scaled.converged(information, first, weigh=True)
+    except DataError:
+        return None
+    if not _significant(found):
+        return None
+    several = len({window.run for window in information.windows}) > 1
+    folds = information.merged(1 if several else FOLDS)
+    errors = []
+    for fold in range(len(folds.windows)):
+        report_progress(progress, "judging effort scales", fold, len(folds.windows))
+        rest = folds.of([k for k in range(len(folds.windows)) if k != fold])
+        left_out = folds.of([fold])
+        try:
+            plain = scaled.unscaled(rest, start.gamma)
+            with_scales = scaled.converged(rest, found)
+        except DataError:
+            continue
+        sizes = left_out.effort_squares()
+        errors.append([_errors(left_out, scales, sizes) for scales in (plain, with_scales)])
+    if len(errors) < FEWEST:
+        return None
+    plain_errors, scaled_errors = np.array(errors).T
+    if (plain_errors - scaled_errors).mean() <= LEAST_GAIN_PER_PARAMETER:
+        return None
+    mean = np.exp([scaled_errors.mean(), plain_errors.mean()])
+    return EffortScales(information.layout.rows, found, float(mean[0]), float(mean[1]), scaled)
+
+
+def _significant(scales: Scales) -> bool:
+    """Whether scales of 1 are further away than chance explains."""
+    from scipy.special import chdtrc
+
+    return bool(chdtrc(len(scales.values), scales.distance) < CHANCE)
+
+
+def _errors(left_out: Information, scales: Scales, sizes: Array) -> float:
+    """Logarithm of the error on what was left out, efforts as logged."""
+    logged = left_out.scaled(1.0 / scales.values, left_out.signature.effort)
+    squares = logged.residual_squares(scales.parameters) * np.square(scales.values)
+    shares = 100.0 * np.sqrt(squares / np.where(sizes > 0.0, sizes, np.inf))
+    return float(logarithms(shares[None], sizes[None])[0])

@@ -1,0 +1,336 @@
+r"""Which candidates for fields fit best, and the shape of the costs around the best choice.
+
+With a weight $1/\sigma_j^2$ per effort row, the columns that all candidates share are eliminated
+once; what a choice of candidates costs is then a system as small as the number of chosen columns.
+The weights follow the residuals: a choice that is cheaper under the weights of the choice before
+lowers the criterion $\sum_j n_j \log \sigma_j^2$, as the logarithm is concave.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array
+from steelyard.estimate.information.information import Information, Window
+
+Indices = NDArray[np.intp]
+
+SEEN = 1e-10
+"""Squared sine of the angle to shared columns below which a candidate is not identifiable."""
+
+RIDGE = 1e-11
+"""Of normalised chosen columns: two of them may be alike."""
+
+EXACT = 1e-13
+"""Least residual variance over the variance of the effort: below it there is only rounding."""
+
+ROUNDS = 20
+"""Most changes of the weights from one start."""
+
+TOLERANCE = 1e-4
+"""Relative change of the weights at which they have converged."""
+
+
+@dataclass(frozen=True, eq=False)
+class Slots:
+    """How a choice of grid points selects columns; a choice has one index per unknown.
+
+    Attributes:
+        sizes: Grid points per unknown.
+        strides: Shape `(slots, unknowns)`; candidate of a slot = `strides` @ choice.
+        columns: Column of each candidate of a slot, shape `(slots, candidates)`.
+    """
+
+    sizes: tuple[int, ...]
+    strides: Indices
+    columns: Indices
+
+    def of(self, choices: Indices) -> Indices:
+        """Columns that choices `(B, unknowns)` select, shape `(B, slots)`."""
+        candidates = choices @ self.strides.T
+        return np.asarray(self.columns[np.arange(len(self.columns)), candidates])
+
+
+@dataclass(frozen=True, eq=False)
+class Costs:
+    """Weighted squares of the residuals of any choice, for fixed weights.
+
+    Attributes:
+        slots: What choices select.
+        shared: Indices of the shared columns.
+        rest: Weighted squares that the shared columns leave.
+        gram: Of all columns' parts that shared ones do not explain, unit length, `(p, p)`.
+        vector: Their products with the effort, shape `(p,)`.
+        lengths: Of all columns; infinite where zero, shape `(p,)`.
+        parts: Share of each column's length that shared ones do not explain, likewise.
+        roots: Root of the inverse of the shared columns' Gram matrix, `(shared, rank)`.
+        onto: All columns and the effort, seen by the shared ones, shape `(rank, p + 1)`.
+    """
+
+    slots: Slots
+    shared: Indices
+    rest: float
+    gram: Array
+    vector: Array
+    lengths: Array
+    parts: Array
+    roots: Array
+    onto: Array
+
+    @classmethod
+    def of(cls, information: Information, shared: Indices, slots: Slots, weights: Array) -> "Costs":
+        """Eliminate the shared columns, under weights `(rows,)`."""
+        matrix, vector, square = information.normal(weights)
+        lengths = np.sqrt(np.diag(matrix))
+        lengths = np.where(lengths > 1e-12 * lengths.max(initial=1e-300), lengths, np.inf)
+        unit, right = matrix / lengths[:, None] / lengths, vector / lengths
+        values, vectors = np.linalg.eigh(unit[np.ix_(shared, shared)])
+        kept = values > SEEN
+        roots = vectors[:, kept] / np.sqrt(values[kept])
+        onto = roots.T @ np.column_stack([unit[shared], right[shared]])
+        gram = unit - onto[:, :-1].T @ onto[:, :-1]
+        left = np.diag(gram)
+        parts = np.sqrt(np.where(left > SEEN, left, np.inf))
+        gram = gram / parts[:, None] / parts
+        np.fill_diagonal(gram, 1.0)
+        return cls(
+            slots=slots,
+            shared=shared,
+            rest=square - float(onto[:, -1] @ onto[:, -1]),
+            gram=gram,
+            vector=(right - onto[:, :-1].T @ onto[:, -1]) / parts,
+            lengths=lengths,
+            parts=parts,
+            roots=roots,
+            onto=onto,
+        )
+
+    def __call__(self, choices: Indices) -> Array:
+        """Costs of choices `(B, unknowns)`, shape `(B,)`."""
+        columns = self.slots.of(choices)
+        values = self._chosen(columns)
+        return np.asarray(self.rest - np.sum(values * self.vector[columns], axis=1))
+
+    def values(self, choice: Indices) -> Array:
+        """Parameters of all columns for one choice, shape `(p,)`; not chosen ones are zero."""
+        columns = self.slots.of(choice[None])
+        result = np.zeros(len(self.vector))
+        result[columns[0]] = self._chosen(columns)[0] / self.parts[columns[0]]
+        result[self.shared] = self.roots @ (self.onto[:, -1] - self.onto[:, :-1] @ result)
+        return result / self.lengths
+
+    def _chosen(self, columns: Indices) -> Array:
+        grams = self.gram[columns[:, :, None], columns[:, None, :]]
+        grams = grams + RIDGE * np.eye(columns.shape[1])
+        return np.asarray(np.linalg.solve(grams, self.vector[columns][:, :, None])[:, :, 0])
+
+    def descended(self, choice: Indices, fixed: int | None = None) -> tuple[Indices, float]:
+        """Coordinate descent from a choice, one unknown after another over its whole grid.
+
+        Args:
+            choice: Where to begin, shape `(unknowns,)`.
+            fixed: An unknown that stays.
+        """
+        best = float(self(choice[None])[0])
+        while True:
+            before = best
+            for unknown, size in enumerate(self.slots.sizes):
+                if unknown == fixed:
+                    continue
+                trial = np.repeat(choice[None], size, axis=0)
+                trial[:, unknown] = np.arange(size)
+                costs = self(trial)
+                least = int(np.argmin(costs))
+                if costs[least] < best:
+                    choice, best = trial[least], float(costs[least])
+            if not best < before:
+                return choice, best
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Choose grid points so that least squares fits best.
+
+    Attributes:
+        information: What the data say about all columns.
+        shared: Indices of the columns that are there whatever is chosen.
+        slots: What choices select.
+    """
+
+    information: Information
+    shared: Indices
+    slots: Slots
+
+    def solved(self, starts: Indices) -> tuple[Indices, Costs, float]:
+        """The best of several descents, its costs under its own weights, and its criterion.
+
+        Args:
+            starts: Choices to begin from, shape `(starts, unknowns)`.
+        """
+        whole = Problem(_as_one(self.information), self.shared, self.slots)
+        found = [whole._from(start) for start in starts]
+        return min(found, key=lambda result: result[2])
+
+    def _from(self, choice: Indices) -> tuple[Indices, Costs, float]:
+        energy = self.information.effort_squares() / np.maximum(self.information.n_samples, 1.0)
+        variances = np.where(energy > 0.0, energy, 1.0)
+        costs = self._costs(variances)
+        for _ in range(ROUNDS):
+            choice, _ = costs.descended(choice)
+            updated = self._variances(costs, choice)
+            change = float(np.abs(updated / variances - 1.0).max())
+            variances, costs = updated, self._costs(updated)
+            if change < TOLERANCE:
+                break
+        criterion = float(self.information.n_samples @ np.log(variances))
+        return choice, costs, criterion
+
+    def _costs(self, variances: Array) -> Costs:
+        return Costs.of(self.information, self.shared, self.slots, 1.0 / variances)
+
+    def _variances(self, costs: Costs, choice: Indices) -> Array:
+        """Residual variance per row; a parameter counts in equal parts in all rows that see it."""
+        squares = self.information.residual_squares(costs.values(choice))
+        counts = self.information.n_samples
+        present = np.concatenate([self.shared, self.slots.of(choice[None])[0]])
+        sees = np.zeros((len(squares), len(self.information.layout.columns)))
+        for row, seen in enumerate(self.information.layout.sees):
+            sees[row, list(seen)] = 1.0
+        used = np.sum(sees[:, present] / np.maximum(sees[:, present].sum(axis=0), 1.0), axis=1)
+        energy = self.information.effort_squares() / np.maximum(counts, 1.0)
+        floor = EXACT * np.where(energy > 0.0, energy, 1.0)
+        return np.asarray(np.maximum(squares / np.maximum(counts - used, 1.0), floor))
+
+
+def _as_one(information: Information) -> Information:
+    """All windows summed up, so that nothing is added twice."""
+    sums = (information.grams, information.absolute, information.counts)
+    return Information(
+        information.layout,
+        information.signature,
+        (Window("all", 0.0, 0.0),),
+        *(x.sum(axis=0, keepdims=True) for x in sums),
+    )
+
+
+RISE = 3.841458820694124
+"""Rise of the costs, in variances, at the ends of a 95 % interval."""
+
+
+@dataclass(frozen=True, eq=False)
+class CostShape:
+    """A quadratic through the costs around a choice.
+
+    Attributes:
+        costs: Costs of choices.
+        choice: The best one, shape `(unknowns,)`.
+        grids: Coordinates of every unknown's grid points.
+        place: Where the quadratic is least, shape `(unknowns,)`; at most one grid point away.
+        gains: Fall of the costs on the way there along each unknown alone, `(unknowns,)`.
+        spread: Inverse of the matrix of second derivatives; infinite on the diagonal for unknowns
+            that lie at an end of their grid or whose costs do not curve upwards.
+    """
+
+    costs: Costs
+    choice: Indices
+    grids: tuple[Array, ...]
+    place: Array
+    gains: Array
+    spread: Array
+
+    @classmethod
+    def of(cls, costs: Costs, choice: Indices, grids: Sequence[Array]) -> "CostShape":
+        """The quadratic through the neighbours on the grid, for all unknowns together."""
+        count = len(grids)
+        slopes, bends = np.zeros(count), np.zeros((count, count))
+        place = np.array([grid[k] for grid, k in zip(grids, choice, strict=True)])
+        inner = []
+        for u, (grid, k) in enumerate(zip(grids, choice, strict=True)):
+            if 0 < k < len(grid) - 1:
+                slopes[u], bends[u, u] = _parabola(costs, choice, u, np.diff(grid[k - 1 : k + 2]))
+                inner += [u] if bends[u, u] > 0.0 else []
+        for k, u in enumerate(inner):
+            for v in inner[:k]:
+                bends[u, v] = bends[v, u] = _twist(costs, choice, grids, u, v)
+        matrix, spread = bends[np.ix_(inner, inner)], np.diag(np.full(count, np.inf))
+        if inner and np.linalg.eigvalsh(matrix)[0] <= 0.0:
+            matrix = np.diag(np.diag(matrix))
+        spread[np.ix_(inner, inner)] = np.linalg.inv(matrix)
+        steps = -spread[np.ix_(inner, inner)] @ slopes[inner]
+        gains = np.zeros(count)
+        for u, step in zip(inner, steps, strict=True):
+            k = choice[u]
+            place[u] = np.clip(place[u] + step, grids[u][k - 1], grids[u][k + 1])
+            gains[u] = 0.5 * slopes[u] ** 2 / bends[u, u]
+        return cls(costs, choice, tuple(grids), place, gains, spread)
+
+    def step(self, unknown: int) -> float:
+        """Distance of the grid points around the best one."""
+        grid, k = self.grids[unknown], self.choice[unknown]
+        near = grid[max(k - 1, 0) : k + 2]
+        return float((near[-1] - near[0]) / (len(near) - 1))
+
+    def half(self, unknown: int) -> float:
+        """Half the 95 % interval as the quadratic has it."""
+        return float(np.sqrt(2.0 * RISE * self.spread[unknown, unknown]))
+
+    def interval(self, unknown: int) -> tuple[float, float]:
+        """Where the costs, least over all other unknowns, rise by `RISE`; the grid's end if never.
+
+        Within one step of the grid from the quadratic, beyond it from the grid.
+        """
+        half = self.half(unknown)
+        middle, grid = self.place[unknown], self.grids[unknown]
+        if half <= self.step(unknown) and grid[0] < middle - half and middle + half < grid[-1]:
+            return middle - half, middle + half
+        roots = np.sqrt(np.maximum(self._profile(unknown), 0.0))
+        below, above = grid < middle, grid > middle
+        return (
+            _crossing(middle, grid[below][::-1], roots[below][::-1]),
+            _crossing(middle, grid[above], roots[above]),
+        )
+
+    def _profile(self, unknown: int) -> Array:
+        """Rise of the costs, least over all other unknowns, along the unknown's grid."""
+        least = float(self.costs(self.choice[None])[0]) - self.gains[unknown]
+        result = np.empty(len(self.grids[unknown]))
+        for k in range(len(result)):
+            start = _moved(self.choice, {unknown: k - int(self.choice[unknown])})
+            result[k] = self.costs.descended(start, fixed=unknown)[1] - least
+        return result
+
+
+def _crossing(middle: float, places: Array, roots: Array) -> float:
+    """Outermost place where the root of the rise passes that of `RISE`; linear in between."""
+    places, roots = np.append(middle, places), np.append(0.0, roots)
+    last = int(np.flatnonzero(roots < np.sqrt(RISE))[-1])
+    if last == len(places) - 1:
+        return float(places[-1])
+    share = (np.sqrt(RISE) - roots[last]) / (roots[last + 1] - roots[last])
+    return float(places[last] + share * (places[last + 1] - places[last]))
+
+
+def _parabola(costs: Costs, choice: Indices, u: int, steps: Array) -> tuple[float, float]:
+    """Slope and second derivative along an unknown, `steps` below and above the choice."""
+    trial = np.array([_moved(choice, {u: d}) for d in (-1, 0, 1)])
+    low, middle, high = costs(trial)
+    below, above = (low - middle) / steps[0], (high - middle) / steps[1]
+    slope = (above * steps[0] - below * steps[1]) / steps.sum()
+    return float(slope), float(2.0 * (above + below) / steps.sum())
+
+
+def _twist(costs: Costs, choice: Indices, grids: Sequence[Array], u: int, v: int) -> float:
+    """Mixed second derivative along two unknowns."""
+    trial = np.array([_moved(choice, {u: a, v: b}) for a in (1, -1) for b in (1, -1)])
+    f = costs(trial)
+    spans = [grids[w][choice[w] + 1] - grids[w][choice[w] - 1] for w in (u, v)]
+    return float((f[0] - f[1] - f[2] + f[3]) / (spans[0] * spans[1]))
+
+
+def _moved(choice: Indices, by: dict[int, int]) -> Indices:
+    result = choice.copy()
+    for unknown, step in by.items():
+        result[unknown] += step
+    return result

@@ -1,0 +1,190 @@
+r"""Joint zero offsets, estimated together with all parameters by Gauss-Newton steps.
+
+With $q + \delta$ in place of the logged $q$, the torque is $Y(q + \delta)\,\phi$: linear in the
+parameters, not in the offsets. A step fits both to the columns
+$[\,Y \;\; \partial (Y \phi) / \partial q\,]$ at the offsets and parameters that were reached, by
+weighted least squares [Gautier1997]; friction may differ from run to run as the model says.
+
+What the data identify, the columns themselves show. The first joint's offset turns the robot about
+its axis: with that axis along gravity nothing changes. The last joint's turns the last body about
+its axis, which its parameters express as well. Such offsets have no column of their own, or a
+standard deviation beyond `LOOSEST`; they are left as they are, and named.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import DataError
+from steelyard.estimate.estimate import Z95, Estimate
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.least_squares.per_run import own_columns
+from steelyard.estimate.nonlinear.field_passes import InformationOf
+from steelyard.estimate.nonlinear.fields import bodies_of
+from steelyard.model.model import Model
+from steelyard.model.terms.error_columns import GeometryErrors
+from steelyard.runs.run import Run
+
+ROUNDS = 20
+"""Most Gauss-Newton steps."""
+
+LONGEST = 0.25
+"""Longest step of an offset [rad; m]: derivatives hold for small angles only."""
+
+LOOSEST = {"rad": 0.1, "m": 0.05}
+"""Standard deviation beyond which an offset counts as not identifiable."""
+
+CONVERGED = 0.02
+"""Step in standard deviations at which the search has converged."""
+
+LAW = "zero_offset"
+
+
+@dataclass(frozen=True, eq=False)
+class ZeroOffsets:
+    """Estimated offsets: joint position = logged position + offset.
+
+    Attributes:
+        joints: Names of all joints.
+        units: `rad` or `m` per joint.
+        values: Shape `(n,)`; of joints that are not identifiable as they were given.
+        start: What was given, shape `(n,)`.
+        std: Their standard deviations, shape `(n,)`; NaN of what was not estimated.
+        wanted: Whether each was to be estimated.
+        converged: Whether the search converged.
+    """
+
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+    start: Array
+    std: Array
+    wanted: tuple[bool, ...]
+    converged: bool
+
+    @property
+    def half_width(self) -> Array:
+        """Half-width of the 95 % intervals, shape `(n,)`."""
+        return Z95 * self.std
+
+    @property
+    def note(self) -> str:
+        """Values with their intervals, and what is not identifiable, for people to read."""
+        found, left = [], []
+        for joint, unit, value, half, wanted in zip(
+            self.joints, self.units, self.values, self.half_width, self.wanted, strict=True
+        ):
+            if np.isfinite(half):
+                found.append(f"{joint} {value:.4f} ± {half:.4f} {unit}")
+            elif wanted:
+                left.append(joint)
+        text = f"zero offsets identified: {', '.join(found) or 'none'}"
+        if left:
+            text += f"; not identifiable from these data, left as given: {', '.join(left)}"
+        return text if self.converged else f"{text}; the search did not converge"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values; `half_width` is `None` where an offset was not estimated."""
+        return {
+            "joints": list(self.joints),
+            "units": list(self.units),
+            "values": self.values.tolist(),
+            "half_width": [h if np.isfinite(h) else None for h in self.half_width.tolist()],
+            "converged": self.converged,
+        }
+
+
+def with_offsets(runs: Sequence[Run], offsets: Array) -> tuple[Run, ...]:
+    """The runs with joint positions that many radians or metres from what was logged."""
+    return tuple(run.displaced(offsets) for run in runs)
+
+
+def find_offsets(
+    model: Model,
+    information_at: Callable[[Array], InformationOf],
+    start: Array,
+    wanted: Sequence[bool],
+) -> ZeroOffsets:
+    """Estimate zero offsets.
+
+    Args:
+        model: The model, an open chain.
+        information_at: Offsets `(n,)` to what the runs say about a regressor with these.
+        start: Offsets to start from, shape `(n,)`; those that are not wanted stay.
+        wanted: Which joints' are estimated.
+
+    Raises:
+        DataError: The robot has closed chains.
+    """
+    if model.robot.passive:
+        raise DataError(
+            "zero offsets of closed chains cannot be estimated",
+            where=f"robot '{model.robot.name}'",
+            fix="give position_offset = [...] in [signals]",
+        )
+    fit = WeightedLeastSquares(per_run=own_columns(model))
+    values, spread = start.copy(), np.full(len(start), np.nan)
+    bodies = bodies_of(fit(information_at(values.copy())(base_regressor(model))))
+    for _ in range(ROUNDS):
+        wide = replace(model, terms=(*model.terms, GeometryErrors(reference=tuple(bodies.items()))))
+        information = information_at(values.copy())(base_regressor(wide))
+        estimate, step, spread = offset_step(information, fit, model, wanted)
+        bodies = bodies_of(estimate)
+        moved = np.nan_to_num(step)
+        values += moved * min(1.0, LONGEST / max(float(np.abs(moved).max()), 1e-300))
+        if np.all(np.abs(moved) <= CONVERGED * np.nan_to_num(spread, nan=np.inf)):
+            return _found(model, values, start, spread, wanted, True)
+    return _found(model, values, start, spread, wanted, False)
+
+
+def offset_step(
+    information: Information, fit: WeightedLeastSquares, model: Model, wanted: Sequence[bool]
+) -> tuple[Estimate, Array, Array]:
+    """One step: the joint estimate, offsets to add and their standard deviations.
+
+    Columns of offsets that the data do not identify are taken out one by one, the loosest first.
+
+    Args:
+        information: Of the model's columns and those of all offsets.
+        fit: The estimator.
+        model: The model without these columns.
+        wanted: Which joints' offsets are estimated.
+    """
+    joints = model.robot.joint_names
+    own = {f"{LAW}.{joint}": k for k, joint in enumerate(joints)}
+    left = [name for name, k in own.items() if wanted[k]]
+    while True:
+        columns = [c for c in information.layout.columns if c not in own or c in left]
+        estimate = fit(information.select(columns))
+        stds = dict(zip(estimate.parameters.names, estimate.std.tolist(), strict=True))
+        loose = {
+            name: stds.get(name, np.inf) / LOOSEST[model.robot.coordinates[own[name]].unit]
+            for name in left
+        }
+        worst = max(loose, key=lambda name: loose[name], default=None)
+        if worst is None or loose[worst] <= 1.0:
+            break
+        left.remove(worst)
+    known = estimate.parameters.as_dict()
+    step, spread = np.full((2, len(joints)), np.nan)
+    for name in left:
+        step[own[name]], spread[own[name]] = known[name], stds[name]
+    return estimate, step, spread
+
+
+def _found(
+    model: Model,
+    values: Array,
+    start: Array,
+    std: Array,
+    wanted: Sequence[bool],
+    converged: bool,
+) -> ZeroOffsets:
+    joints, units = model.robot.joint_names, tuple(c.unit for c in model.robot.coordinates)
+    arrays = frozen(values), frozen(start), frozen(std)
+    return ZeroOffsets(joints, units, *arrays, tuple(wanted), converged)

@@ -1,0 +1,306 @@
+r"""Drive gains from runs with and without a known payload, or from some known gains.
+
+Effort stays on the left as it was logged, $y_j = \rho_j Y_j \phi$ with $\rho_j = 1/k_j$, so its
+noise biases nothing; with noisy currents among the columns, gains of weakly moved joints come out
+several times too small. $\phi$ is one for all joints and runs, but for friction and offset, which
+are each run's own; the payload's mass, known, or a known gain fixes the scale. Friction takes
+energy, so its sign in a row is that of the row's gain.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import DataError, ModelError, advice
+from steelyard.estimate.estimate import Z95
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.payload.bilinear import Bilinear, Solution, solved
+from steelyard.estimate.payload.load_case import (
+    LoadCase,
+    carrier,
+    covariance_of,
+    load_case,
+    refuse_foreign,
+)
+from steelyard.estimate.payload.payload_estimate import PayloadEstimate, payload_of
+from steelyard.model.model import Model
+from steelyard.robot.robot import Frame, Robot
+
+LARGEST = 0.5
+"""Largest relative standard deviation of a gain; beyond it the interval reaches zero."""
+
+
+class DriveGain(NamedTuple):
+    """One joint's gain as it is reported.
+
+    Attributes:
+        joint: Name of the effort row.
+        gain: Joint effort per logged unit.
+        half_width: Half-width of the 95 % interval.
+        unit: Its unit.
+        known: Whether it was given.
+        assumed: Whether the data do not show it.
+    """
+
+    joint: str
+    gain: float
+    half_width: float
+    unit: str
+    known: bool
+    assumed: bool
+
+
+@dataclass(frozen=True, eq=False)
+class GainEstimate:
+    """Drive gains.
+
+    Attributes:
+        joints: Names of the effort rows.
+        gains: Joint effort per logged unit, shape `(n,)`.
+        units: Their units.
+        covariance: Shape `(n, n)`; zero for known gains.
+        known: Whether each was given.
+        assumed: Whether the data do not show it: it is then the geometric mean of the others, and
+            counts for the joint's own friction and rotor only.
+        relative: Whether gains, and with them all parameters, are known up to one scale only.
+        payload: The payload that fixed the scale, or was found beside, in the scale of the gains;
+            `None` without loaded runs.
+        sigma: Standard deviation of the filtered residuals per row, in the logged unit.
+    """
+
+    joints: tuple[str, ...]
+    gains: Array
+    units: tuple[str, ...]
+    covariance: Array
+    known: tuple[bool, ...]
+    assumed: tuple[bool, ...]
+    relative: bool
+    payload: PayloadEstimate | None
+    sigma: Array
+
+    @property
+    def half_width(self) -> Array:
+        """Half-widths of the 95 % intervals, shape `(n,)`."""
+        return Z95 * np.sqrt(np.diag(self.covariance))
+
+    @property
+    def each(self) -> tuple[DriveGain, ...]:
+        """The gains one by one."""
+        return tuple(
+            DriveGain(*one)
+            for one in zip(
+                self.joints,
+                self.gains.tolist(),
+                self.half_width.tolist(),
+                self.units,
+                self.known,
+                self.assumed,
+                strict=True,
+            )
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {
+            "joints": list(self.joints),
+            "gains": self.gains.tolist(),
+            "units": list(self.units),
+            "half_width": self.half_width.tolist(),
+            "known": list(self.known),
+            "assumed": list(self.assumed),
+            "relative": self.relative,
+            "payload": None if self.payload is None else self.payload.to_dict(),
+        }
+
+
+def identified_gains(
+    model: Model,
+    unloaded: Sequence[Information],
+    loaded: Sequence[Information] = (),
+    *,
+    mass: float | None = None,
+    frame: str | None = None,
+    known: Mapping[str, float] | None = None,
+    relative: bool = False,
+) -> GainEstimate:
+    """Find the drive gains that are not known.
+
+    Args:
+        model: The model that the runs were gathered with.
+        unloaded: What runs without a payload say, one by one, efforts as logged.
+        loaded: What runs with it say.
+        mass: Mass of the payload [kg]; its centre and inertia are found beside the gains.
+        frame: The frame to give the payload in; that of the last link if `None`.
+        known: Gains that are known, by joint.
+        relative: Whether gains relative to the first joint's, which is called 1, will do where
+            neither a mass nor a gain is known.
+
+    A gain that the data do not show is assumed to be the geometric mean of those of its unit.
+
+    Raises:
+        ModelError: There is no such frame or joint.
+        DataError: Nothing fixes the scale, or the data do not show a gain and no other of its unit.
+    """
+    given = _given(model, known or {})
+    unscaled = mass is None and bool(np.isnan(given).all())
+    _refuse_unanswerable(unloaded, loaded, mass, unscaled and not relative)
+    if unscaled:
+        given[0] = 1.0
+    refuse_foreign(model, (*unloaded, *loaded))
+    carries = carrier(model.robot, frame)
+    case = load_case(model, base_parameters(model), carries, unloaded, loaded, first_deviates=False)
+    problem = Bilinear.of(case, mass, given, bool(loaded), _dissipative(model))
+    solution = solved(problem)
+    units = _units(model, case.information.signature.effort)
+    assumed = np.zeros(len(given), dtype=np.bool_)
+    while (unseen := _least_seen(problem, solution)) is not None:
+        assumed[unseen] = True
+        problem = replace(problem, given=_assumed(problem, solution, unseen, units))
+        solution = solved(problem)
+    return GainEstimate(
+        joints=model.robot.joint_names,
+        gains=frozen(1.0 / solution.rho),
+        units=units,
+        covariance=frozen(_covariance(problem, solution)),
+        known=tuple(bool(x) for x in ~np.isnan(given)),
+        assumed=tuple(bool(x) for x in assumed),
+        relative=unscaled,
+        payload=_payload(problem, case, solution, model.robot, carries) if loaded else None,
+        sigma=frozen(1.0 / np.sqrt(solution.weights)),
+    )
+
+
+def _dissipative(model: Model) -> frozenset[str]:
+    """Names of parameters of friction that are not negative, whatever the other laws are."""
+    return frozenset(
+        p.name
+        for term in model.terms
+        if term.dissipation == "each"
+        for p in term.parameters(model.robot)
+    )
+
+
+def _covariance(problem: Bilinear, solution: Solution) -> Array:
+    """Covariance of all gains; a known one has none."""
+    matrix, chosen = problem.normal(solution)[0], list(problem.wanted)
+    found = covariance_of(matrix, range(len(problem.free), len(matrix)))
+    slope = -1.0 / np.square(solution.rho[chosen])
+    covariance = np.zeros((problem.n, problem.n))
+    covariance[np.ix_(chosen, chosen)] = found * slope[:, None] * slope
+    return covariance
+
+
+def _given(model: Model, known: Mapping[str, float]) -> Array:
+    """Known gains in the order of the joints; not a number where unknown."""
+    names, given = model.robot.joint_names, np.full(model.robot.n, np.nan)
+    for name, gain in known.items():
+        where = f"known gains of robot '{model.robot.name}'"
+        if name not in names:
+            fix = advice(name, names, "joints")
+            raise ModelError(f"there is no joint '{name}'", where=where, fix=fix)
+        if not np.isfinite(gain) or gain == 0.0:
+            raise ModelError(
+                f"the gain of joint '{name}' is {gain:g}",
+                where=where,
+                fix="give joint effort per logged unit, or leave it out to have it identified",
+            )
+        given[names.index(name)] = gain
+    return given
+
+
+def _refuse_unanswerable(
+    unloaded: Sequence[Information],
+    loaded: Sequence[Information],
+    mass: float | None,
+    unscaled: bool,
+) -> None:
+    where = "identification of drive gains"
+    if not unloaded and not loaded:
+        raise DataError("there is no run", where=where, fix="give runs of the robot")
+    if unscaled:
+        raise DataError(
+            "nothing determines the scale: gains are identifiable only relative to each other",
+            where=where,
+            fix="give a loaded run with the payload's mass (--loaded LOG --payload-mass KG), or "
+            "the gain of one joint",
+        )
+    if mass is None:
+        return
+    if not (mass > 0.0 and np.isfinite(mass)):
+        raise DataError(f"the payload's mass is {mass:g} kg", where=where, fix="give it in kg")
+    for runs, lacking in ((loaded, "with"), (unloaded, "without")):
+        if not runs:
+            raise DataError(
+                f"a known mass needs runs with and without it; there is none {lacking}",
+                where=where,
+                fix=f"give a run {lacking} the payload, best of the same motion (--loaded LOG for "
+                "those with it)",
+            )
+
+
+def _least_seen(problem: Bilinear, solution: Solution) -> int | None:
+    """The row whose gain is seen least, if its interval reaches zero."""
+    shares = problem.deviation(solution)
+    if not len(shares) or shares.max() <= LARGEST:
+        return None
+    return problem.wanted[int(np.argmax(shares))]
+
+
+def _assumed(problem: Bilinear, solution: Solution, row: int, units: Sequence[str]) -> Array:
+    """The given gains with that of a row, the geometric mean of the others of its unit.
+
+    Its sign is that which friction determines, or most of the others have.
+
+    Raises:
+        DataError: There is no other of its unit.
+    """
+    shares = dict(zip(problem.wanted, problem.deviation(solution), strict=True))
+    alike = [
+        k
+        for k in range(problem.n)
+        if k != row and units[k] == units[row] and shares.get(k, 0.0) <= LARGEST
+    ]
+    if not alike:
+        share = shares[row]
+        width = 100.0 * Z95 * share
+        by = f" (95 % interval of ± {width:.0f} %)" if width < 1e4 else ""
+        raise DataError(
+            f"the data do not determine the gain of joint '{problem.names[row]}'{by}, nor any "
+            "other gain of its unit",
+            where="identification of drive gains",
+            fix="move it faster, together with the other joints, or give its gain",
+        )
+    gains = 1.0 / solution.rho[alike]
+    sign = problem.signs[row] or (1.0 if np.sum(np.sign(gains)) >= 0.0 else -1.0)
+    given = problem.given.copy()
+    given[row] = sign * np.exp(np.log(np.abs(gains)).mean())
+    return given
+
+
+def _units(model: Model, logged: Sequence[str]) -> tuple[str, ...]:
+    pairs = zip(model.robot.effort_units, logged, strict=True)
+    return tuple("1" if joint == unit else f"{joint}/{unit}" for joint, unit in pairs)
+
+
+def _payload(
+    problem: Bilinear, case: LoadCase, solution: Solution, robot: Robot, frame: Frame
+) -> PayloadEstimate:
+    """The payload, with no uncertainty of a mass that was given."""
+    place = {column: k for k, column in enumerate(problem.free)}
+    mine = [k for k, column in enumerate(case.payload) if column in place]
+    chosen = [place[case.payload[k]] for k in mine]
+    covariance = np.zeros((10, 10))
+    covariance[np.ix_(mine, mine)] = covariance_of(problem.normal(solution)[0], chosen)
+    return payload_of(
+        frame,
+        robot,
+        solution.theta[list(case.payload)],
+        covariance,
+        1.0 / np.sqrt(solution.weights),
+        case.information.n_samples,
+        ("the payload's mass was given",) if len(mine) < 10 else (),
+    )

@@ -1,0 +1,374 @@
+r"""Runs with and without a payload as one linear problem of stacked information.
+
+A run with a payload and one without see the same arm, but the payload in one only and friction of
+their own day: old parameters of a run = its transform @ shared parameters.
+
+The payload's numbers, moved to the frame of the body that carries it, add to that body's: with
+`lift` the map from standard to base parameters, $\phi_\mathrm{base} + B\,\phi_L$, $B$ = `lift`'s
+ten columns of the body times the move.
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError, ModelError, advice
+from steelyard.estimate.information.base_parameters import BaseMap
+from steelyard.estimate.information.information import Information, Window, packed
+from steelyard.estimate.information.regressor import Layout
+from steelyard.model.model import Model
+from steelyard.robot.rigid_body import INERTIAL_NAMES, INERTIAL_UNITS, Inertia
+from steelyard.robot.robot import Frame, Robot
+
+SEEN = 1e-10
+"""Share of a parameter's information, left when all others are free, below which none is left."""
+
+TOUCHED = 1e-4
+"""Component along a direction that the data do not see, from which on a parameter is not seen."""
+
+RANK = 1e-13
+"""Relative eigenvalue of a scaled normal matrix below which a direction is left at zero."""
+
+
+@dataclass(frozen=True, eq=False)
+class TransformedRun:
+    """One run, and how its columns' parameters follow from the shared ones.
+
+    Attributes:
+        information: What the run says.
+        transform: Shape `(columns, shared)`.
+    """
+
+    information: Information
+    transform: Array
+
+
+def joined(
+    parts: Sequence[TransformedRun], names: Sequence[str], units: Sequence[str]
+) -> Information:
+    """All parts as information about the shared parameters, one window each.
+
+    Sums of |column| are not known in the result.
+
+    Raises:
+        DataError: The parts differ in model, columns, effort unit or filters.
+    """
+    first = parts[0].information
+    for part in parts[1:]:
+        first.of(()) + part.information.of(())
+    rows, sees = range(len(first.layout.rows)), []
+    for row in rows:
+        seen = list(first.layout.sees[row])
+        touched = [np.any(part.transform[seen] != 0.0, axis=0) for part in parts]
+        sees.append(tuple(int(k) for k in np.flatnonzero(np.any(touched, axis=0))))
+    layout = Layout(tuple(names), tuple(units), first.layout.rows, tuple(sees))
+    grams = [
+        np.concatenate([packed(_mapped(part, row, sees[row])) for row in rows]) for part in parts
+    ]
+    windows = tuple(_window(part.information) for part in parts)
+    signature = type(first.signature)(
+        first.signature.model, tuple(names), first.signature.effort, first.signature.filters
+    )
+    return Information(
+        layout,
+        signature,
+        windows,
+        np.array(grams),
+        np.full((len(parts), sum(layout.widths)), np.nan),
+        np.array([part.information.n_samples for part in parts]),
+    )
+
+
+def _mapped(part: TransformedRun, row: int, seen: Sequence[int]) -> Array:
+    """One row's Gram matrix of the shared parameters it sees, and the effort."""
+    old = list(part.information.layout.sees[row])
+    transform = np.zeros((len(old) + 1, len(seen) + 1))
+    transform[:-1, :-1] = part.transform[np.ix_(old, list(seen))]
+    transform[-1, -1] = 1.0
+    return np.asarray(transform.T @ part.information.row_gram(row) @ transform)
+
+
+def _window(information: Information) -> Window:
+    runs = ", ".join(dict.fromkeys(w.run for w in information.windows))
+    if not information.windows:
+        raise DataError(
+            "the run has no usable samples",
+            where="information of a run",
+            fix="leave the run out, or log a motion in which the joints move",
+        )
+    return Window(runs, information.windows[0].start, information.windows[-1].stop)
+
+
+def inverse(matrix: Array) -> Array:
+    """Inverse of a symmetric, non-negative matrix; directions without information stay at zero."""
+    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    scale = np.where(size > 0.0, size, np.inf)
+    values, vectors = np.linalg.eigh(matrix / scale[:, None] / scale)
+    kept = values > RANK * values.max(initial=1e-300) * len(values)
+    part = vectors[:, kept] / scale[:, None]
+    return np.asarray((part / values[kept]) @ part.T)
+
+
+def marginal(matrix: Array, chosen: Sequence[int]) -> Array:
+    r"""Information left about some parameters when all others are free.
+
+    The Schur complement $A_{cc} - A_{co} A_{oo}^{-1} A_{oc}$.
+    """
+    mine = list(chosen)
+    others = [k for k in range(len(matrix)) if k not in set(mine)]
+    cross = matrix[np.ix_(mine, others)]
+    left = matrix[np.ix_(mine, mine)] - cross @ inverse(matrix[np.ix_(others, others)]) @ cross.T
+    return np.asarray((left + left.T) / 2.0)
+
+
+def seen_information(matrix: Array, chosen: Sequence[int]) -> Array:
+    """The same without directions that the data do not see, which rounding leaves in it."""
+    mine = list(chosen)
+    size = np.sqrt(np.maximum(np.diag(matrix)[mine], 1e-300))
+    values, vectors = np.linalg.eigh(marginal(matrix, mine) / size[:, None] / size)
+    kept = vectors[:, values >= SEEN] * size[:, None]
+    return np.asarray((kept * values[values >= SEEN]) @ kept.T)
+
+
+def covariance_of(matrix: Array, chosen: Sequence[int]) -> Array:
+    """Covariance of some parameters; rows of those that the data do not see are not numbers.
+
+    Args:
+        matrix: Information about all parameters, shape `(p, p)`.
+        chosen: Those of interest, `c` of them.
+
+    Returns:
+        Shape `(c, c)`.
+    """
+    mine = list(chosen)
+    size = np.sqrt(np.maximum(np.diag(matrix)[mine], 0.0))
+    scale = np.where(size > 0.0, size, np.inf)
+    values, vectors = np.linalg.eigh(marginal(matrix, mine) / scale[:, None] / scale)
+    null = values < SEEN
+    kept = vectors[:, ~null] / scale[:, None]
+    covariance = np.asarray((kept / values[~null]) @ kept.T)
+    blind = np.linalg.norm(vectors[:, null], axis=1) > TOUCHED
+    covariance[blind, :] = covariance[:, blind] = np.nan
+    return covariance
+
+
+WINDOWS = 8
+"""Windows kept per run; for the correlation of residuals."""
+
+
+def carrier(robot: Robot, name: str | None = None) -> Frame:
+    """The frame of that name; that of the last link if none is named.
+
+    Raises:
+        ModelError: There is none, it is fixed to the base, or has no body.
+    """
+    links = {
+        body.name: Frame(body.name, k, np.eye(3), np.zeros(3))
+        for k, body in enumerate(robot.bodies)
+    }
+    frames = links | {frame.name: frame for frame in robot.frames}
+    if name is None:
+        return links[robot.bodies[-1].name]
+    if name not in frames:
+        raise ModelError(
+            f"there is no frame '{name}'",
+            where=f"robot '{robot.name}'",
+            fix=advice(name, frames, "frames"),
+        )
+    if frames[name].body < 0:
+        raise ModelError(
+            f"frame '{name}' is fixed to the base: a payload there loads no joint",
+            where=f"robot '{robot.name}'",
+            fix=f"name a frame that moves, such as '{robot.bodies[-1].name}'",
+        )
+    if robot.bodies[frames[name].body].massless:
+        raise ModelError(
+            f"frame '{name}' lies between two joints of one body, and has no mass",
+            where=f"robot '{robot.name}'",
+            fix=f"name a link with mass, such as '{robot.bodies[-1].name}'",
+        )
+    return frames[name]
+
+
+def payload_lift(robot: Robot, base: BaseMap, frame: Frame) -> Array:
+    """What a payload's ten numbers in a frame add to the base parameters, shape `(b, 10)`.
+
+    Raises:
+        ModelError: The model has no bodies, to which it could add.
+    """
+    body = robot.bodies[frame.body].name
+    if f"{INERTIAL_NAMES[0]}.{body}" not in base.names:
+        raise ModelError(
+            "a payload adds to the robot's bodies, but the model's terms have none",
+            where=f"robot '{robot.name}', list of terms",
+            fix='list the term "rigid_body", and identify the model anew',
+        )
+    move = np.array(
+        [Inertia.from_ten(e).moved(frame.rotation, frame.position).ten for e in np.eye(10)]
+    ).T
+    columns = [base.names.index(f"{name}.{body}") for name in INERTIAL_NAMES]
+    return np.asarray(base.lift[:, columns] @ move)
+
+
+def drifting(model: Model, columns: Sequence[str]) -> tuple[int, ...]:
+    """Numbers of the columns that differ from day to day: friction, offset, what is per run."""
+    steady = {
+        parameter.name
+        for term in model.terms
+        if not (term.drifts() or term.per_run)
+        for parameter in term.parameters(model.robot)
+    }
+    return tuple(k for k, name in enumerate(columns) if name not in steady)
+
+
+@dataclass(frozen=True, eq=False)
+class LoadCase:
+    """Runs with and without a payload as one linear problem.
+
+    The parameters are those of the arm, then what each run's friction and offset deviate from
+    them, then the ten of each payload.
+
+    Attributes:
+        information: About all of these.
+        n_arm: How many parameters the arm has.
+        drift: Columns of the arm that deviate per run.
+        n_loads: Number of payloads; one at least, which may be carried by no run.
+    """
+
+    information: Information
+    n_arm: int
+    drift: tuple[int, ...]
+    n_loads: int = 1
+
+    @property
+    def size(self) -> int:
+        """Number of all parameters."""
+        return len(self.information.layout.columns)
+
+    @property
+    def payload(self) -> tuple[int, ...]:
+        """Numbers of the last payload's ten parameters."""
+        return self.payloads[-1]
+
+    @property
+    def payloads(self) -> tuple[tuple[int, ...], ...]:
+        """Numbers of each payload's ten parameters."""
+        starts = range(self.size - 10 * self.n_loads, self.size, 10)
+        return tuple(tuple(range(start, start + 10)) for start in starts)
+
+    @property
+    def deviations(self) -> tuple[tuple[int, ...], ...]:
+        """Numbers of the parameters that deviate, per run that does."""
+        width = max(len(self.drift), 1)
+        inner = range(self.n_arm, self.payloads[0][0])
+        return tuple(tuple(inner[k : k + width]) for k in range(0, len(inner), width))
+
+
+def load_case(
+    model: Model,
+    base: BaseMap,
+    frame: Frame,
+    unloaded: Sequence[Information],
+    loaded: Sequence[Information],
+    *,
+    first_deviates: bool,
+    drifts: bool = True,
+    zero: Collection[str] = (),
+) -> LoadCase:
+    """Put runs together.
+
+    Args:
+        model: The model.
+        base: Its base parameters.
+        frame: What carries the payload.
+        unloaded: Runs without it, one piece of information each.
+        loaded: Runs with it.
+        first_deviates: Whether the first run deviates from the arm's friction too.
+        drifts: Whether friction and offset are each run's own.
+        zero: Base parameters of the arm that are known to be zero; a payload adds to them too.
+    """
+    runs = (*unloaded, *loaded)
+    deviating = range(0 if first_deviates else 1, len(runs))
+    return combined(
+        model,
+        base,
+        frame,
+        runs,
+        [None] * len(unloaded) + [0] * len(loaded),
+        [deviating.index(k) if k in deviating else None for k in range(len(runs))],
+        drifts=drifts,
+        zero=zero,
+    )
+
+
+def combined(
+    model: Model,
+    base: BaseMap,
+    frame: Frame,
+    runs: Sequence[Information],
+    loads: Sequence[int | None],
+    days: Sequence[int | None],
+    *,
+    drifts: bool = True,
+    zero: Collection[str] = (),
+) -> LoadCase:
+    """Put runs, or parts of one, together.
+
+    Args:
+        model: The model.
+        base: Its base parameters.
+        frame: What carries the payloads.
+        runs: The runs.
+        loads: Number of the payload that each carries; `None` without. There is one at least.
+        days: Number of the deviations of friction and offset of each; `None` for those of the arm.
+        drifts: Whether there are such deviations.
+        zero: Base parameters of the arm that are known to be zero; a payload adds to them too.
+    """
+    runs = tuple(run.merged(WINDOWS) for run in runs)
+    layout = runs[0].layout
+    arm = [k for k, name in enumerate(layout.columns) if name not in zero]
+    names, units = ([some[k] for k in arm] for some in (layout.columns, layout.units))
+    n_arm, drift = len(arm), drifting(model, names) if drifts else ()
+    n_days, n_loads = (len({k for k in some if k is not None}) for some in (days, loads))
+    n_loads = max(n_loads, 1)
+    place = {name: k for k, name in enumerate(base.base_names)}
+    lift = payload_lift(model.robot, base, frame)[[place[name] for name in layout.columns]]
+    start = n_arm + len(drift) * n_days
+    size = start + 10 * n_loads
+    parts = []
+    for run, load, day in zip(runs, loads, days, strict=True):
+        transform = np.zeros((len(layout.columns), size))
+        transform[arm, range(n_arm)] = 1.0
+        if day is not None:
+            own = range(n_arm + len(drift) * day, n_arm + len(drift) * (day + 1))
+            transform[[arm[k] for k in drift], own] = 1.0
+        if load is not None:
+            transform[:, start + 10 * load : start + 10 * load + 10] = lift
+        pieces = [run.of([k]) for k in range(len(run.windows))] or [run]
+        parts += [TransformedRun(piece, transform) for piece in pieces]
+    deviations = [(f"{names[k]} of run {r + 1}", units[k]) for r in range(n_days) for k in drift]
+    tens = [
+        (f"{name}.payload{k or ''}", unit)
+        for k in range(n_loads)
+        for name, unit in zip(INERTIAL_NAMES, INERTIAL_UNITS, strict=True)
+    ]
+    named = [*zip(names, units, strict=True), *deviations, *tens]
+    information = joined(parts, [n for n, _ in named], [u for _, u in named])
+    return LoadCase(information, n_arm, drift, n_loads)
+
+
+def refuse_foreign(model: Model, runs: Sequence[Information]) -> None:
+    """Runs must have been gathered with the model.
+
+    Raises:
+        DataError: One was not.
+    """
+    for run in runs:
+        if run.signature.model != model.fingerprint:
+            raise DataError(
+                "the runs were gathered with another model",
+                where=f"run '{run.windows[0].run if run.windows else '?'}'",
+                fix="gather them with the regressor of this model",
+            )

@@ -1,0 +1,1 @@
+"""Prior knowledge: masses and inertias of a model file, data sheets, bounds."""

@@ -1,0 +1,415 @@
+"""Kinds of prior constraints on bodies and parameters, by their names in robot files."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal, cast
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import ModelError
+from steelyard.estimate.consistent.contradictions import refuse_contradictions
+from steelyard.estimate.least_squares.per_run import own_columns
+from steelyard.estimate.prior.dissipative_friction import friction_curves, shaped
+from steelyard.estimate.prior.prior import Knowledge, Row
+from steelyard.estimate.prior.prior_constraint import (
+    Bounded,
+    ConstraintContext,
+    PriorConstraint,
+    given_knowledge,
+    in_words,
+)
+from steelyard.model.laws.register import TERMS
+from steelyard.model.model import Model
+from steelyard.robot.file.kinds import Kinds
+from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.rigid_body import INERTIAL_NAMES
+
+
+@dataclass(frozen=True, kw_only=True)
+class Known(Bounded):
+    """Parameters that are known, or lie between bounds.
+
+    Attributes:
+        parameter: Name; `*` stands for anything, so that `viscous.*` is that of every joint.
+    """
+
+    kind: ClassVar[str] = "parameter"
+    parameter: str
+
+    def rows(self, scope: ConstraintContext) -> list[Row]:
+        r"""$l \le \phi \le u$ for each."""
+        interval = self.interval(scope)
+        units = dict(zip(scope.model.names, scope.model.units, strict=True))
+        return [
+            scope.row(f"'{name}' is {in_words(interval, units[name])}", {name: 1.0}, interval)
+            for name in scope.parameters(self.parameter)
+        ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tied:
+    """A parameter that is a multiple of another.
+
+    Attributes:
+        parameter: Its name.
+        to: The other one.
+        factor: How many times the other one it is.
+    """
+
+    kind: ClassVar[str] = "tied"
+    parameter: str
+    to: str
+    factor: float = 1.0
+
+    def rows(self, scope: ConstraintContext) -> list[Row]:
+        r"""$\phi_1 - k\,\phi_2 = 0$."""
+        one, other = scope.parameter(self.parameter), scope.parameter(self.to)
+        if one == other:
+            scope.refuse(f"'{one}' is tied to itself", "name another parameter under `to`")
+        label = f"'{one}' is {self.factor:g} times '{other}'"
+        return [scope.row(label, {one: 1.0, other: -self.factor}, 0.0)]
+
+
+Vector = tuple[float, float, float]
+Plane = Literal["xy", "xz", "yz"]
+Axis = Literal["x", "y", "z"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mass(Bounded):
+    """The mass of a link [kg]."""
+
+    kind: ClassVar[str] = "mass"
+    link: str
+
+    def rows(self, scope: ConstraintContext) -> list[Row]:
+        r"""$l \le m \le u$."""
+        link, interval = scope.body(self.link), self.interval(scope)
+        label = f"the mass of link '{link}' is {in_words(interval, 'kg')}"
+        return [scope.row(label, {f"m.{link}": 1.0}, interval)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TotalMass(Bounded):
+    """The mass of several links together [kg].
+
+    Attributes:
+        links: Their names; all moving links if `None`.
+    """
+
+    kind: ClassVar[str] = "total_mass"
+    links: tuple[str, ...] | None = None
+
+    def rows(self, scope: ConstraintContext) -> list[Row]:
+        r"""$l \le \sum m_i \le u$."""
+        links = scope.bodies if self.links is None else self.links
+        if not links:
+            scope.refuse("a total mass is given, but no link", 'name links, or add "rigid_body"')
+        if twice := [link for link in links if links.count(link) > 1]:
+            scope.refuse(f"link '{twice[0]}' is named twice", "name it once")
+        interval = self.interval(scope)
+        of = "of all links" if self.links is None else "of " + ", ".join(f"'{x}'" for x in links)
+        label = f"the total mass {of} is {in_words(interval, 'kg')}"
+        return [scope.row(label, {f"m.{scope.body(x)}": 1.0 for x in links}, interval)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CentreInBox:
+    """A centre of mass lies in a box along the axes of the link's frame.
+
+    Attributes:
+        link: The link.
+        lower: The box's least coordinates [m].
+        upper: Its greatest.
+    """
+
+    kind: ClassVar[str] = "centre_in_box"
+    link: str
+    lower: Vector
+    upper: Vector
+
+    def rows(self, scope: ConstraintContext) -> list[Row]:
+        r"""$m\,l \le m c \le m\,u$ along every axis."""
+        link = scope.body(self.link)
+        label = f"the centre of mass of link '{link}' lies in a box"
+        rows = []
+        for axis, low, high in zip("xyz", self.lower, self.upper, strict=True):
+            if low > high:
+                scope.refuse(
+                    f"the box's lower {axis} is {low:g}, its upper one {high:g}", "exchange them"
+                )
+            moment = f"m{axis}.{link}"
+            rows += [
+                scope.row(label, {moment: 1.0, f"m.{link}": -low}, (0.0, np.inf)),
+                scope.row(label, {moment: 1.0, f"m.{link}": -high}, (-np.inf, 0.0)),
+            ]
+        return rows
+
+
+@dataclass(frozen=True, kw_only=True)
+class CentreInHull:
+    """A centre of mass lies between points of the link, in its frame.
+
+    Attributes:
+        link: The link.
+        points: Four or more, not in one plane [m].
+    """
+
+    kind: ClassVar[str] = "centre_in_hull"
+    link: str
+    points: tuple[Vector, ...]
+
+    def rows(self, scope: ConstraintContext) -> list[Row]:
+        r"""$n \cdot m c \le d\,m$ for every facet of the convex hull with normal $n$."""
+        link = scope.body(self.link)
+        label = f"the centre of mass of link '{link}' lies between the {len(self.points)} points"
+        return [
+            scope.row(
+                label,
+                {f"m{axis}.{link}": float(n) for axis, n in zip("xyz", normal, strict=True)}
+                | {f"m.{link}": float(offset)},
+                (-np.inf, 0.0),
+            )
+            for *normal, offset in self._facets(scope)
+        ]
+
+    def _facets(self, scope: ConstraintContext) -> Array:
+        """Normals that point out and offsets, `n x + offset <= 0` inside, shape `(k, 4)`."""
+        from scipy.spatial import ConvexHull, QhullError
+
+        try:
+            facets = ConvexHull(np.reshape(self.points, (-1, 3))).equations
+        except (QhullError, ValueError):
+            scope.refuse(
+                f"the {len(self.points)} points of link '{self.link}' span no volume",
+                "give four points or more that are not in one plane [m]",
+            )
+        kept = np.unique(facets.round(12), axis=0)
+        return np.asarray(kept, dtype=np.float64)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Equal:
+    """Links with the same mass properties, each in its own frame.
+
+    Attributes:
+        links: Two or more.
+    """
+
+    kind: ClassVar[str] = "equal"
+    links: tuple[str, ...]
+
+    def rows(self, scope: ConstraintContext) -> list[Row]:
+        """Ten equations per further link."""
+        first, *others = _several(self.links, scope)
+        label = "links " + ", ".join(f"'{x}'" for x in self.links) + " are equal"
+        return [row for x in others for row in _equality_rows(scope, label, first, x, np.ones(10))]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mirrored:
+    """Two links that are mirror images, each in its own frame.
+
+    Attributes:
+        links: Both.
+        plane: The plane of the frames that mirrors one to the other.
+    """
+
+    kind: ClassVar[str] = "mirrored"
+    links: tuple[str, str]
+    plane: Plane
+
+    def rows(self, scope: ConstraintContext) -> list[Row]:
+        """Ten equations: what is odd across the plane changes its sign."""
+        one, other = _several(self.links, scope)
+        label = f"links '{one}' and '{other}' mirror each other"
+        return _equality_rows(scope, label, one, other, reflected(self.plane))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Symmetric:
+    """A link that is its own mirror image, or looks the same all around an axis.
+
+    Planes and axes are those through the origin of the link's frame.
+
+    Attributes:
+        link: The link.
+        plane: The plane that mirrors it; or
+        axis: the axis around which it may be turned.
+    """
+
+    kind: ClassVar[str] = "symmetric"
+    link: str
+    plane: Plane | None = None
+    axis: Axis | None = None
+
+    def rows(self, scope: ConstraintContext) -> list[Row]:
+        """What is odd is zero; around an axis both moments across it are equal."""
+        link = scope.body(self.link)
+        if (self.plane is None) == (self.axis is None):
+            scope.refuse(
+                f"the symmetry of link '{link}' is about a plane or an axis",
+                'give plane = "xz", or axis = "z"',
+            )
+        if self.axis is None:
+            label = f"link '{link}' is symmetric about its {self.plane} plane"
+            planes = [plane for plane in _SIGNS if plane == self.plane]
+        else:
+            label = f"link '{link}' is symmetric about its {self.axis} axis"
+            planes = [plane for plane in _SIGNS if self.axis in plane]
+        odd = np.min([reflected(plane) for plane in planes], axis=0) < 0.0
+        rows = [
+            scope.row(label, {f"{name}.{link}": 1.0}, 0.0)
+            for name, is_odd in zip(INERTIAL_NAMES, odd, strict=True)
+            if is_odd
+        ]
+        if self.axis is not None:
+            one, other = (f"I{x}{x}.{link}" for x in "xyz" if x != self.axis)
+            rows.append(scope.row(label, {one: 1.0, other: -1.0}, 0.0))
+        return rows
+
+
+_SIGNS: dict[Plane, Vector] = {
+    "xy": (1.0, 1.0, -1.0),
+    "xz": (1.0, -1.0, 1.0),
+    "yz": (-1.0, 1.0, 1.0),
+}
+
+
+def reflected(plane: Plane) -> Array:
+    """Signs of the ten numbers of a body's mirror image across a plane of its frame."""
+    x, y, z = _SIGNS[plane]
+    return np.array([1.0, x, y, z, 1.0, x * y, 1.0, x * z, y * z, 1.0])
+
+
+def _several(links: tuple[str, ...], scope: ConstraintContext) -> tuple[str, ...]:
+    if len(links) < 2 or len(set(links)) < len(links):
+        scope.refuse(
+            f"links to be compared are {', '.join(links) or 'none'}", "name two different links"
+        )
+    return tuple(scope.body(link) for link in links)
+
+
+def _equality_rows(
+    scope: ConstraintContext, label: str, one: str, other: str, signs: Array
+) -> list[Row]:
+    return [
+        scope.row(label, {f"{name}.{other}": 1.0, f"{name}.{one}": -float(sign)}, 0.0)
+        for name, sign in zip(INERTIAL_NAMES, signs, strict=True)
+    ]
+
+
+CONSTRAINTS: dict[str, type[Any]] = {
+    constraint.kind: constraint
+    for constraint in (
+        Mass,
+        TotalMass,
+        CentreInBox,
+        CentreInHull,
+        Known,
+        Tied,
+        Equal,
+        Mirrored,
+        Symmetric,
+    )
+}
+
+KINDS = Kinds(CONSTRAINTS, "kind", "kind of knowledge", "knowledge of kind")
+
+
+def knowledge_of(model: Model, loaded: LoadedRobot, fastest: Array | None = None) -> Knowledge:
+    """All that model and robot file say before the data.
+
+    Constraints on friction that was chosen from the data, or is still to be, and is not in the
+    model, are passed over with a note.
+
+    Args:
+        model: The model.
+        loaded: The robot file.
+        fastest: Greatest speed of each joint in the data [rad/s; m/s], up to which and beyond
+            friction is bounded as a whole; without it, coefficient by coefficient.
+
+    Raises:
+        ModelError: A constraint is none, names what is not there, or contradicts itself.
+        DataError: Constraints contradict each other.
+    """
+    known = given_knowledge(model, loaded.prior, loaded.where)
+    rows: list[Row] = []
+    notes = list(known.notes)
+    for number, table in enumerate(loaded.knowledge):
+        where = loaded.where("knowledge", number)
+        constraint = constraint_of(table, where)
+        if loaded.friction and (absent := _of_absent_law(constraint, model)):
+            notes.append(f"the model has no '{absent}': prior constraints on it are ignored")
+            continue
+        mine = constraint.rows(ConstraintContext(model, where))
+        _refuse_own(mine, own_columns(model), where)
+        rows += mine
+    lower, loosened = _loosened(known, rows)
+    notes += [f"'{name}' may be below zero, as the robot file allows" for name in loosened]
+    known = replace(known, lower=lower, rows=tuple(rows), notes=tuple(notes))
+    refuse_contradictions(known)
+    return known if fastest is None else _with_curves(known, model, fastest, loosened)
+
+
+def _with_curves(
+    known: Knowledge, model: Model, fastest: Array, loosened: Sequence[str]
+) -> Knowledge:
+    """The same with friction bounded as a whole, where the user has not set a bound lower."""
+    curves = tuple(
+        row for row in friction_curves(model, fastest) if not set(loosened) & set(row.coefficients)
+    )
+    return replace(known, curves=curves, shaped=shaped(model, curves))
+
+
+def _refuse_own(rows: Sequence[Row], own: Sequence[str], where: str) -> None:
+    """Refuse a constraint on what every run has for itself."""
+    for name in own:
+        if any(name in row.coefficients for row in rows):
+            raise ModelError(
+                f"every run has a '{name}' of its own, which no prior constraint can act on",
+                where=where,
+                fix="remove the constraint, or remove per_run from the term",
+            )
+
+
+def constraint_of(table: Mapping[str, Any], where: str) -> PriorConstraint:
+    """A constraint from a table with its `kind` and its fields.
+
+    Args:
+        table: As the robot file has it.
+        where: For messages.
+
+    Raises:
+        ModelError: There is no such kind, a field is missing or unknown, or of another type.
+    """
+    return cast(PriorConstraint, KINDS.built(table, where))
+
+
+def _of_absent_law(constraint: PriorConstraint, model: Model) -> str | None:
+    """The parameter of a friction law that the model lacks, if a constraint names one."""
+    if not isinstance(constraint, Known | Tied):
+        return None
+    names = (
+        (constraint.parameter, constraint.to)
+        if isinstance(constraint, Tied)
+        else (constraint.parameter,)
+    )
+    absent = tuple(set(TERMS) - {term.law for term in model.terms})
+    return next((name for name in names if name.startswith(absent)), None)
+
+
+def _loosened(known: Knowledge, rows: list[Row]) -> tuple[Array, list[str]]:
+    """Lower bounds with those of laws that the user sets lower, and the names of these."""
+    lower, place = np.array(known.lower), {name: k for k, name in enumerate(known.names)}
+    bodies = {f"{kind}.{name}" for kind in INERTIAL_NAMES for name in known.bodies}
+    loosened = []
+    for row in rows:
+        if len(row.coefficients) != 1 or not np.isfinite(row.lower):
+            continue
+        name = next(iter(row.coefficients))
+        if name not in bodies and row.lower < lower[place[name]]:
+            lower[place[name]] = row.lower
+            loosened.append(name)
+    return lower, loosened

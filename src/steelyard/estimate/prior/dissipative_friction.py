@@ -1,0 +1,311 @@
+r"""Friction that takes energy as a whole, in place of coefficients that do so one by one.
+
+Along a coordinate all laws together give a curve $f(v)$ over speed. What physics requires of it is
+$v f(v) \ge 0$, not that each coefficient be positive: friction that grows less than in proportion
+to speed has a negative quadratic coefficient. The curve is linear in the coefficients, so a grid of
+speeds gives rows of a convex program. Of laws that remember it is the energy of slow closed
+cycles as well: whatever a hysteresis of elements that slip runs through decomposes into such cycles
+[AlBender2005]. Nor may friction be a multiple of that of sliding on the way from one direction to
+the other.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.estimate.prior.prior import Row
+from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.model import Model
+from steelyard.model.terms.axes import Axis
+from steelyard.model.terms.memory import LENGTHS_TO_FORGET, Presliding
+from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, TermSamples
+from steelyard.robot.robot import Robot
+
+REACH = 1.5
+"""Speed up to which friction takes energy, over the greatest of the data."""
+
+FARTHEST = 20.0
+"""Limit of a joint's speed that is believed, over the greatest of the data."""
+
+STILL = 1e-9
+"""Speed that stands for one next to zero, over `REACH` times the greatest of the data."""
+
+SPEEDS = np.concatenate([[STILL], np.geomspace(1e-4, 0.03, 6), np.linspace(0.05, 1.0, 20)])
+"""Grid of speeds, over the same."""
+
+UNREACHED_SPEEDS = np.linspace(0.1, 1.0, 10)
+"""Grid of speeds that the data do not reach, over the limit of the joint."""
+
+CYCLES = (STILL, 0.01, 0.1, 1.0)
+"""Speeds of cycles, over the same as `SPEEDS`."""
+
+OFTEN = 50.0
+"""Cycles per second that no arm exceeds [Hz]."""
+
+NOTHING = 1e-9
+"""Length of a row below which it is rounding."""
+
+SLID = 20.0
+"""Travel at a speed until memory is that of steady sliding, over that after which the start is
+forgotten, and over the largest range of a cycle."""
+
+HALF = np.append(0.0, np.geomspace(1e-4, 1.0, 60))
+"""Positions of half a cycle, over its range."""
+
+TURNED = 30
+"""Positions after a turn at which friction is bounded."""
+
+PEAK = 2.0
+"""Greatest friction on the way from one direction to the other, over that of slow sliding."""
+
+RANGES = 2.0 ** np.arange(-8.0, 3.0)
+"""Ranges of cycles, over the greatest length of a law."""
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """A coordinate whose friction is bounded as a whole.
+
+    Attributes:
+        axis: The coordinate.
+        laws: Those that act along it.
+        top: Speed that the data reach, and a little more [rad/s; m/s].
+        farthest: Speed up to which friction takes energy [rad/s; m/s].
+    """
+
+    axis: Axis
+    laws: tuple[ActsOnAxes, ...]
+    top: float
+    farthest: float
+
+
+def friction_curves(model: Model, fastest: Sequence[float] | Array) -> tuple[Row, ...]:
+    """Rows by which friction along every coordinate takes energy.
+
+    Args:
+        model: The model.
+        fastest: Greatest speed of each joint in the data, shape `(n,)` [rad/s; m/s]; joints that
+            loops determine have none.
+    """
+    laws = [
+        term
+        for term in model.terms
+        if isinstance(term, ActsOnAxes) and term.dissipation != "none" and not term.per_run
+    ]
+    found = list(_coordinates(model, laws, np.asarray(fastest)))
+    rows = {
+        part: of_part
+        for group in _groups(found)
+        for part, of_part in zip(group, _rows(group, model.robot), strict=True)
+    }
+    return tuple(row for part in found for row in rows[part])
+
+
+def _coordinates(model: Model, laws: Sequence[ActsOnAxes], fastest: Array) -> Iterator[Coordinate]:
+    """The coordinates that move in the data, along which laws take energy together only."""
+    n = len(fastest)
+    limits = np.array([c.limits.velocity for c in model.robot.coordinates])
+    for axis in dict.fromkeys(axis for law in laws for axis in law.axes(model.robot)):
+        top = REACH * float(np.abs(axis.row[:n]) @ fastest)
+        if any(axis.row[n:]) or not 0.0 < top < np.inf:
+            continue
+        mine = tuple(law for law in laws if axis in law.axes(model.robot))
+        limit = float(np.abs(axis.row[:n]) @ np.where(axis.row[:n], limits[:n], 0.0))
+        if any(law.dissipation == "together" for law in mine):
+            yield Coordinate(axis, mine, top, max(top, _believed(limit, top)))
+
+
+def _groups(found: Sequence[Coordinate]) -> list[list[Coordinate]]:
+    """Coordinates with the same laws and without a joint in common, which may move at once."""
+    groups: list[list[Coordinate]] = []
+    for part in found:
+        joints = np.array(part.axis.row) != 0.0
+        for group in groups:
+            taken = np.any([other.axis.row for other in group], axis=0)
+            if group[0].laws == part.laws and not np.any(joints & taken):
+                group.append(part)
+                break
+        else:
+            groups.append([part])
+    return groups
+
+
+def shaped(model: Model, rows: Sequence[Row]) -> frozenset[str]:
+    """Names of coefficients in rows that may be negative, as their curve is bounded."""
+    bounded = {name for row in rows for name in row.coefficients}
+    return frozenset(
+        p.name
+        for term in model.terms
+        if term.dissipation == "together"
+        for p in term.parameters(model.robot)
+        if p.name in bounded
+    )
+
+
+def _believed(limit: float, top: float) -> float:
+    """A limit of speed; zero if it is a mere placeholder."""
+    return limit if limit <= FARTHEST * top / REACH else 0.0
+
+
+def _rows(group: Sequence[Coordinate], robot: Robot) -> list[list[Row]]:
+    """The rows of coordinates that move at once."""
+    laws = group[0].laws
+    ranges = _ranges(laws, robot)
+    axes, tops = [part.axis for part in group], np.array([part.top for part in group])
+    works = [_works(law, robot, axes, tops, ranges) for law in laws]
+    return [_rows_of(part, robot, ranges, works) for part in group]
+
+
+def _rows_of(
+    part: Coordinate, robot: Robot, ranges: Sequence[float], works: Sequence[Array]
+) -> list[Row]:
+    """The rows of one coordinate, each once.
+
+    Args:
+        part: The coordinate.
+        robot: The robot.
+        ranges: Ranges of cycles.
+        works: Energies of the cycles, per law as `_works` gives them.
+    """
+    axis, top, farthest = part.axis, part.top, part.farthest
+    grid = np.append(top * SPEEDS, [v for v in farthest * UNREACHED_SPEEDS if v > top])
+    speeds = np.concatenate([grid, -grid])
+    slow = np.array([top * v <= 2.0 * reach * OFTEN for reach in ranges for v in CYCLES], bool)
+    names: list[str] = []
+    columns: list[Array] = []
+    for law, work in zip(part.laws, works, strict=True):
+        at = [
+            k for k, p in enumerate(law.parameters(robot)) if p.name.partition(".")[2] == axis.name
+        ]
+        names += [law.parameters(robot)[k].name for k in at]
+        steady = _along(law, robot, [axis], *_sliding(law, robot, speeds))[at]
+        sliding = np.sign(speeds) * steady[:, 2::2]
+        turns = _turned(law, robot, axis, ranges, top * STILL)[at]
+        columns += list(np.concatenate((sliding, work[at][:, slow], turns), axis=1))
+    matrix = np.array(columns).T
+    sizes = np.linalg.norm(matrix, axis=1)
+    kept = sizes > NOTHING
+    unit = np.unique(np.round(matrix[kept] / sizes[kept, None], 9), axis=0)
+    label = f"friction of '{axis.name}' up to {farthest:.3g} {axis.speed_unit}"
+    return [
+        Row(label, {n: float(x) for n, x in zip(names, row, strict=True) if x}, lower=0.0)
+        for row in unit
+    ]
+
+
+def _ranges(laws: Sequence[ActsOnAxes], robot: Robot) -> list[float]:
+    """Ranges of cycles, around the lengths of the laws that remember."""
+    found: set[float] = set()
+    for law in laws:
+        if isinstance(law, Presliding):
+            lengths = law.lengths_of(law.axes(robot))
+            found |= {2.0 * length for length in lengths}
+            found |= {float(max(lengths) * r) for r in RANGES}
+    return sorted(found)
+
+
+def _sliding(law: ActsOnAxes, robot: Robot, speeds: Array) -> tuple[Array, Array]:
+    """A motion that slides at one speed after the other: position and speed at two samples each."""
+    far = 1.0
+    if isinstance(law, Presliding):
+        far = SLID * (LENGTHS_TO_FORGET * max(law.lengths_of(law.axes(robot))))
+    v = np.concatenate([speeds[:1], np.repeat(speeds, 2)])
+    steps = np.sign(v) * far
+    steps[0] = 0.0
+    return np.cumsum(steps), v
+
+
+def _works(
+    law: ActsOnAxes, robot: Robot, axes: Sequence[Axis], tops: Array, ranges: Sequence[float]
+) -> Array:
+    """Energies of closed cycles over their lengths, per unit of each parameter.
+
+    Args:
+        law: The law.
+        robot: The robot.
+        axes: The coordinates, which move at once.
+        tops: The speed of each that `CYCLES` refers to, shape `(axes,)`.
+        ranges: Ranges of the cycles.
+
+    Returns:
+        Shape `(parameters, len(ranges) * len(CYCLES))`.
+    """
+    cycles = [(reach, v) for reach in ranges for v in CYCLES]
+    if not cycles:
+        return np.zeros((len(law.parameters(robot)), 0))
+    paths = [_cycle(reach) for reach, _ in cycles]
+    steps = [np.diff(x, prepend=-x.max()) for x in paths]
+    speeds = [np.sign(s) * (tops[:, None] * v) for s, (_, v) in zip(steps, cycles, strict=True)]
+    remembers = isinstance(law, StatefulTerm)
+    if remembers:
+        forces = [_along(law, robot, axes, x, v) for x, v in zip(paths, speeds, strict=True)]
+    else:
+        every = _along(law, robot, axes, np.concatenate(paths), np.concatenate(speeds, axis=1))
+        forces = np.split(every, len(cycles), axis=1)
+    works = [_work(f, s, remembers) for f, s in zip(forces, steps, strict=True)]
+    return np.array(works).T / (2.0 * np.array([reach for reach, _ in cycles]))
+
+
+def _cycle(reach: float) -> Array:
+    """Positions of a closed cycle, three times over."""
+    half = reach * HALF[1:]
+    return np.concatenate([[0.0], np.tile(np.concatenate([half, reach - half]), 3)])
+
+
+def _work(force: Array, steps: Array, remembers: bool) -> Array:
+    """Energy of the last of three cycles, per unit of each parameter.
+
+    Args:
+        force: Force of every parameter, shape `(parameters, N)`.
+        steps: Change of position up to each sample, shape `(N,)`.
+        remembers: Whether forces change within a step; they are constant along it otherwise.
+    """
+    once = 2 * (len(HALF) - 1)
+    last = force[:, -once:]
+    if remembers:
+        last = 0.5 * (last + force[:, -once - 1 : -1])
+    return np.asarray(last @ steps[-once:])
+
+
+def _turned(
+    law: ActsOnAxes, robot: Robot, axis: Axis, ranges: Sequence[float], speed: float
+) -> Array:
+    """What is left below `PEAK` after a turn from sliding, on both sides, per parameter."""
+    if not ranges:
+        return np.zeros((len(law.parameters(robot)), 0))
+    far = SLID * ranges[-1]
+    travel = np.append(np.geomspace(0.05 * ranges[0], ranges[-1], TURNED), far)
+    x = np.concatenate([[far, 0.0], travel])
+    v = np.where(np.arange(len(x)) < 2, -speed, speed)
+    force = _along(law, robot, [axis], x, v)[:, 2:]
+    sliding = PEAK * force[:, -1:]
+    return np.concatenate([sliding - force[:, :-1], sliding + force[:, :-1]], axis=1)
+
+
+def _along(law: ActsOnAxes, robot: Robot, axes: Sequence[Axis], x: Array, v: Array) -> Array:
+    """Force of every parameter along coordinates without a joint in common, which alone move.
+
+    Args:
+        law: The law.
+        robot: The robot.
+        axes: The coordinates.
+        x: Position along each, shape `(N,)`.
+        v: Speed along each, shape `(N,)` or `(axes, N)`.
+
+    Returns:
+        Shape `(parameters, N)`.
+    """
+    directions = np.array([np.array(axis.row) / np.dot(axis.row, axis.row) for axis in axes])
+    direction = directions.sum(axis=0)
+    q, dq = np.outer(direction, x), directions.T @ np.broadcast_to(v, (len(axes), len(x)))
+    channels = np.empty((0, len(x)))
+    if isinstance(law, StatefulTerm):
+        samples = TermSamples(q, dq, np.zeros_like(q), lambda tens: np.zeros_like(q))
+        channels, _ = law.remember(robot, samples, None)
+    state = JointState(list(q), list(dq), [np.zeros_like(x)] * len(q), list(channels))
+    force = np.zeros((len(law.parameters(robot)), len(x)))
+    for (joint, parameter), column in law.columns(robot, state).items():
+        force[parameter] += direction[joint] * column
+    return force

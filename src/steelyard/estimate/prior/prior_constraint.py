@@ -1,0 +1,276 @@
+"""Priors and prior constraints as a robot file states them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from typing import ClassVar, NoReturn, Protocol
+
+import numpy as np
+
+from steelyard.base.errors import ModelError, advice
+from steelyard.estimate.prior.prior import (
+    Knowledge,
+    PriorBody,
+    Row,
+    assumed_body,
+    assumed_mass,
+    box,
+    capsule,
+    corrected_body,
+    knowledge_with,
+    model_prior,
+    rigid_bodies,
+)
+from steelyard.model.model import Model
+from steelyard.robot.file.efforts import Locate
+from steelyard.robot.file.sections import LinkPriorSection, PriorSection
+from steelyard.robot.rigid_body import Inertia, symmetric
+from steelyard.robot.robot import Robot
+
+
+def given_knowledge(model: Model, section: PriorSection, where: Locate) -> Knowledge:
+    """What model file and the section `[prior]` say: bodies, and bounds of the terms' parameters.
+
+    Args:
+        model: The model.
+        section: What the robot file says of priors.
+        where: Places in the robot file.
+
+    Raises:
+        ModelError: The section names a link that is not there, or contradicts itself.
+    """
+    bodies = rigid_bodies(model)
+    for name in section.links:
+        body_index(model.robot, name, where("prior", "links", name))
+    corrected = {
+        body.name: one
+        for k, body in bodies.items()
+        if (one := _prior(model.robot, k, section, where)) is not None
+    }
+    return replace(knowledge_with(model, corrected), uncertainty=section.uncertainty)
+
+
+def body_index(robot: Robot, name: str, where: str) -> int:
+    """Which moving body a link's name means.
+
+    Raises:
+        ModelError: No body is called so; the message says which one carries a fixed link.
+    """
+    names = [body.name for body in robot.bodies]
+    if name in names and not robot.bodies[names.index(name)].massless:
+        return names.index(name)
+    carrier = next((f.body for f in robot.frames if f.name == name), None)
+    if name in names:
+        wrong = f"link '{name}' is a frame between two joints of one body, and has no mass"
+        fix = "name the body itself"
+    elif carrier is None:
+        wrong, fix = f"the robot has no moving link '{name}'", advice(name, names, "moving links")
+    elif carrier < 0:
+        wrong, fix = f"link '{name}' does not move", advice(name, names, "moving links")
+    else:
+        wrong = f"link '{name}' moves with link '{names[carrier]}', whose numbers include it"
+        fix = f"name '{names[carrier]}', and give the properties of both together in its frame"
+    raise ModelError(wrong, where=where, fix=fix)
+
+
+def _prior(robot: Robot, index: int, section: PriorSection, where: Locate) -> PriorBody | None:
+    name = robot.bodies[index].name
+    given = section.links.get(name, LinkPriorSection(source=section.source))
+    _refuse_unclear(name, given, where("prior", "links", name))
+    if given.source == "none":
+        return None
+    if given.model_fields_set <= {"source"}:
+        return model_prior(robot, index)
+    mass, guessed = _mass(robot, index, given)
+    corrected = corrected_body(_solid(robot, index, given, mass))
+    if not guessed:
+        return corrected
+    reason = f"its mass is not known; {mass:.3g} kg are assumed"
+    return replace(corrected, why=f"{reason}; {corrected.why}" if corrected.why else reason)
+
+
+def _refuse_unclear(name: str, given: LinkPriorSection, where: str) -> None:
+    shapes = [key for key in ("box", "capsule") if getattr(given, key) is not None]
+    points = [key for key in ("com", "inertia_com") if getattr(given, key) is not None]
+    if not given.model_fields_set:
+        raise ModelError(
+            f"the prior of link '{name}'",
+            where=where,
+            fix='give mass = ..., a box, a capsule, or com and inertia_com; or source = "none"',
+        )
+    if given.source == "none" and len(given.model_fields_set) > 1:
+        raise ModelError(
+            f"the prior of link '{name}' is none, but properties are given",
+            where=where,
+            fix='leave out source = "none", or the other keys',
+        )
+    if len(shapes) == 2 or (shapes and points):
+        both = (*shapes, *points)[:2]
+        raise ModelError(
+            f"the prior of link '{name}' has {both[0]} and {both[1]} at once",
+            where=where,
+            fix="keep one of them: a box, a capsule, or com and inertia_com",
+        )
+
+
+def _mass(robot: Robot, index: int, given: LinkPriorSection) -> tuple[float, bool]:
+    """The mass, and whether it is a guess."""
+    if given.mass is not None:
+        return given.mass, False
+    body = robot.bodies[index]
+    if body.known and body.inertia.mass > 0.0:
+        return body.inertia.mass, False
+    return assumed_mass(robot), True
+
+
+def _solid(robot: Robot, index: int, given: LinkPriorSection, mass: float) -> Inertia:
+    """The body that a table describes; what it leaves out is the model's, scaled to the mass."""
+    if given.box is not None:
+        return box(mass, given.box.centre, given.box.size)
+    if given.capsule is not None:
+        shape = given.capsule
+        return capsule(mass, shape.start, shape.end, shape.radius)
+    body = robot.bodies[index]
+    if body.known and body.inertia.mass > 0.0:
+        model = Inertia.from_ten(body.inertia.ten * (mass / body.inertia.mass))
+    else:
+        model = assumed_body(robot, index, mass)
+    com = model.com if given.com is None else given.com
+    six = given.inertia_com
+    return Inertia.about_com(mass, com, model.inertia_com if six is None else symmetric(six))
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintContext:
+    """The context of a constraint: the parameters of a model, and the constraint's place.
+
+    Attributes:
+        model: The model.
+        where: For messages.
+    """
+
+    model: Model
+    where: str
+
+    def body(self, name: str) -> str:
+        """The name, if a moving link with parameters has it.
+
+        Raises:
+            ModelError: None has.
+        """
+        body_index(self.model.robot, name, self.where)
+        if not rigid_bodies(self.model):
+            self.refuse(
+                f"the model has no mass properties of link '{name}'",
+                'add "rigid_body" to the terms, or remove the constraint',
+            )
+        return name
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of all moving links."""
+        return tuple(body.name for body in rigid_bodies(self.model).values())
+
+    def parameters(self, pattern: str) -> tuple[str, ...]:
+        """Parameters that a name means; `*` in it stands for anything.
+
+        Raises:
+            ModelError: None has such a name.
+        """
+        found = tuple(n for n in self.model.names if n == pattern or fnmatchcase(n, pattern))
+        if not found:
+            fix = advice(pattern, self.model.names, "parameters")
+            self.refuse(f"the model has no parameter '{pattern}'", fix)
+        return found
+
+    def parameter(self, name: str) -> str:
+        """The name, if a parameter has it.
+
+        Raises:
+            ModelError: None has.
+        """
+        if name not in self.model.names:
+            fix = advice(name, self.model.names, "parameters")
+            self.refuse(f"the model has no parameter '{name}'", fix)
+        return name
+
+    def refuse(self, wrong: str, fix: str) -> NoReturn:
+        """Refuse this constraint.
+
+        Raises:
+            ModelError: Always.
+        """
+        raise ModelError(wrong, where=self.where, fix=fix)
+
+    def row(
+        self, label: str, coefficients: Mapping[str, float], interval: "Interval | float"
+    ) -> Row:
+        """A row with the constraint in words, and its place in the file."""
+        low, high = (interval, interval) if isinstance(interval, float) else interval
+        return Row(f"{label} ({self.where})", coefficients, low, high)
+
+
+Interval = tuple[float, float]
+"""Lower and upper bound."""
+
+
+class PriorConstraint(Protocol):
+    """One kind of knowledge, with what a table of the robot file says of it."""
+
+    kind: ClassVar[str]
+
+    def rows(self, scope: ConstraintContext) -> list[Row]:
+        """The constraint over a model's standard parameters.
+
+        Raises:
+            ModelError: It names what the model does not have, or contradicts itself.
+        """
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bounded:
+    """A quantity that is known, or lies between bounds.
+
+    Attributes:
+        lower: Least value; none if `None`.
+        upper: Greatest value; none if `None`.
+        value: The value itself, instead of bounds.
+    """
+
+    lower: float | None = None
+    upper: float | None = None
+    value: float | None = None
+
+    def interval(self, scope: ConstraintContext) -> Interval:
+        """Lower and upper bound.
+
+        Raises:
+            ModelError: Nothing is given, a value beside bounds, or bounds in the wrong order.
+        """
+        bounds = self.lower is not None or self.upper is not None
+        if bounds == (self.value is not None):
+            scope.refuse(
+                "a value and bounds are given" if bounds else "neither value nor bounds are given",
+                "give value = ..., or lower = ... and upper = ..., or one of these",
+            )
+        if self.value is not None:
+            return self.value, self.value
+        low = -np.inf if self.lower is None else self.lower
+        high = np.inf if self.upper is None else self.upper
+        if low > high:
+            scope.refuse(
+                f"the lower bound {low:g} is above the upper bound {high:g}", "exchange them"
+            )
+        return low, high
+
+
+def in_words(interval: Interval, unit: str) -> str:
+    """A bound as people say it: `at least 3 kg`, `between 3 and 5 kg`, `3 kg`."""
+    low, high = interval
+    if low == high:
+        return f"{low:g} {unit}"
+    if not np.isfinite(high):
+        return f"at least {low:g} {unit}"
+    if not np.isfinite(low):
+        return f"at most {high:g} {unit}"
+    return f"between {low:g} and {high:g} {unit}"

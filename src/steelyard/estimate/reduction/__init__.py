@@ -1,0 +1,1 @@
+"""Models with fewer parameters: criteria, elimination, stopping rules."""

@@ -1,0 +1,312 @@
+r"""Backward elimination: a model with some base parameters, which one is removed next, the path.
+
+All states of a path share the weights of the full model's rows, $1/\sigma_j^2$: with weights that
+followed each removal, a row that lost a parameter would count less, and the next removal there
+would seem cheaper than it is.
+"""
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import DataError
+from steelyard.estimate.estimate import Unidentifiable
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.least_squares.normal_equations import condition_of
+from steelyard.estimate.least_squares.residual_covariance import scatter, score_covariance
+
+
+@dataclass(frozen=True, eq=False)
+class FullModel:
+    r"""The data of a full model, and the weights that its least squares found.
+
+    Attributes:
+        information: The data, in the columns that they show, `p` of them.
+        variances: Residual variance per effort row of the full model, shape `(rows,)`.
+        factors: How many times more the estimate scatters than by white residuals, shape `(rows,)`.
+        matrix: Normal matrix $A^T W A$, columns of unit length, shape `(p, p)`.
+        vector: $A^T W b$ of the same columns, shape `(p,)`.
+        scores: Covariance of that vector with the factors, shape `(p, p)`.
+        lengths: Lengths of the weighted columns, shape `(p,)`.
+        blind: Columns that the data do not show; they have no value.
+    """
+
+    information: Information
+    variances: Array
+    factors: Array
+    matrix: Array
+    vector: Array
+    scores: Array
+    lengths: Array
+    blind: tuple[Unidentifiable, ...]
+
+    @classmethod
+    def of(cls, information: Information) -> "FullModel":
+        """Weighted least squares of all columns that the data show.
+
+        Raises:
+            DataError: The data show no parameter, or are too few.
+        """
+        blind = WeightedLeastSquares().fit(information).solution.blind
+        hidden = {one.name for one in blind}
+        shown = [name for name in information.layout.columns if name not in hidden]
+        seen = information.select(shown) if blind else information
+        fit = WeightedLeastSquares().fit(seen)
+        factors = scatter(fit)
+        matrix, vector, _ = seen.normal(1.0 / fit.variances)
+        lengths = np.sqrt(np.diag(matrix))
+        return cls(
+            seen,
+            fit.variances,
+            factors,
+            frozen(matrix / lengths[:, None] / lengths),
+            frozen(vector / lengths),
+            frozen(score_covariance(fit, factors) / lengths[:, None] / lengths),
+            frozen(lengths),
+            blind,
+        )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns that the data show."""
+        return self.information.layout.columns
+
+    @cached_property
+    def norms(self) -> Array:
+        """Norms of the unweighted columns over all rows and samples, shape `(p,)`."""
+        matrix, _, _ = self.information.normal()
+        return np.sqrt(np.maximum(np.diag(matrix), 0.0))
+
+    @cached_property
+    def means(self) -> Array:
+        """Means of |column| over all rows and samples, shape `(p,)`."""
+        return np.asarray(self.information.absolute_sums() / self.information.n_samples.sum())
+
+    def state(self, active: Sequence[int]) -> "State":
+        """The model with some of the columns, refitted with the full model's weights."""
+        return State(self, tuple(active))
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    r"""A reduced model, all other columns being zero.
+
+    Attributes:
+        full: The full model.
+        active: Indices of the columns that are left, ascending, `k` of them.
+    """
+
+    full: FullModel
+    active: tuple[int, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters that are left."""
+        return tuple(self.full.names[k] for k in self.active)
+
+    def without(self, column: int) -> "State":
+        """The model without one more column."""
+        return State(self.full, tuple(k for k in self.active if k != column))
+
+    @cached_property
+    def _inverse(self) -> Array:
+        """Inverse normal matrix of columns of unit length, shape `(k, k)`."""
+        return frozen(np.linalg.inv(self.full.matrix[np.ix_(self.active, self.active)]))
+
+    @cached_property
+    def _unit_values(self) -> Array:
+        index = list(self.active)
+        return np.asarray(self._inverse @ self.full.vector[index])
+
+    @property
+    def values(self) -> Array:
+        """Values of the parameters that are left, shape `(k,)`."""
+        return self._unit_values / self.full.lengths[list(self.active)]
+
+    @property
+    def all_values(self) -> Array:
+        """Values of all columns, zero where removed, shape `(p,)`."""
+        values = np.zeros(len(self.full.names))
+        values[list(self.active)] = self.values
+        return values
+
+    @cached_property
+    def ratios(self) -> Array:
+        r"""$|\theta_i| / \sigma_i$ with white residuals, shape `(k,)`."""
+        return np.abs(self._unit_values) / np.sqrt(np.diag(self._inverse))
+
+    @cached_property
+    def losses(self) -> Array:
+        r"""Rise of $\chi^2$ by each removal, $\theta_i^2 / C_{ii}$, shape `(k,)`.
+
+        All others are refitted; $C$ counts the correlation of residuals, so that a parameter that
+        is zero in truth has a loss of one on average.
+        """
+        inverse = self._inverse
+        scores = self.full.scores[np.ix_(self.active, self.active)]
+        variances = np.einsum("ij,jk,ki->i", inverse, scores, inverse, optimize=True)
+        return np.asarray(np.square(self._unit_values) / np.maximum(variances, 1e-300))
+
+    @cached_property
+    def squares(self) -> Array:
+        """Sum of squared residuals per effort row, shape `(rows,)`."""
+        return self.full.information.residual_squares(self.all_values)
+
+    @property
+    def rms(self) -> Array:
+        """Root mean square of the residuals per effort row, shape `(rows,)` [Nm; N]."""
+        return np.sqrt(self.squares / np.maximum(self.full.information.n_samples, 1.0))
+
+    @cached_property
+    def condition(self) -> float:
+        """Condition number of the weighted columns at unit length."""
+        some = self.full.matrix[np.ix_(self.active, self.active)]
+        return condition_of(frozen(np.linalg.eigvalsh(some)))
+
+    @property
+    def chi_square(self) -> float:
+        """Squared residuals in variances that count their correlation."""
+        full = self.full
+        return float(np.sum(self.squares / (full.variances * np.maximum(full.factors, 1.0))))
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """A measure of what a parameter is worth to a model.
+
+    Attributes:
+        name: Short name, as options know it.
+        about: What it is, in a few words.
+        worth: Worth of each parameter that is left, shape `(k,)`; the least one is removed.
+    """
+
+    name: str
+    about: str
+    worth: Callable[[State], Array]
+
+
+def _contribution(state: State) -> Array:
+    r"""$|p_j|\,\|w_j\|$ over their sum."""
+    torque = np.abs(state.values) * state.full.norms[list(state.active)]
+    return np.asarray(torque / max(float(torque.sum()), 1e-300))
+
+
+CRITERIA: tuple[Criterion, ...] = (
+    Criterion("loss", "rise of χ² by the removal, residuals correlated", lambda s: s.losses),
+    Criterion("contribution", "relative torque contribution [Wang], eqs. 6 to 9", _contribution),
+    Criterion(
+        "mean_column",
+        "mean absolute column of the regressor [Volkmann], eq. 10",
+        lambda s: s.full.means[list(s.active)],
+    ),
+    Criterion(
+        "deviation", "relative standard deviation, the largest first [Pham1991]", lambda s: s.ratios
+    ),
+)
+"""All criteria, the default one first."""
+
+
+Accepts = Callable[[State, State], bool]
+"""Whether a model may lose a parameter: the full model, and the one without it."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One removal.
+
+    Attributes:
+        name: The parameter.
+        cost: Rise of chi-squared by it, see `State.losses`.
+    """
+
+    name: str
+    cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """Models from the first one, without what was requested to go, to the smallest.
+
+    Attributes:
+        states: The models; each has one parameter less than the one before.
+        steps: What was removed from each but the last.
+        essential: Parameters without which a model was refused, or that had to stay.
+        requested: What the first model lacks already, whatever it is worth.
+    """
+
+    states: tuple[State, ...]
+    steps: tuple[Step, ...]
+    essential: tuple[str, ...]
+    requested: tuple[Step, ...] = ()
+
+    @property
+    def full(self) -> FullModel:
+        """The full model."""
+        return self.states[0].full
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Number of parameters of each model."""
+        return tuple(len(state.active) for state in self.states)
+
+
+def backward(
+    full: FullModel,
+    criterion: Criterion,
+    *,
+    keep: Collection[str] = (),
+    drop: Collection[str] = (),
+    accepts: Accepts = lambda full, smaller: True,
+) -> Path:
+    """Backward stepwise selection, [Volkmann] algorithm 1 for any criterion.
+
+    In each step the parameter that is worth least, and is not essential, is removed and the
+    others are refitted. Where `accepts` refuses the smaller model, the parameter becomes essential
+    instead. The path ends where all parameters that are left are essential, or one is left.
+
+    Args:
+        full: The full model.
+        criterion: What a parameter is worth.
+        keep: Parameters that are essential from the start.
+        drop: Parameters that the first model of the path lacks, whatever they are worth.
+        accepts: Whether a model may be one of the path.
+
+    Raises:
+        DataError: No parameter is left without those to drop.
+    """
+    complete = state = full.state(range(len(full.names)))
+    essential, wanted = dict.fromkeys(keep), set(drop)
+    if wanted.issuperset(full.names):
+        raise DataError(
+            "all parameters that the data show are to be removed",
+            where=", ".join(full.names[:4]),
+            fix="remove fewer",
+        )
+    requested, steps = list[Step](), list[Step]()
+    while free := [name for name in state.names if name in wanted]:
+        step, state = _without_least(state, free, criterion)
+        requested.append(step)
+    states = [state]
+    while len(state.active) > 1:
+        if not (free := [name for name in state.names if name not in essential]):
+            break
+        step, smaller = _without_least(state, free, criterion)
+        if accepts(complete, smaller):
+            state = smaller
+            states.append(state)
+            steps.append(step)
+        else:
+            essential[step.name] = None
+    return Path(tuple(states), tuple(steps), tuple(essential), tuple(requested))
+
+
+def _without_least(state: State, free: Collection[str], criterion: Criterion) -> tuple[Step, State]:
+    """The removal of the parameter that is worth least of some, and the model without it."""
+    worth = criterion.worth(state)
+    place = min((state.names.index(name) for name in free), key=lambda k: worth[k])
+    step = Step(state.names[place], float(state.losses[place]))
+    return step, state.without(state.active[place])

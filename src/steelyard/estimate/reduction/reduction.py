@@ -1,0 +1,194 @@
+"""From the data of a full model to a smaller one, with criteria and rules by their names."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from math import isfinite
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import DataError, ModelError, advice
+from steelyard.estimate.estimate import Estimate, Removed
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.reduction.elimination import (
+    CRITERIA,
+    Criterion,
+    FullModel,
+    Path,
+    State,
+    Step,
+    backward,
+)
+from steelyard.estimate.reduction.stopping_rules import (
+    Bic,
+    ConditionLimit,
+    Count,
+    DeviationRatio,
+    LeftOutErrors,
+    OneFewer,
+    OneStandardError,
+    Refit,
+    StoppingRule,
+    Tolerance,
+    left_out_errors,
+    path_errors,
+)
+
+RULES: dict[type[StoppingRule], Callable[[float], StoppingRule] | None] = {
+    OneStandardError: None,
+    Tolerance: lambda percent: Tolerance(0.01 * percent),
+    Bic: None,
+    ConditionLimit: ConditionLimit,
+    DeviationRatio: DeviationRatio,
+    Count: lambda parameters: Count(int(parameters)),
+    OneFewer: None,
+    Refit: None,
+}
+"""Stopping rules, and how each is made from the number behind its name, if it takes one."""
+
+
+def criterion_of(name: str) -> Criterion:
+    """The criterion of a name.
+
+    Raises:
+        ModelError: There is none.
+    """
+    known = {criterion.name: criterion for criterion in CRITERIA}
+    if name not in known:
+        raise ModelError(
+            f"there is no criterion '{name}'",
+            where="--criterion",
+            fix=advice(name, known, "criteria"),
+        )
+    return known[name]
+
+
+def rule_of(text: str) -> StoppingRule:
+    """The stopping rule of a text such as `bic` or `tolerance=5`.
+
+    Raises:
+        ModelError: There is none, or its number is missing or none.
+    """
+    name, equals, number = text.partition("=")
+    known = {rule.name: rule for rule in RULES}
+    if name not in known:
+        raise ModelError(
+            f"there is no stopping rule '{name}'",
+            where="--stop",
+            fix=advice(name, known, "stopping rules"),
+        )
+    kind = known[name]
+    make = RULES[kind]
+    if make is None and equals:
+        raise ModelError(
+            f"stopping rule '{name}' takes no number", where="--stop", fix=f"--stop {name}"
+        )
+    if not equals and kind is not Count:
+        return kind()
+    try:
+        value = float(number)
+    except ValueError:
+        value = float("nan")
+    if make is None or not isfinite(value) or not value > 0.0 or (kind is Count and value % 1.0):
+        raise ModelError(
+            f"'{number}' is no number that stopping rule '{name}' can use",
+            where=f"--stop {text}",
+            fix="give a whole number, such as count=25"
+            if kind is Count
+            else f"give a number above zero, such as {name}=5",
+        )
+    return make(value)
+
+
+@dataclass(frozen=True, eq=False)
+class Reduction:
+    """A reduced model, and the path it lies on.
+
+    Attributes:
+        path: All models.
+        chosen: Place of the one that was taken.
+        left_out: Errors on left-out data; `None` where there are too few windows for them.
+        estimate: Its values and their covariance, given the choice.
+        unseen: Errors of all models on other data, shape `(states, rows)` [%]; `None` without.
+    """
+
+    path: Path
+    chosen: int
+    left_out: LeftOutErrors | None
+    estimate: Estimate
+    unseen: Array | None = None
+
+    @property
+    def state(self) -> State:
+        """The model that was taken."""
+        return self.path.states[self.chosen]
+
+    def after(self, before: Sequence[Removed]) -> "Reduction":
+        """The reduction of a model that was reduced before: earlier removals are listed first."""
+        later = (replace(one, step=len(before) + one.step) for one in self.estimate.removed)
+        return replace(self, estimate=replace(self.estimate, removed=(*before, *later)))
+
+
+def reduce(
+    information: Information,
+    criterion: Criterion = CRITERIA[0],
+    rule: StoppingRule | None = None,
+    *,
+    keep: Sequence[str] = (),
+    drop: Sequence[str] = (),
+    unseen: Information | None = None,
+) -> Reduction:
+    """Remove parameters one by one, and take the model that the stopping rule chooses.
+
+    Args:
+        information: Data in the base columns of the full model.
+        criterion: What a parameter is worth.
+        rule: Stopping rule; `OneStandardError` if `None`.
+        keep: Parameters that stay.
+        drop: Parameters that are removed first, and in any case.
+        unseen: Other data, on which the models are scored and nothing is chosen.
+
+    Raises:
+        DataError: The data show no parameter, or no model is as the rule wants it.
+    """
+    rule = OneStandardError() if rule is None else rule
+    follow = partial(backward, criterion=criterion, keep=keep, drop=drop, accepts=rule.accepts)
+    full = FullModel.of(information)
+    left_out: LeftOutErrors | None = None
+    try:
+        left_out = left_out_errors(information, follow)
+    except DataError:
+        if rule.needs_left_out:
+            raise
+    path = follow(full)
+    place = rule.choose(path, left_out)
+    errors = None if unseen is None else frozen(path_errors(path, unseen)[0])
+    return Reduction(path, place, left_out, estimated(path, place, drop), errors)
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """The reduction as an estimator, with the default criterion and stopping rule."""
+
+    def __call__(self, information: Information) -> Estimate:
+        """Estimate the parameters that left-out data need."""
+        return reduce(information).estimate
+
+
+def estimated(path: Path, place: int, drop: Sequence[str] = ()) -> Estimate:
+    """The estimate of a model of a path; what it lacks is known to be zero.
+
+    Parameters to drop that the data do not show are known to be zero as well.
+    """
+    state, full = path.states[place], path.full
+    hidden = (Step(one.name, 0.0) for one in full.blind if one.name in drop)
+    steps = (*path.requested, *hidden, *path.steps[:place])
+    found = WeightedLeastSquares()(full.information.select(state.names))
+    return replace(
+        found,
+        estimator=f"reduced weighted least squares ({len(full.names)} to {len(state.active)})",
+        blind=tuple(one for one in full.blind if one.name not in drop),
+        removed=tuple(
+            Removed(step.name, number, step.cost) for number, step in enumerate(steps, start=1)
+        ),
+    )

@@ -1,0 +1,391 @@
+"""Which model of a path is taken: errors on left-out data, and rules for when to stop.
+
+Per fold the whole path is made again from the other folds: a parameter that was removed because
+the left-out fold does not need it would make that fold's error too small [Hastie2009].
+"""
+
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import DataError, ModelError
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.samples import FilteredSamples
+from steelyard.estimate.reduction.elimination import FullModel, Path, State
+from steelyard.estimate.scores.cross_validation import FEWEST, FOLDS, logarithms, standard_error
+
+PathOf = Callable[[FullModel], Path]
+"""The path of a full model."""
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOutErrors:
+    """Errors on left-out folds by the number of parameters.
+
+    Attributes:
+        sizes: Numbers of parameters, descending.
+        errors: Relative error of each fold and effort row, shape `(folds, sizes, rows)` [%].
+        logarithms: One value per fold and size: the mean of the logarithms of a typical row's
+            error and of that of all rows together, shape `(folds, sizes)`.
+        removed: How many folds had removed a parameter before the smallest model, by name and size.
+        folds: What was left out in turn.
+    """
+
+    sizes: tuple[int, ...]
+    errors: Array
+    logarithms: Array
+    removed: tuple[Counter[str], ...]
+    folds: tuple[str, ...]
+
+    @property
+    def mean(self) -> Array:
+        """Mean over folds and rows per size, shape `(sizes,)` [%]."""
+        return np.asarray(self.errors.mean(axis=(0, 2)))
+
+    @property
+    def best(self) -> int:
+        """Place of the size with the least error."""
+        return int(np.argmin(self.logarithms.mean(axis=0)))
+
+    @property
+    def spread(self) -> Array:
+        """Standard error over folds of the difference to the best size, shape `(sizes,)`.
+
+        Of logarithms; folds differ far more from each other than sizes do within a fold, so the
+        differences are what tells sizes apart.
+        """
+        apart = self.logarithms - self.logarithms[:, [self.best]]
+        return np.array([standard_error(column) for column in apart.T])
+
+    @property
+    def rise(self) -> Array:
+        """Mean difference of the logarithms to those of the best size, shape `(sizes,)`."""
+        means = self.logarithms.mean(axis=0)
+        return np.asarray(means - means[self.best])
+
+
+def folds_of(information: Information) -> tuple[tuple[str, tuple[int, ...]], ...]:
+    """Windows of every run, or of stretches with as many windows each where there is one run.
+
+    Returns:
+        Name and windows of each fold.
+
+    Raises:
+        DataError: There are too few windows to leave some out.
+    """
+    runs = list(dict.fromkeys(window.run for window in information.windows))
+    places = range(len(information.windows))
+    if len(runs) > 1:
+        return tuple(
+            (run, tuple(k for k in places if information.windows[k].run == run)) for run in runs
+        )
+    parts = [part for part in np.array_split(np.array(places), FOLDS) if len(part)]
+    if len(parts) < FEWEST:
+        raise DataError(
+            "the run is too short to leave a part of it out",
+            where=", ".join(runs) or "no run",
+            fix="log longer or several runs, or reduce to a number of parameters",
+        )
+    names = (
+        f"{information.windows[part[0]].start:.3g} to {information.windows[part[-1]].stop:.3g} s"
+        for part in parts
+    )
+    return tuple((name, tuple(part.tolist())) for name, part in zip(names, parts, strict=True))
+
+
+def left_out_errors(information: Information, path_of: PathOf) -> LeftOutErrors:
+    """Errors of the models of a path, each fold predicted by a path of the others.
+
+    Args:
+        information: All data.
+        path_of: The path that is followed.
+
+    Raises:
+        DataError: There are too few windows, or a fold needs all others to be fitted.
+    """
+    folds = folds_of(information)
+    results = []
+    for _name, mine in folds:
+        others = [k for k in range(len(information.windows)) if k not in set(mine)]
+        path = path_of(FullModel.of(information.of(others)))
+        results.append((path, path_errors(path, information.of(mine))))
+    sizes = _shared_sizes([path for path, _ in results])
+    errors, logs, removed = [], [], [Counter[str]() for _ in sizes]
+    for path, (found, squares) in results:
+        at = [path.sizes.index(size) for size in sizes]
+        errors.append(found[at])
+        logs.append(logarithms(found[at], np.tile(squares, (len(at), 1))))
+        for place, count in zip(at, removed, strict=True):
+            count.update(step.name for step in path.steps[:place])
+    return LeftOutErrors(
+        sizes,
+        frozen(np.stack(errors)),
+        frozen(np.stack(logs)),
+        tuple(removed),
+        tuple(name for name, _ in folds),
+    )
+
+
+def _shared_sizes(paths: Sequence[Path]) -> tuple[int, ...]:
+    """Sizes that all paths have, the greatest first."""
+    shared = set(paths[0].sizes).intersection(*(path.sizes for path in paths))
+    return tuple(sorted(shared, reverse=True))
+
+
+def path_errors(path: Path, tested: Information) -> tuple[Array, Array]:
+    """Relative errors of the models of a path on other data.
+
+    Returns:
+        Errors `(states, rows)` [%], and the squares of the rows' efforts `(rows,)`.
+    """
+    squares = tested.effort_squares()
+    size = np.where(squares > 0.0, squares, np.inf)
+    place = [tested.layout.columns.index(name) for name in path.full.names]
+    errors = np.empty((len(path.states), len(squares)))
+    for k, state in enumerate(path.states):
+        values = np.zeros(len(tested.layout.columns))
+        values[place] = state.all_values
+        errors[k] = 100.0 * np.sqrt(tested.residual_squares(values) / size)
+    return errors, squares
+
+
+WHERE = "stopping rule of the reduction"
+
+
+class StoppingRule(ABC):
+    """Where a path ends, and which of its models is taken.
+
+    Attributes:
+        name: Short name, as options know it.
+        about: What it takes, in a few words.
+        needs_left_out: Whether it looks at errors on left-out data.
+    """
+
+    name: ClassVar[str]
+    about: ClassVar[str]
+    needs_left_out: ClassVar[bool] = False
+
+    def accepts(self, full: State, smaller: State) -> bool:
+        """Whether a model may be one of the path; else the parameter it lost is essential."""
+        return True
+
+    @abstractmethod
+    def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
+        """Place of the model that is taken.
+
+        Args:
+            path: All models.
+            left_out: Errors on left-out data; there for rules that need them.
+
+        Raises:
+            DataError: No model of the path is as wanted.
+        """
+
+
+@dataclass(frozen=True)
+class OneStandardError(StoppingRule):
+    """The smallest model whose left-out error is within one standard error of the least.
+
+    The standard error is that of the difference to the best model over the folds [Hastie2009].
+    """
+
+    name: ClassVar[str] = "one_standard_error"
+    about: ClassVar[str] = "least left-out error, within one standard error"
+    needs_left_out: ClassVar[bool] = True
+
+    def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
+        """See `StoppingRule`."""
+        if left_out is None:
+            raise ValueError("errors on left-out data are needed")
+        near = np.flatnonzero(left_out.rise <= left_out.spread)
+        sizes = {left_out.sizes[k] for k in near} & set(path.sizes)
+        if not sizes:
+            raise DataError(
+                "paths of the folds end before a model of the whole data is reached",
+                where=WHERE,
+                fix="keep fewer parameters, or take another stopping rule",
+            )
+        return path.sizes.index(min(sizes))
+
+
+@dataclass(frozen=True)
+class Tolerance(StoppingRule):
+    r"""Every joint's error stays within a tolerance of the full model's [Volkmann].
+
+    $e_{k,j} \le (1 + e_\mathrm{tol})\, e_{0,j}$ for every joint $j$, as the text of the paper says
+    (line 10 of its algorithm 1 refuses a removal only if all joints exceed it). The error is the
+    root mean square of the residuals, or their mean absolute value (eq. 11) where samples are
+    given; the relative error (eq. 12) has the same ratio.
+
+    Attributes:
+        tolerance: $e_\mathrm{tol}$, above zero.
+        samples: Samples whose mean absolute residuals count; `None` for the root mean square.
+    """
+
+    name: ClassVar[str] = "tolerance"
+    about: ClassVar[str] = "no joint's error grows by more than this [%]"
+
+    tolerance: float = 0.05
+    samples: FilteredSamples | None = None
+
+    def __post_init__(self) -> None:
+        if not self.tolerance > 0.0:
+            raise ModelError(
+                f"the tolerance is {100.0 * self.tolerance:g} %",
+                where=WHERE,
+                fix="give a percentage above zero, such as tolerance=5",
+            )
+
+    def accepts(self, full: State, smaller: State) -> bool:
+        """Whether no joint's error grows by more than the tolerance."""
+        allowed = (1.0 + self.tolerance) * self._errors(full)
+        return bool(np.all(self._errors(smaller) <= allowed))
+
+    def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
+        """The last one: the path ends where no further removal is accepted."""
+        return len(path.states) - 1
+
+    def _errors(self, state: State) -> Array:
+        if self.samples is None:
+            return state.rms
+        return mean_absolute_errors(self.samples, state)
+
+
+def mean_absolute_errors(samples: FilteredSamples, state: State) -> Array:
+    r"""$\frac{1}{N} \sum |y - A \hat\theta|$ per effort row, `(rows,)` [Volkmann], eq. 11."""
+    place = {name: k for k, name in enumerate(samples.layout.columns)}
+    values = np.zeros(len(place))
+    values[[place[name] for name in state.names]] = state.values
+    errors = np.zeros(len(samples.rows))
+    for row, seen in enumerate(samples.layout.sees):
+        columns, weights = samples.rows[row], samples.weights[row]
+        residuals = np.abs(columns[:, -1] - columns[:, :-1] @ values[list(seen)])
+        errors[row] = residuals @ weights / max(float(weights.sum()), 1e-300)
+    return errors
+
+
+@dataclass(frozen=True)
+class Bic(StoppingRule):
+    r"""The least $\chi^2 + k \ln N$, residuals and samples counted by their correlation."""
+
+    name: ClassVar[str] = "bic"
+    about: ClassVar[str] = "least Bayesian information criterion"
+
+    def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
+        """See `StoppingRule`."""
+        factors = np.maximum(path.full.factors, 1.0)
+        samples = float(np.sum(path.full.information.n_samples / factors))
+        costs = [s.chi_square + len(s.active) * np.log(samples) for s in path.states]
+        return int(np.argmin(costs))
+
+
+@dataclass(frozen=True)
+class ConditionLimit(StoppingRule):
+    """The first model whose condition number is small enough [Wang].
+
+    Attributes:
+        limit: Largest condition number, columns of the weighted regressor at unit length.
+    """
+
+    name: ClassVar[str] = "condition"
+    about: ClassVar[str] = "condition number of this or less"
+
+    limit: float = 30.0
+
+    def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
+        """See `StoppingRule`."""
+        found = [state.condition for state in path.states]
+        return _first_below(found, self.limit, "condition number")
+
+
+@dataclass(frozen=True)
+class DeviationRatio(StoppingRule):
+    """The first model whose relative standard deviations lie close enough together [Pham1991].
+
+    Attributes:
+        limit: Largest ratio of the greatest relative standard deviation to the least.
+    """
+
+    name: ClassVar[str] = "ratio"
+    about: ClassVar[str] = "greatest over least relative standard deviation of this or less"
+
+    limit: float = 30.0
+
+    def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
+        """See `StoppingRule`."""
+        ratios = [float(s.ratios.max() / max(s.ratios.min(), 1e-300)) for s in path.states]
+        return _first_below(ratios, self.limit, "ratio of relative deviations")
+
+
+@dataclass(frozen=True)
+class Count(StoppingRule):
+    """The model with a number of parameters.
+
+    Attributes:
+        parameters: The number.
+    """
+
+    name: ClassVar[str] = "count"
+    about: ClassVar[str] = "so many parameters"
+
+    parameters: int
+
+    def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
+        """See `StoppingRule`."""
+        if self.parameters not in path.sizes:
+            raise DataError(
+                f"no model has {self.parameters} parameters",
+                where=WHERE,
+                fix=f"give a number from {path.sizes[-1]} to {path.sizes[0]}"
+                if path.steps
+                else f"give {path.sizes[0]}, or keep fewer parameters",
+            )
+        return path.sizes.index(self.parameters)
+
+
+@dataclass(frozen=True)
+class OneFewer(StoppingRule):
+    """The model without one more parameter: one round of [Wang]."""
+
+    name: ClassVar[str] = "one_fewer"
+    about: ClassVar[str] = "one parameter fewer than before"
+
+    def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
+        """See `StoppingRule`."""
+        if not path.steps:
+            one = len(path.states[0].active) == 1
+            raise DataError(
+                "no parameter is left that could be removed",
+                where=WHERE,
+                fix="use this model: it has one parameter" if one else "keep fewer parameters",
+            )
+        return 1
+
+
+@dataclass(frozen=True)
+class Refit(StoppingRule):
+    """The model as it is: the parameters that are left are estimated from other data."""
+
+    name: ClassVar[str] = "refit"
+    about: ClassVar[str] = "nothing more is removed, what is left is estimated from these logs"
+
+    def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
+        """See `StoppingRule`."""
+        return 0
+
+
+def _first_below(values: list[float], limit: float, what: str) -> int:
+    """Place of the first value up to a limit."""
+    place = next((k for k, value in enumerate(values) if value <= limit), None)
+    if place is None:
+        raise DataError(
+            f"no model has a {what} of {limit:g} or less: the least is {min(values):.3g}",
+            where=WHERE,
+            fix="allow a larger one, keep fewer parameters, or log a motion that excites more",
+        )
+    return place

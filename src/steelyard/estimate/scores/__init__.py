@@ -1,0 +1,1 @@
+"""Errors on motion that was not fitted, bands, comparisons."""

@@ -1,0 +1,248 @@
+r"""Bands of predicted efforts, calibrated on motion that the fit did not see.
+
+Every run is left out in turn, the others are fitted, and the left-out run is predicted: its errors
+$e$ in the standard deviations $s$ of the prediction hold noise, model error, drift from run to run
+and extrapolation alike. Where all runs are of one motion, stretches of it are left out instead.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError, LogError
+from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.estimate.effort_uncertainty import (
+    BINS,
+    EDGES,
+    Calibration,
+    Kind,
+    bins,
+    rest_speed_of,
+    rest_speed_of_runs,
+)
+from steelyard.estimate.estimate import Z95, Estimate, Estimator
+from steelyard.estimate.external.residual_peaks import ResidualPeaks
+from steelyard.estimate.friction.mixes import has_memory
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.nonlinear.fields import information_from
+from steelyard.estimate.scores.bands import Bands
+from steelyard.estimate.scores.cross_validation import (
+    FOLDS,
+    LeftOut,
+    runs_left_out,
+    stretches_left_out,
+)
+from steelyard.estimate.scores.residuals import ResidualTrace, residual_cutoff, residual_trace
+from steelyard.estimate.scores.score import score
+from steelyard.runs.run import Run
+
+LEVEL = 0.95
+"""Share of new measurements that a band holds."""
+
+FEWEST_STRETCHES = 2
+"""Stretches that must be left out."""
+
+ENOUGH = 40.0
+"""Independent samples that a range of speeds needs for a factor of its own."""
+
+MOST_RUNS_LEFT_OUT = 20
+"""Runs that are left out at most."""
+
+LEAST_CORRELATION = 0.02
+"""Least eigenvalue of the correlation of errors between joints."""
+
+PER_STRETCH = 8.0
+"""Windows per stretch."""
+
+
+def calibrate(
+    identified: IdentifiedModel,
+    runs: Sequence[Run],
+    information: Information,
+    estimator: Estimator[Information],
+    *,
+    threads: int = 1,
+    progress: Progress = silent,
+) -> Calibration | None:
+    """Half-widths of 95 % bands from runs, or stretches, that are left out in turn.
+
+    Args:
+        identified: The model, fitted to all runs.
+        runs: These runs.
+        information: What they say about the model's columns, in the joints' units.
+        estimator: What made the estimate.
+        threads: Native threads.
+        progress: Told about every fit.
+
+    Returns:
+        `None` where less than two stretches can be left out.
+
+    Raises:
+        Stopped: `progress` requested a stop.
+    """
+    kind: Kind = "runs"
+    chosen = runs_left_out(runs, information)[:MOST_RUNS_LEFT_OUT]
+    if len(chosen) < FEWEST_STRETCHES:
+        kind, information = "stretches", _shorter(identified, runs, threads, progress)
+        chosen = stretches_left_out(runs, information)
+    found, cutoff = [], residual_cutoff(identified, runs)
+    for number, one in enumerate(chosen):
+        report_progress(progress, "calibrating bands", number, len(chosen))
+        errors = _errors(identified, runs, information, estimator, one, cutoff)
+        found += [] if errors is None else [errors]
+    if len(found) < FEWEST_STRETCHES:
+        return None
+    calibration = _calibration(kind, found)
+    usual = rest_speed_of(identified.robot.n, calibration, identified.processing.rest_speed)
+    rest_speed = rest_speed_of_runs([run.rest_speed for run in runs], usual)
+    return replace(calibration, peaks=_peaks(calibration.edges, rest_speed, cutoff, found))
+
+
+def _peaks(
+    edges: Array, rest_speed: Array, cutoff: float, found: Sequence["_Errors"]
+) -> ResidualPeaks:
+    """Largest residuals of all left-out stretches, by joint and speed."""
+    meet = np.maximum(np.column_stack([rest_speed, edges]), rest_speed[:, None])
+    one, *others = (errors.trace.peaks(meet, cutoff) for errors in found)
+    return sum(others, one)
+
+
+def _shorter(
+    identified: IdentifiedModel, runs: Sequence[Run], threads: int, progress: Progress
+) -> Information:
+    """What the runs say, in windows shorter than a stretch."""
+    model, longest = identified.model, max(run.duration for run in runs)
+    information_of = information_from(
+        runs,
+        rests=has_memory(model.terms),
+        longest=longest / (PER_STRETCH * FOLDS),
+        threads=threads,
+        progress=progress,
+    )
+    return information_of(base_regressor(model))
+
+
+@dataclass(frozen=True, eq=False)
+class _Errors:
+    """Errors of a left-out stretch.
+
+    Attributes:
+        errors: In standard deviations, shape `(n, N)`; NaN where a joint could not be predicted.
+        speed: Of each joint, shape `(n, N)`.
+        moving: Whether it moves, shape `(n, N)`.
+        worth: Independent samples per sample.
+        trace: Its residual; NaN where a joint could not be predicted.
+    """
+
+    errors: Array
+    speed: Array
+    moving: NDArray[np.bool_]
+    worth: float
+    trace: ResidualTrace
+
+
+def _errors(
+    identified: IdentifiedModel,
+    runs: Sequence[Run],
+    information: Information,
+    estimator: Estimator[Information],
+    one: LeftOut,
+    cutoff: float,
+) -> _Errors | None:
+    """How a fit to all else predicts a stretch; `None` where it cannot.
+
+    Of a run that is left out as a whole the rests before and after the motion have residuals too.
+    """
+    run = runs[one.run]
+    whole = one.span == run.span
+    run = replace(run, span=one.span)
+    try:
+        estimate = estimator(information.of(one.fitted))
+        other = replace(identified, estimate=estimate, calibration=None)
+        gains, band = other.signals.gains, identified.cutoffs.score
+        traces = score(other.valued, run, gains, band, bands=Bands.of(other)).traces
+        trace = residual_trace(other, run, cutoff, at_rest=whole)
+    except (DataError, LogError):
+        return None
+    if traces.band is None or traces.speed is None:
+        return None
+    errors = Z95 * (traces.measured - traces.predicted) / traces.band
+    errors *= np.sign(identified.signals.gains)
+    blind = _blind(identified.estimate, estimate, information)
+    errors[:, blind] = np.nan
+    duration = one.span[1] - one.span[0]
+    worth = min(1.0, 2.0 * band * duration / max(len(traces.t), 1))
+    return _Errors(errors.T, traces.speed.T, traces.moving.T, worth, trace.without(blind))
+
+
+def _blind(whole: Estimate, part: Estimate, information: Information) -> list[int]:
+    """Rows with a parameter that all runs show and the fitted part does not."""
+    absent = set(whole.parameters.names) - set(part.parameters.names)
+    layout = information.layout
+    return [
+        row
+        for row, seen in enumerate(layout.sees)
+        if not absent.isdisjoint(layout.columns[k] for k in seen)
+    ]
+
+
+def _calibration(kind: Kind, found: Sequence[_Errors]) -> Calibration:
+    """Quantiles of the errors by joint and speed, and their correlation."""
+    errors = np.concatenate([part.errors for part in found], axis=1)
+    speed = np.concatenate([part.speed for part in found], axis=1)
+    moving = np.concatenate([part.moving for part in found], axis=1)
+    worth = np.concatenate([np.full(part.errors.shape[1], part.worth) for part in found])
+    typical = np.sqrt(np.mean(np.square(speed), axis=1))
+    edges = typical[:, None] * EDGES
+    at = bins(speed, moving, edges)
+    factors = [_factors(*row, worth) for row in zip(np.abs(errors), at, strict=True)]
+    correlation = correlation_of(errors, worth)
+    return Calibration(kind, len(found), edges, np.array(factors), correlation=correlation)
+
+
+def correlation_of(errors: Array, worth: Array) -> Array:
+    """Correlation of errors between joints, `(n, n)`, towards none as samples are few."""
+    n = len(errors)
+    known = np.isfinite(errors)
+    pairs = (known * worth) @ known.T
+    sums = (np.where(known, errors, 0.0) * worth) @ np.where(known, errors, 0.0).T
+    squares = np.where(known, np.square(errors), 0.0) * worth @ known.T
+    scale = np.sqrt(squares * squares.T)
+    found = np.divide(sums, scale, out=np.zeros((n, n)), where=scale > 0.0)
+    found *= pairs / (pairs + n)
+    np.fill_diagonal(found, 1.0)
+    values, vectors = np.linalg.eigh(found)
+    found = vectors * np.maximum(values, LEAST_CORRELATION) @ vectors.T
+    scale = np.sqrt(np.diag(found))
+    return np.asarray(found / np.outer(scale, scale))
+
+
+def _factors(sizes: Array, at: NDArray[np.intp], worth: Array) -> Array:
+    """Factors of one joint; at speeds with few samples that of all, at rest no less than slow."""
+    known = np.isfinite(sizes)
+    if not known.any():
+        return np.full(BINS, Z95)
+    factors = np.full(BINS, quantile(sizes[known], float(worth[known].sum())))
+    for number in range(BINS):
+        mine = known & (at == number)
+        if worth[mine].sum() >= ENOUGH:
+            factors[number] = quantile(sizes[mine], float(worth[mine].sum()))
+    if worth[known & (at == 0)].sum() < ENOUGH:
+        factors[0] = max(factors[0], factors[1])
+    return factors
+
+
+def quantile(sizes: Array, independent: float) -> float:
+    """The size that a new one exceeds in 5 % of cases.
+
+    Args:
+        sizes: Sizes of errors, at least one.
+        independent: How many of them are independent; of few, a higher quantile is taken.
+    """
+    level = min(1.0, LEVEL * (1.0 + 1.0 / max(independent, 1.0)))
+    return max(float(np.quantile(sizes, level)), np.finfo(np.float64).tiny)

@@ -1,0 +1,381 @@
+"""Errors on parts that are left out in turn: folds, windows that a fit may see, standard errors.
+
+A motion that is in the data twice (periods of a Fourier series, a run that was recorded again) is
+no test of a fit to its other half: windows that repeat what is left out are left out with it.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import ceil
+from typing import Literal
+
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import DataError
+from steelyard.estimate.estimate import Estimator
+from steelyard.estimate.information.information import Information, Window
+from steelyard.runs.run import Run
+
+FOLDS = 5
+"""Stretches that a single run is divided into."""
+
+FEWEST = 2
+"""Parts that must be left out."""
+
+
+def logarithms(errors: Array, sizes: Array) -> Array:
+    """One figure per fold: between the typical joint's error and that of all joints together.
+
+    The former alone would let joints that carry next to nothing decide, the latter would leave
+    all but the strongest out.
+
+    Args:
+        errors: Relative errors, shape `(folds, rows)`.
+        sizes: Squares of the efforts, shape `(folds, rows)`; zero of rows that do not count.
+
+    Returns:
+        Logarithms of relative errors, shape `(folds,)`.
+    """
+    least, known = 1e-12, sizes > 0.0
+    each = np.where(known, np.log(np.maximum(errors, least)), 0.0)
+    typical = each.sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    pooled = np.sqrt((np.square(errors) * sizes).sum(axis=1) / sizes.sum(axis=1))
+    return np.asarray(0.5 * (typical + np.log(np.maximum(pooled, least))))
+
+
+def standard_error(values: Array) -> float:
+    """Standard error of a mean."""
+    return float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
+
+
+LEAST_GAIN_PER_PARAMETER = 0.005
+"""Gain of an error that is worth another parameter, relative to it."""
+
+STILL = 0.05
+"""Speed of a joint in a run, over its greatest in any, up to which it does not move there."""
+
+Fold = Callable[[Window], bool]
+"""Whether a window belongs to a fold."""
+
+
+def folds_of(runs: Sequence[Run]) -> tuple[Fold, ...]:
+    """One fold per run; a single run is divided into `FOLDS` stretches of equal length.
+
+    Raises:
+        DataError: Two runs have one name: what is left out would be fitted with the other.
+    """
+    _refuse_one_name(runs)
+    if len(runs) > 1:
+        return tuple(_of_run(run.name) for run in runs)
+    return tuple(_between(part.start, part.stop) for part in stretches_of(runs[0]))
+
+
+def _refuse_one_name(runs: Sequence[Run]) -> None:
+    names = [run.name for run in runs]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise DataError(
+            f"{names.count(twice[0])} runs are called '{twice[0]}'",
+            where="runs of the cross-validation",
+            fix="give every run a name of its own",
+        )
+
+
+@dataclass(frozen=True)
+class Folding:
+    """How data are divided into parts that are left out in turn.
+
+    Attributes:
+        left_out: Whether a part is a run, or a stretch of every run.
+        longest: Length of windows that parts can be made of [s].
+    """
+
+    left_out: Literal["run", "segment"]
+    longest: float
+
+    def parts(self, moving: Information) -> tuple[Fold, ...]:
+        """The parts with motion: runs, or stretches with as much of it each.
+
+        Args:
+            moving: What runs say where joints move, in windows that are short enough.
+        """
+        names = tuple(dict.fromkeys(window.run for window in moving.windows))
+        if self.left_out == "run":
+            return tuple(_of_run(name) for name in names)
+        edges = {name: _edges(moving, name) for name in names}
+        parts = (
+            _of_stretches({name: found[k : k + 2] for name, found in edges.items()})
+            for k in range(FOLDS)
+        )
+        return tuple(part for part in parts if any(map(part, moving.windows)))
+
+
+def folding(runs: Sequence[Run]) -> Folding:
+    """Parts of which each leaves motion of every joint to be fitted.
+
+    Where a joint moves in one run only, without that run nothing identifies its friction: then a
+    stretch of every run is left out.
+
+    Raises:
+        DataError: Two runs have one name.
+    """
+    _refuse_one_name(runs)
+    speeds = np.array([run.quality.max_speed for run in runs])
+    once = ((speeds > STILL * speeds.max(axis=0)).sum(axis=0) == 1).any()
+    if len(runs) > 1 and not once:
+        return Folding("run", float("inf"))
+    return Folding("segment", min(longest_window([run]) for run in runs))
+
+
+def _edges(moving: Information, run: str) -> list[float]:
+    """Times that divide a run into stretches with as much motion each."""
+    mine = [k for k, window in enumerate(moving.windows) if window.run == run]
+    before = np.cumsum([0.0, *moving.counts[mine].sum(axis=1)])
+    at = np.searchsorted(before, before[-1] * np.arange(1, FOLDS) / FOLDS)
+    starts = [moving.windows[k].start for k in mine] + [np.inf]
+    return [-np.inf, *(starts[k] for k in at), np.inf]
+
+
+def _of_stretches(edges: Mapping[str, Sequence[float]]) -> Fold:
+    def has(window: Window) -> bool:
+        start, stop = edges.get(window.run, (np.inf, np.inf))
+        return start <= 0.5 * (window.start + window.stop) < stop
+
+    return has
+
+
+def stretches_of(run: Run) -> tuple[Window, ...]:
+    """Stretches of equal length; the first and the last have no outer end."""
+    edges = np.linspace(*run.span, FOLDS + 1).tolist()
+    edges[0], edges[-1] = -np.inf, np.inf
+    return tuple(Window(run.name, a, b) for a, b in zip(edges[:-1], edges[1:], strict=True))
+
+
+def longest_window(runs: Sequence[Run]) -> float:
+    """Length of windows that folds can be made of [s]."""
+    if len(runs) > 1:
+        return float("inf")
+    return (runs[0].span[1] - runs[0].span[0]) / (8.0 * FOLDS)
+
+
+def per_fold(information: Information, folds: Sequence[Fold]) -> Information:
+    """One window per fold, in their order.
+
+    Raises:
+        DataError: There is nothing in a fold, or less than two folds.
+    """
+    groups = [[k for k, w in enumerate(information.windows) if fold(w)] for fold in folds]
+    if len(groups) < FEWEST or not all(groups):
+        raise too_short(information)
+    return information.grouped(groups)
+
+
+class TooShortError(DataError):
+    """There is nothing in a part of a run that is to be left out."""
+
+
+def too_short(information: Information) -> TooShortError:
+    """What to say where nothing can be left out."""
+    return TooShortError(
+        "the run is too short to leave a part of it out",
+        where=", ".join(dict.fromkeys(w.run for w in information.windows)),
+        fix='log longer or several runs, or name the friction laws instead of "auto"',
+    )
+
+
+def values_by(estimator: Estimator[Information]) -> Callable[[Information], Array]:
+    """Values of an information's columns that an estimator finds, zero of what it does not see."""
+
+    def values(information: Information) -> Array:
+        known = estimator(information).parameters.as_dict()
+        return np.array([known.get(name, 0.0) for name in information.layout.columns])
+
+    return values
+
+
+def left_out_errors(
+    fitted: Information,
+    tested: Information,
+    values: Callable[[Information], Array],
+    only: Sequence[int] | None = None,
+) -> Array:
+    r"""Relative errors of each fold, predicted from all others, shape `(folds, rows)` [%].
+
+    $100\,\|y - A\hat\phi\| / \|y\|$ per effort row behind the parallel filter.
+
+    Args:
+        fitted: One window per fold, to fit.
+        tested: The same folds, to be predicted; its columns are those fitted.
+        values: Values of an information's columns, fitted to it.
+        only: Folds that are predicted; all if `None`.
+    """
+    count = len(fitted.windows)
+    wanted = range(count) if only is None else only
+    errors = np.empty((len(wanted), len(tested.layout.rows)))
+    for place, fold in enumerate(wanted):
+        known = values(fitted.of([k for k in range(count) if k != fold]))
+        left_out = tested.of([fold])
+        sizes = left_out.effort_squares()
+        shares = left_out.residual_squares(known) / np.where(sizes > 0.0, sizes, np.inf)
+        errors[place] = 100.0 * np.sqrt(shares)
+    return frozen(errors)
+
+
+def _of_run(name: str) -> Fold:
+    return lambda window: window.run == name
+
+
+def _between(start: float, stop: float) -> Fold:
+    return lambda window: start <= 0.5 * (window.start + window.stop) < stop
+
+
+PER_WAVE = 20.0
+"""Instants at which motions are compared, over the regression cut-off."""
+
+REPEATED_MOTION_DISTANCE = 0.1
+"""Distance of alike positions and velocities, in their standard deviations, at most."""
+
+SAME_LAG = 2.0
+"""Instants by which the lag of two alike motions may vary."""
+
+REPEATED_WINDOW_SHARE = 0.5
+"""Share of a window's instants that must be alike for it to repeat a motion."""
+
+
+LONGEST = 200_000
+"""Samples of a left-out run or stretch that are predicted at most: its first ones."""
+
+INSTANTS = 200_000
+"""Instants of a run that are compared with what is left out, at most."""
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A stretch to be predicted, and what may be fitted meanwhile.
+
+    Attributes:
+        run: Number of the run.
+        span: Start and end of what is predicted [s].
+        fitted: Numbers of the windows that are fitted.
+    """
+
+    run: int
+    span: tuple[float, float]
+    fitted: tuple[int, ...]
+
+
+def runs_left_out(runs: Sequence[Run], information: Information) -> tuple[LeftOut, ...]:
+    """Every run in turn; runs of which nothing but repetitions would be left are not left out.
+
+    Args:
+        runs: The fitted runs, each with a name of its own.
+        information: What they say.
+    """
+    wanted = [LeftOut(k, run.span, ()) for k, run in enumerate(runs)]
+    return _with_windows(wanted, runs, information)
+
+
+def stretches_left_out(runs: Sequence[Run], information: Information) -> tuple[LeftOut, ...]:
+    """Stretches of the longest run in turn, where all runs are of one motion.
+
+    Args:
+        runs: The fitted runs, each with a name of its own.
+        information: What they say, in windows shorter than the stretches.
+    """
+    longest = max(range(len(runs)), key=lambda k: runs[k].duration)
+    run = runs[longest]
+    begin, end = run.span
+    spans = [(max(part.start, begin), min(part.stop, end)) for part in stretches_of(run)]
+    wanted = [LeftOut(longest, span, ()) for span in spans]
+    return _with_windows(wanted, runs, information)
+
+
+def _first(run: Run, span: tuple[float, float]) -> tuple[float, float]:
+    """The span, or that of its first samples where it has more than `LONGEST`."""
+    return span[0], min(span[1], span[0] + LONGEST / run.rate)
+
+
+def _with_windows(
+    wanted: Sequence[LeftOut],
+    runs: Sequence[Run],
+    information: Information,
+) -> tuple[LeftOut, ...]:
+    """With what may be fitted; without those for which nothing may."""
+    courses, size = _courses(runs)
+    place = {run.name: k for k, run in enumerate(runs)}
+    found = []
+    for one in wanted:
+        run = runs[one.run]
+        span = _first(run, one.span)
+        out = _Course.of(replace(run, span=span)).over(size)
+        fitted = tuple(
+            k
+            for k, window in enumerate(information.windows)
+            if not (window.run == run.name and _overlap(window, one.span))
+            and not courses[place[window.run]].during(window.start, window.stop).repeats(out)
+        )
+        found += [LeftOut(one.run, span, fitted)] if fitted else []
+    return tuple(found)
+
+
+def _overlap(window: Window, span: tuple[float, float]) -> bool:
+    return bool(window.start < span[1] and span[0] < window.stop)
+
+
+@dataclass(frozen=True, eq=False)
+class _Course:
+    """The motion of a run at evenly spaced instants.
+
+    Attributes:
+        t: Shape `(N,)` [s].
+        states: Positions and velocities, shape `(N, 2 n)`.
+        apart: Time between instants [s].
+    """
+
+    t: Array
+    states: Array
+    apart: float
+
+    @classmethod
+    def of(cls, run: Run, most: float = np.inf) -> "_Course":
+        step = max(1, int(run.rate / (PER_WAVE * run.matched_cutoff)))
+        step *= max(1, ceil(run.rate * run.duration / step / most))
+        parts = [
+            (block.t[::step].copy(), np.concatenate([block.q[:, ::step], block.dq[:, ::step]]).T)
+            for block in run.blocks()
+        ]
+        empty = (np.zeros(0), np.zeros((0, 1)))
+        t, states = (np.concatenate(part) for part in zip(*(parts or [empty]), strict=True))
+        return cls(t, states, step / run.rate)
+
+    def during(self, start: float, stop: float) -> "_Course":
+        mine = (self.t >= start) & (self.t <= stop)
+        return replace(self, t=self.t[mine], states=self.states[mine])
+
+    def over(self, size: Array) -> "_Course":
+        """In units of `size`, shape `(2 n,)`."""
+        return replace(self, states=self.states / size)
+
+    def repeats(self, other: "_Course") -> bool:
+        """Whether most of this is what the other does, at one lag."""
+        from scipy.spatial import KDTree
+
+        if not len(self.t) or not len(other.t):
+            return False
+        distance, index = KDTree(other.states).query(
+            self.states, p=np.inf, distance_upper_bound=REPEATED_MOTION_DISTANCE
+        )
+        near = np.isfinite(distance)
+        if np.mean(near) < REPEATED_WINDOW_SHARE:
+            return False
+        lags = self.t[near] - other.t[index[near]]
+        steady = np.abs(lags - np.median(lags)) <= SAME_LAG * max(self.apart, other.apart)
+        return bool(np.sum(steady) >= REPEATED_WINDOW_SHARE * len(near))
+
+
+def _courses(runs: Sequence[Run]) -> tuple[list[_Course], Array]:
+    """The motions in standard deviations of positions and velocities over all runs, and these."""
+    courses = [_Course.of(run, INSTANTS) for run in runs]
+    size = np.std(np.concatenate([course.states for course in courses]), axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    return [course.over(size) for course in courses], size

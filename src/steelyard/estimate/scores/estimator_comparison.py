@@ -1,0 +1,296 @@
+"""Estimators compared: each fitted to all runs but one, and judged by the one that was left out.
+
+An estimator that fails has its reason, and stops no other.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any, Literal
+
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import DataError, SteelyardError
+from steelyard.base.progress import Progress, Stopped, report_progress, silent
+from steelyard.estimate.estimate import Estimate, Estimator
+from steelyard.estimate.estimators import Context, Needs, Offer
+from steelyard.estimate.information.base_parameters import BaseMap
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.prior.prior import Knowledge
+from steelyard.estimate.scores.cross_validation import folds_of, stretches_of
+from steelyard.estimate.scores.estimator_advice import COST, Comparison, EstimatorScore, Failure
+from steelyard.robot.rigid_body import Inertia
+from steelyard.runs.run import Run
+
+LEFT = "leave it out of the comparison"
+"""What to do about an estimator that only fails."""
+
+Chosen = Callable[[Information], Any]
+"""What there is in the windows of an information, in the form that an estimator needs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """Data in parts, each of which is left out in turn.
+
+    Attributes:
+        names: What is left out: runs, or stretches of a single one.
+        left_out: Which of the two.
+        information: What all of them say about the base columns.
+        windows: Per part the indices of its windows.
+        others: Samples and experiments of parts, where they can be had.
+        lacking: Why they cannot, where that is so, and what to do.
+    """
+
+    names: tuple[str, ...]
+    left_out: Literal["run", "segment"]
+    information: Information
+    windows: tuple[tuple[int, ...], ...]
+    others: Mapping[Needs, Chosen]
+    lacking: Mapping[Needs, tuple[str, str]]
+
+    @classmethod
+    def of(
+        cls,
+        runs: Sequence[Run],
+        information: Information,
+        others: Mapping[Needs, Chosen] | None = None,
+        lacking: Mapping[Needs, tuple[str, str]] | None = None,
+    ) -> "Parts":
+        """Runs, or stretches of a single one.
+
+        Raises:
+            DataError: Two runs have one name, or a run is too short to be divided.
+        """
+        windows = tuple(
+            tuple(k for k, w in enumerate(information.windows) if fold(w))
+            for fold in folds_of(runs)
+        )
+        if not all(windows):
+            raise DataError(
+                "the run is too short to leave a part of it out",
+                where=", ".join(run.name for run in runs),
+                fix="log longer, or several runs",
+            )
+        several = len(runs) > 1
+        return cls(
+            tuple(run.name for run in runs) if several else _names(runs[0]),
+            "run" if several else "segment",
+            information,
+            windows,
+            others or {},
+            lacking or {},
+        )
+
+    def data(self, needs: Needs, parts: Sequence[int]) -> Any:
+        """What an estimator is given.
+
+        Raises:
+            DataError: Such data cannot be had.
+        """
+        if needs == "information":
+            return self.information_of(parts)
+        if needs not in self.others:
+            wrong, fix = self.lacking.get(needs, (f"it needs {needs}, and none is given", LEFT))
+            raise DataError(wrong, where=", ".join(self.names), fix=fix)
+        return self.others[needs](self.information_of(parts))
+
+    def information_of(self, parts: Sequence[int]) -> Information:
+        """Information of some of the parts."""
+        return self.information.of([k for part in parts for k in self.windows[part]])
+
+
+def compare(
+    offers: Sequence[Offer], context: Context, parts: Parts, *, progress: Progress = silent
+) -> Comparison:
+    """Fit each estimator to all parts but one, and predict that one.
+
+    Args:
+        offers: The estimators.
+        context: The model and what is known of it.
+        parts: The data.
+        progress: Told about every fit; if it requests a stop, what is done is kept.
+    """
+    scores: list[EstimatorScore] = []
+    try:
+        for score in scores_of(offers, context, parts, progress=progress):
+            scores.append(score)
+    except Stopped:
+        pass
+    return compared(scores, offers, context, parts)
+
+
+def compared(
+    scores: Sequence[EstimatorScore], offers: Sequence[Offer], context: Context, parts: Parts
+) -> Comparison:
+    """The comparison of the estimators that were tried, however many were requested."""
+    return Comparison(
+        tuple(scores),
+        parts.names,
+        parts.left_out,
+        context.regressor.layout.rows,
+        tuple(offer.name for offer in ordered(offers)[len(scores) :]),
+    )
+
+
+def ordered(offers: Sequence[Offer]) -> tuple[Offer, ...]:
+    """The cheap ones first."""
+    return tuple(sorted(offers, key=lambda offer: (offer.slow, COST[offer.needs])))
+
+
+def scores_of(
+    offers: Sequence[Offer], context: Context, parts: Parts, *, progress: Progress = silent
+) -> Iterator[EstimatorScore]:
+    """The scores one after another, the cheap estimators first.
+
+    Raises:
+        Stopped: `progress` requested a stop.
+    """
+    noise = _noise(context, parts.information)
+    for offer in ordered(offers):
+        yield _tried(offer, context, parts, noise, progress)
+
+
+def _tried(
+    offer: Offer, context: Context, parts: Parts, noise: Array | None, progress: Progress
+) -> EstimatorScore:
+    """One estimator, fitted to everything and to all parts but one."""
+    count = len(parts.names)
+    rows = len(context.regressor.layout.rows)
+    errors, pooled = np.full((count, rows), np.inf), np.full(count, np.inf)
+    whole: Estimate | None = None
+    failures: list[Failure] = []
+    seconds: list[float] = []
+    for left in (None, *range(count)):
+        done = 0 if left is None else left + 1
+        report_progress(progress, f"fitting with {offer.name}", done, count + 1)
+        chosen = [k for k in range(count) if k != left]
+        found = _fitted(offer, context, parts, chosen, seconds)
+        # an interrupt may have become an error of a library on its way
+        report_progress(progress, f"fitting with {offer.name}", done + 1, count + 1)
+        if not isinstance(found, Estimate):
+            failures.append(Failure(None if left is None else parts.names[left], *found))
+        elif left is None:
+            whole = found
+        else:
+            left_out = parts.information_of([left])
+            errors[left], pooled[left] = _errors(found, context.regressor.base, left_out)
+            if np.isinf(errors[left]).any():
+                failures.append(Failure(parts.names[left], "its predictions are not finite", LEFT))
+    return EstimatorScore(
+        offer.name,
+        offer.about,
+        offer.needs,
+        offer.slow,
+        frozen(errors),
+        frozen(pooled),
+        float(np.mean(seconds)) if seconds else None,
+        None if whole is None else len(whole.values.names),
+        None if whole is None else whole.condition_normalised,
+        None if whole is None or noise is None else _chi_square(whole, context, parts, noise),
+        None if whole is None else impossible_bodies(whole, context.knowledge),
+        tuple(failures),
+        () if whole is None else whole.notes,
+    )
+
+
+def _fitted(
+    offer: Offer, context: Context, parts: Parts, chosen: Sequence[int], seconds: list[float]
+) -> Estimate | tuple[str, str]:
+    """An estimate, or why there is none and what to do."""
+    try:
+        data = parts.data(offer.needs, chosen)
+        start = perf_counter()
+        with np.errstate(all="ignore"):
+            estimator: Estimator[Any] = offer.make(context)
+            estimate = estimator(data)
+        seconds.append(perf_counter() - start)
+    except Stopped:
+        raise
+    except SteelyardError as error:
+        return error.wrong, error.fix
+    except np.linalg.LinAlgError as error:
+        return f"a matrix cannot be solved with ({str(error).lower()})", LEFT
+    except MemoryError:
+        return "there is not enough memory", LEFT
+    except Exception as error:  # whatever an estimator does, the others go on
+        return f"it failed: {type(error).__name__}: {_first_line(error)}", LEFT
+    if not np.isfinite(estimate.values.values).all():
+        return "its values are not finite", LEFT
+    return estimate
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or ["no reason given"])[0]
+
+
+def base_values(estimate: Estimate, base: BaseMap) -> Array:
+    """Base parameters of an estimate, zero where it says nothing, shape `(b,)`."""
+    if estimate.standard is not None:
+        known = estimate.standard.parameters.as_dict()
+        return base.base_values([known.get(name, 0.0) for name in base.names])
+    known = estimate.parameters.as_dict()
+    return np.array([known.get(name, 0.0) for name in base.base_names])
+
+
+def impossible_bodies(estimate: Estimate, knowledge: Knowledge) -> tuple[str, ...] | None:
+    """Bodies that cannot exist; `None` if an estimate does not say what bodies it has."""
+    if estimate.standard is None:
+        return None
+    known = estimate.standard.parameters.as_dict()
+    found = []
+    for number, body in enumerate(knowledge.bodies):
+        ten = [known[knowledge.names[k]] for k in knowledge.tens(number)]
+        inertia = Inertia.from_ten(ten)
+        if inertia.mass <= 0.0 or inertia.flaw() is not None:
+            found.append(body)
+    return tuple(found)
+
+
+def _errors(estimate: Estimate, base: BaseMap, left_out: Information) -> tuple[Array, float]:
+    """Relative errors per joint, NaN where it never moves, and over all together [%]."""
+    with np.errstate(all="ignore"):
+        squares = left_out.residual_squares(base_values(estimate, base))
+    sizes = left_out.effort_squares()
+    moving = sizes > 0.0
+    if not moving.any():
+        return np.full(len(sizes), np.nan), float("nan")
+    squares = np.where(np.isnan(squares), np.inf, squares)
+    shares = squares / np.where(moving, sizes, np.nan)
+    pooled = float(squares[moving].sum() / sizes.sum())
+    return 100.0 * np.sqrt(shares), 100.0 * float(np.sqrt(pooled))
+
+
+def _noise(context: Context, information: Information) -> Array | None:
+    """Residual variances of weighted least squares, shape `(rows,)`."""
+    try:
+        return np.square(WeightedLeastSquares(per_run=context.per_run)(information).sigma)
+    except (SteelyardError, np.linalg.LinAlgError):
+        return None
+
+
+def _chi_square(estimate: Estimate, context: Context, parts: Parts, noise: Array) -> float:
+    """Squared residuals over the noise, per degree of freedom of weighted least squares."""
+    base, information = context.regressor.base, parts.information
+    own = {one.run: one.parameters.as_dict() for one in estimate.per_run}
+    shared = base_values(estimate, base)
+    squares = np.zeros(len(noise))
+    for run in dict.fromkeys(window.run for window in information.windows):
+        mine = own.get(run, {})
+        values = [mine.get(name, v) for name, v in zip(base.base_names, shared, strict=True)]
+        windows = [k for k, window in enumerate(information.windows) if window.run == run]
+        with np.errstate(all="ignore"):
+            squares += information.of(windows).residual_squares(np.array(values))
+    freedom = float(information.n_samples.sum()) - len(base)
+    return float((squares / noise).sum()) / max(freedom, 1.0)
+
+
+def _names(run: Run) -> tuple[str, ...]:
+    """What the stretches of a run are called."""
+    first, last = run.span
+    return tuple(
+        f"{max(part.start, first):.3g} to {min(part.stop, last):.3g} s"
+        for part in stretches_of(run)
+    )

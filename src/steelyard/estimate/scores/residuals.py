@@ -1,0 +1,403 @@
+r"""Predicted efforts by their causes, residuals behind a low-pass and beside the noise.
+
+With values, a model is $\tau = g(q) + C(q, \dot q)\dot q + M(q)\ddot q + \tau_f + \tau_o$: gravity,
+Coriolis and centrifugal efforts, inertia of bodies and rotors, friction, and springs with offsets.
+The torque is linear in the parameters, so that each part is the torque of the whole model with the
+other parameters at zero.
+
+Measured minus predicted effort goes through $\dot r = 2\pi f\,(\tau - \hat\tau - r)$, the filter of
+a momentum observer [DeLuca2005]: no sample waits for later efforts. Motion comes from the log's
+processing. Where a joint rests, its friction lies anywhere in a dead zone: laws without memory then
+predict none, instead of one of either sign by the noise of the velocity.
+
+The residuals of a fit went through the parallel filter. What the motion demands ends at its band;
+above it, the spectrum of measured minus predicted effort holds noise: that of the effort, and of
+the measured motion as far as its own filter lets it through. Noise that is white keeps
+$\sum_k h_k^2$ of its variance behind the filter, with $h$ its taps. Taken from the loudest octave
+above the band, resonances and the tails of model errors included, it is an upper bound: residuals
+are at least that many times the noise.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array, Parameters, frozen
+from steelyard.base.errors import DataError, LogError
+from steelyard.base.motion import Motion
+from steelyard.estimate.external.residual_peaks import (
+    FEWEST,
+    HOLD,
+    SETTLED,
+    ResidualPeaks,
+    peaks_of,
+    ranges_of,
+)
+from steelyard.estimate.external.rest_changes import changes_at_rest, low_passed
+from steelyard.estimate.friction.mixes import has_memory
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.information.gather import Mask, blocks_with_channels
+from steelyard.estimate.information.regressor import ParallelFilter
+from steelyard.model.model import ValuedModel
+from steelyard.model.terms.term import Term
+from steelyard.runs.run import Block, Run
+from steelyard.runs.spectrum import welch
+
+PARTS = ("gravity", "coriolis", "inertia", "friction", "other")
+"""Causes of effort, in the order of all arrays."""
+
+MOST_KEPT = 5000
+"""Samples of a run that are kept at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueParts:
+    """Motion, and efforts behind the score's low-pass, of evenly spaced samples of a run.
+
+    Attributes:
+        t: Time, shape `(N,)` [s].
+        q: Positions, shape `(N, n)` [rad; m]; likewise `dq` [rad/s; m/s].
+        dq: Velocities.
+        moving: Whether each joint moves, shape `(N, n)`.
+        measured: Measured effort, at the joints, shape `(N, n)` [Nm; N].
+        parts: Predicted effort by cause, in the order of `PARTS`, shape `(5, N, n)` [Nm; N].
+    """
+
+    t: Array
+    q: Array
+    dq: Array
+    moving: Mask
+    measured: Array
+    parts: Array
+
+    @property
+    def predicted(self) -> Array:
+        """The whole predicted effort, shape `(N, n)` [Nm; N]."""
+        return np.asarray(self.parts.sum(axis=0))
+
+    @property
+    def residual(self) -> Array:
+        """Measured minus predicted effort, shape `(N, n)` [Nm; N]."""
+        return self.measured - self.predicted
+
+    @property
+    def friction(self) -> Array:
+        """Measured effort without all that is not friction in the model, `(N, n)` [Nm; N]."""
+        return np.asarray(self.residual + self.parts[PARTS.index("friction")])
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueSplit:
+    """Parts of a model's efforts, sample by sample.
+
+    Attributes:
+        valued: The model with its values.
+    """
+
+    valued: ValuedModel
+
+    def block(self, block: Block) -> Array:
+        """Unfiltered parts of the efforts of samples with channels, shape `(5, n, B)` [Nm; N]."""
+        still = np.zeros_like(block.dq)
+        masses = self._masses
+        gravity = masses.block(block.q, still, still, block.channels)
+        bias = masses.block(block.q, block.dq, still, block.channels)
+        rigid = masses.block(block.q, block.dq, block.ddq, block.channels)
+        rest = (m.block(block.q, block.dq, block.ddq, block.channels) for m in self._others)
+        return np.stack([gravity, bias - gravity, rigid - bias, *rest])
+
+    @cached_property
+    def _masses(self) -> ValuedModel:
+        return only(self.valued, lambda term: term.cause == "inertia")
+
+    @cached_property
+    def _others(self) -> tuple[ValuedModel, ValuedModel]:
+        """Friction, and all that is neither friction nor inertia."""
+        return (
+            only(self.valued, lambda term: term.cause == "friction"),
+            only(self.valued, lambda term: term.cause not in ("inertia", "friction")),
+        )
+
+
+def only(valued: ValuedModel, chosen: Callable[[Term], bool]) -> ValuedModel:
+    """The same model, and so the same machine code, with the values of some terms; others zero."""
+    model = valued.model
+    kept = [chosen(term) for term in model.terms for _ in term.parameters(model.robot)]
+    values = np.where(kept, valued.values.values, 0.0)
+    return ValuedModel(model, Parameters(model.names, model.units, values))
+
+
+LEAST_RATE = 10.0
+"""Least sampling rate over the cut-off of the residual's low-pass."""
+
+GRAVITY, FRICTION = PARTS.index("gravity"), PARTS.index("friction")
+
+FORGOTTEN = 5.0
+"""Time constants of the low-pass after which it has forgotten its start."""
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualTrace:
+    """Residuals of a run; of a fast log every k-th sample, at `LEAST_RATE` cut-offs or more.
+
+    Attributes:
+        run: Name of the run.
+        t: Time, shape `(N,)` [s]; steps of more than twice `step` are gaps.
+        step: Time between samples [s].
+        residual: Measured minus predicted effort, low-passed, shape `(n, N)` [Nm; N].
+        slowest: Least speed of each joint in the last `HOLD` seconds, shape `(n, N)` [rad/s; m/s].
+        fastest: Greatest speed in the last `SETTLED` seconds, likewise.
+        measured: Measured effort, low-passed likewise, shape `(n, N)` [Nm; N].
+        parts: Predicted gravity, and friction of joints that move, likewise, shape `(2, n, N)`
+            [Nm; N]; what friction with memory is at rest depends on motion before the log.
+    """
+
+    run: str
+    t: Array
+    step: float
+    residual: Array
+    slowest: Array
+    fastest: Array
+    measured: Array
+    parts: Array
+
+    @property
+    def duration(self) -> float:
+        """Time without gaps [s]."""
+        return len(self.t) * self.step
+
+    def of(self, chosen: NDArray[np.bool_] | slice) -> "ResidualTrace":
+        """Some of the samples."""
+        names = ("t", "residual", "slowest", "fastest", "measured", "parts")
+        return replace(self, **{name: getattr(self, name)[..., chosen] for name in names})
+
+    def without(self, joints: Sequence[int]) -> "ResidualTrace":
+        """The same with NaN as the residual of some joints."""
+        residual = self.residual.copy()
+        residual[list(joints)] = np.nan
+        return replace(self, residual=residual)
+
+    def peaks(self, edges: Array, cutoff: float) -> ResidualPeaks:
+        """Its largest residuals per visit to a range of speed; see `peaks_of`."""
+        return peaks_of(self.t, self.residual, self.ranges(edges), self.step, edges, cutoff)
+
+    def ranges(self, edges: Array) -> NDArray[np.intp]:
+        """Range of speed of every joint, shape `(n, N)`; see `ranges_of`."""
+        return ranges_of(self.slowest, self.fastest, edges)
+
+    def changes(self, edges: Array) -> Array:
+        """Change of the residual where all joints rest, shape `(n, N)`; see `changes_at_rest`."""
+        return changes_at_rest(self.t, self.residual, self.ranges(edges), self.step)
+
+
+def residual_cutoff(identified: IdentifiedModel, runs: Sequence[Run]) -> float:
+    """Low-pass of the residual that all runs are sampled fast enough for [Hz]."""
+    return min(identified.cutoffs.score, *(run.rate / LEAST_RATE for run in runs))
+
+
+def residual_trace(
+    identified: IdentifiedModel, run: Run, cutoff: float, *, at_rest: bool = True
+) -> ResidualTrace:
+    """The residual of a run.
+
+    Args:
+        identified: The model.
+        run: Clean motion and effort.
+        cutoff: Of the low-pass [Hz].
+        at_rest: Whether to look at the rests before the first and after the last motion too.
+
+    Raises:
+        LogError: The run is sampled too slowly for the low-pass, or has no samples.
+    """
+    if run.rate < LEAST_RATE * cutoff * (1.0 - 1e-6):
+        raise LogError(
+            f"the log is sampled with {run.rate:.3g} Hz, less than {LEAST_RATE:g} times the "
+            f"residual's low-pass of {cutoff:.3g} Hz",
+            where=run.name,
+            fix=f"log with {LEAST_RATE * cutoff:.0f} Hz or more",
+        )
+    whole = replace(run, span=(-np.inf, np.inf)) if at_rest else run
+    every = max(1, int(run.rate / (LEAST_RATE * cutoff)))
+    split, gains = TorqueSplit(identified.valued), identified.signals.gains[:, None]
+    found = []
+    for _, blocks in groupby(
+        blocks_with_channels(whole.blocks(), identified.model), key=lambda b: b.segment
+    ):
+        parts = []
+        for block in blocks:
+            predicted = split.block(block)
+            predicted[FRICTION] *= block.moving | has_memory(identified.model.terms)
+            measured = gains * block.effort
+            residual = measured - predicted.sum(axis=0)
+            sliding = predicted[FRICTION] * block.moving
+            kept = np.stack([residual, measured, predicted[GRAVITY], sliding])
+            parts.append((block.t, kept, block.dq))
+        t, signals, dq = (np.concatenate(some, axis=-1) for some in zip(*parts, strict=True))
+        first = int(FORGOTTEN / (2.0 * np.pi * cutoff) * run.rate)
+        at = slice(first, None, every)
+        slowest = -greatest(-np.abs(dq), round(HOLD * run.rate) + 1)[:, at]
+        fastest = greatest(np.abs(dq), round(SETTLED * run.rate) + 1)[:, at]
+        low = low_passed(signals, cutoff, run.rate)[..., at]
+        found.append((t[at], low, slowest, fastest))
+    if not sum(len(one[0]) for one in found):
+        raise LogError(
+            "no segment of the log is long enough for the residual's low-pass",
+            where=run.name,
+            fix="log for longer, or give a higher cut-off",
+        )
+    t, low, slowest, fastest = (np.concatenate(some, axis=-1) for some in zip(*found, strict=True))
+    return ResidualTrace(run.name, t, every / run.rate, low[0], slowest, fastest, low[1], low[2:])
+
+
+def greatest(values: Array, samples: int) -> Array:
+    """Greatest of this and the samples before it, `samples` in all."""
+    from scipy.ndimage import maximum_filter1d
+
+    return np.asarray(maximum_filter1d(values, samples, axis=1, origin=(samples - 1) // 2))
+
+
+SLID = 0.1
+"""Travel after which friction with memory slides, at least [rad; m]."""
+
+
+def sliding_friction(identified: IdentifiedModel, speed: Array) -> Array:
+    """Largest predicted friction of each joint at a low speed, shape `(n,)` [Nm; N].
+
+    Args:
+        identified: The model.
+        speed: Of each joint, shape `(n,)` [rad/s; m/s].
+    """
+    t = np.linspace(0.0, SLID / float(np.min(speed)), 400)
+    there = np.concatenate([t, t[::-1]])[:, None] * speed
+    dq = np.repeat([1.0, -1.0], len(t))[:, None] * speed
+    along = Motion(np.arange(len(there)) * t[1], there, dq, np.zeros_like(there))
+    return np.asarray(np.abs(identified.friction(along)).max(axis=0))
+
+
+def supported_rate(peaks: ResidualPeaks, wanted: float | None, usual: float = 1.0) -> float:
+    """False alarms per hour to use: those wanted, or the usual, or the least that is supported.
+
+    Raises:
+        DataError: Fewer are wanted than this much free motion supports.
+    """
+    least = peaks.lowest_rate
+    if not (peaks.visits >= FEWEST).any():
+        raise DataError(
+            f"{peaks.duration:.3g} s of free motion are too short to calibrate thresholds with",
+            where="calibration of contact thresholds",
+            fix="give longer logs of motion without contact with --calibrate",
+        )
+    if wanted is None:
+        return max(usual, least)
+    if wanted < least:
+        minutes = peaks.duration / 60.0
+        raise DataError(
+            f"{wanted:.3g} false alarms per hour cannot be claimed from {minutes:.1f} min of free "
+            f"motion: it supports {least:.2g} per hour or more",
+            where="--rate",
+            fix=f"ask for {least:.2g} or more, or calibrate with "
+            f"{minutes * least / wanted:.0f} min of free motion",
+        )
+    return wanted
+
+
+CLEAR = 2.0
+"""Frequencies from that many regression cut-offs on hold none of what is fitted."""
+
+TOP = 0.4
+"""Share of the sampling rate up to which the spectrum is read: resampling bends it above."""
+
+SPECTRUM = 4.0
+"""Length of the spectrum's windows [s]."""
+
+LINES = 4
+"""Least number of frequencies of a band."""
+
+LONGEST = 60.0
+"""Time of each run that is looked at [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualNoise:
+    """Residuals and measurement noise behind the parallel filter.
+
+    Attributes:
+        joints: Names of the effort rows.
+        residual: Standard deviation of the residuals, shape `(n,)` [Nm; N].
+        noise: Upper bound of the measurement noise's, shape `(n,)`; NaN where no band above the
+            motion's tells it.
+    """
+
+    joints: tuple[str, ...]
+    residual: Array
+    noise: Array
+
+    @property
+    def ratios(self) -> Array:
+        """Residual over noise, at least, shape `(n,)`; NaN where the noise is not known."""
+        known = np.isfinite(self.noise) & (self.noise > 0.0)
+        return np.where(known, self.residual / np.where(known, self.noise, 1.0), np.nan)
+
+
+def residual_noise(
+    valued: ValuedModel, runs: Sequence[Run], sigma: Array, gains: Array
+) -> ResidualNoise:
+    """Measurement noise of runs behind their parallel filter, beside a fit's residuals.
+
+    Args:
+        valued: The fitted model.
+        runs: The fitted runs.
+        sigma: Standard deviation of the filtered residuals per joint [Nm; N].
+        gains: Joint effort per logged unit, shape `(n,)`.
+    """
+    variances, seconds = np.zeros(len(gains)), 0.0
+    for run in runs:
+        taps = ParallelFilter.design(run.matched_cutoff, run.rate).taps
+        rest = _unexplained(valued, run, gains)
+        density = noise_floor(rest, run.rate, run.matched_cutoff)
+        least = np.square(np.asarray(run.quality.effort_resolution) * gains) / 12.0
+        own = np.fmax(0.5 * run.rate * density, np.where(np.isnan(density), np.nan, least))
+        variances += own * np.sum(np.square(taps)) * run.duration
+        seconds += run.duration
+    noise = np.sqrt(variances / seconds)
+    return ResidualNoise(valued.model.robot.joint_names, frozen(sigma), frozen(noise))
+
+
+def noise_floor(signals: Array, rate: float, cutoff: float) -> Array:
+    """Largest noise density above a band, one-sided, shape `(n,)`; NaN where nothing is above.
+
+    Of octaves from `CLEAR` times the cut-off to `TOP` times the rate, the median density of the
+    loudest.
+
+    Args:
+        signals: Shape `(n, N)`, uniformly sampled.
+        rate: [Hz].
+        cutoff: Edge of the band [Hz].
+    """
+    frequency, density = welch(signals, rate, SPECTRUM)
+    best, low = np.full(len(signals), np.nan), CLEAR * cutoff
+    while low < TOP * rate:
+        high = min(2.0 * low, TOP * rate)
+        inside = (frequency >= low) & (frequency < high)
+        if inside.sum() >= LINES:
+            best = np.fmax(best, np.median(density[:, inside], axis=1))
+        low = high
+    return best
+
+
+def _unexplained(valued: ValuedModel, run: Run, gains: Array) -> Array:
+    """Measured minus predicted effort of the longest stretch without a gap, `(n, N)`."""
+    stretches: dict[int, list[Array]] = {}
+    start: float | None = None
+    for block in blocks_with_channels(run.blocks(), valued.model):
+        start = float(block.t[0]) if start is None else start
+        if block.t[0] - start > LONGEST:
+            break
+        predicted = valued.block(block.q, block.dq, block.ddq, block.channels)
+        stretches.setdefault(block.segment, []).append(gains[:, None] * block.effort - predicted)
+    longest = max(stretches.values(), key=lambda parts: sum(p.shape[1] for p in parts))
+    return np.concatenate(longest, axis=1)

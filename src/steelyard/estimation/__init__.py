@@ -1,1 +1,0 @@
-"""Estimators: from information to parameters with intervals."""

@@ -1,1 +1,0 @@
-"""Estimators that simulate the robot under its controller."""

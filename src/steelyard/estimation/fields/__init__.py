@@ -1,1 +1,0 @@
-"""Fields of terms that are not linear, found from data."""

@@ -1,1 +1,0 @@
-"""Estimators that need only sums of products."""

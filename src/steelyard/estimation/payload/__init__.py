@@ -1,1 +1,0 @@
-"""Payloads and drive gains."""

@@ -1,1 +1,0 @@
-"""What is known of parameters before the data."""

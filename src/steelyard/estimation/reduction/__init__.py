@@ -1,1 +1,0 @@
-"""Model reduction: base parameters that the data can do without are removed one by one."""

@@ -1,1 +1,0 @@
-"""Estimators that look at single samples."""

@@ -1,1 +1,0 @@
-"""Motions that show the parameters."""

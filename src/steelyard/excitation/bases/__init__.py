@@ -1,1 +1,0 @@
-"""Families of motions that are linear in their coefficients."""

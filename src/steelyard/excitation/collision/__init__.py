@@ -1,1 +1,0 @@
-"""Clearances between links, tools and the cell."""

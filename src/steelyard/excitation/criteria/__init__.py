@@ -1,1 +1,0 @@
-"""Criteria of how well a motion shows the parameters."""

@@ -1,1 +1,0 @@
-"""Motions in the formats of controllers, simulators and ROS."""

@@ -1,1 +1,0 @@
-"""Motions that are planned and not searched."""

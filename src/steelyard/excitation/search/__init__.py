@@ -1,1 +1,0 @@
-"""Search for the coefficients of a motion."""

@@ -1,1 +1,0 @@
-"""Shapes of links, tools and cells, and their distances."""

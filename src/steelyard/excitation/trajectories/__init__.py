@@ -1,1 +1,0 @@
-"""Motions whose extremes over all times are known."""

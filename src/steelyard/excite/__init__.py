@@ -1,0 +1,1 @@
+"""Design of exciting motion, from the robot file to files for controllers."""

@@ -1,0 +1,1 @@
+"""Collision geometry, distances, and clearance along a motion."""

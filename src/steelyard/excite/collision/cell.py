@@ -1,0 +1,311 @@
+"""Floor, planes, boxes and models of the cell to keep out of, from `[excitation.workspace]`."""
+
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import ModelError
+from steelyard.excite.collision.collision import CLEARANCE_ROOM, Clearance
+from steelyard.excite.collision.distances import Scene
+from steelyard.excite.collision.model_shapes import world_shapes
+from steelyard.excite.collision.pairs import Pair, random_postures
+from steelyard.excite.collision.robot_shapes import WholeRobot, load_balls, whole_robot
+from steelyard.excite.collision.shapes import Shape, obstacle, wall
+from steelyard.excite.collision.solids import Box
+from steelyard.excite.constraints.constraint import Constraint, Gap
+from steelyard.excite.constraints.markers import Marker
+from steelyard.excite.constraints.workspace import checked_boxes, keep_out, planes, tool_box
+from steelyard.model.equations.kinematics import frame_of, last_frame
+from steelyard.robot.file.excitation_sections import WorkspaceSection
+from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.model_source import beside
+from steelyard.robot.file.motion_sections import BoxSpans
+from steelyard.robot.robot import Robot
+
+WALL_RESERVE = 5e-5
+"""Kept beyond every wall [m], for controllers that interpolate between points of a file."""
+
+WALLS_NAME = "floor, planes and boxes"
+"""Of the constraint."""
+
+_WALL_POSTURES = 24
+_SAME_DISTANCE = 1e-9
+_NEAR_DISTANCE = 1e-3
+_INSIDE_DISTANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Room(Clearance):
+    """A `Clearance` of things that move from walls that do not.
+
+    Attributes:
+        walls: Names of the walls; from what else stands there a distance is kept.
+    """
+
+    walls: frozenset[str] = frozenset()
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What each margin is."""
+        own = super().labels
+        return tuple(
+            f"'{pair.first}' clear of '{pair.second}'" if pair.second in self.walls else label
+            for pair, label in zip(self.pairs, own, strict=True)
+        )
+
+    @property
+    def how(self) -> str:
+        """How it is proven, in one sentence."""
+        return (
+            "distances of convex shapes with bounds of their rate of change, over time intervals; "
+            f"{1e3 * WALL_RESERVE:g} mm are reserved at every boundary"
+        )
+
+
+def room_of(
+    robot: Robot,
+    whole: WholeRobot,
+    walls: Sequence[Shape],
+    cell: Sequence[Shape] = (),
+    margin: float = 0.0,
+    aside: Collection[str] = (),
+) -> tuple[Room | None, tuple[str, ...]]:
+    """All that moves against walls, and what it carries against the cell.
+
+    Args:
+        robot: The robot.
+        whole: What it moves.
+        walls: Half-spaces and boxes.
+        cell: What stands in the cell; links are kept from it elsewhere.
+        margin: Distance to keep from the cell [m].
+        aside: What is carried that is kept from the cell elsewhere, too.
+
+    Returns:
+        The constraint, or `None` if nothing can be kept from anything; and what the user should
+        know, one sentence each.
+    """
+    shapes = (*whole.links, *whole.carried, *walls, *cell)
+    first = len(whole.links) + len(whole.carried)
+    standing = range(first + len(walls), len(shapes))
+    loose = [k for k in range(len(whole.links), first) if shapes[k].name not in aside]
+    pairs = _wall_pairs(shapes, range(first), range(first, standing.start))
+    pairs += _wall_pairs(shapes, loose, standing)
+    if not pairs:
+        return None, whole.notes
+    names = frozenset(wall.name for wall in walls)
+    kept, notes = _changing_pairs(robot, shapes, pairs)
+    notes = (*whole.notes, *notes)
+    if walls and whole.still:
+        still = ", ".join(whole.still)
+        notes += (f"the base does not move, so workspace limits ignore its links: {still}",)
+    if not kept:
+        return None, notes
+    wanted = np.array([WALL_RESERVE if pair.second in names else margin for pair in kept])
+    things = len({pair.first for pair in kept})
+    scope = f"{whole.scope}, tool and loads: {things} moving bodies"
+    return _built_room(robot, shapes, kept, wanted, names, scope), notes
+
+
+def _wall_pairs(
+    shapes: Sequence[Shape], movers: Sequence[int], stands: Sequence[int]
+) -> list[Pair]:
+    """Every named thing with every named wall."""
+    found: dict[tuple[str, str], list[tuple[int, int]]] = {}
+    for i in movers:
+        for j in stands:
+            found.setdefault((shapes[i].name, shapes[j].name), []).append((i, j))
+    return [Pair(first, second, tuple(ways)) for (first, second), ways in found.items()]
+
+
+def _built_room(
+    robot: Robot,
+    shapes: tuple[Shape, ...],
+    pairs: tuple[Pair, ...],
+    wanted: Array,
+    walls: frozenset[str],
+    scope: str = "",
+) -> Room:
+    ways = [way for pair in pairs for way in pair.shapes]
+    activation_distance = np.full(len(pairs), CLEARANCE_ROOM)
+    scene = Scene(robot, shapes, ways)
+    return Room(
+        robot, scene, pairs, wanted, activation_distance, name=WALLS_NAME, scope=scope, walls=walls
+    )
+
+
+def _changing_pairs(
+    robot: Robot, shapes: tuple[Shape, ...], pairs: Sequence[Pair]
+) -> tuple[tuple[Pair, ...], tuple[str, ...]]:
+    """Pairs whose distance the joints change, or that are well apart; and notes on the others."""
+    every = _built_room(robot, shapes, tuple(pairs), np.zeros(len(pairs)), frozenset())
+    seen = every.distances(random_postures(robot)[:_WALL_POSTURES])
+    same, least = np.ptp(seen, axis=0) < _SAME_DISTANCE, seen.min(axis=0)
+    inside = [
+        (p, d) for p, d, s in zip(pairs, least, same, strict=True) if s and d < -_INSIDE_DISTANCE
+    ]
+    close = same & (least < _NEAR_DISTANCE)
+    touching = [
+        p for p, d, c in zip(pairs, least, close, strict=True) if c and d >= -_INSIDE_DISTANCE
+    ]
+    notes = list[str]()
+    if inside:
+        names = ", ".join(f"{p.first} in {p.second} by {-1e3 * d:.3g} mm" for p, d in inside)
+        notes.append(Gap(f"outside the workspace limits in every posture, so left out: {names}"))
+    if touching:
+        names = ", ".join(f"{p.first} and {p.second}" for p in touching)
+        notes.append(f"in contact in every posture, so left out: {names}")
+    return tuple(p for p, c in zip(pairs, close, strict=True) if not c), tuple(notes)
+
+
+_AXES = "xyz"
+
+_LEAST_NORMAL = 1e-12
+"""Length of a normal that has no direction, and is refused."""
+
+ASSUMED_FLOOR_NOTE = "no gravity is declared: the floor is assumed normal to z of the base"
+"""The note on a floor where gravity's direction is not declared."""
+
+ConstraintsAndNotes = tuple[list[Constraint], list[str]]
+"""Constraints, and what was assumed."""
+
+
+def world_of(loaded: LoadedRobot) -> tuple[Shape, ...]:
+    """The shapes of the cell, if a file names one."""
+    section = loaded.excitation.collision
+    if section is None or section.world is None:
+        return ()
+    where = "[excitation.collision] world"
+    return world_shapes(beside(loaded.sources[0].path, section.world, where))
+
+
+def tool_of(section: WorkspaceSection | None, robot: Robot) -> Marker:
+    """The tool: the named frame, or the last one of the robot."""
+    section = WorkspaceSection() if section is None else section
+    with written("workspace] frame"):
+        frame = frame_of(robot, section.frame or last_frame(robot))
+    return Marker(frame.name, section.point, section.radius)
+
+
+def workspace_of(loaded: LoadedRobot, world: tuple[Shape, ...]) -> ConstraintsAndNotes:
+    """Box of the tool, floor, planes and forbidden boxes; what is carried against the world.
+
+    Raises:
+        ModelError: A workspace limit is invalid, or something that it must hold for is missing.
+    """
+    section = loaded.excitation.workspace or WorkspaceSection()
+    found, tool = list[Constraint](), tool_of(section, loaded.robot)
+    lower, upper = _sides(section.box)
+    if section.box.bounded:
+        with written("workspace] box"):
+            found.append(tool_box(loaded.robot, [tool], lower, upper))
+    if section.only_tool:
+        found += _constraints_of_tool(section, loaded.robot, tool)
+    if section.limits_links or (world and (loaded.excitation.loads or section.radius > 0.0)):
+        return _constraints_of_robot(loaded, section, tool, world, found)
+    idle = section.radius > 0.0 and not found
+    notes = ["the tool's radius has no effect: it has no box, plane or keep_out"] if idle else []
+    return found, notes
+
+
+def _constraints_of_tool(section: WorkspaceSection, robot: Robot, tool: Marker) -> list[Constraint]:
+    """Planes and forbidden boxes of the tool's ball."""
+    found = list[Constraint]()
+    if section.planes:
+        normals = np.array([plane.normal for plane in section.planes])
+        sizes = np.maximum(np.linalg.norm(normals, axis=1), _LEAST_NORMAL)
+        levels = np.array([plane.above for plane in section.planes]) / sizes
+        with written("workspace] planes"):
+            found.append(planes(robot, [tool], normals, levels))
+    if section.keep_out:
+        low, high = _boxes(section)
+        with written("workspace] keep_out"):
+            found.append(keep_out(robot, [tool], low, high))
+    return found
+
+
+def _constraints_of_robot(
+    loaded: LoadedRobot,
+    section: WorkspaceSection,
+    tool: Marker,
+    world: tuple[Shape, ...],
+    found: list[Constraint],
+) -> ConstraintsAndNotes:
+    """What holds for all that the robot moves."""
+    collision, loads = loaded.excitation.collision, loaded.excitation.loads
+    margin = 0.0 if collision is None else collision.margin
+    with written("workspace]"):
+        whole = whole_robot(loaded, tool, section.without)
+    walls = walls_of(section, loaded.robot)
+    own = [ball.name for ball, load in zip(load_balls(loaded), loads, strict=True) if load.radius]
+    built, notes = room_of(loaded.robot, whole, walls, world, margin, own)
+    level = (
+        [Gap(ASSUMED_FLOOR_NOTE)]
+        if section.floor is not None and not loaded.robot.gravity.any()
+        else []
+    )
+    return [*found, *([] if built is None else [built])], [*notes, *level]
+
+
+def walls_of(section: WorkspaceSection, robot: Robot) -> tuple[Shape, ...]:
+    """Floor, planes and boxes that hold for all links, as shapes that stand still.
+
+    Raises:
+        ModelError: A plane has no direction, or a box is open or empty.
+    """
+    found = list[Shape]()
+    if section.floor is not None:
+        found.append(wall("floor", up_of(robot), section.floor))
+    if section.only_tool:
+        return tuple(found)
+    with written("workspace] planes"):
+        for number, plane in enumerate(section.planes, start=1):
+            found.append(wall(f"plane {number}", plane.normal, plane.above))
+    if section.keep_out:
+        with written("workspace] keep_out"):
+            corners = checked_boxes(*_boxes(section), "forbidden boxes")
+        for number, (low, high) in enumerate(zip(*corners, strict=True), start=1):
+            x, y, z = (float(size) for size in high - low)
+            middle = 0.5 * (low + high)
+            found.append(obstacle(f"forbidden box {number}", Box((x, y, z)), middle))
+    return tuple(found)
+
+
+def up_of(robot: Robot) -> Array:
+    """Where the floor's normal points in the base frame: against gravity, or z without any."""
+    size = float(np.linalg.norm(robot.gravity))
+    return np.array([0.0, 0.0, 1.0]) if size == 0.0 else np.asarray(-robot.gravity / size)
+
+
+def _boxes(section: WorkspaceSection) -> tuple[Array, Array]:
+    """Lower and upper corners, shape `(b, 3)` each [m].
+
+    Raises:
+        ModelError: One is open.
+    """
+    boxes = [_sides(box) for box in section.keep_out]
+    if any(None in low or None in high for low, high in boxes):
+        raise ModelError(
+            "a forbidden box is open",
+            where="[excitation.workspace] keep_out",
+            fix="give x, y and z of each, with two numbers each",
+        )
+    low, high = zip(*boxes, strict=True)
+    return np.array(low), np.array(high)
+
+
+@contextmanager
+def written(key: str) -> Iterator[None]:
+    """Errors inside say which key of the tables they are about."""
+    try:
+        yield
+    except ModelError as error:
+        where = f"[excitation.{key}"
+        raise ModelError(error.wrong, where=where, fix=error.fix) from None
+
+
+def _sides(box: BoxSpans) -> tuple[list[float | None], list[float | None]]:
+    spans = [getattr(box, axis) for axis in _AXES]
+    return [s and s[0] for s in spans], [s and s[1] for s in spans]

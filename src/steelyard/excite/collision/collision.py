@@ -1,0 +1,308 @@
+"""Clearances between links, tools and the cell, while optimising and proven for all times."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import ModelError
+from steelyard.base.progress import Progress, silent
+from steelyard.excite.collision.distances import Indices, Scene, proven_distances
+from steelyard.excite.collision.model_shapes import robot_shapes
+from steelyard.excite.collision.pairs import (
+    Pair,
+    candidate_pairs,
+    disabled_pairs,
+    find_srdf,
+    random_postures,
+    separable,
+)
+from steelyard.excite.collision.robot_shapes import reach
+from steelyard.excite.collision.shapes import Geometry, Poses, Shape, rates, sides
+from steelyard.excite.constraints.constraint import Margins
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.robot import Robot
+
+CLEARANCE_MARGIN = 0.01
+"""Distance that is kept by default [m]."""
+
+CLEARANCE_ROOM = 0.05
+"""Beyond the margin by this much distances are not looked at closely [m]."""
+
+ROOM_REACH_SHARE = 0.1
+"""The same over how far the robot reaches, for small ones: fingers are nowhere 50 mm apart."""
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """The pair that comes nearest to its margin at a posture.
+
+    Attributes:
+        first: Name of a link, tool or obstacle.
+        second: Name of the other.
+        distance: Signed [m]; negative by the depth of the overlap.
+    """
+
+    first: str
+    second: str
+    distance: float
+
+    def __str__(self) -> str:
+        """Such as `'panda_link5' and 'panda_hand' overlap by 12 mm`."""
+        how = "overlap by" if self.distance < 0.0 else "are apart by"
+        return f"'{self.first}' and '{self.second}' {how} {abs(self.distance) * 1e3:.3g} mm"
+
+
+@dataclass(frozen=True, eq=False)
+class Clearance:
+    r"""A `Constraint`: every pair stays apart by its margin.
+
+    A margin is the signed distance $s$ less the distance to keep. With the nearest points
+    $p_a, p_b$ and the unit vector $n$ from $a$ to $b$, its gradient is
+    $n^T (J_b(p_b) - J_a(p_a))$. Where a margin is given as `activation_distance` or more it may
+    be only a lower bound of it, and its gradient zero.
+
+    Attributes:
+        robot: The robot.
+        scene: Its shapes.
+        pairs: Which must keep apart.
+        wanted: Distance to keep of each pair, shape `(k,)` [m].
+        activation_distance: Shape `(k,)` [m].
+        notes: What the user should know, one sentence each.
+        name: For certificates and messages.
+        unit: Of the margins.
+        scope: What it covers, for certificates.
+    """
+
+    robot: Robot
+    scene: Scene
+    pairs: tuple[Pair, ...]
+    wanted: Array
+    activation_distance: Array
+    notes: tuple[str, ...] = ()
+    name: str = "clearance"
+    unit: str = "m"
+    scope: str = ""
+    _owner: Indices = field(init=False)
+    _sides: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        owner = [k for k, pair in enumerate(self.pairs) for _ in pair.shapes]
+        bodies = [[self.scene.shapes[s].body for s in way] for way in self.scene.ways]
+        signs = np.array([sides(self.robot, a, b) for a, b in bodies], dtype=np.float64)
+        object.__setattr__(self, "wanted", frozen(self.wanted, (len(self.pairs),)))
+        object.__setattr__(
+            self, "activation_distance", frozen(self.activation_distance, (len(self.pairs),))
+        )
+        object.__setattr__(self, "_owner", np.array(owner, dtype=np.intp))
+        object.__setattr__(self, "_sides", signs)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What each margin is."""
+        return tuple(
+            f"distance of '{pair.first}' and '{pair.second}' above {wanted:g} m"
+            for pair, wanted in zip(self.pairs, self.wanted, strict=True)
+        )
+
+    def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
+        """Margins at positions `q`, shape `(N, n)`; velocities and accelerations do not matter."""
+        poses = self.scene.kinematics(np.asarray(q, dtype=np.float64))
+        by_way = self.scene.balls(poses)
+        limit = (self.wanted + self.activation_distance)[self._owner]
+        samples, ways = np.nonzero(by_way < limit)
+        lines = self.scene.centre_lines(poses, ways, samples)
+        bounds = self.scene.along(poses, ways, samples, lines)
+        by_way[samples, ways] = np.maximum(by_way[samples, ways], bounds)
+        samples, ways = np.nonzero(by_way < limit)
+        exact, points, normals = self.scene.exact(poses, ways, samples)
+        by_way[samples, ways] = exact
+        values = self._by_pair(by_way)
+        slopes = np.zeros((len(q), len(self.pairs), self.robot.n))
+        least = exact == values[samples, self._owner[ways]]
+        samples, ways = samples[least], ways[least]
+        slope = self._slopes(poses, ways, samples, points[least], normals[least])
+        slopes[samples, self._owner[ways]] = slope
+        return Margins(values - self.wanted, slopes)
+
+    def _slopes(
+        self, poses: Poses, ways: Indices, samples: Indices, points: Array, normals: Array
+    ) -> Array:
+        """Gradients of distances, shape `(H, n)`."""
+        signs = self._sides[ways]
+        chosen = np.where(signs[:, :, None] > 0.0, points[:, 1:], points[:, :1])
+        axes, arms = poses.axes[samples], chosen - poses.anchors[samples]
+        turning = np.array([body.kind == "revolute" for body in self.robot.bodies])
+        towards = normals[:, None]
+        levers = np.where(turning[:, None], np.cross(arms, towards), towards)
+        speeds = signs * np.einsum("hbi,hbi->hb", axes, levers)
+        slopes = np.zeros((len(ways), self.robot.n))
+        for k, body in enumerate(self.robot.bodies):
+            slopes[:, body.coordinate] += body.ratio * speeds[:, k]
+        return slopes
+
+    def distances(self, q: Array) -> Array:
+        """Signed distances of all pairs at positions `(N, n)`, shape `(N, k)` [m]."""
+        q = np.asarray(q, dtype=np.float64)
+        poses = self.scene.kinematics(q)
+        shape = (len(q), len(self._owner))
+        samples, ways = (index.ravel() for index in np.indices(shape))
+        by_way = self.scene.exact(poses, ways, samples)[0].reshape(shape)
+        return self._by_pair(by_way)
+
+    def _by_pair(self, by_way: Array) -> Array:
+        """The least of every pair's ways, shape `(N, k)`; these are side by side."""
+        first = np.searchsorted(self._owner, np.arange(len(self.pairs)))
+        return np.asarray(np.minimum.reduceat(by_way, first, axis=1))
+
+    def nearest(self, q: Array) -> Nearest:
+        """The pair that is nearest to its margin, or farthest below it, at a posture `(n,)`."""
+        distances = self.distances(np.asarray(q, dtype=np.float64)[None])[0]
+        k = int(np.argmin(distances - self.wanted))
+        return Nearest(self.pairs[k].first, self.pairs[k].second, float(distances[k]))
+
+    def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
+        """Lower bounds of all margins that hold at all times, shape `(k,)` [m].
+
+        They are at most a tenth of a millimetre below the least margin, or that much below
+        `activation_distance` or higher.
+
+        Raises:
+            Stopped: `progress` requested a stop.
+        """
+        enough = self.wanted + self.activation_distance
+        found = proven_distances(
+            self.robot, self.scene, trajectory, self._owner, enough, self.wanted, progress=progress
+        )
+        return found - self.wanted
+
+    def reaches(self, lower: Array, upper: Array) -> Array:
+        """Change of every margin per change of each joint within bounds, `(k, n)` [m/rad; 1]."""
+        shapes, most = self.scene.shapes, np.zeros((len(self.pairs), self.robot.n))
+        for k, (a, b) in zip(self._owner, self.scene.ways, strict=True):
+            most[k] = np.maximum(most[k], rates(self.robot, shapes[a], shapes[b], lower, upper))
+        return most
+
+
+def clearance(
+    robot: Robot,
+    geometry: Geometry,
+    *,
+    margin: float = CLEARANCE_MARGIN,
+    activation_distance: float | None = None,
+    others: Sequence[Shape] = (),
+    ignore: Sequence[tuple[str, str]] = (),
+    bodies: bool = True,
+) -> Clearance:
+    """The constraint that a robot keeps clear of itself and of its cell.
+
+    The robot's own pairs that overlap at all random postures tried are left out, as they cannot be
+    kept apart; those that are never as far apart as their margin are kept from touching. Both are
+    noted. Pairs with the cell must be able to keep the margin; what is fixed to the base has none.
+
+    Args:
+        robot: The robot.
+        geometry: Its shapes.
+        margin: Distance to keep [m].
+        activation_distance: Distance beyond the margin from which on a pair does not matter [m];
+            `CLEARANCE_ROOM`, or `ROOM_REACH_SHARE` of how far the robot reaches, whichever is less,
+            if `None`.
+        others: Tools, payloads and what stands in the cell.
+        ignore: Pairs of names that may touch.
+        bodies: Whether the robot and its tools keep clear of themselves, too, not only of the cell.
+
+    Raises:
+        ModelError: No pair is left, a name in `ignore` does not exist, two things have one, or the
+            cell overlaps a link at all postures tried or is never `margin` away from it.
+    """
+    shapes = (*geometry.shapes, *others)
+    pairs, notes, left = candidate_pairs(robot, geometry, shapes, ignore, bodies)
+    _check_pairs(robot, pairs)
+    count = len(pairs)
+    activation_distance = (
+        min(CLEARANCE_ROOM, ROOM_REACH_SHARE * reach(robot))
+        if activation_distance is None
+        else activation_distance
+    )
+    whole = _built(
+        robot, shapes, pairs, np.full(count, margin), np.full(count, activation_distance)
+    )
+    farthest = whole.distances(random_postures(robot)).max(axis=0)
+    kept, wanted, more = separable(shapes, pairs, farthest, margin)
+    _check_pairs(robot, kept)
+    built = _built(robot, shapes, kept, wanted, np.full(len(kept), activation_distance))
+    left += count - len(kept)
+    scope = f"{len(kept)} pair{'s' * (len(kept) != 1)}" + (f", {left} left out" if left else "")
+    return replace(built, notes=(*geometry.notes, *notes, *more), scope=scope)
+
+
+def self_clearance(
+    loaded: LoadedRobot,
+    *,
+    skip: Collection[str] = (),
+    margin: float = CLEARANCE_MARGIN,
+    activation_distance: float | None = None,
+    others: Sequence[Shape] = (),
+    ignore: Sequence[tuple[str, str]] = (),
+    bodies: bool = True,
+) -> Clearance:
+    """`clearance` with the shapes of the robot's own model file, and the SRDF beside it.
+
+    Args:
+        loaded: The robot and the files it came from.
+        skip: Links to go without.
+        margin: Distance to keep [m].
+        activation_distance: Distance beyond the margin from which on a pair does not matter [m];
+            `CLEARANCE_ROOM`, or `ROOM_REACH_SHARE` of how far the robot reaches, whichever is less,
+            if `None`.
+        others: Tools, payloads and what stands in the cell.
+        ignore: Pairs of names that may touch.
+        bodies: Whether the robot and its tools keep clear of themselves, too, not only of the cell.
+
+    Raises:
+        ModelError: See `robot_shapes` and `clearance`; or the robot has no model file.
+    """
+    model = loaded.sources[-1].path
+    if model.suffix.lower() == ".toml":
+        raise ModelError(
+            "a table of Denavit-Hartenberg parameters has no shapes that could collide",
+            where=str(model),
+            fix="name a URDF or an MJCF with collision shapes, or leave collision out",
+        )
+    geometry = robot_shapes(loaded.robot, model, skip)
+    srdf = find_srdf(model, loaded.model_given)
+    if srdf is not None:
+        never = geometry.never | disabled_pairs(srdf)
+        notes = (*geometry.notes, f"pairs of links that may touch are taken from '{srdf}'")
+        geometry = replace(geometry, never=never, notes=notes)
+    return clearance(
+        loaded.robot,
+        geometry,
+        margin=margin,
+        activation_distance=activation_distance,
+        others=others,
+        ignore=ignore,
+        bodies=bodies,
+    )
+
+
+def _built(
+    robot: Robot,
+    shapes: tuple[Shape, ...],
+    pairs: tuple[Pair, ...],
+    wanted: Array,
+    activation_distance: Array,
+) -> Clearance:
+    ways = [way for pair in pairs for way in pair.shapes]
+    return Clearance(robot, Scene(robot, shapes, ways), pairs, wanted, activation_distance)
+
+
+def _check_pairs(robot: Robot, pairs: tuple[Pair, ...]) -> None:
+    if not pairs:
+        raise ModelError(
+            "no pair of bodies is left that could collide",
+            where=f"robot '{robot.name}'",
+            fix="give obstacles or a tool, ignore fewer pairs, or leave collision out",
+        )

@@ -1,0 +1,308 @@
+r"""Distances of shapes at samples, and their lower bounds at all times of a motion.
+
+At the middle of an interval of half length $h$ a distance is at least the gap $g$ between the
+heights of both solids along the direction of their nearest points, whatever the solver's
+tolerance was. Within the interval it is at least $g - h \sum_j \kappa_j |\dot q_j|$, with
+$\kappa$ from `reach.rates` and $|\dot q_j| \le |\dot q_j(t)| + h \max |\ddot q_j|$. Intervals
+whose bound is not good enough are cut up; this is conservative advancement [Mirtich1996] without
+an order in time.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array
+from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.excite.collision.shapes import Poses, Shape, ShapeKinematics, rates
+from steelyard.excite.collision.solids import HalfSpace, height
+from steelyard.excite.constraints.bounding import goals
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.robot.robot import Robot
+
+Indices = NDArray[np.intp]
+
+HEIGHT_ROUNDING = 1e-9
+"""What rounding may add to a bound that comes from the heights of two solids [m]."""
+
+
+class Solver(Protocol):
+    """What measures distances of solids; see `mujoco_geometry.Distances`."""
+
+    def between(
+        self, pairs: Indices, samples: Indices, at: tuple[Array, Array]
+    ) -> tuple[Array, Array]:
+        """Signed distances `(H,)` and nearest points `(H, 2, 3)` of pairs at samples."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Shapes on a robot and around it, and the pairs of them that matter.
+
+    Attributes:
+        shapes: `G` shapes.
+        ways: Numbers of the two shapes of each pair, shape `(W, 2)`; of a pair with a half-space
+            that is the second.
+        kinematics: Where the shapes are.
+    """
+
+    shapes: tuple[Shape, ...]
+    ways: Indices
+    kinematics: ShapeKinematics = field(init=False)
+    _solver: Solver = field(init=False)
+    _flat: NDArray[np.bool_] = field(init=False)
+
+    def __init__(
+        self, robot: Robot, shapes: Sequence[Shape], ways: Sequence[tuple[int, int]]
+    ) -> None:
+        from steelyard.excite.collision.mujoco_geometry import Distances
+
+        flat = [isinstance(shape.solid, HalfSpace) for shape in shapes]
+        ordered = [(j, i) if flat[i] else (i, j) for i, j in ways]
+        object.__setattr__(self, "shapes", tuple(shapes))
+        object.__setattr__(self, "ways", np.array(ordered, dtype=np.intp).reshape(-1, 2))
+        object.__setattr__(self, "kinematics", ShapeKinematics(robot, shapes))
+        object.__setattr__(self, "_solver", Distances(tuple(s.solid for s in shapes)))
+        object.__setattr__(self, "_flat", np.array(flat)[self.ways[:, 1]])
+
+    def balls(self, poses: Poses) -> Array:
+        """Lower bounds of all ways' distances from balls around the shapes, shape `(N, W)` [m]."""
+        radius = np.array([shape.solid.radius for shape in self.shapes])
+        first, second = self.ways.T
+        apart = poses.centres[:, second] - poses.centres[:, first]
+        with np.errstate(invalid="ignore"):
+            gaps = np.sqrt(np.einsum("nwi,nwi->nw", apart, apart)) - radius[first] - radius[second]
+        flat = self._flat
+        normal = poses.rotations[:, second[flat]][..., 2]
+        above = poses.centres[:, first[flat]] - poses.origins[:, second[flat]]
+        gaps[:, flat] = np.einsum("nwi,nwi->nw", normal, above) - radius[first[flat]]
+        return np.asarray(gaps - HEIGHT_ROUNDING)
+
+    def along(self, poses: Poses, ways: Indices, samples: Indices, normals: Array) -> Array:
+        """Lower bounds of distances from the shapes' heights along a direction.
+
+        Args:
+            poses: Poses at `N` samples.
+            ways: `H` numbers of ways.
+            samples: `H` numbers of samples.
+            normals: Unit vectors from the first shape to the second, shape `(H, 3)`; of a
+                half-space its own is taken.
+
+        Returns:
+            Shape `(H,)` [m]; exact if the direction is that of the nearest points.
+        """
+        both = self.ways[ways].T
+        own = -poses.rotations[samples, both[1], :, 2]
+        normal = np.where(self._flat[ways][:, None], own, normals)
+        apart = poses.origins[samples, both[1]] - poses.origins[samples, both[0]]
+        bounds = np.einsum("hi,hi->h", normal, apart)
+        for numbers, outwards in zip(both, (normal, -normal), strict=True):
+            seen = np.einsum("hij,hi->hj", poses.rotations[samples, numbers], outwards)
+            for number in np.unique(numbers):
+                at = np.flatnonzero(numbers == number)
+                bounds[at] -= height(self.shapes[number].solid, seen[at])
+        return np.asarray(bounds - HEIGHT_ROUNDING)
+
+    def centre_lines(self, poses: Poses, ways: Indices, samples: Indices) -> Array:
+        """Directions from centre to centre, shape `(H, 3)`."""
+        first, second = self.ways[ways].T
+        return directions(poses.centres[samples, second] - poses.centres[samples, first])
+
+    def exact(self, poses: Poses, ways: Indices, samples: Indices) -> tuple[Array, Array, Array]:
+        """Distances, nearest points and their direction.
+
+        Args:
+            poses: Poses at `N` samples.
+            ways: `H` numbers of ways.
+            samples: `H` numbers of samples, ascending.
+
+        Returns:
+            Signed distances, shape `(H,)` [m]; nearest points, shape `(H, 2, 3)`; unit vectors
+            in which the distance grows as the second shape moves, shape `(H, 3)`, zero where the
+            shapes touch in just a point.
+        """
+        distances, points = np.empty(len(ways)), np.empty((len(ways), 2, 3))
+        flat = self._flat[ways]
+        solid = np.flatnonzero(~flat)
+        at = (poses.rotations, poses.origins)
+        distances[solid], points[solid] = self._solver.between(
+            self.ways[ways[solid]], samples[solid], at
+        )
+        for way in np.unique(ways[flat]):
+            k = np.flatnonzero(ways == way)
+            distances[k], points[k] = self._over_plane(poses, int(way), samples[k])
+        normals = directions(points[:, 1] - points[:, 0])
+        return distances, points, normals * np.where(distances < 0.0, -1.0, 1.0)[:, None]
+
+    def _over_plane(self, poses: Poses, way: int, samples: Indices) -> tuple[Array, Array]:
+        """Distances `(H,)` and nearest points `(H, 2, 3)` of a solid and a half-space."""
+        first, second = self.ways[way]
+        turn, normal = poses.rotations[samples, first], poses.rotations[samples, second][:, :, 2]
+        solid = self.shapes[first].solid
+        low = solid.farthest(-np.einsum("hij,hi->hj", turn, normal))
+        low = poses.origins[samples, first] + np.einsum("hij,hj->hi", turn, low)
+        above = np.einsum("hi,hi->h", normal, low - poses.origins[samples, second])
+        return above, np.stack([low, low - above[:, None] * normal], axis=1)
+
+
+def directions(vectors: Array) -> Array:
+    """Vectors of length one, shape `(H, 3)`; those too short to have a direction become zero."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.where(length > 1e-12, vectors / np.maximum(length, 1e-12), 0.0)
+
+
+DISTANCE_TOLERANCE = 1e-4
+"""A bound is at most this far below the least distance found [m]."""
+
+FIRST_PROOF_PIECES = 200
+"""Pieces of the motion to begin with."""
+
+MOST_PROOF_INTERVALS = 2_000_000
+"""Intervals after which a proof ends with the bounds that it has."""
+
+_PIECES = 16
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class _Intervals:
+    """Pairs of shapes, each over an interval of time.
+
+    Attributes:
+        ways: Numbers of the pairs, shape `(I,)`.
+        middle: Shape `(I,)` [s].
+        half: Half lengths, shape `(I,)` [s].
+    """
+
+    ways: Indices
+    middle: Array
+    half: Array
+
+    def at(self, chosen: NDArray[np.bool_]) -> "_Intervals":
+        """Some of them."""
+        return _Intervals(self.ways[chosen], self.middle[chosen], self.half[chosen])
+
+    def cut(self, pieces: Indices) -> "_Intervals":
+        """Each of them in a number of equal pieces."""
+        which = np.repeat(np.arange(len(pieces)), pieces)
+        number = np.arange(len(which)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+        half = self.half[which] / pieces[which]
+        start = self.middle[which] - self.half[which]
+        return _Intervals(self.ways[which], start + (2 * number + 1) * half, half)
+
+
+def proven_distances(
+    robot: Robot,
+    scene: Scene,
+    trajectory: ExactTrajectory,
+    owner: Indices,
+    enough: Array,
+    kept: Array,
+    *,
+    tolerance: float = DISTANCE_TOLERANCE,
+    progress: Progress = silent,
+) -> Array:
+    """Lower bounds of the distances of pairs at all times, shape `(k,)` [m].
+
+    Args:
+        robot: The robot.
+        scene: Its shapes, and `W` ways in which they may touch.
+        trajectory: The motion.
+        owner: The pair that each way belongs to, shape `(W,)`.
+        enough: Distances beyond which a bound need not be sharp, shape `(k,)` [m].
+        kept: Distances that must be kept: near above them, bounds are sharper, shape `(k,)` [m].
+        tolerance: How far below the least distance a bound may be otherwise [m].
+        progress: Told of the share of the time that is done.
+
+    Raises:
+        Stopped: `progress` requested a stop.
+    """
+    search = _Search(robot, scene, trajectory)
+    least, proven = np.full(len(enough), np.inf), np.full(len(enough), np.inf)
+    work = _first_intervals(trajectory, len(owner))
+    total, used = float(work.half.sum()), 0
+    while len(work.ways):
+        pair = owner[work.ways]
+        bound, gap, slack = search.bounds(work, enough[pair])
+        np.minimum.at(least, pair, gap)
+        goal = np.minimum(enough, goals(least - kept, np.full(len(kept), tolerance)) + kept)[pair]
+        used += len(work.ways)
+        good = (bound >= goal) | (used > MOST_PROOF_INTERVALS)
+        np.minimum.at(proven, pair[good], bound[good])
+        with np.errstate(divide="ignore", over="ignore"):
+            wanted = np.ceil(slack / np.maximum(gap - goal, 0.01 * tolerance))
+        pieces = np.clip(wanted, 2, _PIECES).astype(np.intp)
+        work = work.at(~good).cut(pieces[~good])
+        report_progress(progress, "proving clearances", total - float(work.half.sum()), total)
+    return proven
+
+
+def _first_intervals(trajectory: ExactTrajectory, ways: int) -> _Intervals:
+    """All ways over pieces that no break of the motion lies in."""
+    even = np.linspace(0.0, trajectory.duration, FIRST_PROOF_PIECES + 1)
+    times = np.union1d(even, trajectory.breaks)
+    times = times[(times >= 0.0) & (times <= trajectory.duration)]
+    middle, half = 0.5 * (times[1:] + times[:-1]), 0.5 * np.diff(times)
+    which = np.repeat(np.arange(ways), len(middle))
+    return _Intervals(which, np.tile(middle, ways), np.tile(half, ways))
+
+
+class _Search:
+    """What bounds an interval.
+
+    Attributes:
+        scene: The shapes.
+        trajectory: The motion.
+        rates: Change of distance per speed of each joint, shape `(W, n)`.
+        speed: Greatest speeds, shape `(n,)`.
+        acceleration: Greatest accelerations, shape `(n,)`.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene, trajectory: ExactTrajectory) -> None:
+        self.scene, self.trajectory = scene, trajectory
+        lower, upper = trajectory.extremes(0)
+        shapes = scene.shapes
+        both = [(shapes[a], shapes[b]) for a, b in scene.ways]
+        self.rates = np.array([rates(robot, a, b, lower, upper) for a, b in both])
+        self.speed, self.acceleration = (
+            np.maximum(*(np.abs(x) for x in trajectory.extremes(order))) * (1.0 + _ROUNDING)
+            for order in (1, 2)
+        )
+
+    def bounds(self, work: _Intervals, enough: Array) -> tuple[Array, Array, Array]:
+        """Per interval the bound, the distance's bound at its middle, and what lies between.
+
+        Args:
+            work: `I` intervals.
+            enough: Bounds that need not be better, shape `(I,)` [m].
+        """
+        times, samples = np.unique(work.middle, return_inverse=True)
+        poses = self.scene.kinematics(self.trajectory.derivative(times, 0))
+        # a little more than half: the middle is rounded
+        half = work.half * (1.0 + 1e-9) + 1e-15 * self.trajectory.duration
+        speed = np.abs(self.trajectory.derivative(times, 1))[samples]
+        speed = np.minimum(speed + half[:, None] * self.acceleration, self.speed)
+        slack = half * np.einsum("ij,ij->i", speed, self.rates[work.ways])
+        gap = self._balls(poses, work.ways, samples)
+        for better in (self._centre_lines, self._nearest):
+            short = np.flatnonzero(gap - slack < enough)
+            # the solver moves fastest from sample to sample
+            short = short[np.argsort(samples[short], kind="stable")]
+            found = better(poses, work.ways[short], samples[short])
+            gap[short] = np.maximum(gap[short], found)
+        return gap - slack, gap, slack
+
+    def _balls(self, poses: Poses, ways: Indices, samples: Indices) -> Array:
+        return self.scene.balls(poses)[samples, ways]
+
+    def _centre_lines(self, poses: Poses, ways: Indices, samples: Indices) -> Array:
+        lines = self.scene.centre_lines(poses, ways, samples)
+        return self.scene.along(poses, ways, samples, lines)
+
+    def _nearest(self, poses: Poses, ways: Indices, samples: Indices) -> Array:
+        normals = self.scene.exact(poses, ways, samples)[2]
+        return self.scene.along(poses, ways, samples, normals)

@@ -1,0 +1,242 @@
+"""MuJoCo: geoms of MJCF files, and distances between convex solids."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import ModelError
+from steelyard.excite.collision.shapes import Shape, placed
+from steelyard.excite.collision.solids import (
+    WITHOUT_MESH_ADVICE,
+    Ball,
+    Box,
+    Capsule,
+    Cylinder,
+    Ellipsoid,
+    HalfSpace,
+    Hull,
+    Solid,
+)
+from steelyard.robot.models.mjcf import Compiled, compiled
+from steelyard.robot.robot import Frame
+
+FARTHEST_DISTANCE = 1e6
+"""No two solids are farther apart [m]."""
+
+_GEOM = mujoco.mjtGeom
+
+
+@dataclass(frozen=True, eq=False)
+class Distances:
+    """Signed distances between pairs of solids, by GJK and EPA on MuJoCo's geoms.
+
+    Attributes:
+        model: MuJoCo's model, one free-standing geom per solid.
+        position: Origin of each geom in the frame of its solid, shape `(G, 3)` [m].
+        rotation: Its axes there, shape `(G, 3, 3)`.
+    """
+
+    model: Any
+    position: Array
+    rotation: Array
+    _spare: list[Any]
+
+    def __init__(self, solids: tuple[Solid, ...]) -> None:
+        spec = mujoco.MjSpec()
+        spec.compiler.balanceinertia = True
+        spec.memory = 1 << 22
+        for number, solid in enumerate(solids):
+            _add(spec, number, solid)
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        object.__setattr__(self, "model", model)
+        object.__setattr__(self, "position", data.geom_xpos.copy())
+        object.__setattr__(self, "rotation", data.geom_xmat.reshape(-1, 3, 3).copy())
+        object.__setattr__(self, "_spare", [])
+
+    def between(
+        self, pairs: NDArray[np.intp], samples: NDArray[np.intp], at: tuple[Array, Array]
+    ) -> tuple[Array, Array]:
+        """Distances of `H` pairs of solids, each at a sample.
+
+        Args:
+            pairs: Numbers of the two solids, shape `(H, 2)`; none is a half-space.
+            samples: Sample of each, shape `(H,)`, ascending.
+            at: Axes `(N, G, 3, 3)` and origins `(N, G, 3)` of all solids at all samples [m].
+
+        Returns:
+            Distances, shape `(H,)` [m], negative by the depth of an overlap, and the nearest
+            points of both, shape `(H, 2, 3)` [m]; of an overlap those that would touch first if
+            the solids were drawn apart.
+        """
+        # memory for the solver takes longer to get than a hundred distances
+        model, data = self.model, self._spare.pop() if self._spare else mujoco.MjData(self.model)
+        place, turn = data.geom_xpos, data.geom_xmat
+        used, samples = np.unique(samples, return_inverse=True)
+        rotations = at[0][used] @ self.rotation
+        positions = at[1][used] + (at[0][used] @ self.position[..., None])[..., 0]
+        flat = rotations.reshape(*rotations.shape[:2], 9)
+        distances, points = np.empty(len(pairs)), np.empty((len(pairs), 6, 1))
+        measure, last = mujoco.mj_geomDistance, -1
+        work = zip(pairs[:, 0].tolist(), pairs[:, 1].tolist(), samples.tolist(), strict=True)
+        for k, (first, second, sample) in enumerate(work):
+            if sample != last:
+                place[:], turn[:] = positions[sample], flat[sample]
+                last = sample
+            distances[k] = measure(model, data, first, second, FARTHEST_DISTANCE, points[k])
+        self._spare.append(data)
+        return distances, points.reshape(-1, 2, 3)
+
+
+def _add(spec: Any, number: int, solid: Solid) -> None:
+    """One geom for a solid, on the world; a half-space gets a stand-in that is never used."""
+    if isinstance(solid, Hull):
+        vertices = solid.vertices.astype(np.float32).ravel()
+        spec.add_mesh(name=f"{number}", uservert=vertices)
+        spec.worldbody.add_geom(type=_GEOM.mjGEOM_MESH, meshname=f"{number}")
+        return
+    kind, size = _GEOM.mjGEOM_SPHERE, (1.0, 0.0, 0.0)
+    if isinstance(solid, Ball):
+        size = (solid.radius, 0.0, 0.0)
+    elif isinstance(solid, Box):
+        x, y, z = solid.size
+        kind, size = _GEOM.mjGEOM_BOX, (x / 2.0, y / 2.0, z / 2.0)
+    elif isinstance(solid, Ellipsoid):
+        kind, size = _GEOM.mjGEOM_ELLIPSOID, solid.semi
+    elif isinstance(solid, Cylinder):
+        kind, size = _GEOM.mjGEOM_CYLINDER, (solid.disc, solid.length / 2.0, 0.0)
+    elif isinstance(solid, Capsule):
+        kind, size = _GEOM.mjGEOM_CAPSULE, (solid.disc, solid.length / 2.0, 0.0)
+    spec.worldbody.add_geom(type=kind, size=size)
+
+
+def mjcf_shapes(
+    path: Path, frames: Mapping[str, Frame], skip: Collection[str]
+) -> tuple[tuple[Shape, ...], frozenset[frozenset[str]], frozenset[str]]:
+    """Shapes of a robot's MJCF, the pairs of links that it excludes, and other links with shapes.
+
+    Args:
+        path: The file.
+        frames: Frames of the robot's links by name.
+        skip: Links to go without.
+    """
+    file = compiled(path)
+    model, shapes, outside = file.model, list[Shape](), set[str]()
+    for geom in _colliding(model):
+        body = int(model.geom_bodyid[geom])
+        name = _link(model, body)
+        if name not in frames:
+            outside.add(name)
+        if name in skip or name not in frames:
+            continue
+        _refuse_absent(file, geom, name, path)
+        # a link's origin is the anchor of its body's last joint
+        last = int(model.body_jntadr[body]) + int(model.body_jntnum[body]) - 1
+        anchor = model.jnt_pos[last] if model.body_jntnum[body] else np.zeros(3)
+        rotation, position = _matrix(model.geom_quat[geom]), model.geom_pos[geom] - anchor
+        shapes.append(_shape(model, geom, frames[name], path, position, rotation))
+    return tuple(shapes), _excluded(model), frozenset(outside)
+
+
+def mjcf_world(path: Path, skip: Collection[str]) -> tuple[Shape, ...]:
+    """Shapes of a cell's MJCF, its joints at their reference positions."""
+    file = compiled(path)
+    model = file.model
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    shapes = []
+    for geom in _colliding(model):
+        name = _link(model, int(model.geom_bodyid[geom]))
+        if name in skip:
+            continue
+        _refuse_absent(file, geom, name, path)
+        base = Frame(name, -1, np.eye(3), np.zeros(3))
+        rotation = data.geom_xmat[geom].reshape(3, 3)
+        shape = _shape(model, geom, base, path, data.geom_xpos[geom], rotation)
+        shapes.append(Shape(name, -1, shape.rotation, shape.position, shape.solid, "world"))
+    return tuple(shapes)
+
+
+def _refuse_absent(file: Compiled, geom: int, link: str, path: Path) -> None:
+    """Raise if a colliding geom's mesh is absent."""
+    if geom in file.stand_ins:
+        raise ModelError(
+            f"the collision mesh '{file.stand_ins[geom]}' of link '{link}' is not there",
+            where=str(path),
+            fix="put the file where the MJCF looks for it (see its meshdir), or "
+            f"{WITHOUT_MESH_ADVICE}",
+        )
+
+
+def _colliding(model: Any) -> list[int]:
+    """Geoms that collide with anything."""
+    active = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    return [int(geom) for geom in np.flatnonzero(active)]
+
+
+def _link(model: Any, body: int) -> str:
+    """What the robot calls the link of a body."""
+    return str(model.body(body).name) or f"body_{body}"
+
+
+def _excluded(model: Any) -> frozenset[frozenset[str]]:
+    """Pairs of bodies that `<exclude>` names, or whose geoms' masks let them pass."""
+    pairs = set()
+    for signature in model.exclude_signature:
+        bodies = (int(signature) >> 16, int(signature) & 0xFFFF)
+        pairs.add(frozenset(_link(model, body) for body in bodies))
+    masks: dict[str, list[tuple[int, int]]] = {}
+    for geom in _colliding(model):
+        mask = (int(model.geom_contype[geom]), int(model.geom_conaffinity[geom]))
+        masks.setdefault(_link(model, int(model.geom_bodyid[geom])), []).append(mask)
+    for first, mine in masks.items():
+        for second, theirs in masks.items():
+            meet = any((a & d) or (c & b) for a, b in mine for c, d in theirs)
+            if first < second and not meet:
+                pairs.add(frozenset((first, second)))
+    return frozenset(pairs)
+
+
+def _shape(
+    model: Any, geom: int, frame: Frame, path: Path, position: Array, rotation: Array
+) -> Shape:
+    """One geom as a shape."""
+    return placed(frame, frame.name, _solid(model, geom, frame.name, path), position, rotation)
+
+
+def _solid(model: Any, geom: int, link: str, path: Path) -> Solid:
+    kind, size = _GEOM(int(model.geom_type[geom])), [float(s) for s in model.geom_size[geom]]
+    if kind == _GEOM.mjGEOM_PLANE:
+        return HalfSpace()
+    if kind == _GEOM.mjGEOM_SPHERE:
+        return Ball(size[0])
+    if kind == _GEOM.mjGEOM_BOX:
+        return Box((2.0 * size[0], 2.0 * size[1], 2.0 * size[2]))
+    if kind == _GEOM.mjGEOM_ELLIPSOID:
+        return Ellipsoid((size[0], size[1], size[2]))
+    if kind in (_GEOM.mjGEOM_CAPSULE, _GEOM.mjGEOM_CYLINDER):
+        made = Capsule if kind == _GEOM.mjGEOM_CAPSULE else Cylinder
+        return made(size[0], 2.0 * size[1])
+    if kind == _GEOM.mjGEOM_MESH:
+        mesh = int(model.geom_dataid[geom])
+        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+        return Hull(model.mesh_vert[first : first + count].astype(np.float64))
+    raise ModelError(
+        f"link '{link}' has a colliding geom of kind {kind.name[7:].lower()}, which is not convex",
+        where=str(path),
+        fix="replace it by boxes or meshes, or name the link under skip to ignore its shapes",
+    )
+
+
+def _matrix(quaternion: Array) -> Array:
+    """The rotation of a unit quaternion, shape `(3, 3)`."""
+    flat = np.zeros(9)
+    mujoco.mju_quat2Mat(flat, quaternion)
+    return flat.reshape(3, 3)

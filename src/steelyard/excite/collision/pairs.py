@@ -1,0 +1,308 @@
+"""Pairs of bodies that must keep clear of each other, and which of them can be kept apart."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import ModelError, advice
+from steelyard.excite.collision.shapes import Geometry, Shape
+from steelyard.excite.collision.solids import HalfSpace, Hull
+from steelyard.robot.models.xml_reader import Element, read_xml
+from steelyard.robot.robot import Body, Robot
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two things that may touch.
+
+    Attributes:
+        first: Name of a link, tool or obstacle.
+        second: Name of another.
+        shapes: Numbers of their shapes, one of each in every way.
+    """
+
+    first: str
+    second: str
+    shapes: tuple[tuple[int, int], ...]
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Both names."""
+        return frozenset((self.first, self.second))
+
+
+def candidate_pairs(
+    robot: Robot,
+    geometry: Geometry,
+    shapes: Sequence[Shape],
+    ignore: Sequence[tuple[str, str]] = (),
+    bodies: bool = True,
+) -> tuple[tuple[Pair, ...], tuple[str, ...], int]:
+    """All pairs that move against each other, less those that may touch.
+
+    Links may touch where the model says so, and where a joint, or several in one place, connects
+    their bodies and no third link with shapes lies between.
+
+    Args:
+        robot: The robot.
+        geometry: The robot's own shapes.
+        shapes: All shapes: the robot's, tools and the cell.
+        ignore: Pairs of names that may touch; `cell: NAME` is what the cell calls by a name that
+            is taken.
+        bodies: Whether pairs count that are no part of the cell.
+
+    Returns:
+        The pairs, notes on those left out, and how many these are.
+
+    Raises:
+        ModelError: A name in `ignore` does not exist, or two things have one name.
+    """
+    groups = _groups(shapes)
+    _check_names(groups, shapes, ignore)
+    ignored = {frozenset(pair) for pair in ignore}
+    names, pairs = list(groups), list[Pair]()
+    modelled, near, specified = list[str](), list[str](), list[str]()
+    for k, first in enumerate(names):
+        for second in names[k + 1 :]:
+            both = frozenset((first, second))
+            mine, theirs = groups[first], groups[second]
+            ways = tuple((i, j) for i in mine for j in theirs if _can_touch(shapes[i], shapes[j]))
+            origins = {shapes[mine[0]].origin, shapes[theirs[0]].origin}
+            links = origins == {"link"}
+            if not ways or not (bodies or "world" in origins):
+                continue
+            pair = f"{first} and {second}"
+            if both in ignored:
+                specified.append(pair)
+            elif links and both in geometry.never:
+                modelled.append(pair)
+            elif links and _neighbours(robot, geometry, shapes[mine[0]], shapes[theirs[0]]):
+                near.append(pair)
+            else:
+                pairs.append(Pair(first, second, ways))
+    reasons = {
+        "links connected by a joint": near,
+        "which may touch according to the model or its SRDF": modelled,
+        "which may touch as specified": specified,
+    }
+    notes = tuple(
+        f"clearance is not checked for {len(left)} pair{'s' * (len(left) > 1)}, {why}: "
+        f"{', '.join(left)}"
+        for why, left in reasons.items()
+        if left
+    )
+    return tuple(pairs), notes, len(near) + len(modelled) + len(specified)
+
+
+def _groups(shapes: Sequence[Shape]) -> dict[str, list[int]]:
+    """Numbers of the shapes by name; what the cell calls like something else is `cell: NAME`."""
+    taken = {shape.name for shape in shapes if shape.origin != "world"}
+    groups: dict[str, list[int]] = {}
+    for number, shape in enumerate(shapes):
+        clashes = shape.origin == "world" and shape.name in taken
+        name = f"cell: {shape.name}" if clashes else shape.name
+        groups.setdefault(name, []).append(number)
+    return groups
+
+
+def _check_names(
+    groups: Mapping[str, list[int]],
+    shapes: Sequence[Shape],
+    ignore: Sequence[tuple[str, str]],
+) -> None:
+    for name, members in groups.items():
+        if len({(shapes[k].origin, shapes[k].body) for k in members}) > 1:
+            raise ModelError(
+                f"two bodies are called '{name}'",
+                where=f"collision shapes, '{name}'",
+                fix="give tools and payloads names that no link has",
+            )
+    for pair in ignore:
+        for name in pair:
+            if name not in groups:
+                raise ModelError(
+                    f"'{name}', which is to be ignored, has no collision shape",
+                    where=f"ignored pair '{pair[0]}', '{pair[1]}'",
+                    fix=advice(name, groups, "bodies with shapes"),
+                )
+
+
+def _can_touch(first: Shape, second: Shape) -> bool:
+    """Whether two shapes move against each other, and one of them ends."""
+    planes = isinstance(first.solid, HalfSpace) and isinstance(second.solid, HalfSpace)
+    return first.body != second.body and not planes
+
+
+def _neighbours(robot: Robot, geometry: Geometry, first: Shape, second: Shape) -> bool:
+    """Whether a joint connects two links, or several in one place, and no shape lies between."""
+    inner, outer = sorted((first.body, second.body))
+    carrier = robot.bodies[outer].parent
+    # a link with several joints is a chain of bodies that are nothing but frames
+    while carrier > inner and _only_a_frame(robot.bodies[carrier]):
+        carrier = robot.bodies[carrier].parent
+    if carrier != inner:
+        return False
+    way, other = (_ancestry(geometry.parents, shape.name) for shape in (first, second))
+    shared = set(way) & set(other)
+    meet = next(name for name in way if name in shared)
+    between = [*way[: way.index(meet) + 1], *other[: other.index(meet)]]
+    shaped = {shape.name for shape in geometry.shapes} | geometry.skipped
+    return not shaped & (set(between) - {first.name, second.name})
+
+
+def _only_a_frame(body: Body) -> bool:
+    return body.massless or not body.known
+
+
+def _ancestry(parents: Mapping[str, str], link: str) -> list[str]:
+    """A link and all that carry it."""
+    way = [link]
+    while way[-1] in parents:
+        way.append(parents[way[-1]])
+    return way
+
+
+def find_srdf(model: Path, given: Path | None = None) -> Path | None:
+    """The SRDF of a URDF: in its folder or in `srdf` beside it, for a robot of the same name.
+
+    Args:
+        model: The URDF.
+        given: The file it was expanded from, if it was: its folder is the one.
+    """
+    name = read_xml(model).attributes.get("name")
+    folder = (given or model).resolve().parent
+    places = [*folder.glob("*.srdf"), *(folder.parent / "srdf").glob("*.srdf")]
+    for path in sorted(places, key=lambda p: (p.stem != model.stem, str(p))):
+        if name and _srdf(path).attributes.get("name") == name:
+            return path
+    return None
+
+
+def disabled_pairs(path: Path) -> frozenset[frozenset[str]]:
+    """Pairs of links that an SRDF lets touch.
+
+    Raises:
+        ModelError: The file is no SRDF.
+    """
+    pairs = set()
+    for element in _srdf(path).all("disable_collisions"):
+        links = [element.attributes.get(key, "").strip() for key in ("link1", "link2")]
+        if not all(links):
+            raise ModelError(
+                "<disable_collisions> does not name two links",
+                where=element.where,
+                fix='write <disable_collisions link1="..." link2="..."/>',
+            )
+        pairs.add(frozenset(links))
+    return frozenset(pairs)
+
+
+def _srdf(path: Path) -> Element:
+    """The outermost element of an SRDF."""
+    root = read_xml(path)
+    if root.tag != "robot":
+        raise ModelError(
+            f"the file is not an SRDF: its outermost element is <{root.tag}>",
+            where=root.where,
+            fix="give an SRDF (<robot> with <disable_collisions> elements)",
+        )
+    return root
+
+
+SEPARABLE_POSTURES = 200
+"""Random postures that decide which pairs can be kept apart at all."""
+
+_WHERE = "collision of the robot with its cell"
+
+
+def random_postures(robot: Robot) -> Array:
+    """`SEPARABLE_POSTURES` positions within the joints' limits, or within one turn or a metre."""
+    rng = np.random.default_rng(0)
+    bounds = np.empty((2, robot.n))
+    for k, joint in enumerate(robot.coordinates):
+        span = np.pi if joint.kind == "revolute" else 1.0
+        bounds[0, k] = joint.limits.lower if np.isfinite(joint.limits.lower) else -span
+        bounds[1, k] = joint.limits.upper if np.isfinite(joint.limits.upper) else span
+    return rng.uniform(bounds.min(axis=0), bounds.max(axis=0), (SEPARABLE_POSTURES, robot.n))
+
+
+def separable(
+    shapes: Sequence[Shape], pairs: Sequence[Pair], farthest: Array, margin: float
+) -> tuple[tuple[Pair, ...], Array, tuple[str, ...]]:
+    """The pairs that can be kept apart, and how far.
+
+    Links on the fixed base make no pairs with the cell, so whatever does can move.
+
+    Args:
+        shapes: All shapes.
+        pairs: Pairs of them.
+        farthest: The greatest distance of each pair that was seen, shape `(k,)` [m].
+        margin: Distance to keep [m].
+
+    Returns:
+        Pairs, distance to keep of each, shape `(k,)` [m], and notes on those of the robot itself
+        that cannot keep the margin.
+
+    Raises:
+        ModelError: The cell overlaps a link in every posture, or is never `margin` away.
+    """
+    close = [(pair, float(d)) for pair, d in zip(pairs, farthest, strict=True) if d < margin]
+    _refuse_inseparable(shapes, close, margin)
+    near = {pair.names: distance for pair, distance in close}
+    kept = tuple(pair for pair in pairs if near.get(pair.names, 0.0) >= 0.0)
+    wanted = np.array([0.0 if pair.names in near else margin for pair in kept])
+    stuck = [f"{p.first} and {p.second}" for p, d in close if d < 0.0]
+    touching = [
+        f"{p.first} and {p.second} (at most {_rounded_down(d)} m)" for p, d in close if d >= 0.0
+    ]
+    notes = []
+    if stuck:
+        how = "overlap in every tested posture, so they are left out"
+        notes.append(f"these pairs {how}: {', '.join(stuck)}")
+    if touching:
+        how = f"are never {margin:g} m apart, so only contact is avoided"
+        notes.append(f"these pairs {how}: {', '.join(touching)}")
+    return kept, wanted, tuple(notes)
+
+
+def _refuse_inseparable(
+    shapes: Sequence[Shape], close: Sequence[tuple[Pair, float]], margin: float
+) -> None:
+    """Pairs with the cell, if they cannot be kept apart."""
+    cell = []
+    for pair, distance in close:
+        for name, k in zip((pair.first, pair.second), pair.shapes[0], strict=True):
+            if shapes[k].origin == "world":
+                cell.append((pair, distance, name))
+    inside = [(pair, name) for pair, distance, name in cell if distance < 0.0]
+    if inside:
+        pair, name = inside[0]
+        own = {way[pair.second == name] for way in pair.shapes}
+        hull = any(isinstance(shapes[k].solid, Hull) for k in own)
+        other = ", ".join(f"'{x}'" for p, n in inside if n == name for x in p.names - {n})
+        first = "split it into convex pieces" if hull else f"place '{name}' elsewhere"
+        raise ModelError(
+            f"'{name}' overlaps {other} in every posture tried"
+            + (": a mesh counts as its convex hull" if hull else ""),
+            where=_WHERE,
+            fix=f"{first}, or name the pair in ignore: [{pair.first!r}, {pair.second!r}]",
+        )
+    if cell:
+        pair, distance, _ = min(cell, key=lambda one: one[1])
+        raise ModelError(
+            f"'{pair.first}' and '{pair.second}' are never {margin:g} m apart: the largest "
+            f"possible margin in {SEPARABLE_POSTURES} random postures is "
+            f"{_rounded_down(distance)} m",
+            where=_WHERE,
+            fix=f"give a margin of {_rounded_down(distance)} m or less, move the object in the "
+            "cell, or "
+            "name the pair in ignore",
+        )
+
+
+def _rounded_down(distance: float) -> str:
+    """A distance rounded down to a tenth of a millimetre."""
+    return f"{np.floor(max(distance, 0.0) * 1e4) / 1e4:g}"

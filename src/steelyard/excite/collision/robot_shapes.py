@@ -1,0 +1,324 @@
+r"""Shapes of all that a robot moves; capsules are assumed for links that a model gives none.
+
+A link reaches from its joint to the joints and frames that it carries and, where its mass is known,
+to twice its centre of mass, as an even rod does. The radius is that of the even cylinder with the
+link's least moment of inertia, $r = \sqrt{2 I / m}$, or a share of the robot's reach.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import ModelError, advice
+from steelyard.excite.collision.model_shapes import readable_shapes
+from steelyard.excite.collision.shapes import Origin, Shape, placed
+from steelyard.excite.collision.solids import Ball, Capsule, HalfSpace
+from steelyard.excite.constraints.constraint import Declined, Gap
+from steelyard.excite.constraints.markers import Marker
+from steelyard.model.equations.kinematics import frame_of, last_frame
+from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.model_source import read_mechanism
+from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.robot import Frame, Robot
+
+SLENDER_RADIUS_SHARE = 0.05
+"""Radius of a link of unknown mass, over the length of the robot from base to end."""
+
+WIDEST_RADIUS_FACTOR = 3.0
+"""Radii from inertias stay within this factor of that, either way."""
+
+SHORT_REACH = 1e-3
+"""Reaches below this [m] are those of frames in one place."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinkTree:
+    """The links of a robot, whether they move or are merged into others.
+
+    Attributes:
+        frames: Where each link is.
+        parents: The link that carries a link, for all but the root.
+        inertias: Of links whose mass is known, in their own frames.
+    """
+
+    frames: Mapping[str, Frame]
+    parents: Mapping[str, str]
+    inertias: Mapping[str, Inertia]
+
+
+def assumed_shapes(
+    robot: Robot, links: LinkTree, shaped: Collection[str], ends: Mapping[str, Sequence[Array]]
+) -> tuple[Shape, ...]:
+    """Capsules and balls for moving links without shapes that must have some.
+
+    Those are links with a mass, and links that carry a joint, a real link, or one of `ends`.
+
+    Args:
+        robot: The robot.
+        links: Its links.
+        shaped: Links that have shapes, or are to go without.
+        ends: Frames that something real is fixed to, such as the tool's, and where on their
+            bodies, each of shape `(3,)` [m]; a link that is more than a frame reaches there.
+    """
+    real = _carrying(robot, links, {*shaped, *links.inertias, *ends})
+    usual, bodies = SLENDER_RADIUS_SHARE * reach(robot), {body.name for body in robot.bodies}
+    found = []
+    for name, frame in links.frames.items():
+        if frame.body >= 0 and name in real and name not in shaped:
+            more = ends.get(name, ()) if name in bodies else ()
+            found += _link_shapes(robot, links, name, real, usual, more)
+    return tuple(found)
+
+
+def reach(robot: Robot) -> float:
+    """Greatest length from the base over joint after joint to an end, slides at their longest."""
+    lengths = np.zeros(len(robot.bodies) + 1)
+    for k, body in enumerate(robot.bodies):
+        span = max(float(np.linalg.norm(end)) for end in _origins(robot, k))
+        lengths[k + 1] = lengths[body.parent + 1] + span
+    tips = [lengths[f.body + 1] + float(np.linalg.norm(f.position)) for f in robot.frames]
+    return float(max([*lengths, *tips]))
+
+
+def _origins(robot: Robot, number: int) -> list[Array]:
+    """Where a body's origin may be in its parent's frame: once, or at both ends of a slide."""
+    body = robot.bodies[number]
+    if body.kind == "revolute":
+        return [body.position]
+    limits = robot.joints[body.coordinate].limits
+    ends = [body.ratio * x + body.offset for x in (limits.lower, limits.upper) if np.isfinite(x)]
+    return [body.position + body.rotation @ body.axis * x for x in ends or [0.0]]
+
+
+def _carrying(robot: Robot, links: LinkTree, real: Collection[str]) -> set[str]:
+    """Real links, links that joints move, and all that carry them."""
+    found = set[str]()
+    for name in (*real, *(body.name for body in robot.bodies)):
+        link: str | None = name
+        while link is not None and link not in found:
+            found.add(link)
+            link = links.parents.get(link)
+    return found
+
+
+def _link_shapes(
+    robot: Robot,
+    links: LinkTree,
+    name: str,
+    real: Collection[str],
+    usual: float,
+    more: Sequence[Array],
+) -> list[Shape]:
+    """A capsule to every end of a link; a ball at its origin if it has a mass and no end."""
+    frame, inertia = links.frames[name], links.inertias.get(name)
+    radius = usual if inertia is None else _radius(inertia, usual)
+    children = _children(links, name, real)
+    ends = [*more, *(x for child in children for x in _places(robot, links, child))]
+    if inertia is not None and inertia.mass > 0.0:
+        ends.append(frame.position + frame.rotation @ (2.0 * inertia.com))
+    own = [rod(name, frame, end, radius) for end in ends if _apart(end, frame.position)]
+    if own or inertia is None:
+        return own
+    return [Shape(name, frame.body, np.eye(3), frame.position, Ball(radius))]
+
+
+def _children(links: LinkTree, name: str, real: Collection[str]) -> list[str]:
+    return [c for c, p in links.parents.items() if p == name and c in real and c in links.frames]
+
+
+def _places(robot: Robot, links: LinkTree, child: str) -> list[Array]:
+    """Where a child link begins, in the frame of the body that carries it."""
+    for number, body in enumerate(robot.bodies):
+        if body.name == child:
+            return _origins(robot, number)
+    return [links.frames[child].position]
+
+
+def _apart(first: Array, second: Array) -> bool:
+    return float(np.linalg.norm(first - second)) > SHORT_REACH
+
+
+def _radius(inertia: Inertia, usual: float) -> float:
+    """Of the even cylinder about the axis of least moment, within reason."""
+    least = float(np.linalg.eigvalsh(inertia.inertia_com)[0])
+    own = np.sqrt(2.0 * max(least, 0.0) / inertia.mass) if inertia.mass > 0.0 else 0.0
+    return float(np.clip(own, usual / WIDEST_RADIUS_FACTOR, usual * WIDEST_RADIUS_FACTOR))
+
+
+def rod(name: str, frame: Frame, end: Array, radius: float, origin: Origin = "link") -> Shape:
+    """A capsule from a frame's origin to a place, both in the frame of the body."""
+    way = end - frame.position
+    length = float(np.linalg.norm(way))
+    middle, turned = 0.5 * (frame.position + end), along(way / length)
+    return Shape(name, frame.body, turned, middle, Capsule(radius, length), origin)
+
+
+def along(z: Array) -> Array:
+    """Axes whose third one is the unit vector `z`, shape `(3, 3)`."""
+    side = np.eye(3)[np.argmin(np.abs(z))]
+    x = np.cross(side, z)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+POINT_TOOL_RADIUS = 1e-4
+"""Radius of the ball that stands for a tool that is a point [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class WholeRobot:
+    """Everything that moves.
+
+    Attributes:
+        links: Shapes of the links.
+        carried: Balls of the tool and of the loads.
+        still: Names of links that the base carries: they do not move.
+        without: Names of links that were left out.
+        notes: What the user should know, one sentence each.
+    """
+
+    links: tuple[Shape, ...]
+    carried: tuple[Shape, ...]
+    still: tuple[str, ...]
+    notes: tuple[str, ...]
+    without: tuple[str, ...] = ()
+
+    @property
+    def scope(self) -> str:
+        """What it stands for."""
+        return f"all links{' but ' if self.without else ''}{', '.join(self.without)}"
+
+
+def whole_robot(loaded: LoadedRobot, tool: Marker, skip: Collection[str] = ()) -> WholeRobot:
+    """All that a robot moves: collision shapes, or visual ones, or assumed capsules.
+
+    Args:
+        loaded: The robot, its tables and the files it came from.
+        tool: Its tool.
+        skip: Links to go without.
+
+    Raises:
+        ModelError: The robot has closed chains, or a frame or a link does not exist.
+    """
+    robot = loaded.robot
+    if robot.loops:
+        raise ModelError(
+            "workspace limits of all links are not supported for a robot with closed chains",
+            where=f"robot '{robot.name}'",
+            fix="bound the joints, or the tool alone by box, or by planes and keep_out with "
+            "only_tool = true",
+        )
+    tree, model = _link_tree(loaded), loaded.sources[-1].path
+    for name in skip:
+        if name not in tree.frames:
+            raise ModelError(
+                f"there is no link '{name}' to skip",
+                where=f"robot '{robot.name}'",
+                fix=advice(name, tree.frames, "links"),
+            )
+    wanted = [name for name in tree.frames if name not in skip]
+    ends: dict[str, list[Array]] = {tool.frame: [_place_on_body(robot, tool.frame, tool.offset)]}
+    for load in loaded.excitation.loads:
+        name = load.frame or last_frame(robot)
+        ends.setdefault(name, []).append(_place_on_body(robot, name, load.com))
+    given, drawn = list[Shape](), list[Shape]()
+    if model.suffix.lower() != ".toml":
+        given += readable_shapes(robot, model, wanted)
+        bare = set(wanted) - {shape.name for shape in given}
+        drawn += readable_shapes(robot, model, bare, "visual")
+    shaped = {*skip, *(shape.name for shape in (*given, *drawn))}
+    assumed = assumed_shapes(robot, tree, shaped, ends)
+    links = [s for s in (*given, *drawn, *assumed) if not isinstance(s.solid, HalfSpace)]
+    return WholeRobot(
+        tuple(shape for shape in links if shape.body >= 0),
+        tuple(s for s in (*_tool_shapes(robot, tool), *load_balls(loaded)) if s.body >= 0),
+        tuple(dict.fromkeys(shape.name for shape in links if shape.body < 0)),
+        _notes_on_shapes(drawn, assumed, skip),
+        tuple(skip),
+    )
+
+
+def _link_tree(loaded: LoadedRobot) -> LinkTree:
+    """The links as the model file has them, or as the bodies of a table are."""
+    robot, model = loaded.robot, loaded.sources[-1].path
+    frames = {body.name: frame_of(robot, body.name) for body in robot.bodies}
+    frames |= {frame.name: frame for frame in robot.frames}
+    if model.suffix.lower() != ".toml":
+        mechanism = read_mechanism(model)
+        parents = {joint.child: joint.parent for joint in mechanism.joints}
+        known = {link.name: link.inertia for link in mechanism.links if link.name in frames}
+        masses = {name: own for name, own in known.items() if own is not None and own.mass > 0.0}
+        return LinkTree(frames, parents, masses)
+    names = [body.name for body in robot.bodies]
+    parents = {name: names[f.body] for name, f in frames.items() if f.body >= 0}
+    parents |= {b.name: names[b.parent] for b in robot.bodies if b.parent >= 0}
+    masses = {body.name: body.inertia for body in robot.bodies if body.inertia.mass > 0.0}
+    roots = [body.name for body in robot.bodies if body.parent < 0]
+    for name in roots:
+        parents.pop(name, None)
+    return LinkTree(frames, parents, masses)
+
+
+def _tool_shapes(robot: Robot, tool: Marker) -> list[Shape]:
+    """The ball of the tool, and a rod as wide from the frame's origin to it."""
+    frame, radius = frame_of(robot, tool.frame), max(tool.radius, POINT_TOOL_RADIUS)
+    name = f"tool point at {tool.frame}"
+    if tool.radius > 0.0:
+        name = f"{tool.ball} at {tool.frame}"
+    shapes = [placed(frame, name, Ball(radius), tool.offset, origin="tool")]
+    if np.linalg.norm(tool.offset) > 0.0:
+        end = _place_on_body(robot, tool.frame, tool.offset)
+        shapes.append(rod(name, frame, end, radius, "tool"))
+    return shapes
+
+
+def _place_on_body(robot: Robot, name: str, place: ArrayLike) -> Array:
+    """A place in a frame, in that of the frame's body, shape `(3,)` [m]."""
+    frame = frame_of(robot, name)
+    return np.asarray(frame.position + frame.rotation @ np.asarray(place))
+
+
+def load_balls(loaded: LoadedRobot) -> tuple[Shape, ...]:
+    """The balls of the loads that the tables name."""
+    robot, loads = loaded.robot, loaded.excitation.loads
+    return tuple(
+        placed(
+            frame_of(robot, load.frame or last_frame(robot)),
+            f"load {number} (ball of radius {1e3 * load.ball:.3g} mm)",
+            Ball(load.ball),
+            load.com,
+            origin="tool",
+        )
+        for number, load in enumerate(loads, start=1)
+    )
+
+
+def _notes_on_shapes(
+    drawn: Sequence[Shape], assumed: Sequence[Shape], skip: Collection[str]
+) -> tuple[str, ...]:
+    """Where shapes come from, if not from the model's collision shapes."""
+    notes = list[str]()
+    if skip:
+        notes.append(Declined(f"workspace limits ignore the links {', '.join(skip)}, as specified"))
+    if drawn:
+        names = ", ".join(dict.fromkeys(shape.name for shape in drawn))
+        notes.append(
+            f"no collision shape; workspace limits use the hull of the visual one: {names}"
+        )
+    if assumed:
+        widths = {
+            shape.name: 1e3 * (s.disc if isinstance(s, Capsule) else s.radius)
+            for shape in assumed
+            for s in [shape.solid]
+        }
+        names = ", ".join(f"{name} ({width:.3g} mm)" for name, width in widths.items())
+        notes.append(
+            Gap(
+                "no shape in the model; workspace limits use capsules from joint to joint, of "
+                f"radius: {names}"
+            )
+        )
+    return tuple(notes)

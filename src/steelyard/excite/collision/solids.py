@@ -1,0 +1,371 @@
+r"""Convex solids by their farthest point in any direction, and corners of mesh files.
+
+With the height $h(d) = \max_{x} d \cdot x$ of a solid in a direction, the signed distance of two
+solids is $\max_{|d| = 1} -h_B(-d) - h_A(d)$: any direction gives a lower bound, the right one the
+distance itself, or less the depth of an overlap.
+"""
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+from urllib.parse import unquote, urlsplit
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import ModelError
+
+FLAT_HULL_THICKNESS = 1e-4
+"""What a mesh without volume is thickened by to each side [m]."""
+
+
+class Solid(Protocol):
+    """A convex solid in a frame of its own.
+
+    Attributes:
+        centre: Shape `(3,)` [m], of a ball around the solid.
+        radius: Of that ball [m]; infinite for a half-space.
+    """
+
+    @property
+    def centre(self) -> Array:
+        """Of a ball around the solid, shape `(3,)` [m]."""
+        ...
+
+    @property
+    def radius(self) -> float:
+        """Of that ball [m]."""
+        ...
+
+    def farthest(self, directions: Array) -> Array:
+        """A point of the solid that is farthest along each direction, both of shape `(N, 3)`."""
+        ...
+
+
+def height(solid: Solid, directions: Array) -> Array:
+    """How far a solid reaches along directions `(N, 3)`, shape `(N,)`."""
+    return np.asarray(np.einsum("ij,ij->i", solid.farthest(directions), directions))
+
+
+class _Centred:
+    """A solid around the origin of its frame."""
+
+    @property
+    def centre(self) -> Array:
+        """The origin."""
+        return np.zeros(3)
+
+
+def _positive(what: str, *sizes: float) -> None:
+    if not all(0.0 < size < np.inf for size in sizes):
+        raise ValueError(f"a {what} of {', '.join(f'{size:g}' for size in sizes)} m is not a solid")
+
+
+@dataclass(frozen=True)
+class Ball(_Centred):
+    """A sphere.
+
+    Attributes:
+        radius: [m].
+    """
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        _positive("sphere", self.radius)
+
+    def farthest(self, directions: Array) -> Array:
+        """See `Solid`."""
+        return self.radius * _unit(directions)
+
+
+@dataclass(frozen=True)
+class Box(_Centred):
+    """A box along the axes.
+
+    Attributes:
+        size: Full lengths of the edges [m].
+    """
+
+    size: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        if len(self.size) != 3:
+            raise ValueError(f"a box has 3 edges, not {len(self.size)}")
+        _positive("box", *self.size)
+
+    @property
+    def radius(self) -> float:
+        """Half the diagonal [m]."""
+        return float(np.linalg.norm(self.size)) / 2.0
+
+    def farthest(self, directions: Array) -> Array:
+        """See `Solid`."""
+        return np.copysign(np.array(self.size) / 2.0, directions)
+
+
+@dataclass(frozen=True)
+class Ellipsoid(_Centred):
+    """An ellipsoid along the axes.
+
+    Attributes:
+        semi: Its three semi-axes [m].
+    """
+
+    semi: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        if len(self.semi) != 3:
+            raise ValueError(f"an ellipsoid has 3 semi-axes, not {len(self.semi)}")
+        _positive("ellipsoid", *self.semi)
+
+    @property
+    def radius(self) -> float:
+        """The longest semi-axis [m]."""
+        return max(self.semi)
+
+    def farthest(self, directions: Array) -> Array:
+        """See `Solid`."""
+        semi = np.array(self.semi)
+        return semi * _unit(directions * semi)
+
+
+@dataclass(frozen=True)
+class _Round(_Centred):
+    """What turns about z.
+
+    Attributes:
+        disc: Radius about z [m].
+        length: Along z [m]; of a capsule without its caps.
+    """
+
+    disc: float
+    length: float
+
+    def __post_init__(self) -> None:
+        _positive(type(self).__name__.lower(), self.disc, self.length)
+
+    def _end(self, directions: Array) -> Array:
+        """The end of the axis that is farther along each direction."""
+        ends = np.zeros_like(directions)
+        ends[:, 2] = np.copysign(self.length / 2.0, directions[:, 2])
+        return ends
+
+
+@dataclass(frozen=True)
+class Cylinder(_Round):
+    """A cylinder about z with flat ends."""
+
+    @property
+    def radius(self) -> float:
+        """Half the diagonal [m]."""
+        return float(np.hypot(self.disc, self.length / 2.0))
+
+    def farthest(self, directions: Array) -> Array:
+        """See `Solid`."""
+        across = directions * (1.0, 1.0, 0.0)
+        return self._end(directions) + self.disc * _unit(across)
+
+
+@dataclass(frozen=True)
+class Capsule(_Round):
+    """All points near a piece of the z axis."""
+
+    @property
+    def radius(self) -> float:
+        """Half the length over all [m]."""
+        return self.disc + self.length / 2.0
+
+    def farthest(self, directions: Array) -> Array:
+        """See `Solid`."""
+        return self._end(directions) + self.disc * _unit(directions)
+
+
+@dataclass(frozen=True, eq=False)
+class Hull:
+    """The convex hull of points.
+
+    Attributes:
+        vertices: Its corners, shape `(V, 3)` [m].
+        centre: Of a ball around it, shape `(3,)` [m].
+        radius: Of that ball [m].
+    """
+
+    vertices: Array
+    centre: Array = field(init=False)
+    radius: float = field(init=False)
+
+    def __init__(self, points: ArrayLike) -> None:
+        object.__setattr__(self, "vertices", frozen(_corners(frozen(points, (None, 3)))))
+        centre = _ball(self.vertices)
+        object.__setattr__(self, "centre", frozen(centre))
+        radius = float(np.linalg.norm(self.vertices - centre, axis=1).max())
+        object.__setattr__(self, "radius", radius)
+
+    def farthest(self, directions: Array) -> Array:
+        """See `Solid`."""
+        best = np.argmax(directions @ self.vertices.T, axis=1)
+        return np.asarray(self.vertices[best])
+
+
+@dataclass(frozen=True)
+class HalfSpace(_Centred):
+    """All points below the plane z = 0."""
+
+    @property
+    def radius(self) -> float:
+        """Infinite."""
+        return float("inf")
+
+    def farthest(self, directions: Array) -> Array:
+        """The origin: only the direction of z has a farthest point, and no other is requested.
+
+        Raises:
+            ValueError: Another direction.
+        """
+        if not np.allclose(directions, (0.0, 0.0, 1.0), atol=1e-6):
+            raise ValueError("a half-space has no end but along z")
+        return np.zeros_like(directions)
+
+
+def _unit(vectors: Array) -> Array:
+    """Vectors of length one; a zero vector becomes the x axis, which is as good as any."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.where(length > 0.0, vectors, (1.0, 0.0, 0.0)) / np.where(length > 0.0, length, 1.0)
+
+
+def _corners(points: Array) -> Array:
+    """The points that span their hull; a flat set is thickened by `FLAT_HULL_THICKNESS`."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    if len(points) < 1 or not np.isfinite(points).all():
+        raise ValueError("the points of a hull are none, or not finite")
+    try:
+        return np.asarray(points[ConvexHull(points).vertices])
+    except QhullError:
+        signs: Sequence[float] = (-FLAT_HULL_THICKNESS, FLAT_HULL_THICKNESS)
+        cube = np.array([(x, y, z) for x in signs for y in signs for z in signs])
+        thick = (points[:, None] + cube).reshape(-1, 3)
+        return np.asarray(thick[ConvexHull(thick).vertices])
+
+
+def _ball(points: Array, rounds: int = 200) -> Array:
+    """Centre of a nearly smallest ball around points, shape `(3,)` [BadoiuClarkson2003]."""
+    centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    for step in range(2, rounds):
+        far = points[np.argmax(np.linalg.norm(points - centre, axis=1))]
+        centre = centre + (far - centre) / step
+    return np.asarray(centre)
+
+
+READABLE_MESHES = (".stl", ".obj")
+"""Endings of meshes that can be read."""
+
+_STL_HEAD_BYTES, _STL_FACET_BYTES = 84, 50
+
+
+def find_mesh(name: str, model: Path) -> Path | None:
+    """The file that a model means by a mesh's name, or none.
+
+    A name is absolute, relative to the model's folder, or `package://PACKAGE/...`. A package is
+    looked for by its name in the model's folder and in every folder above it. Where that finds
+    nothing, leading parts of the path are left out, one after the other, but for the file's own
+    folder.
+
+    Args:
+        name: As the model writes it.
+        model: The model's path.
+    """
+    url = urlsplit(name)
+    folder = model.resolve().parent
+    if url.scheme == "file":
+        path = Path(unquote(url.path))
+        return path if path.is_file() else None
+    if url.scheme not in ("package", "model"):
+        path = folder / name
+        return path if path.is_file() else None
+    parts = [part for part in name.split("://", 1)[1].split("/") if part]
+    for first in range(max(len(parts) - 1, 1)):
+        for above in (folder, *folder.parents):
+            path = above.joinpath(*parts[first:])
+            if path.is_file():
+                return path
+    return None
+
+
+def mesh_points(path: Path, where: str) -> Array:
+    """All corners of a mesh's faces, shape `(V, 3)`, each once.
+
+    Args:
+        path: An STL or OBJ file.
+        where: What names it, for messages.
+
+    Raises:
+        ModelError: The file is of another kind, or not what its ending says.
+    """
+    if path.suffix.lower() not in READABLE_MESHES:
+        raise _refused_mesh(
+            f"the mesh '{path}' is of an unsupported format ('{path.suffix}')",
+            where,
+            f"convert it to .stl or .obj and name that file, or {WITHOUT_MESH_ADVICE}",
+        )
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise _refused_mesh(
+            f"the mesh '{path}' cannot be read: {error.strerror}", where, "check its permissions"
+        ) from None
+    try:
+        points = _stl(data) if path.suffix.lower() == ".stl" else _obj(data)
+    except (ValueError, IndexError) as error:
+        points = np.empty((0, 3))
+        what: object = error
+    else:
+        what = "it has no vertices" if not len(points) else "a vertex is not finite"
+    if not len(points) or not np.isfinite(points).all():
+        raise _refused_mesh(
+            f"the mesh '{path}' is not an {path.suffix[1:].upper()} file: {what}",
+            where,
+            f"export it anew from a program that opens it, or {WITHOUT_MESH_ADVICE}",
+        )
+    return np.unique(points, axis=0)
+
+
+WITHOUT_MESH_ADVICE = "name the link under `without` to ignore its shapes"
+"""The other way out of a mesh that cannot be used."""
+
+
+def _refused_mesh(wrong: str, where: str, fix: str) -> ModelError:
+    return ModelError(wrong, where=where, fix=fix)
+
+
+def _stl(data: bytes) -> Array:
+    """Corners of a binary or written STL."""
+    if len(data) >= _STL_HEAD_BYTES:
+        count = struct.unpack("<I", data[_STL_HEAD_BYTES - 4 : _STL_HEAD_BYTES])[0]
+        if len(data) == _STL_HEAD_BYTES + _STL_FACET_BYTES * count:
+            facets = np.frombuffer(data[_STL_HEAD_BYTES:], dtype=np.uint8).reshape(
+                count, _STL_FACET_BYTES
+            )
+            corners = np.ascontiguousarray(facets[:, 12:48]).view("<f4")
+            return corners.reshape(-1, 3).astype(np.float64)
+    if not data.lstrip().startswith(b"solid"):
+        raise ValueError("its length does not fit its number of facets")
+    return _numbers_of_obj(data, b"vertex")
+
+
+def _obj(data: bytes) -> Array:
+    """Corners of an OBJ."""
+    return _numbers_of_obj(data, b"v")
+
+
+def _numbers_of_obj(data: bytes, word: bytes) -> Array:
+    """Three numbers after a word at the start of lines."""
+    lines = (line.split() for line in data.splitlines())
+    rows = [[float(w) for w in words[1:4]] for words in lines if words and words[0] == word]
+    if any(len(row) != 3 for row in rows):
+        raise ValueError("a vertex does not have three numbers")
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)

@@ -1,0 +1,1 @@
+"""Limits as margins with gradients, and proofs that a motion keeps them."""

@@ -1,0 +1,198 @@
+r"""What holds at all times of a motion: bounds over stretches of time, and their refinement.
+
+Between two breaks a motion is smooth and its snap bounded, $|q^{(4)}| \le S$, so within $r$ of a
+stretch's middle the jerk is at most $J = |\dddot q_m| + S r$, or what it is over all times, and
+
+$$|q - q_m| \le |\dot q_m| r + |\ddot q_m| r^2/2 + J r^3/6, \quad
+  |\dot q - \dot q_m| \le |\ddot q_m| r + J r^2/2, \quad |\ddot q - \ddot q_m| \le J r.$$
+
+A least margin is proven by bounding it over every stretch, and again over parts of those
+stretches whose bound is still too far below the least margin that was seen at a middle. Where that
+margin is small but kept, it is the sign that counts: half of it is too far then.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array
+from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.symbolic.interval import enclosed
+from steelyard.symbolic.program import Program
+
+STRETCHES = 512
+"""Stretches of time to begin with."""
+
+MOST_STRETCHES = 100_000
+"""Stretches after which a proof ends with the bound that it has."""
+
+_PIECES = 8
+_ROUNDING = 1e-12
+_FINEST = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Stretches:
+    """Stretches of time and where a motion of `n` joints is within them.
+
+    Attributes:
+        middle: Shape `(B,)` [s].
+        half: Half their length, shape `(B,)` [s].
+        at: Position, velocity, acceleration and jerk at the middles, each `(n, B)`.
+        lower: Lower bounds of the four over the stretches, each `(n, B)`.
+        upper: Upper bounds, likewise.
+        rounding: How far the four at the middles may be from the motion's, each `(n, 1)`.
+    """
+
+    middle: Array
+    half: Array
+    at: tuple[Array, ...]
+    lower: tuple[Array, ...]
+    upper: tuple[Array, ...]
+    rounding: tuple[Array, ...]
+
+    def middles(self, program: Program, *shared: Array) -> tuple[Array, Array]:
+        """Bounds of a program at the middles, each `(outputs, B)`.
+
+        Args:
+            program: Its inputs are as many of position, velocity, acceleration and jerk as it
+                takes, in this order, and those of `shared`.
+            shared: What does not change in time.
+        """
+        count = len(program.inputs) - len(shared)
+        lower = [x - r for x, r in zip(self.at[:count], self.rounding, strict=False)]
+        upper = [x + r for x, r in zip(self.at[:count], self.rounding, strict=False)]
+        return enclosed(program, [*lower, *shared], [*upper, *shared])
+
+    def throughout(self, program: Program, *shared: Array) -> tuple[Array, Array]:
+        """Bounds of a program over the whole stretches; see `middles`."""
+        count = len(program.inputs) - len(shared)
+        return enclosed(program, [*self.lower[:count], *shared], [*self.upper[:count], *shared])
+
+
+Bound = Callable[[Stretches], tuple[Array, Array]]
+"""Lower bounds of `k` margins at the middles of stretches and all over them, each `(k, B)`."""
+
+
+class Course:
+    """A motion with the bounds of its derivatives over all times."""
+
+    def __init__(self, trajectory: ExactTrajectory) -> None:
+        self._trajectory = trajectory
+        ends = [trajectory.extremes(order) for order in range(4)]
+        sizes = [np.maximum(np.abs(low), np.abs(high))[:, None] for low, high in ends]
+        self._rounding = tuple(_ROUNDING * size for size in sizes)
+        self._least = [low[:, None] - r for (low, _), r in zip(ends, self._rounding, strict=True)]
+        self._most = [high[:, None] + r for (_, high), r in zip(ends, self._rounding, strict=True)]
+        self._jerk = sizes[3] + self._rounding[3]
+        snap = np.maximum(*(np.abs(end) for end in trajectory.extremes(4)))[:, None]
+        self._snap = (1.0 + _ROUNDING) * snap
+
+    def edges(self, count: int) -> Array:
+        """Times from start to end, the breaks and about `count` more, ascending."""
+        breaks = np.unique(np.concatenate([[0.0, self.duration], self._trajectory.breaks]))
+        longest = self.duration / count
+        numbers = np.ceil(np.diff(breaks) / longest * (1.0 - 1e-9)).astype(int).clip(1)
+        parts = [
+            np.linspace(start, end, number, endpoint=False)
+            for start, end, number in zip(breaks[:-1], breaks[1:], numbers, strict=True)
+        ]
+        return np.concatenate([*parts, breaks[-1:]])
+
+    @property
+    def duration(self) -> float:
+        """Length in time [s]."""
+        return self._trajectory.duration
+
+    def stretches(self, start: Array, end: Array) -> Stretches:
+        """Stretches from `start` to `end`, each `(B,)` [s], none of them across a break."""
+        middle = 0.5 * (start + end)
+        # a little more than half: the middle is rounded
+        half = 0.5 * (end - start) * (1.0 + 1e-9) + 1e-15 * self.duration
+        at = tuple(self._trajectory.derivative(middle, order).T for order in range(4))
+        reach = self._reach(at, half)
+        away = [r + s for r, s in zip(reach, self._rounding, strict=True)]
+        lower = tuple(np.maximum(x - a, g) for x, a, g in zip(at, away, self._least, strict=True))
+        upper = tuple(np.minimum(x + a, g) for x, a, g in zip(at, away, self._most, strict=True))
+        return Stretches(middle, half, at, lower, upper, self._rounding)
+
+    def _reach(self, at: Sequence[Array], half: Array) -> list[Array]:
+        """How far position, velocity, acceleration and jerk come from the middle's, `(n, B)`."""
+        _, speed, bend, jerk = (np.abs(x) + r for x, r in zip(at, self._rounding, strict=True))
+        jerk = np.minimum(jerk + half * self._snap, self._jerk)
+        reach = [
+            half * (speed + half * (bend / 2.0 + half * jerk / 6.0)),
+            half * (bend + half * jerk / 2.0),
+            half * jerk,
+            half * self._snap,
+        ]
+        return [x * (1.0 + 1e-9) for x in reach]
+
+
+def proven_minimum(
+    trajectory: ExactTrajectory,
+    bound: Bound,
+    tolerance: Array,
+    progress: Progress = silent,
+    phase: str = "proof",
+    count: int = STRETCHES,
+) -> Array:
+    """Lower bounds of margins that hold at all times.
+
+    Args:
+        trajectory: The motion.
+        bound: Margins at the middles of stretches and all over them.
+        tolerance: How far below the least margin at a middle the bound may stay, shape `(k,)`; a
+            fiftieth of it where that decides whether the margin is kept.
+        progress: Told of every round.
+        phase: Name of the phase of progress.
+        count: Stretches to begin with.
+
+    Returns:
+        Shape `(k,)`; farther below than `tolerance` only where `MOST_STRETCHES` stretches were not
+        enough.
+
+    Raises:
+        Stopped: `progress` requested a stop.
+    """
+    course = Course(trajectory)
+    edges = course.edges(count)
+    start, end = edges[:-1], edges[1:]
+    seen = np.full(len(tolerance), np.inf)
+    proven = seen.copy()
+    done = 0.0
+    used = len(start)
+    while len(start):
+        report_progress(progress, phase, done, course.duration)
+        values, lower = bound(course.stretches(start, end))
+        seen = np.minimum(seen, values.min(axis=1))
+        spare = values - goals(seen, tolerance)[:, None]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = ((values - lower) / spare).max(axis=0)
+        open_ = ~(ratio <= 1.0)
+        pieces = np.clip(np.nan_to_num(np.ceil(ratio), nan=_PIECES), 2, _PIECES).astype(int)
+        used += int(pieces[open_].sum())
+        if used > MOST_STRETCHES:
+            open_[:] = False
+        if not open_.all():
+            proven = np.minimum(proven, lower[:, ~open_].min(axis=1))
+        done += float((end - start)[~open_].sum())
+        start, end = _parts(start[open_], end[open_], pieces[open_])
+    return proven
+
+
+def goals(seen: Array, tolerance: Array) -> Array:
+    """The bounds of margins that are good enough, from the least margins seen, shape `(k,)`."""
+    sharp = np.clip(0.5 * seen, _FINEST * tolerance, tolerance)
+    return seen - np.where(seen > 0.0, sharp, tolerance)
+
+
+def _parts(start: Array, end: Array, pieces: NDArray[np.int_]) -> tuple[Array, Array]:
+    """Every stretch in as many equal parts as are requested of it, without gaps."""
+    count = int(pieces.sum())
+    number = np.arange(count) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    origin, length = np.repeat(start, pieces), np.repeat((end - start) / pieces, pieces)
+    return origin + number * length, origin + (number + 1) * length

@@ -1,0 +1,347 @@
+"""Constraints from the `[excitation]` tables, with loads and what an earlier model knows."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from steelyard.base.arrays import Array, Parameters, frozen
+from steelyard.base.errors import ModelError
+from steelyard.estimate.information.base_parameters import BaseMap
+from steelyard.estimate.information.regressor import ParallelFilter
+from steelyard.excite.collision.cell import ConstraintsAndNotes, workspace_of, world_of, written
+from steelyard.excite.collision.collision import self_clearance
+from steelyard.excite.collision.robot_shapes import load_balls
+from steelyard.excite.collision.shapes import Shape
+from steelyard.excite.constraints.constraint import Constraint, Declined, Gap
+from steelyard.excite.constraints.torque import EffortLimit, power_limit, torque_limit
+from steelyard.excite.constraints.torque import loaded as loaded_with
+from steelyard.excite.trajectories.families import per_joint
+from steelyard.model.equations.kinematics import frame_of, last_frame
+from steelyard.model.model import Model, ValuedModel
+from steelyard.model.terms.term import StatefulTerm
+from steelyard.robot.file.excitation_sections import ExcitationSection, LoadSection
+from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
+from steelyard.robot.robot import Robot
+
+SHELL_INERTIA = 2.0 / 3.0
+"""Inertia of a hollow ball about its centre, over its mass and its radius squared."""
+
+LOADS_COUNTED = (
+    "torques hold for loads of any inertia from a point mass to a hollow sphere of the load's "
+    "radius "
+    "about its centre of mass, alike about all axes; not for an elongated one"
+)
+"""What torques count of loads."""
+
+
+def load_inertias(load: LoadSection) -> Mapping[str, Inertia]:
+    """Mass properties of a load in its frame, by what it is: between these torques are linear."""
+    shell = SHELL_INERTIA * load.mass * load.ball**2
+    return {
+        "as a point": Inertia.about_com(load.mass, load.com, np.zeros((3, 3))),
+        f"as a hollow sphere of {1e3 * load.ball:.3g} mm": Inertia.about_com(
+            load.mass, load.com, shell * np.eye(3)
+        ),
+    }
+
+
+def load_numbers(load: LoadSection, robot: Robot) -> Mapping[str, float]:
+    """What a point mass adds to standard parameters, by name; nothing where the base carries it.
+
+    Raises:
+        ModelError: Its frame does not exist.
+    """
+    frame = frame_of(robot, load.frame or last_frame(robot))
+    if frame.body < 0:
+        return {}
+    com = frame.rotation @ np.array(load.com) + frame.position
+    ten = Inertia.about_com(load.mass, com, np.zeros((3, 3))).ten
+    body = robot.bodies[frame.body].name
+    return {f"{name}.{body}": value for name, value in zip(INERTIAL_NAMES, ten, strict=True)}
+
+
+_RATE_OVER_CUTOFF = 20.0
+"""Sampling rate over the cut-off; the independent samples a second do not depend on it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Earlier:
+    """What was learnt from an earlier log.
+
+    Attributes:
+        noise: Standard deviation of the filtered residuals, shape `(n,)` [Nm; N].
+        cutoff: Of the filter that they came through [Hz].
+        names: Base parameters that were estimated, `p` of them.
+        values: Their values, shape `(p,)`.
+        covariance: Shape `(p, p)`.
+        standard: Values of standard parameters, by name.
+        removed: Base parameters that the earlier model was reduced by: they are zero.
+    """
+
+    noise: Array
+    cutoff: float
+    names: tuple[str, ...]
+    values: Array
+    covariance: Array
+    standard: Mapping[str, float]
+    removed: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "noise", frozen(self.noise, (None,)))
+        object.__setattr__(self, "names", tuple(self.names))
+        object.__setattr__(self, "values", frozen(self.values, (len(self.names),)))
+        object.__setattr__(self, "covariance", frozen(self.covariance, (len(self.names),) * 2))
+
+    @property
+    def independent_rate(self) -> float:
+        """Independent samples a second behind the filter [Hz]."""
+        design = ParallelFilter.design(self.cutoff, _RATE_OVER_CUTOFF * self.cutoff)
+        return design.rate / (design.decimation * design.inflation)
+
+    @property
+    def weights(self) -> Array:
+        """Information that a second holds, per squared regressor entry, shape `(n,)`."""
+        return np.asarray(self.independent_rate / self.noise**2)
+
+    def information(self, base: BaseMap, absent: Collection[str] = ()) -> Array:
+        """Information on a model's base parameters; none on those that were not estimated.
+
+        Args:
+            base: The base parameters.
+            absent: Parameters that the model does without; they are known to be zero.
+
+        Returns:
+            Shape `(b, b)`.
+        """
+        place = {name: k for k, name in enumerate(base.base_names)}
+        known = [k for k, name in enumerate(self.names) if name in place or name in absent]
+        own = np.linalg.pinv(self.covariance[np.ix_(known, known)], hermitian=True)
+        left = [k for k, name in enumerate(self.names[j] for j in known) if name in place]
+        targets = [place[self.names[known[k]]] for k in left]
+        full = np.zeros((len(base), len(base)))
+        full[np.ix_(targets, targets)] = own[np.ix_(left, left)]
+        return full
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values; exact."""
+        return {
+            "noise": self.noise.tolist(),
+            "cutoff_hz": self.cutoff,
+            "names": list(self.names),
+            "values": self.values.tolist(),
+            "covariance": self.covariance.tolist(),
+            "standard": dict(self.standard),
+            "removed": list(self.removed),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "Earlier":
+        """The inverse of `to_dict`."""
+        return cls(
+            data["noise"],
+            float(data["cutoff_hz"]),
+            tuple(data["names"]),
+            data["values"],
+            data["covariance"],
+            dict(data["standard"]),
+            tuple(data["removed"]),
+        )
+
+
+def constraints_of(
+    loaded: LoadedRobot, model: Model, earlier: Earlier | None
+) -> tuple[tuple[Constraint, ...], tuple[str, ...]]:
+    """All that must hold at all times beside the limits of the joints, and what was assumed.
+
+    Args:
+        loaded: The robot and its tables.
+        model: Its terms, with memory or without.
+        earlier: What an earlier identification of the robot knows.
+
+    Raises:
+        ModelError: A frame or a shape is missing, or what must hold cannot be proven.
+    """
+    section = loaded.excitation
+    found, notes = list[Constraint](), list[str]()
+    world = world_of(loaded)
+    for part, part_notes in (
+        workspace_of(loaded, world),
+        efforts_of(loaded, model, earlier),
+        clearance_of(loaded, world),
+    ):
+        found += part
+        notes += part_notes
+    idle = not (section.criterion.relative or _loads_seen(section) or _limited_efforts(found))
+    if section.loads and idle:
+        notes.append(
+            "loads have no effect: neither torque nor workspace is limited, no criterion relative"
+        )
+    if loaded.robot.passive:
+        notes.append(Gap("loop closure is checked at samples, not proven between them"))
+    return tuple(found), tuple(notes)
+
+
+def _limited_efforts(found: Sequence[Constraint]) -> bool:
+    return any(isinstance(constraint, EffortLimit) for constraint in found)
+
+
+def _loads_seen(section: ExcitationSection) -> bool:
+    """Whether workspace limits or the cell apply to loads."""
+    limits_links = section.workspace is not None and section.workspace.limits_links
+    return limits_links or (section.collision is not None and section.collision.world is not None)
+
+
+def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> ConstraintsAndNotes:
+    """Torque and power of the prior model, without and with every load.
+
+    Raises:
+        ModelError: Limits are requested, but torque is not known beforehand.
+    """
+    section = loaded.excitation
+    wanted, robot = section.limits, model.robot
+    own = np.array([joint.limits.effort for joint in robot.coordinates])
+    given = own if wanted.effort in ("robot", "any") else None
+    efforts = per_joint(None if given is not None else wanted.effort, robot, "effort", own)
+    efforts = wanted.share * efforts
+    powers = per_joint(wanted.power, robot, "power", np.full(robot.n, np.inf))
+    requested = given is None or wanted.power is not None or wanted.total_power is not None
+    limited = wanted.effort != "any" and bool(np.isfinite(efforts).any())
+    free: list[str] = [Declined("torque is not limited, as specified")]
+    notes = free if wanted.effort == "any" else _unlimited_note(robot, efforts)
+    if not (limited or requested):
+        return [], notes
+    why = _unknown_efforts(loaded, model, earlier)
+    if why is not None:
+        if requested:
+            raise ModelError(
+                f"torque cannot be limited: {why}",
+                where="[excitation.limits]",
+                fix='leave out effort and power, or say effort = "any"',
+            )
+        return [], [Gap(f"torque is not limited: {why}")]
+    cases = _load_cases(loaded, _memoryless(model), earlier)
+    found = list[EffortLimit]()
+    if limited:
+        found.append(torque_limit(cases, efforts))
+    if wanted.power is not None or wanted.total_power is not None:
+        total = np.inf if wanted.total_power is None else wanted.total_power
+        found.append(power_limit(cases, powers, total))
+    source = (
+        "of the earlier model" if earlier is not None else "of the model file, without friction"
+    )
+    sprung = not _stiffnesses(loaded).keys().isdisjoint(model.names)
+    known = "masses and springs" if sprung else "masses"
+    scope = f"{known} of the model file, without friction" if earlier is None else ""
+    notes = [f"torques are limited with the values {source}", *notes]
+    found = [replace(limit, scope=scope or "of the earlier model") for limit in found]
+    return list(found), [*notes, LOADS_COUNTED] if section.loads else notes
+
+
+def _unlimited_note(robot: Robot, efforts: Array) -> list[str]:
+    """A note that names the joints without a limit of effort, if there are any."""
+    joints = zip(robot.joint_names, efforts, strict=True)
+    free = ", ".join(f"'{name}'" for name, most in joints if not np.isfinite(most))
+    text = f"torque is not limited for joints without a known effort limit: {free}"
+    return [Gap(text)] if free else []
+
+
+def _memoryless(model: Model) -> Model:
+    kept = tuple(term for term in model.terms if not isinstance(term, StatefulTerm))
+    return Model(model.robot, kept)
+
+
+def _unknown_efforts(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> str | None:
+    """Why torques are not known beforehand, if they are not.
+
+    Without an earlier model no friction is known, so laws with memory then lack like all others.
+    """
+    if loaded.signals is not None and loaded.signals.effort_kind == "gravity_compensated_torque":
+        return "the robot file's efforts are gravity compensated"
+    if earlier is not None:
+        for term in model.terms:
+            if isinstance(term, StatefulTerm):
+                return f"'{term.law}' has internal states"
+    if model.robot.passive:
+        return "the robot has closed chains"
+    if not model.has_bodies:
+        return "the model has no rigid bodies"
+    if not any(body.known for body in model.robot.bodies):
+        return "the model file gives no masses"
+    return None
+
+
+def _stiffnesses(loaded: LoadedRobot) -> dict[str, float]:
+    """Values of the parameters of terms for the model file's springs, one per joint."""
+    stiff = {f"spring.{name}": spring.stiffness for name, spring in loaded.springs.items()}
+    return stiff | {
+        f"spring_preload.{name}": spring.stiffness * spring.free
+        for name, spring in loaded.springs.items()
+    }
+
+
+def _load_cases(
+    loaded: LoadedRobot, model: Model, earlier: Earlier | None
+) -> dict[str, ValuedModel]:
+    """The prior model, without and with every load; an earlier model replaces it wholly.
+
+    What that one does not hold is zero: its values may be base parameters, which stand for others.
+    """
+    nominal: Mapping[str, float] = _stiffnesses(loaded) | {
+        f"{name}.{body.name}": float(value)
+        for body in model.robot.bodies
+        for name, value in zip(INERTIAL_NAMES, body.inertia.ten, strict=True)
+    }
+    known = nominal if earlier is None else earlier.standard
+    names = [name for name in model.names if name in known]
+    units = [model.units[model.names.index(name)] for name in names]
+    arm = model.at(Parameters(names, units, [known[name] for name in names]))
+    cases = {"without load": arm}
+    for number, load in enumerate(loaded.excitation.loads, start=1):
+        frame = load.frame or last_frame(model.robot)
+        for what, inertia in load_inertias(load).items():
+            with written("loads] frame"):
+                case = loaded_with(arm, frame, inertia)
+            cases[f"with load {number}, {load.mass:g} kg {what}"] = case
+    return cases
+
+
+def clearance_of(loaded: LoadedRobot, world: tuple[Shape, ...] = ()) -> ConstraintsAndNotes:
+    """That bodies do not touch each other or the world, where shapes say what they are.
+
+    Loads whose radius is given are bodies, too.
+    """
+    section, loads = loaded.excitation.collision, loaded.excitation.loads
+    bare = [f"{number}" for number, load in enumerate(loads, start=1) if load.radius is None]
+    notes = list[str]()
+    if bare and (section is None or section.bodies):
+        notes.append(
+            Gap(
+                "loads without a radius are not checked against the robot's own links: load "
+                + ", ".join(bare)
+            )
+        )
+    balls = tuple(ball for ball, load in zip(load_balls(loaded), loads, strict=True) if load.radius)
+    if section is None:
+        try:
+            found = self_clearance(loaded, others=balls)
+        except ModelError as error:
+            why = error.wrong[:1].lower() + error.wrong[1:]
+            return [], [Gap(f"self-collisions are not checked: {why}")]
+        return [found], [*found.notes, *notes]
+    if not section.bodies:
+        text = "self-collisions are not checked, as specified"
+        notes.append(Declined(text))
+    if not section.bodies and not world:
+        return [], notes
+    found = self_clearance(
+        loaded,
+        skip=section.without,
+        margin=section.margin,
+        others=(*balls, *world),
+        ignore=section.ignore,
+        bodies=section.bodies,
+    )
+    return [found], [*found.notes, *notes]

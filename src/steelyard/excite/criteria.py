@@ -1,0 +1,391 @@
+r"""Optimality criteria: functions of the information matrix of the chosen parameters.
+
+The information matrix is $G = \sum_i w_i\,y_i y_i^T$ over all rows $y_i$ of the regressor (samples
+times joints), with the weights of joints and noise: $G^{-1}$ is then the covariance of the
+estimate [Swevers1997], [Pukelsheim2006].
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array, frozen
+
+DEFINITE_EIGENVALUE = 1e-13
+"""Least eigenvalue, next to the Frobenius norm, of a matrix that is definite beyond rounding."""
+FAINT_EIGENVALUE = 1e-9
+"""With an eigenvalue below this part of the largest, the small ones are taken from the inverse:
+where units of columns made them small, they are exact there. Above, the matrix is definite."""
+
+
+Spectrum = tuple[Array, Array]
+"""Eigenvalues in ascending order, shape `(c,)`, and their vectors, shape `(c, c)`."""
+
+
+def excited(gram: Array) -> bool:
+    """Whether all is finite, and every column has information of its own."""
+    return bool(np.all(np.diagonal(gram) > 0.0) and np.all(np.isfinite(gram)))
+
+
+def definite(gram: Array) -> bool:
+    """Whether a symmetric matrix `(c, c)` is positive definite beyond rounding.
+
+    Judged with its diagonal scaled to one, so that units of columns play no part.
+    """
+    if not excited(gram):
+        return False
+    unit, _ = equilibrated(gram)
+    np.fill_diagonal(unit, 1.0 - DEFINITE_EIGENVALUE * float(np.linalg.norm(unit)))
+    try:
+        np.linalg.cholesky(unit)
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
+def scaled(matrix: Array, d: Array) -> Array:
+    """Rows and columns multiplied with `d`."""
+    result: Array = matrix * d[:, None] * d
+    return result
+
+
+def equilibrated(gram: Array) -> tuple[Array, Array]:
+    """With a diagonal of ones; and what its rows and columns were multiplied with, `(c,)`."""
+    d = 1.0 / np.sqrt(np.diagonal(gram))
+    return scaled(gram, d), d
+
+
+def inverse(gram: Array) -> Array:
+    """Of a definite matrix; its error grows with the condition of the equilibrated one only."""
+    unit, d = equilibrated(gram)
+    half = 0.5 * np.linalg.inv(unit)
+    return scaled(half + half.T, d)
+
+
+def spectra(gram: Array) -> tuple[Spectrum, Spectrum] | None:
+    """Of a symmetric matrix, and of its inverse; `None` if it is not definite beyond rounding."""
+    if not np.all(np.isfinite(gram)):
+        return None
+    values, vectors = np.linalg.eigh(gram)
+    if values[0] > FAINT_EIGENVALUE * values[-1]:
+        return (values, vectors), (1.0 / values[::-1], vectors[:, ::-1])
+    if not definite(gram):
+        return None
+    spreads, axes = np.linalg.eigh(inverse(gram))
+    return (values, vectors), (spreads, axes)
+
+
+def soft_greatest(values: Array, sharpness: float) -> tuple[float, Array]:
+    r"""$\frac1p \log \sum_i \lambda_i^p$ of eigenvalues in ascending order; its slope by them.
+
+    Those that are rounding next to the largest count as that rounding.
+    """
+    logs = np.log(np.maximum(values / values[-1], np.finfo(np.float64).eps))
+    weights = np.exp(sharpness * logs)
+    total = float(np.sum(weights))
+    value = math.log(values[-1]) + math.log(total) / sharpness
+    return value, np.exp((sharpness - 1.0) * logs) / (total * values[-1])
+
+
+def assembled(vectors: Array, values: Array) -> Array:
+    r"""$V \mathrm{diag}(v) V^T$."""
+    result: Array = (vectors * values) @ vectors.T
+    return result
+
+
+class Criterion(Protocol):
+    r"""A scalar of an information matrix; less is better.
+
+    With growing sharpness, `smooth` falls to the logarithm of `value`: its distance is at most
+    $\log(c)/p$ for $c$ columns and sharpness $p$. A matrix that is not positive definite beyond
+    rounding, such as one with a column that nothing excites, has the value infinity.
+
+    Attributes:
+        name: For messages and reports, such as `condition number (raw)`.
+    """
+
+    @property
+    def name(self) -> str:
+        """For messages and reports."""
+        ...
+
+    def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
+        r"""A smooth approximation of the logarithm of the value, to be minimised.
+
+        Args:
+            gram: Information $G$, symmetric, shape `(c, c)`.
+            sharpness: The order $p > 0$ of the norm over eigenvalues.
+
+        Returns:
+            The value, and its symmetric slope $\partial/\partial G$, shape `(c, c)`: a change
+            $dG$ changes the value by $\sum_{ij} S_{ij}\,dG_{ij}$; zeros where it is infinite.
+        """
+        ...
+
+    def value(self, gram: Array) -> float:
+        """The value itself."""
+        ...
+
+
+@dataclass(frozen=True)
+class Condition:
+    r"""Condition number of the regressor as it is, $\sqrt{\lambda_{max}/\lambda_{min}}$ of $G$.
+
+    Smooth: $\frac{1}{2p}\left(\log\sum_i\lambda_i^p + \log\sum_i\lambda_i^{-p}\right)$.
+    """
+
+    name: str = "condition number (raw)"
+
+    def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
+        """See `Criterion`."""
+        both = spectra(gram)
+        if both is None:
+            return _unknown_criterion(gram)
+        (values, vectors), (spreads, axes) = both
+        high, rise = soft_greatest(values, sharpness)
+        low, fall = soft_greatest(spreads, sharpness)
+        slope = assembled(vectors, rise) - assembled(axes, fall * spreads**2)
+        return 0.5 * (high + low), 0.5 * slope
+
+    def value(self, gram: Array) -> float:
+        """See `Criterion`."""
+        both = spectra(gram)
+        return math.inf if both is None else math.sqrt(both[0][0][-1] * both[1][0][-1])
+
+
+@dataclass(frozen=True)
+class NormalisedCondition:
+    r"""Condition number once every column of the regressor has unit norm: free of units.
+
+    That of $D G D$ with $D = \mathrm{diag}(G)^{-1/2}$; the slope goes through $D$ too.
+    """
+
+    name: str = "condition number (columns of unit norm)"
+
+    def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
+        """See `Criterion`."""
+        if not excited(gram):
+            return _unknown_criterion(gram)
+        unit, d = equilibrated(gram)
+        value, slope = Condition().smooth(unit, sharpness)
+        through = np.diag(np.sum(slope * unit, axis=1))
+        return value, scaled(slope - through, d)
+
+    def value(self, gram: Array) -> float:
+        """See `Criterion`."""
+        return Condition().value(equilibrated(gram)[0]) if excited(gram) else math.inf
+
+
+@dataclass(frozen=True)
+class DOptimal:
+    r"""Geometric mean of the variances along the axes of the covariance, $\det(G)^{-1/c}$.
+
+    Smooth at any sharpness: $-\log\det(G)/c$. Column scales only add a constant to it.
+    """
+
+    name: str = "D-optimality (geometric mean of variances)"
+
+    def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
+        """See `Criterion`; the sharpness plays no part."""
+        if not definite(gram):
+            return _unknown_criterion(gram)
+        unit, d = equilibrated(gram)
+        half = np.sum(np.log(np.diagonal(np.linalg.cholesky(unit)))) - np.sum(np.log(d))
+        return -2.0 * float(half) / len(gram), inverse(gram) / -len(gram)
+
+    def value(self, gram: Array) -> float:
+        """See `Criterion`."""
+        return math.exp(self.smooth(gram, 1.0)[0])
+
+
+@dataclass(frozen=True)
+class AOptimal:
+    r"""Sum of the parameters' variances, $\mathrm{tr}\,G^{-1}$: give `Measure.sizes` with it.
+
+    Smooth at any sharpness: $\log\mathrm{tr}\,G^{-1}$.
+    """
+
+    name: str = "A-optimality (sum of variances)"
+
+    def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
+        """See `Criterion`; the sharpness plays no part."""
+        if not definite(gram):
+            return _unknown_criterion(gram)
+        covariance = inverse(gram)
+        total = float(np.trace(covariance))
+        return math.log(total), covariance @ covariance / -total
+
+    def value(self, gram: Array) -> float:
+        """See `Criterion`."""
+        return math.exp(self.smooth(gram, 1.0)[0])
+
+
+@dataclass(frozen=True)
+class EOptimal:
+    r"""Variance of the worst shown combination of parameters, $\lambda_{max}(G^{-1})$.
+
+    Smooth: $\frac{1}{p}\log\sum_i\lambda_i^{-p}$.
+    """
+
+    name: str = "E-optimality (largest variance)"
+
+    def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
+        """See `Criterion`."""
+        both = spectra(gram)
+        if both is None:
+            return _unknown_criterion(gram)
+        spreads, axes = both[1]
+        value, fall = soft_greatest(spreads, sharpness)
+        return value, assembled(axes, -fall * spreads**2)
+
+    def value(self, gram: Array) -> float:
+        """See `Criterion`."""
+        both = spectra(gram)
+        return math.inf if both is None else float(both[1][0][-1])
+
+
+CRITERIA: Mapping[str, Criterion] = MappingProxyType(
+    {
+        "condition": Condition(),
+        "normalised_condition": NormalisedCondition(),
+        "d_optimal": DOptimal(),
+        "a_optimal": AOptimal(),
+        "e_optimal": EOptimal(),
+    }
+)
+"""By the name in a problem file; a new criterion is a class and a line here."""
+
+
+def worst(
+    cases: Sequence[tuple[Criterion, Array]], sharpness: float
+) -> tuple[float, tuple[Array, ...]]:
+    r"""Smooth maximum of criteria over cases such as payloads, $\frac1p\log\sum_k e^{p\,s_k}$.
+
+    Args:
+        cases: Criteria, and the information matrix of each.
+        sharpness: The order $p$, of the criteria too.
+
+    Returns:
+        The value, and its slope by each information matrix.
+    """
+    values, slopes = zip(*(kind.smooth(gram, sharpness) for kind, gram in cases), strict=True)
+    highest = max(values)
+    if math.isinf(highest):
+        return math.inf, tuple(np.zeros_like(gram) for _, gram in cases)
+    shares = np.exp(sharpness * (np.array(values) - highest))
+    total = float(np.sum(shares))
+    weighted = tuple(share / total * slope for share, slope in zip(shares, slopes, strict=True))
+    return highest + math.log(total) / sharpness, weighted
+
+
+def worst_value(cases: Sequence[tuple[Criterion, Array]]) -> float:
+    """The largest value over cases, as people read it."""
+    return max(kind.value(gram) for kind, gram in cases)
+
+
+def _unknown_criterion(gram: Array) -> tuple[float, Array]:
+    return math.inf, np.zeros_like(gram)
+
+
+@dataclass(frozen=True, eq=False)
+class Measure:
+    r"""A criterion of what a motion adds to earlier runs, of chosen parameters, in fitting units.
+
+    In this order: $G + G_0$; then the Schur complement
+    $G_{cc} - G_{cr} G_{rr}^{-1} G_{rc}$ of the chosen columns $c$, the inverse of their block of
+    the covariance, for all others $r$ are estimated along with them [Pukelsheim2006]; then
+    $D G D$ with $D$ the sizes. A column outside the choice that nothing excites is not definite
+    either: leave it out of $G$, or give prior information of it.
+
+    Attributes:
+        kind: The criterion.
+        prior: Information $G_0$ of earlier runs in the same columns and weights, shape `(c, c)`,
+            positive semidefinite; it need not be definite.
+        chosen: Indices of the columns that matter; all, if `None`.
+        sizes: Expected sizes of all parameters, shape `(c,)`, positive: the criterion then sees
+            the information on the parameters in these units.
+    """
+
+    kind: Criterion
+    prior: Array | None = None
+    chosen: tuple[int, ...] | None = None
+    sizes: Array | None = None
+
+    def __post_init__(self) -> None:
+        """Own what is kept.
+
+        Raises:
+            ValueError: Shapes do not fit, a size is not positive, or a column is chosen twice.
+        """
+        if self.prior is not None:
+            object.__setattr__(self, "prior", frozen(self.prior, (len(self.prior),) * 2))
+        if self.sizes is not None:
+            object.__setattr__(self, "sizes", frozen(self.sizes, (None,)))
+            if not np.all(self.sizes > 0.0):
+                raise ValueError("sizes of parameters must be positive")
+        if self.chosen is not None and (
+            not self.chosen or min(self.chosen) < 0 or len(set(self.chosen)) < len(self.chosen)
+        ):
+            raise ValueError("chosen columns must be some, from 0 on, and each one once")
+
+    @property
+    def name(self) -> str:
+        """The criterion's, and what it is computed of."""
+        parts = [self.kind.name]
+        parts += [] if self.chosen is None else [f"of {len(self.chosen)} chosen parameters"]
+        parts += [] if self.prior is None else ["with earlier runs"]
+        parts += [] if self.sizes is None else ["relative to expected values"]
+        return ", ".join(parts)
+
+    def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
+        """See `Criterion`."""
+        seen = self._seen(gram)
+        if seen is None:
+            return math.inf, np.zeros_like(gram)
+        of_interest, pull = seen
+        value, slope = self.kind.smooth(of_interest, sharpness)
+        return value, slope if pull is None else pull @ slope @ pull.T
+
+    def value(self, gram: Array) -> float:
+        """See `Criterion`."""
+        seen = self._seen(gram)
+        return math.inf if seen is None else self.kind.value(seen[0])
+
+    def _seen(self, gram: Array) -> tuple[Array, Array | None] | None:
+        """What the criterion is given, `(k, k)`, and $M$ `(c, k)` for slopes $M S M^T$.
+
+        `None` in place of both says that nothing is definite; in place of $M$, that $M = I$.
+        """
+        total = gram if self.prior is None else gram + self.prior
+        pull: Array | None = None
+        if self.chosen is not None:
+            if not definite(total):
+                return None
+            total, pull = _complement(total, np.array(self.chosen, dtype=np.intp))
+        if self.sizes is not None:
+            sizes = self.sizes if self.chosen is None else self.sizes[list(self.chosen)]
+            total = total * sizes[:, None] * sizes
+            pull = np.diag(sizes) if pull is None else pull * sizes
+        return total, pull
+
+
+def _complement(gram: Array, chosen: NDArray[np.intp]) -> tuple[Array, Array]:
+    r"""Schur complement of the chosen columns, `(k, k)`, and $[I; -G_{rr}^{-1} G_{rc}]$, `(c, k)`.
+
+    By Cholesky with the others first: the last block of its factor is that of the complement.
+    """
+    others = np.setdiff1d(np.arange(len(gram)), chosen)
+    order, m = np.concatenate((others, chosen)), len(others)
+    d = np.sqrt(np.diagonal(gram)[order])
+    factor = np.linalg.cholesky(gram[np.ix_(order, order)] / d[:, None] / d)
+    last = factor[m:, m:] * d[m:, None]
+    pull = np.zeros((len(gram), len(chosen)))
+    pull[chosen, np.arange(len(chosen))] = 1.0
+    share = np.linalg.solve(factor[:m, :m].T, factor[m:, :m].T)
+    pull[others] = -share / d[:m, None] * d[m:]
+    return last @ last.T, pull

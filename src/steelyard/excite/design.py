@@ -1,0 +1,336 @@
+"""From a robot file's `[excitation]` tables to a designed motion, proven and described."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import DataError
+from steelyard.base.progress import Progress, silent
+from steelyard.estimate.information.base_parameters import base_parameters, clear_map
+from steelyard.excite.collision.cell import tool_of
+from steelyard.excite.constraints.certificate import certify
+from steelyard.excite.constraints.constraint import Constraint, Gap, MotionLimits
+from steelyard.excite.constraints.constraints_from_tables import Earlier, constraints_of
+from steelyard.excite.designed import (
+    Advice,
+    Designed,
+    PredictedAccuracy,
+    advised_motions,
+    predicted_accuracy,
+    samples_of,
+)
+from steelyard.excite.planned.plans import planned
+from steelyard.excite.problem import Case, Problem, composed_motions
+from steelyard.excite.problem_from_tables import Recipe, build, cases_of, limits_of, memoryless
+from steelyard.excite.search.feasibility import explained_no_motion, refuse_impossible
+from steelyard.excite.search.parallel_search import (
+    ProcessPace,
+    SearchBudget,
+    SearchResult,
+    search_in_parallel,
+    time_after,
+)
+from steelyard.excite.search.population import method_of
+from steelyard.excite.search.repair import finished
+from steelyard.excite.search.starts import NoMotion
+from steelyard.excite.trajectories.families import FAMILIES
+from steelyard.excite.trajectories.linear_bases import coefficients_of
+from steelyard.excite.trajectories.trajectory import ExactTrajectory, holds_note
+from steelyard.model.equations.kinematics import positions_of
+from steelyard.model.model import Model
+from steelyard.robot.file.loaded_robot import LoadedRobot
+
+ASSUMED_NOISE = 0.01
+"""Noise that is assumed without an earlier log, over the joint's greatest effort."""
+
+ASSUMED_RATE = 20.0
+"""Independent samples a second that are assumed with it."""
+
+FINISH_SHARE = 0.08
+"""Share of the time that polishing, scaling and proofs get, and at least a second."""
+
+HURRY_SECONDS = 1.0
+"""Time for polishing after the user has ended the search [s]."""
+
+FEW_SEARCHES = 4
+"""Searches below which a note says that more time would help."""
+
+_FIRST = 0.5
+_LOOKS = 500
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """A motion on its way to be described."""
+
+    trajectory: ExactTrajectory
+    cases: Sequence[Case]
+    limits: MotionLimits
+    constraints: Sequence[Constraint]
+    harvest: SearchResult | None
+    notes: tuple[str, ...]
+    hints: tuple[str, ...] = ()
+    proven: Sequence[Array] | None = None
+
+
+def design(
+    loaded: LoadedRobot,
+    model: Model,
+    effort: SearchBudget,
+    *,
+    earlier: Earlier | None = None,
+    start: ExactTrajectory | None = None,
+    progress: Progress = silent,
+    since: float | None = None,
+) -> Designed:
+    """The best motion that the time allows, or the one that is planned.
+
+    Args:
+        loaded: The robot and its tables.
+        model: What the motion is to show.
+        effort: How much is searched; its seconds are those of the whole design.
+        earlier: What an earlier identification of the robot knows.
+        start: A motion of the same kind, such as the last one that was run: it is improved beside
+            what is searched, so that the criterion does not rise above its own.
+        progress: Receives events of progress; when it requests a stop, it gets the best so far.
+        since: When the time began to count, of `time.monotonic`; now if `None`.
+
+    Raises:
+        DataError: The tables allow no motion; says what would have to be changed.
+        ModelError: A frame or a shape is missing.
+        Stopped: `progress` requested a stop before any motion was found.
+    """
+    begun = time.monotonic() if since is None else since
+    kind = loaded.excitation.motion.kind
+    if kind in FAMILIES:
+        motion = _searched(loaded, model, effort, earlier, start, progress, begun)
+    else:
+        if start is not None:
+            raise _not_of_kind(kind)
+        motion = _planned(loaded, model, effort, earlier, progress, begun)
+    return _described(loaded, motion, earlier, begun)
+
+
+def condition_of_motion(
+    loaded: LoadedRobot, model: Model, trajectory: ExactTrajectory, earlier: Earlier | None
+) -> float:
+    """Condition number of the regressor along a motion, for the parameters that a model has."""
+    section = loaded.excitation
+    plain, _ = memoryless(model)
+    cases = cases_of(section, plain, limits_of(loaded.robot, section.limits), earlier)
+    samples = _samples(trajectory, section.samples)
+    return predicted_accuracy(trajectory, cases, np.ones(loaded.robot.n), samples).raw
+
+
+def _not_of_kind(kind: str) -> DataError:
+    return DataError(
+        f"the motion to start from is no motion of kind '{kind}' with these numbers",
+        where="motion to start from",
+        fix="give one that was designed with the same period and number of harmonics",
+    )
+
+
+def _searched(
+    loaded: LoadedRobot,
+    model: Model,
+    effort: SearchBudget,
+    earlier: Earlier | None,
+    start: ExactTrajectory | None,
+    progress: Progress,
+    begun: float,
+) -> _Motion:
+    method_of(loaded.excitation.search.method)
+    pace = ProcessPace()
+    problem = build(loaded, model, earlier)
+    first = None if start is None else coefficients_of(problem.basis, start)
+    if start is not None and first is None:
+        raise _not_of_kind(loaded.excitation.motion.kind)
+    refuse_impossible(problem, loaded)
+    deadline = begun + effort.seconds - time_after(problem, effort.seconds, pace)
+    left = deadline - max(FINISH_SHARE * effort.seconds, 1.0) - time.monotonic()
+    try:
+        harvest = search_in_parallel(
+            Recipe.of(loaded, model, earlier),
+            problem,
+            loaded.excitation.search.method,
+            replace(effort, seconds=max(left, _FIRST)),
+            progress,
+        )
+        if harvest.stopped:
+            deadline = min(deadline, time.monotonic() + HURRY_SECONDS)
+        best = finished(problem, _candidates(problem, harvest, first), deadline)
+    except NoMotion as error:
+        raise explained_no_motion(problem, error) from None
+    notes = (*problem.notes, *_joint_groups(problem))
+    if harvest.killed:
+        notes += (f"{harvest.killed} of {effort.useful} search processes were killed externally",)
+    return _Motion(
+        best.trajectory,
+        problem.cases,
+        problem.limits,
+        problem.constraints,
+        harvest,
+        notes,
+        _few_searches_note(harvest, effort),
+        best.proven,
+    )
+
+
+def _candidates(problem: Problem, harvest: SearchResult, first: Array | None) -> list[Array]:
+    """The best motions and one of the best of every limb, best first: time may end after one."""
+    found = [one.x for one in harvest.best] + ([] if first is None else [first])
+    *_, mixed = composed_motions(problem.objective, problem.inequalities, problem.limbs, found)
+    every = found if any(mixed is x for x in found) else [mixed, *found]
+    return sorted(every, key=problem.criterion_value)
+
+
+def _joint_groups(problem: Problem) -> tuple[str, ...]:
+    """That limbs were searched by themselves, if there are several."""
+    sizes = [len(limb.joints) for limb in problem.limbs]
+    if len(sizes) < 2:
+        return ()
+    joints = ", ".join(f"{size}" for size in sizes)
+    return (
+        f"{len(sizes)} limbs share no parameter ({joints} joints): each starts with its own best "
+        "motion; limits apply to all together",
+    )
+
+
+def _planned(
+    loaded: LoadedRobot,
+    model: Model,
+    effort: SearchBudget,
+    earlier: Earlier | None,
+    progress: Progress,
+    begun: float,
+) -> _Motion:
+    section = loaded.excitation
+    limits = limits_of(loaded.robot, section.limits)
+    plain, notes = memoryless(model)
+    constraints, more = constraints_of(loaded, model, earlier)
+    trajectory, plan_notes = planned(loaded, limits, effort.seed)
+    cases = cases_of(section, plain, limits, earlier)
+    return _Motion(
+        trajectory, cases, limits, constraints, None, (*plan_notes, *limits.notes, *notes, *more)
+    )
+
+
+def _described(
+    loaded: LoadedRobot, motion: _Motion, earlier: Earlier | None, begun: float
+) -> Designed:
+    robot, section = loaded.robot, loaded.excitation
+    notes = (*motion.notes, *holds_note(motion.trajectory), *_cell(loaded, motion.trajectory))
+    certificate = certify(
+        robot,
+        motion.trajectory,
+        motion.limits,
+        motion.constraints,
+        notes=notes,
+        proven=motion.proven,
+    )
+    noise, rate, source = noise_of(loaded, earlier)
+    weights = rate / noise**2
+    seen = predicted_accuracy(
+        motion.trajectory, motion.cases, weights, _samples(motion.trajectory, section.samples)
+    )
+    shows = motion.cases[0].shows
+    base = shows.base
+    prior = None
+    if earlier is not None and section.criterion.after_earlier:
+        prior = earlier.information(base, shows.absent)
+    harvest = motion.harvest
+    return Designed(
+        robot=robot,
+        trajectory=motion.trajectory,
+        kind=section.motion.kind,
+        limits=motion.limits,
+        certificate=certificate,
+        criterion=motion.cases[0].criterion.name,
+        shown=seen,
+        course=() if harvest is None else harvest.course,
+        searches=0 if harvest is None else harvest.searches,
+        seconds=time.monotonic() - begun,
+        stopped=harvest is not None and harvest.stopped,
+        noise=noise,
+        noise_from=source,
+        prior=prior,
+        values={} if earlier is None else dict(zip(earlier.names, earlier.values, strict=True)),
+        advice=_advice(seen, motion, weights, prior),
+        tool=tool_of(section.workspace, robot),
+        notes=(*loaded.notes, *notes, *motion.hints),
+        constraints=tuple(motion.constraints),
+        chosen=motion.cases[0].chosen,
+        faint=len(base_parameters(shows.model)) - len(clear_map(shows.model)),
+        absent=shows.absent,
+    )
+
+
+def _cell(loaded: LoadedRobot, trajectory: ExactTrajectory) -> tuple[str, ...]:
+    """A note where no floor is given, with how low the links go."""
+    section, robot = loaded.excitation, loaded.robot
+    space, collision = section.workspace, section.collision
+    limits_links = space is not None and space.limits_links
+    if limits_links or robot.passive or (collision is not None and collision.world is not None):
+        return ()
+    moving = [frame for frame in robot.frames if frame.body >= 0]
+    q = trajectory.derivative(np.linspace(0.0, trajectory.duration, _LOOKS), 0)
+    carriers, places = [f.body for f in moving], [f.position for f in moving]
+    heights = positions_of(robot, carriers, places, q)[:, :, 2]
+    lowest = int(heights.min(axis=0).argmin())
+    floor = "HEIGHT, in metres from the base's origin," if loaded.floats else "0.0"
+    return (
+        Gap(
+            "no floor or cell is defined for the links: the origin of "
+            f"'{moving[lowest].name}' goes down to z = {heights[:, lowest].min():.2f} m; "
+            f"floor = {floor} in [excitation.workspace] keeps all links above it"
+        ),
+    )
+
+
+def _few_searches_note(harvest: SearchResult, effort: SearchBudget) -> tuple[str, ...]:
+    """That the time was short, if it was."""
+    if harvest.stopped or harvest.searches >= min(FEW_SEARCHES, effort.searches or FEW_SEARCHES):
+        return ()
+    whole = {0: "no search converged", 1: "only 1 search converged"}.get(
+        harvest.searches, f"only {harvest.searches} searches converged"
+    )
+    return (f"{whole} in the time limit: a longer --budget finds better motions",)
+
+
+def _advice(
+    seen: PredictedAccuracy, motion: _Motion, weights: Array, prior: Array | None
+) -> tuple[Advice, ...]:
+    return advised_motions(seen, motion.trajectory, motion.cases, weights, motion.limits, prior)
+
+
+def _samples(trajectory: ExactTrajectory, least: int) -> int:
+    """Samples of what is shown: as many as requested, and 50 a second of long motions."""
+    return max(least, samples_of(trajectory.duration))
+
+
+def noise_of(loaded: LoadedRobot, earlier: Earlier | None) -> tuple[Array, float, str]:
+    """Noise of the efforts `(n,)`, independent samples per second, and where both come from."""
+    if earlier is not None:
+        return earlier.noise, earlier.independent_rate, "the residuals of the earlier log"
+    own = np.array([joint.limits.effort for joint in loaded.robot.coordinates])
+    known = np.isfinite(own) & (own > 0.0)
+    if not known.any():
+        noise = np.ones(loaded.robot.n)
+        return (
+            noise,
+            ASSUMED_RATE,
+            f"assumed: 1 Nm (1 N), {ASSUMED_RATE:g} independent samples per second",
+        )
+    own[~known] = np.median(own[known])
+    source = (
+        f"assumed: {100.0 * ASSUMED_NOISE:g} % of each joint's greatest effort, "
+        f"{ASSUMED_RATE:g} independent"
+    )
+    return (
+        frozen(ASSUMED_NOISE * own),
+        ASSUMED_RATE,
+        f"{source} samples per second; --earlier MODEL gives the actual noise",
+    )

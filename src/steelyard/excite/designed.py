@@ -1,0 +1,278 @@
+"""A designed motion: predicted accuracy of each parameter, and other motions that would help."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.base.motion import Trajectory
+from steelyard.excite.constraints.certificate import Certificate
+from steelyard.excite.constraints.constraint import Constraint, Gap, MotionLimits
+from steelyard.excite.constraints.markers import Marker
+from steelyard.excite.criteria import CRITERIA, worst_value
+from steelyard.excite.planned.sweeps import friction_sweeps, static_postures
+from steelyard.excite.problem import Case, jumping
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.robot.robot import Robot
+
+_CHUNK = 20_000
+_ROUNDING = 1e-13
+"""Information along an axis, over the largest, that rounding alone may leave."""
+_BLIND_SHARE = 1e-6
+"""Share of a parameter, squared, in axes without information from which on it is unknown."""
+
+
+@dataclass(frozen=True, eq=False)
+class PredictedAccuracy:
+    """The information of a motion about base parameters.
+
+    Attributes:
+        names: Base parameters, `b` of them.
+        units: Their units.
+        gram: Information with the noise given, shape `(b, b)`.
+        criterion_value: The requested criterion.
+        raw: Condition number of the regressor, columns as they are.
+        normalised: The same with columns of unit norm.
+        singular: Singular values of the regressor with columns of unit norm, falling, `(b,)`.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    gram: Array
+    criterion_value: float
+    raw: float
+    normalised: float
+    singular: Array
+
+    def std(self, prior: Array | None = None) -> Array:
+        """Standard deviations to be expected of the parameters, shape `(b,)`.
+
+        Infinite for what neither the motion nor the `prior` information `(b, b)` shows.
+        """
+        gram = self.gram if prior is None else self.gram + prior
+        return deviations(gram)
+
+
+def deviations(gram: Array) -> Array:
+    """Standard deviations from information; infinite for what it does not distinguish."""
+    size = np.sqrt(np.maximum(np.diagonal(gram), 0.0))
+    result, seen = np.full(len(gram), np.inf), size > 0.0
+    if not seen.any():
+        return result
+    size = size[seen]
+    values, axes = np.linalg.eigh(gram[np.ix_(seen, seen)] / size[:, None] / size)
+    resolved = values > _ROUNDING * values[-1]
+    single = np.sum(axes[:, ~resolved] ** 2, axis=1) < _BLIND_SHARE
+    variance = np.sum(axes[:, resolved] ** 2 / values[resolved], axis=1)
+    result[seen] = np.where(single, np.sqrt(variance) / size, np.inf)
+    return result
+
+
+def predicted_accuracy(
+    trajectory: Trajectory, cases: Sequence[Case], noise_weights: Array, samples: int
+) -> PredictedAccuracy:
+    """What a motion shows.
+
+    Args:
+        trajectory: The motion.
+        cases: What it is judged by.
+        noise_weights: Independent samples a second over the variance of the noise, shape `(n,)`.
+        samples: Samples over the motion, the end left out.
+    """
+    sharp = jumping(cases)
+    pairs = [(case.criterion, information_of_motion(case, trajectory, samples)) for case in sharp]
+    first = sharp[0]
+    even = replace(first, shows=replace(first.shows, weights=np.ones(len(noise_weights))))
+    noisy = replace(first, shows=replace(first.shows, weights=noise_weights))
+    plain = information_of_motion(even, trajectory, samples)
+    size = np.sqrt(np.maximum(np.diagonal(plain), 1e-300))
+    spectrum = np.linalg.eigvalsh(plain / size[:, None] / size)[::-1]
+    base = first.shows.base
+    return PredictedAccuracy(
+        base.base_names,
+        base.base_units,
+        information_of_motion(noisy, trajectory, samples),
+        worst_value(pairs),
+        CRITERIA["condition"].value(plain),
+        CRITERIA["normalised_condition"].value(plain),
+        np.sqrt(np.maximum(spectrum, 0.0)),
+    )
+
+
+def information_of_motion(case: Case, trajectory: Trajectory, samples: int) -> Array:
+    """Information of a motion at even samples, each counting for its time, `(b, b)`."""
+    step = trajectory.duration / samples
+    total = np.zeros((len(case.shows.base),) * 2)
+    for first in range(0, samples, _CHUNK):
+        count = np.arange(first, min(first + _CHUNK, samples))
+        motion = trajectory.sample(step * count)
+        q, dq, ddq = (np.ascontiguousarray(x.T) for x in (motion.q, motion.dq, motion.ddq))
+        total += case.shows.at(q, dq, ddq, step=step).gram
+    return total
+
+
+SAMPLES_A_SECOND = 50.0
+MOST_SAMPLES = 100_000
+"""Of motions of more than half an hour."""
+
+ENOUGH_ADVICE_SAMPLES = 5_000
+"""Samples of another motion: it moves one joint at a time or none, and its joints take minutes."""
+
+HELPFUL_SHARE = 0.8
+"""A deviation that falls below this share is worth telling."""
+
+FREE_WORKSPACE_NOTE = ", if the workspace allows it"
+"""Other motions keep the limits of joints; boxes and clearances are looked at when planned."""
+
+_ADVICE_POSTURES = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Advice:
+    """A motion beside the designed one.
+
+    Attributes:
+        what: The motion, in a few words.
+        seconds: Its length [s].
+        std: Deviations of the parameters with both, shape `(b,)`.
+        helps: Parameters whose deviation falls most, with the share that is left, best first.
+    """
+
+    what: str
+    seconds: float
+    std: Array
+    helps: tuple[tuple[str, float], ...]
+
+
+def advised_motions(
+    shown: PredictedAccuracy,
+    trajectory: Trajectory,
+    cases: Sequence[Case],
+    noise_weights: Array,
+    limits: MotionLimits,
+    prior: Array | None = None,
+) -> tuple[Advice, ...]:
+    """Further motions and what they would add, as long as the designed one where that can be.
+
+    Args:
+        shown: What the designed motion shows.
+        trajectory: The designed motion.
+        cases: What it was judged by.
+        noise_weights: Independent samples a second over the variance of the noise, shape `(n,)`.
+        limits: Of the joints.
+        prior: Information of earlier runs, shape `(b, b)`.
+    """
+    first = jumping(cases)[0]
+    case = _weighed_motion(first, noise_weights)
+    found = [
+        _advice_of_motion("repeating the motion", trajectory.duration, shown.gram, shown, prior)
+    ]
+    # where loops close in a part of the joints' ranges only, other motions need a plan of their own
+    for what, motion in () if case.shows.model.robot.passive else _other_motions(limits):
+        gram = information_of_motion(
+            case, motion, min(samples_of(motion.duration), ENOUGH_ADVICE_SAMPLES)
+        )
+        found.append(_advice_of_motion(what, motion.duration, gram, shown, prior))
+    return tuple(found)
+
+
+def samples_of(seconds: float) -> int:
+    """Samples that say what a motion shows."""
+    return int(min(SAMPLES_A_SECOND * seconds, MOST_SAMPLES))
+
+
+def _other_motions(limits: MotionLimits) -> list[tuple[str, Trajectory]]:
+    others: list[tuple[str, Trajectory]] = []
+    try:
+        sweeps = friction_sweeps(limits, speeds=3, slowest=0.1, longest_s=2.0)
+        others.append((f"one joint after another at three speeds{FREE_WORKSPACE_NOTE}", sweeps))
+        still = static_postures(limits, count=_ADVICE_POSTURES, seed=0, dwell_s=1.0)
+        others.append((f"{_ADVICE_POSTURES} static postures{FREE_WORKSPACE_NOTE}", still))
+    except DataError:
+        # a joint without room for them: the designed motion is what there is
+        pass
+    return others
+
+
+def _weighed_motion(case: Case, weights: Array) -> Case:
+    return replace(case, shows=replace(case.shows, weights=weights))
+
+
+def _advice_of_motion(
+    what: str, seconds: float, gram: Array, shown: PredictedAccuracy, prior: Array | None
+) -> Advice:
+    before = shown.std(prior)
+    whole = shown.gram + gram if prior is None else shown.gram + gram + prior
+    after = deviations(whole)
+    with np.errstate(invalid="ignore"):
+        share = np.where(
+            np.isfinite(before), after / before, np.where(np.isfinite(after), 0.0, 1.0)
+        )
+    order = np.argsort(share, kind="stable")
+    helps = tuple((shown.names[k], float(share[k])) for k in order if share[k] < HELPFUL_SHARE)
+    return Advice(what, seconds, after, helps)
+
+
+@dataclass(frozen=True, eq=False)
+class Designed:
+    """A designed motion.
+
+    Attributes:
+        robot: The robot.
+        trajectory: The motion.
+        kind: Which motion it is, in a few words.
+        limits: What the joints had to keep.
+        certificate: What is proven of it.
+        criterion: Name of the criterion that was minimised.
+        shown: What the motion shows.
+        course: Time [s] and criterion of every improvement of the search; empty if it was planned.
+        searches: Searches that came to their end.
+        seconds: What the design took [s].
+        stopped: Whether the user ended it early.
+        noise: Standard deviations of effort that predictions assume, shape `(n,)` [Nm; N].
+        noise_from: Where they come from, for people.
+        prior: Information of earlier runs about the base parameters, if it counts.
+        values: Values of base parameters, as far as they are known.
+        advice: What else would help.
+        tool: The point whose path is shown.
+        notes: What was assumed and decided, one sentence each.
+        constraints: What the certificate's proofs are of, in their order.
+        chosen: Base parameters that matter; all if `None`.
+        faint: How many base parameters no motion shows apart from others: they are left out.
+        absent: Base parameters that the model does without.
+    """
+
+    robot: Robot
+    trajectory: ExactTrajectory
+    kind: str
+    limits: MotionLimits
+    certificate: Certificate
+    criterion: str
+    shown: PredictedAccuracy
+    course: tuple[tuple[float, float], ...]
+    searches: int
+    seconds: float
+    stopped: bool
+    noise: Array
+    noise_from: str
+    prior: Array | None
+    values: Mapping[str, float]
+    advice: tuple[Advice, ...]
+    tool: Marker
+    notes: tuple[str, ...]
+    constraints: tuple[Constraint, ...] = ()
+    chosen: tuple[int, ...] | None = None
+    faint: int = 0
+    absent: tuple[str, ...] = ()
+
+    @property
+    def chosen_parameters(self) -> tuple[int, ...]:
+        """The base parameters that were to be shown: those chosen, or all."""
+        return tuple(range(len(self.shown.names))) if self.chosen is None else self.chosen
+
+    def with_gaps(self, gaps: Sequence[Gap]) -> "Designed":
+        """The same with more that is not covered."""
+        more = replace(self.certificate, notes=(*self.certificate.notes, *gaps))
+        return replace(self, certificate=more, notes=(*self.notes, *gaps))

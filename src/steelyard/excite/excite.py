@@ -1,0 +1,350 @@
+"""The motion that shows a robot's parameters best: what `steelyard excite` does."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from steelyard.base.arguments import checked
+from steelyard.base.errors import DataError
+from steelyard.base.progress import DESIGN_BUDGET_S, Progress, silent
+from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.excite.constraints.certificate import COVERS
+from steelyard.excite.constraints.constraints_from_tables import Earlier
+from steelyard.excite.design import design
+from steelyard.excite.designed import Designed
+from steelyard.excite.motion_export import EXPORTS, exported, gaps_of_files, write_export
+from steelyard.excite.motion_points import grid_times
+from steelyard.excite.page.design_words import design_headline, print_design, scopes
+from steelyard.excite.page.proof_sections import render_design
+from steelyard.excite.search.parallel_search import SearchBudget
+from steelyard.excite.trajectories.families import FAMILIES, basis_of
+from steelyard.excite.trajectories.polynomials import through_postures
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.excite.trajectories.trajectory_files import read_motion, write_motion
+from steelyard.identify.page.content import ReportContent
+from steelyard.model.model import Model
+from steelyard.model.robot_file_model import model_with_open_friction, with_friction
+from steelyard.report.result import Result
+from steelyard.robot.file.excitation_sections import changed_excitation
+from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.robot_file import load_robot
+
+
+def with_options(loaded: LoadedRobot, **options: Any) -> LoadedRobot:
+    """The robot with what options say in the place of its `[excitation]` tables.
+
+    Raises:
+        DataError: An option does not fit the kind of motion.
+    """
+    try:
+        section = changed_excitation(loaded.excitation, **options)
+    except ValueError as error:
+        raise DataError(
+            str(error), where="options of steelyard excite", fix="see steelyard excite --help"
+        ) from None
+    return replace(loaded, excitation=section)
+
+
+def refuse_formats(loaded: LoadedRobot, formats: Sequence[str], rate: float | None) -> None:
+    """Formats that do not exist or cannot hold the motion, before any time is spent on it.
+
+    Raises:
+        OutputError: One cannot.
+    """
+    robot, section = loaded.robot, loaded.excitation.motion
+    zero = np.zeros(robot.n)
+    still = through_postures([zero, zero], 1.0)
+    motion: ExactTrajectory = still
+    if section.kind in FAMILIES:
+        basis = basis_of(section, robot)
+        motion = basis.motion(basis.still(zero) + 1e-3)
+    for form in formats:
+        if form == "csv" and (rate is None or 0.0 < rate < np.inf):
+            grid_times(motion.duration, rate or EXPORTS[form].rate)
+        exported(still if form == "csv" else motion, robot, form, rate)
+
+
+def earlier_of(identified: IdentifiedModel) -> Earlier:
+    """What an identified model knows for the design of a motion."""
+    estimate = identified.estimate
+    return Earlier(
+        estimate.sigma,
+        identified.cutoffs.matched,
+        estimate.parameters.names,
+        estimate.parameters.values,
+        estimate.covariance,
+        estimate.values.as_dict(),
+        (*(one.name for one in estimate.removed), *estimate.known),
+    )
+
+
+def identified_before(
+    earlier: str | Path | IdentifiedModel, loaded: LoadedRobot
+) -> IdentifiedModel:
+    """An earlier model of the robot.
+
+    Raises:
+        DataError: It is of another robot, or knows no noise.
+    """
+    known = load_model(earlier)
+    where = "earlier model" if isinstance(earlier, IdentifiedModel) else str(earlier)
+    theirs, ours = known.model.robot.joint_names, loaded.robot.joint_names
+    if theirs != ours:
+        raise DataError(
+            f"the earlier model moves the joints {', '.join(theirs)}, this robot {', '.join(ours)}",
+            where=where,
+            fix="give a model that was identified with this robot file",
+        )
+    if not (known.estimate.sigma > 0.0).all():
+        raise DataError(
+            "the earlier model fits a joint's efforts without any noise",
+            where=where,
+            fix="leave --earlier out: noise is then assumed",
+        )
+    return known
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DesignedMotion(Result):
+    """A designed motion, its certificate, and the files that it is written to.
+
+    Attributes:
+        designed: The motion and all that is known of it.
+        loaded: The robot and its tables.
+        formats: Formats of the motion's files.
+        rate: Points a second in those files; each format's own if `None`.
+    """
+
+    designed: Designed
+    loaded: LoadedRobot
+    formats: tuple[str, ...] = ("csv",)
+    rate: float | None = None
+
+    @property
+    def trajectory(self) -> ExactTrajectory:
+        """The motion."""
+        return self.designed.trajectory
+
+    @property
+    def written_formats(self) -> tuple[str, ...]:
+        """The formats that are written: no controller program of a motion that is not proven."""
+        return _may_write(self.designed, self.formats)
+
+    def report(self) -> str:
+        """The report as one self-contained HTML page."""
+        return self._page(())
+
+    def write(self, folder: Path) -> None:
+        """Write the motion, its certificate, the formats that may be written, and the page."""
+        self.written_to(folder)
+
+    def written_to(self, folder: Path) -> dict[str, str]:
+        """The same; returns what each file is, and its name."""
+        designed = self.designed
+        write_motion(folder / "trajectory.json", designed.trajectory, designed.robot)
+        designed.certificate.write(folder / "certificate.json")
+        names = {"trajectory": "trajectory.json", "certificate": "certificate.json"}
+        for form in self.written_formats:
+            path = write_export(designed.trajectory, designed.robot, form, folder, self.rate)
+            names[form] = path.name
+        page = self._page(tuple(names.items()))
+        (folder / "report.html").write_text(page, encoding="utf-8")
+        return names | {"report": "report.html"}
+
+    def _page(self, files: tuple[tuple[str, str], ...]) -> str:
+        designed = self.designed
+        content = ReportContent(
+            title=f"Excitation motion for {designed.robot.name}",
+            robot=designed.robot.name,
+            design=designed,
+            workspace=self.loaded.excitation.workspace,
+            files=files,
+        )
+        return render_design(content)
+
+    def show(self, console: Console, verbose: bool = False) -> None:
+        """Print the predicted accuracy, and which limits are proven; with `verbose` all of it."""
+        print_design(self.designed, console, verbose)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers as JSON values, as `steelyard excite --json` prints them."""
+        designed = self.designed
+        shown = designed.shown
+        std = shown.std(designed.prior)
+        return {
+            "robot": designed.robot.name,
+            "motion": designed.kind,
+            "duration_s": designed.trajectory.duration,
+            "criterion": designed.criterion,
+            "figure": shown.criterion_value if isfinite(shown.criterion_value) else None,
+            "condition": shown.raw if isfinite(shown.raw) else None,
+            "condition_normalised": shown.normalised if isfinite(shown.normalised) else None,
+            "certified": designed.certificate.holds,
+            "headline": design_headline(designed),
+            "limits": scopes(designed),
+            "covers": COVERS,
+            "not_covered": list(designed.certificate.gaps),
+            "not_covered_as_asked": list(designed.certificate.declined),
+            "failures": list(designed.certificate.failures),
+            "searches": designed.searches,
+            "seconds": designed.seconds,
+            "stopped": designed.stopped,
+            "predicted_std": {
+                name: float(value) if isfinite(value) else None
+                for name, value in zip(shown.names, std, strict=True)
+            },
+            "noise": designed.noise_from,
+            "notes": list(designed.notes),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class DesignTask:
+    """A design problem, checked as far as possible before the search.
+
+    Attributes:
+        loaded: The robot and its tables.
+        model: The model whose parameters are to be identified.
+        earlier: The model identified from a previous log, if any.
+        formats: Formats of the motion's files.
+        rate: Points a second in those files; each format's own if `None`.
+        start: Motion to start from, if any.
+    """
+
+    loaded: LoadedRobot
+    model: Model
+    earlier: Earlier | None
+    formats: tuple[str, ...]
+    rate: float | None
+    start: ExactTrajectory | None = None
+
+    @property
+    def searched(self) -> bool:
+        """Whether the motion is searched, and not planned."""
+        return self.loaded.excitation.motion.kind in FAMILIES
+
+    def done(
+        self, effort: SearchBudget, *, progress: Progress = silent, since: float | None = None
+    ) -> DesignedMotion:
+        """The motion; see `design` for the arguments and errors."""
+        designed = design(
+            self.loaded,
+            self.model,
+            effort,
+            earlier=self.earlier,
+            start=self.start,
+            progress=progress,
+            since=since,
+        )
+        gaps = gaps_of_files(designed, _may_write(designed, self.formats), self.rate)
+        return DesignedMotion(designed.with_gaps(gaps), self.loaded, self.formats, self.rate)
+
+
+def design_task(
+    robot: str | Path | LoadedRobot,
+    *,
+    earlier: str | Path | IdentifiedModel | None = None,
+    start: str | Path | None = None,
+    formats: Sequence[str] = (),
+    rate: float | None = None,
+    fixed_base: str | None = None,
+    **tables: Any,
+) -> DesignTask:
+    """The design problem; the arguments are those of `design_excitation`.
+
+    Raises:
+        SteelyardError: The problem has no solution, or a file cannot be used.
+    """
+    loaded = with_options(load_robot(robot, base=fixed_base), **tables)
+    known = None if earlier is None else identified_before(earlier, loaded)
+    model = with_friction(model_with_open_friction(loaded), loaded)
+    if known is not None:
+        model = Model(loaded.robot, known.model.terms)
+    forms = ("csv", *formats)
+    refuse_formats(loaded, forms, rate)
+    before = None if known is None else earlier_of(known)
+    first = None if start is None else read_motion(Path(start), loaded.robot)
+    return DesignTask(loaded, model, before, forms, rate, first)
+
+
+@checked(budget=0.0, rate=1.0, searches=1, processes=1, seed=0)
+def design_excitation(
+    robot: str | Path | LoadedRobot,
+    *,
+    budget: float = DESIGN_BUDGET_S,
+    motion: str | None = None,
+    period: float | None = None,
+    harmonics: int | None = None,
+    criterion: str | None = None,
+    method: str | None = None,
+    still_unknown: bool = False,
+    earlier: str | Path | IdentifiedModel | None = None,
+    start: str | Path | None = None,
+    formats: Sequence[str] = (),
+    rate: float | None = None,
+    fixed_base: str | None = None,
+    searches: int | None = None,
+    processes: int | None = None,
+    seed: int = 0,
+    progress: Progress = silent,
+) -> DesignedMotion:
+    """Design an excitation motion, and prove that it satisfies all limits.
+
+    Args:
+        robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it; limits,
+            workspace, obstacles and criterion are in its `[excitation]` tables.
+        budget: Time of the design [s].
+        motion: Kind of motion, instead of the robot file's.
+        period: Period [s], likewise.
+        harmonics: Harmonics, likewise.
+        criterion: What is minimised, likewise.
+        method: Search method, likewise.
+        still_unknown: Whether the information of `earlier` is added to that of the motion.
+        earlier: Model identified from a previous log, its `model.json`, or its folder. Parameters
+            that it was reduced by are absent.
+        start: `trajectory.json` of a motion of the same kind, which is improved as well.
+        formats: Formats of files beside CSV; see `steelyard excite --help`.
+        rate: Points a second in those files.
+        fixed_base: Link to fix to the world, for a model file; `None` for its root.
+        searches: Number of searches after which the design ends; `None` for no limit.
+        processes: Parallel searches; as many as the machine has cores if `None`.
+        seed: Same seed and number of searches, same motion.
+        progress: Receives events of progress; when it requests a stop, the design ends with the
+            best so far.
+
+    Raises:
+        SteelyardError: The tables allow no motion, or a file cannot be used.
+
+    Example:
+        >>> motion = design_excitation("arm.toml", budget=1.0, processes=1)
+        >>> motion.designed.certificate.holds
+        True
+    """
+    task = design_task(
+        robot,
+        earlier=earlier,
+        start=start,
+        formats=formats,
+        rate=rate,
+        fixed_base=fixed_base,
+        motion=motion,
+        period=period,
+        harmonics=harmonics,
+        criterion=criterion,
+        method=method,
+        still_unknown=still_unknown,
+    )
+    effort = SearchBudget(budget, searches, processes or os.cpu_count() or 1, seed)
+    return task.done(effort, progress=progress)
+
+
+def _may_write(designed: Designed, formats: Sequence[str]) -> tuple[str, ...]:
+    """No program for a controller of a motion that is not proven."""
+    wanted = tuple(dict.fromkeys(formats))
+    return wanted if designed.certificate.holds else tuple(f for f in wanted if f == "csv")

@@ -1,0 +1,378 @@
+r"""Motions as programs of robot controllers, and how far a controller may leave the motion.
+
+With points a step $h$ apart, straight lines stay within $h^2 \max|\ddot q| / 8$, and lines whose
+corners are rounded from half step to half step within $h^2 \max|\ddot q| / 4$. The error of a cubic
+spline is taken at times $\delta$ apart; between them it is greater by at most
+$\delta^2 \max|\ddot s - \ddot q| / 8$, and $\ddot s$ is greatest at a point.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import OutputError, advice
+from steelyard.base.files import whole_file
+from steelyard.excite.collision.cell import WALL_RESERVE
+from steelyard.excite.constraints.constraint import Gap
+from steelyard.excite.designed import Designed
+from steelyard.excite.motion_points import (
+    comma_row,
+    comment_head,
+    csv_of,
+    degrees_and_millimetres,
+    even_times,
+    fixed_point_text,
+    grid_times,
+    joint_trajectory_of,
+    keyframes_of,
+    refuse_moving_ends,
+)
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.robot.robot import Robot
+
+UR_RATES = (125.0, 500.0)
+"""Control rates of the UR controllers: CB series, and e-Series and later [1/s]."""
+
+RADIAN_DECIMALS = 10
+DEGREE_DECIMALS = 6
+"""Decimals of positions in rad, and in degrees or mm."""
+
+KRL_AXES = tuple(f"{kind}{number}" for kind in "AE" for number in range(1, 7))
+NO_AXIS = "9E9"
+"""An external axis that is not there, in RAPID."""
+
+SLOW_START_NOTE = (
+    "Goes slowly to the start posture first. Before the first run compare signs and zeros of"
+)
+
+
+def urscript_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
+    """A `servoj` for every step of the controller, after a slow `movej` to the start.
+
+    Raises:
+        OutputError: The robot is not one of six revolute joints, or the rate is not a UR's.
+    """
+    kinds = [c.kind for c in robot.coordinates]
+    if kinds != ["revolute"] * 6:
+        raise _unfit_motion(robot, "URScript", "six revolute joints", kinds.count("prismatic"))
+    if rate not in UR_RATES:
+        raise OutputError(
+            f"UR controllers do not accept {rate:g} set points a second",
+            where="rate of the export",
+            fix="give 125 (CB series), or 500 (e-Series and later)",
+        )
+    refuse_moving_ends(trajectory, robot, "a UR's program")
+    step = 1.0 / rate
+    times = grid_times(trajectory.duration, rate)
+    q = trajectory.derivative(times, 0)
+    lines = comment_head(
+        trajectory,
+        robot,
+        "#",
+        f"{len(q)} set points in rad, one every {step:g} s.",
+        f"{SLOW_START_NOTE} the arm's joints with the model's.",
+    )
+    lines += [
+        "def steelyard_motion():",
+        f"  movej([{comma_row(q[0], RADIAN_DECIMALS)}], a=0.5, v=0.2)",
+    ]
+    lines += ["  sleep(1.0)"]
+    options = f"t={step:g}, lookahead_time=0.1, gain=300"
+    lines += [f"  servoj([{comma_row(point, RADIAN_DECIMALS)}], {options})" for point in q]
+    return "\n".join([*lines, "  stopj(1.0)", "end", ""])
+
+
+def krl_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
+    """A spline through points at equal times, after a slow PTP to the start; degrees and mm.
+
+    Raises:
+        OutputError: The robot has more axes than KRL.
+    """
+    if robot.n > len(KRL_AXES):
+        raise _unfit_motion(robot, "KRL", f"at most {len(KRL_AXES)} axes")
+    refuse_moving_ends(trajectory, robot, "a KRL program")
+    times = even_times(trajectory.duration, rate)
+    points = trajectory.derivative(times, 0) * degrees_and_millimetres(robot)
+    targets = [
+        ", ".join(
+            f"{axis} {fixed_point_text(x, DEGREE_DECIMALS)}"
+            for axis, x in zip(KRL_AXES, point, strict=False)
+        )
+        for point in points
+    ]
+    lines = ["&ACCESS RVP", "DEF trajectory( )"]
+    lines += comment_head(
+        trajectory,
+        robot,
+        ";",
+        f"{len(times)} points in degrees (prismatic axes: mm), {times[1]:.9g} s apart; "
+        "a spline leads through them.",
+        f"{SLOW_START_NOTE} the axes with the model's.",
+    )
+    lines += ["BAS(#INITMOV, 0)", "BAS(#VEL_PTP, 10)", "BAS(#ACC_PTP, 10)"]
+    lines += [f"PTP {{{targets[0]}}}", "BAS(#VEL_PTP, 100)", "BAS(#ACC_PTP, 100)"]
+    lines += ["PTP_SPLINE", "  TIME_BLOCK START"]
+    for target in targets[1:]:
+        lines += [f"  SPTP {{{target}}}", "  TIME_BLOCK PART = 1.0"]
+    lines += [
+        f"  TIME_BLOCK END = {fixed_point_text(trajectory.duration, DEGREE_DECIMALS)}",
+        "ENDSPLINE",
+        "END",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def rapid_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
+    r"""A `MoveAbsJ` per point with its time as `\T`, after a slow one to the start; degrees and mm.
+
+    Raises:
+        OutputError: The robot does not have six to twelve axes.
+    """
+    if not 6 <= robot.n <= 12:
+        raise _unfit_motion(robot, "RAPID", "six axes, and up to six external ones")
+    refuse_moving_ends(trajectory, robot, "a RAPID program")
+    times = even_times(trajectory.duration, rate)
+    points = trajectory.derivative(times, 0) * degrees_and_millimetres(robot)
+    step = fixed_point_text(times[1], DEGREE_DECIMALS)
+    free = [NO_AXIS] * (12 - robot.n)
+    lines = ["MODULE Trajectory"]
+    lines += comment_head(
+        trajectory,
+        robot,
+        "  !",
+        f"{len(times)} points in degrees (prismatic axes: mm), {step} s apart; "
+        "corners are rounded within zone z10.",
+        f"{SLOW_START_NOTE} the axes with the model's.",
+    )
+    lines += ["  PROC SteelyardMotion()", "    VelSet 20, 5000;"]
+    for number, point in enumerate(points):
+        axes = [fixed_point_text(x, DEGREE_DECIMALS) for x in point] + free
+        target = f"[[{', '.join(axes[:6])}], [{', '.join(axes[6:])}]]\\NoEOffs"
+        speed = "v50" if number == 0 else f"v1000\\T:={step}"
+        zone = "fine" if number in (0, len(points) - 1) else "z10"
+        lines.append(f"    MoveAbsJ {target}, {speed}, {zone}, tool0;")
+        lines += ["    VelSet 100, 5000;"] if number == 0 else []
+    return "\n".join([*lines, "  ENDPROC", "ENDMODULE", ""])
+
+
+def _unfit_motion(robot: Robot, form: str, wanted: str, prismatic: int = 0) -> OutputError:
+    has = f"{robot.n} joints" + (f", {prismatic} of them prismatic" if prismatic else "")
+    return OutputError(
+        f"{form} is for robots of {wanted}, this one has {has}",
+        where=f"robot '{robot.name}'",
+        fix="export the motion in another format",
+    )
+
+
+@dataclass(frozen=True)
+class Export:
+    """A format of motions.
+
+    Attributes:
+        title: What it is.
+        file: Name of the file.
+        text: The file's content, from a motion, its robot and points a second.
+        rate: Points a second, if none is requested.
+        between: What a controller does between points, see `between_points`; `None` if the file
+            is for none.
+    """
+
+    title: str
+    file: str
+    text: Callable[[ExactTrajectory, Robot, float], str]
+    rate: float
+    between: str | None = None
+
+
+EXPORTS: dict[str, Export] = {
+    "csv": Export("CSV table", "trajectory.csv", csv_of, 500.0, "lines"),
+    "ros2": Export(
+        "ROS 2 JointTrajectory", "trajectory.yaml", joint_trajectory_of, 20.0, "quintic splines"
+    ),
+    "urscript": Export("URScript", "trajectory.script", urscript_of, 500.0, "lines"),
+    "krl": Export("KUKA KRL", "trajectory.src", krl_of, 10.0, "cubic spline"),
+    "rapid": Export("ABB RAPID", "trajectory.mod", rapid_of, 10.0, "rounded lines"),
+    "mujoco": Export("MuJoCo keyframes", "trajectory.xml", keyframes_of, 50.0),
+}
+"""Formats by the name that requests them."""
+
+
+def exported(
+    trajectory: ExactTrajectory, robot: Robot, form: str, rate: float | None = None
+) -> str:
+    """A motion as the text of a file.
+
+    Args:
+        trajectory: The motion.
+        robot: Its robot: names, kinds and order of the joints.
+        form: One of `EXPORTS`.
+        rate: Points a second; the format's own if `None`.
+
+    Raises:
+        OutputError: There is no such format, or it cannot hold this motion of this robot.
+    """
+    export = _format_of_name(form)
+    rate = export.rate if rate is None else rate
+    if not 0.0 < rate < inf:
+        raise OutputError(
+            f"{rate:g} points per second are not a valid rate",
+            where="rate of the export",
+            fix="give a number of points per second above 0",
+        )
+    return export.text(trajectory, robot, rate)
+
+
+def write_export(
+    trajectory: ExactTrajectory,
+    robot: Robot,
+    form: str,
+    folder: Path,
+    rate: float | None = None,
+) -> Path:
+    """Write a motion to a folder, under the format's file name; the file.
+
+    Raises:
+        OutputError: As `exported`, or the file exists already or cannot be written.
+    """
+    path = folder / _format_of_name(form).file
+    if path.exists():
+        raise OutputError(
+            "the file exists already",
+            where=str(path),
+            fix="name another folder, or remove the file",
+        )
+    text = exported(trajectory, robot, form, rate)
+    with whole_file(path) as part:
+        part.write_text(text, encoding="utf-8", newline="\n")
+    return path
+
+
+def _format_of_name(form: str) -> Export:
+    if form not in EXPORTS:
+        raise OutputError(
+            f"there is no format '{form}' for motions",
+            where="format of the export",
+            fix=advice(form, EXPORTS, "formats"),
+        )
+    return EXPORTS[form]
+
+
+_SAMPLES_PER_STEP = 64
+_RATE_FACTOR = 1.15
+_MOST_ADVISED_RATE = 2000.0
+_SPLINE_ERROR = 1e-6
+
+
+@runtime_checkable
+class Reaching(Protocol):
+    """A constraint that bounds how its margins change with the joints."""
+
+    def reaches(self, lower: Array, upper: Array) -> Array:
+        """Change of every margin per change of each joint within bounds, `(k, n)` [m/rad; 1]."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class ProvenDistances:
+    """The proven margins of a motion that depend on where the robot is.
+
+    Attributes:
+        labels: What each of the `k` margins is.
+        proven: Shape `(k,)` [m].
+        reaches: Their change per change of each joint, shape `(k, n)` [m/rad; 1].
+    """
+
+    labels: tuple[str, ...]
+    proven: Array
+    reaches: Array
+
+    @classmethod
+    def of(cls, designed: Designed, error: Array) -> "ProvenDistances":
+        """Those of a design, for a robot that is at most `error` from the motion, `(n,)`."""
+        lower, upper = designed.trajectory.extremes(0)
+        pairs = zip(designed.constraints, designed.certificate.proofs, strict=True)
+        kept = [(c, proof) for c, proof in pairs if isinstance(c, Reaching)]
+        reaches = [c.reaches(lower - error, upper + error) for c, _ in kept]
+        return cls(
+            tuple(label for _, proof in kept for label in proof.labels),
+            np.array([x for _, proof in kept for x in proof.proven]),
+            np.concatenate([np.zeros((0, designed.robot.n)), *reaches]),
+        )
+
+    def short(self, error: Array) -> tuple[str, float] | None:
+        """The margin that lacks most, and how much [m], if that is more than 0.05 mm."""
+        left = self.proven - self.reaches @ error
+        k = int(np.argmin(left)) if len(left) else -1
+        return (self.labels[k], -float(left[k])) if k >= 0 and left[k] < -WALL_RESERVE else None
+
+
+def error_between(trajectory: ExactTrajectory, between: str, rate: float) -> Array:
+    """Bound of what a controller leaves a motion by between points, shape `(n,)` [rad; m].
+
+    Args:
+        trajectory: The motion.
+        between: What the controller does there: `lines`, `rounded lines`, `cubic spline` or
+            `quintic splines`, of which there are as many as they need.
+        rate: Points a second.
+    """
+    if between == "quintic splines":
+        return np.full(len(trajectory.extremes(0)[0]), _SPLINE_ERROR)
+    steepest = np.maximum(*(np.abs(x) for x in trajectory.extremes(2)))
+    if between != "cubic spline":
+        return np.asarray(steepest / rate**2 / (4.0 if between == "rounded lines" else 8.0))
+    from scipy.interpolate import CubicSpline
+
+    times = even_times(trajectory.duration, rate)
+    spline = CubicSpline(times, trajectory.derivative(times, 0), bc_type="clamped")
+    fine = np.linspace(0.0, trajectory.duration, _SAMPLES_PER_STEP * (len(times) - 1) + 1)
+    seen = np.abs(spline(fine) - trajectory.derivative(fine, 0)).max(axis=0)
+    bend = np.abs(spline(times, 2)).max(axis=0) + steepest
+    return np.asarray(seen + bend * fine[1] ** 2 / 8.0)
+
+
+def gaps_of_files(designed: Designed, forms: Sequence[str], rate: float | None) -> list[Gap]:
+    """What is not proven of files for controllers, one sentence each.
+
+    Args:
+        designed: The motion; none of one whose certificate does not hold.
+        forms: Names of formats.
+        rate: Points a second; each format's own if `None`.
+    """
+    if not designed.certificate.holds:
+        return []
+    return [
+        Gap(text)
+        for export in (EXPORTS[form] for form in forms)
+        if export.between is not None
+        for text in _gap_of_file(designed, export, export.between, rate or export.rate)
+    ]
+
+
+def _gap_of_file(designed: Designed, export: Export, between: str, rate: float) -> list[str]:
+    """What the way between the points of one file lacks, none or one sentence."""
+    error = error_between(designed.trajectory, between, rate)
+    kept = ProvenDistances.of(designed, error)
+    lacking = kept.short(error)
+    if lacking is None:
+        return []
+    enough = rate
+    while enough <= _MOST_ADVISED_RATE and kept.short(error) is not None:
+        enough = float(np.ceil(_RATE_FACTOR * enough))
+        error = error_between(designed.trajectory, between, enough)
+    fix = f"; --rate {enough:g} is enough" if enough <= _MOST_ADVISED_RATE else ""
+    label, lack = lacking
+    return [
+        f"{export.file} has {rate:g} points per second; between them ({between}) a controller may "
+        f"violate a constraint by up to {_two_digits(1e3 * lack)} mm: {label}{fix}"
+    ]
+
+
+def _two_digits(value: float) -> str:
+    """Two digits, without an exponent."""
+    return f"{value:.0f}" if value >= 10.0 else f"{value:.2g}"

@@ -1,0 +1,460 @@
+"""A designed motion in words, for its page and for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf, isfinite, sqrt
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.excite.constraints.certificate import COVERS
+from steelyard.excite.designed import HELPFUL_SHARE
+from steelyard.excite.trajectories.families import FAMILIES
+from steelyard.report.tables import light_table
+from steelyard.report.words import COLOURS, NONE, Level, count, percent, relative, significant
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+    from steelyard.excite.constraints.certificate import Extreme
+    from steelyard.excite.constraints.constraint import Proof
+    from steelyard.excite.designed import Advice, Designed
+
+
+KINDS = {
+    "fourier": "Fourier series from rest to rest",
+    "raw_fourier": "Fourier series",
+    "blended_fourier": "Fourier series with blends from and to rest",
+    "ramped_fourier": "Fourier series with amplitude ramps from and to rest",
+    "spline": "B-splines from rest to rest",
+    "reaching": "minimum-jerk moves between postures",
+    "pick_and_place": "pick-and-place cycles",
+    "square": "edges of a square",
+    "waypoints": "moves from point to point",
+    "circle": "circle of the tool",
+    "cartesian_reaching": "straight minimum-jerk reaches of the tool",
+    "sweeps": "one joint after another at several speeds",
+    "postures": "static postures",
+    "replay": "motion from a file",
+}
+"""What kinds of motion are called."""
+
+MOST_LENGTH_IN_MILLIMETRES = 0.1
+"""Lengths below this [m] are printed in millimetres."""
+
+MOST_NAMED_PARAMETERS = 3
+"""Most parameters that a line of advice names."""
+
+LEAST_TIGHT_SHARE = 0.9
+"""Share of a limit from which on it is tight."""
+
+LEAST_HIDING_RATIO = 50.0
+"""Std over what it were with all other parameters known: above it others hide a parameter."""
+
+LEAST_MARGIN = 1e-6
+"""Margins below this are none: motions are scaled until they reach a limit."""
+
+USED_SHARE_HEADING = "Share of the limit used"
+"""Heading of a column."""
+
+MOST_EQUAL_DEVIATION = 0.02
+"""Shares of deviations that differ by less are printed as one."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a motion will show of one parameter.
+
+    Attributes:
+        name: The base parameter.
+        unit: Its unit.
+        std: Predicted standard deviation; infinite if nothing shows it.
+        value: As far as it is known.
+        relative_percent: `std` over the value [%]; `None` without a value, or at zero.
+        spread: `std` over that with all other parameters known; `None` if nothing shows it.
+    """
+
+    name: str
+    unit: str
+    std: float
+    value: float | None
+    relative_percent: float | None
+    spread: float | None
+
+    @property
+    def rank(self) -> tuple[bool, float, float]:
+        """Grows with how badly it will be known: first what is not shown, then by the value."""
+        return (
+            not isfinite(self.std),
+            -1.0 if self.relative_percent is None else self.relative_percent,
+            -1.0 if self.spread is None else self.spread,
+        )
+
+
+def expected(designed: Designed) -> tuple[Expected, ...]:
+    """All base parameters, the worst shown first."""
+    shown, prior = designed.shown, designed.prior
+    gram = shown.gram if prior is None else shown.gram + prior
+    alone = np.diagonal(gram)
+    found = []
+    for name, unit, std, own in zip(shown.names, shown.units, shown.std(prior), alone, strict=True):
+        value = designed.values.get(name)
+        found.append(
+            Expected(
+                name,
+                unit,
+                float(std),
+                None if value is None else float(value),
+                100.0 * float(std) / abs(value) if value else None,
+                float(std) * sqrt(own) if own > 0.0 and isfinite(std) else None,
+            )
+        )
+    return tuple(sorted(found, key=lambda one: one.rank, reverse=True))
+
+
+def used(extreme: Extreme) -> float | None:
+    """Share of the way from the middle between two limits to the nearer one that is used."""
+    if extreme.margin is None or extreme.lower is None or extreme.upper is None:
+        return None
+    half = 0.5 * (extreme.upper - extreme.lower)
+    return 1.0 - extreme.margin / half if half > 0.0 else None
+
+
+def hardest(designed: Designed) -> tuple[Extreme, float] | None:
+    """The limit of a joint that is used most, and the share that is used of it."""
+    shares = [(one, used(one)) for one in designed.certificate.extremes]
+    known = [(one, share) for one, share in shares if share is not None]
+    return max(known, key=lambda pair: pair[1], default=None)
+
+
+@dataclass(frozen=True)
+class Near:
+    """A limit and how near the motion comes to it.
+
+    Attributes:
+        kind: What is limited: a quantity of the joints, or a constraint.
+        name: Which limit of that kind: a joint, or a margin of the constraint.
+        left: What is left, negative beyond the limit.
+        unit: Of `left`.
+        used: Share of the limit that is used; see `used` and `Proof.used`.
+    """
+
+    kind: str
+    name: str
+    left: float
+    unit: str
+    used: float
+
+
+def margins_of(proof: Proof) -> list[Near]:
+    """The margins of a constraint."""
+    margins = zip(proof.labels, proof.proven, proof.used, strict=True)
+    return [Near(proof.name, label, left, proof.unit, share) for label, left, share in margins]
+
+
+def rank(near: Near) -> float:
+    """Sorts the most used limit to the front."""
+    return -near.used
+
+
+def nearest(designed: Designed) -> list[Near]:
+    """Of every kind of limit the one that is used most, the most used first."""
+    found: dict[str, Near] = {}
+    for one in designed.certificate.extremes:
+        share = used(one)
+        if share is None or one.margin is None:
+            continue
+        if one.quantity not in found or share > found[one.quantity].used:
+            found[one.quantity] = Near(one.quantity, one.joint, one.margin, one.unit, share)
+    proofs = [margins_of(proof) for proof in designed.certificate.proofs if proof.labels]
+    return sorted((*found.values(), *(min(own, key=rank) for own in proofs)), key=rank)
+
+
+def tightest(designed: Designed) -> list[str]:
+    """All limits of joints and of constraints that are nearly used up, the most used first."""
+    groups: dict[tuple[str, bool], list[tuple[str, float]]] = {}
+    for one in designed.certificate.extremes:
+        share = used(one)
+        if share is not None and share >= LEAST_TIGHT_SHARE:
+            own = (one.quantity, (one.quantity, one.joint) in designed.limits.assumed)
+            groups.setdefault(own, []).append((one.joint, share))
+    lines = [
+        (max(share for _, share in joints), _nearly(designed, *group, joints))
+        for group, joints in groups.items()
+    ]
+    for proof in designed.certificate.proofs:
+        near = sorted((one for one in margins_of(proof) if one.used >= LEAST_TIGHT_SHARE), key=rank)
+        near_ones = [
+            f"{one.name}, {margin(one.left, one.unit)} left" for one in near[:MOST_NAMED_PARAMETERS]
+        ]
+        near_ones += (
+            [f"{len(near) - MOST_NAMED_PARAMETERS} more"]
+            if len(near) > MOST_NAMED_PARAMETERS
+            else []
+        )
+        lines += [(near[0].used, f"{proof.name}: {'; '.join(near_ones)}")] if near_ones else []
+    return [line for _, line in sorted(lines, key=lambda pair: -pair[0])]
+
+
+def _nearly(
+    designed: Designed, quantity: str, assumed: bool, joints: Sequence[tuple[str, float]]
+) -> str:
+    """Joints that nearly use up their limits of one quantity, and where these come from."""
+    shares = sorted(100.0 * share for _, share in joints)
+    names = ", ".join(name for name, _ in joints)
+    share = 1.0 if quantity == "position" else designed.limits.share
+    origin = f"{100.0 * share:g} % of " if share < 1.0 else ""
+    if len(joints) == 1:
+        given = "an assumed one" if assumed else "the given one" if origin else ""
+        which = f", which is {origin}{given}" if given else ""
+        return f"{quantity} of {names}: {shares[0]:.1f} % of its limit used{which}"
+    given = "assumed ones" if assumed else "the given ones" if origin else ""
+    which = f", which are {origin}{given}" if given else ""
+    ends = dict.fromkeys(f"{share:.1f}" for share in (shares[0], shares[-1]))
+    spread = f"{' to '.join(ends)} %"
+    return f"{quantity} of {len(joints)} joints: {spread} of their limits used{which}: {names}"
+
+
+def used_words(near: Near) -> str:
+    """Share of a limit that is used, like `93 %`; of a distance beyond its scale, none."""
+    return NONE if not isfinite(near.used) else percent(100.0 * max(near.used, 0.0))
+
+
+def left_words(near: Near) -> str:
+    """What is left to a limit, with its unit."""
+    return "at the limit" if abs(near.left) < LEAST_MARGIN else margin(near.left, near.unit)
+
+
+def margin(value: float, unit: str) -> str:
+    """A margin with its unit, small lengths in millimetres."""
+    if value == -inf:
+        return "no bound"
+    if unit == "m" and abs(value) < MOST_LENGTH_IN_MILLIMETRES:
+        return f"{significant(1e3 * value)} mm"
+    return f"{significant(value)} {unit}"
+
+
+def capitalised(words: str) -> str:
+    """Words with a capital at the start."""
+    return words[:1].upper() + words[1:]
+
+
+def design_level(designed: Designed) -> Level:
+    """Good if all is proven, looked at and shown well; fair if something is not."""
+    if not designed.certificate.holds:
+        return "poor"
+    blurred = designed.kind in FAMILIES and hidden(designed)[list(designed.chosen_parameters)].any()
+    return "fair" if designed.certificate.gaps or unended(designed) or blurred else "good"
+
+
+def hidden(designed: Designed) -> NDArray[np.bool_]:
+    """Which parameters others hide, by more than `LEAST_HIDING_RATIO`, or wholly; shape `(b,)`."""
+    gram = designed.shown.gram if designed.prior is None else designed.shown.gram + designed.prior
+    alone = 1.0 / np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
+    std = designed.shown.std(designed.prior)
+    return np.asarray(np.isinf(std) | (std > LEAST_HIDING_RATIO * alone))
+
+
+def unended(designed: Designed) -> bool:
+    """Whether a motion that is searched comes from no search that came to its end."""
+    return designed.kind in FAMILIES and designed.searches == 0
+
+
+def design_headline(designed: Designed) -> str:
+    """What the motion shows, and whether it is safe, in a line."""
+    missing = unseen(designed)
+    every = len(designed.shown.names) + designed.faint
+    shows = f"The motion makes all {every} base parameters identifiable"
+    if missing or designed.faint:
+        shows = (
+            f"The motion makes {every - missing - designed.faint} of {every} base parameters "
+            "identifiable"
+        )
+    if designed.absent:
+        shows += f" of a model reduced by {len(designed.absent)}"
+    if hardly := int(hidden(designed).sum()) - missing:
+        shows += f", {hardly} of them poorly"
+    if unended(designed):
+        shows += ", but no search converged"
+    certificate = designed.certificate
+    if certificate.failures:
+        return f"{shows}; not safe: {count(len(certificate.failures), 'limit')} not proven"
+    limits = "every checked limit" if uncovered(designed) else "every limit"
+    return f"{shows}; {limits} is proven to hold at all times"
+
+
+def scopes(designed: Designed) -> str:
+    """What of the robot each constraint is about, such as `tool box (tool point only)`."""
+    proofs = designed.certificate.proofs
+    return "; ".join(f"{proof.name} ({proof.scope})" for proof in proofs if proof.scope)
+
+
+def uncovered(designed: Designed) -> tuple[str, ...]:
+    """What was not looked at, one sentence each."""
+    return (*designed.certificate.gaps, *designed.certificate.declined)
+
+
+def figure_of(designed: Designed) -> str:
+    """The criterion that was asked for."""
+    value = designed.shown.criterion_value
+    return significant(value) if isfinite(value) else "infinite"
+
+
+def design_detail(designed: Designed) -> str:
+    """Which motion it is and how it was found."""
+    kind = KINDS.get(designed.kind, designed.kind)
+    words = f"{designed.trajectory.duration:.4g} s, {kind}; {designed.criterion} "
+    words += f"{figure_of(designed)} (smaller is better)"
+    if unended(designed):
+        words += f", from an unfinished search of {designed.seconds:.3g} s"
+    elif designed.course:
+        words += f", best of {searches(designed)} in {designed.seconds:.3g} s"
+    if designed.stopped:
+        words += ", stopped early"
+    return words
+
+
+def searches(designed: Designed) -> str:
+    """Like `1 search`, `12 searches`."""
+    return "1 search" if designed.searches == 1 else f"{designed.searches} searches"
+
+
+def unseen(designed: Designed) -> int:
+    """How many parameters nothing will show."""
+    return int(np.sum(~np.isfinite(designed.shown.std(designed.prior))))
+
+
+def brings(designed: Designed, one: Advice, most: int = MOST_NAMED_PARAMETERS) -> str:
+    """What a further motion would bring, such as `viscous.j3 from 0.12 to 0.05 Nm s/rad`.
+
+    Args:
+        designed: The motion.
+        one: The further motion.
+        most: So many parameters are named.
+    """
+    if not one.helps:
+        return f"no std below {100.0 * HELPFUL_SHARE:.0f} %"
+    shares = [share for _, share in one.helps]
+    if (
+        len(shares) == len(designed.shown.names)
+        and max(shares) - min(shares) < MOST_EQUAL_DEVIATION
+    ):
+        return f"all parameters to {100.0 * shares[0]:.0f} %"
+    named = "; ".join(_fall(designed, one, name) for name, _ in one.helps[:most])
+    more = len(one.helps) - most
+    return named + (f", and {more} more" if more > 0 else "")
+
+
+def _fall(designed: Designed, one: Advice, name: str) -> str:
+    shown = designed.shown
+    k = shown.names.index(name)
+    before, after = float(shown.std(designed.prior)[k]), float(one.std[k])
+    unit = shown.units[k]
+    if not isfinite(before):
+        return f"{name} to {significant(after, 2)} {unit}, not identifiable before"
+    return f"{name} from {significant(before, 2)} to {significant(after, 2)} {unit}"
+
+
+def instead(designed: Designed, one: Advice) -> str:
+    """What as many seconds of the designed motion itself would bring."""
+    if designed.prior is not None or one.seconds <= 0.0:
+        return NONE
+    length = designed.trajectory.duration
+    return f"{100.0 * sqrt(length / (length + one.seconds)):.0f} %"
+
+
+def helpful(advice: Sequence[Advice]) -> list[Advice]:
+    """Advice in the order of how many parameters it helps."""
+    return sorted(advice, key=lambda one: -len(one.helps))
+
+
+def spread_words(value: float | None) -> str:
+    """How much of a deviation is owed to the other parameters, like `3.2 ×`."""
+    return NONE if value is None else f"{significant(value, 2)} ×"
+
+
+MOST_NAMED_WORST = 5
+"""Parameters that are named."""
+
+MOST_ADVICE_LINES = 3
+"""Most lines of advice, each of which names one parameter."""
+
+MOST_UNPROVEN_LINES = 5
+"""Most lines about what is not proven."""
+
+
+def print_design(designed: Designed, console: Console, verbose: bool = False) -> None:
+    """Print the verdict, what is not covered, the tightest limit, the least accurate parameters.
+
+    Args:
+        designed: The motion.
+        console: Where to print.
+        verbose: Whether to print scopes, all tight limits, all advice and the notes too.
+    """
+    from rich.text import Text
+
+    shown, tight = designed.shown, tightest(designed)
+    console.print(Text(design_headline(designed), style=f"bold {COLOURS[design_level(designed)]}"))
+    console.print(Text(design_detail(designed)))
+    figures = f"condition {significant(shown.raw)}, normalised {significant(shown.normalised)}"
+    console.print(Text(f"{figures}, {count(len(shown.names), 'base parameter')}"))
+    failures = designed.certificate.failures
+    for line in failures[:MOST_UNPROVEN_LINES]:
+        console.print(Text(f"not proven: {line}", style="red"))
+    if len(failures) > MOST_UNPROVEN_LINES:
+        console.print(Text(f"not proven: {len(failures) - MOST_UNPROVEN_LINES} more", style="red"))
+    console.print(Text(f"covered: {COVERS}"))
+    for line in uncovered(designed):
+        console.print(Text(f"not covered: {line}", style="yellow"))
+    for line in tight if verbose else tight[:1]:
+        console.print(Text(f"smallest margins: {line}"))
+    console.print()
+    console.print(Text("least accurate parameters"))
+    console.print(_worst(designed))
+    missing = unseen(designed)
+    if missing:
+        console.print(
+            Text(f"{count(missing, 'parameter')} will not be identifiable", style="yellow")
+        )
+    console.print()
+    advice = helpful(designed.advice)[:MOST_ADVICE_LINES]
+    for one in advice if verbose else advice[:1]:
+        console.print(
+            Text(
+                f"{capitalised(one.what)} ({one.seconds:.3g} s) reduces the std of "
+                f"{brings(designed, one, 1)}"
+            )
+        )
+    if verbose:
+        for line in _details(designed):
+            console.print(Text(line))
+
+
+def _details(designed: Designed) -> list[str]:
+    """What the verdict is about, what columns and deviations mean, and the notes."""
+    scope = scopes(designed)
+    return [
+        *([f"limits: {scope}"] if scope else []),
+        "inflation: std divided by what it would be if all other parameters were known (√VIF)",
+        f"noise: {designed.noise_from}",
+        *(f"note: {note}" for note in designed.notes if note not in uncovered(designed)),
+    ]
+
+
+def _worst(designed: Designed) -> Table:
+    """The parameters that are least accurate."""
+    from rich.text import Text
+
+    rows = expected(designed)[:MOST_NAMED_WORST]
+    valued = any(one.relative_percent is not None for one in rows)
+    of_value = ("of value",) if valued else ()
+    table = light_table(("parameter", "std", "unit", *of_value, "inflation"), (0, 2))
+    for one in rows:
+        std = significant(one.std, 2) if isfinite(one.std) else "not identifiable"
+        share = [relative(one.relative_percent)] if valued else []
+        table.add_row(Text(one.name), std, Text(one.unit), *share, spread_words(one.spread))
+    return table

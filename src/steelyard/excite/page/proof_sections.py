@@ -1,0 +1,295 @@
+"""Sections of a designed motion: verdict, proven limits, course of the search, how to run it."""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from steelyard.excite.constraints.certificate import COVERS
+from steelyard.excite.page.design_words import (
+    USED_SHARE_HEADING,
+    design_detail,
+    design_headline,
+    design_level,
+    figure_of,
+    hardest,
+    left_words,
+    margin,
+    margins_of,
+    nearest,
+    rank,
+    scopes,
+    searches,
+    uncovered,
+    unseen,
+    used,
+    used_words,
+)
+from steelyard.excite.page.parameter_sections import (
+    DesignAdviceSection,
+    DesignJointsSection,
+    DesignShownSection,
+)
+from steelyard.excite.page.tool_section import DesignToolSection
+from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.logs_and_settings import SettingsSection
+from steelyard.report.page import (
+    Numbers,
+    Section,
+    fill,
+    page_of,
+    rounded,
+    script_json,
+    shown_sections,
+)
+from steelyard.report.tables import PlainTable, Row
+from steelyard.report.words import NONE, count, significant
+
+if TYPE_CHECKING:
+    from steelyard.excite.constraints.certificate import Certificate, Extreme
+    from steelyard.excite.constraints.constraint import Proof
+    from steelyard.excite.designed import Designed
+
+
+class DesignVerdictSection(Section):
+    """Headline, figures, what is tight, and what was assumed."""
+
+    name: ClassVar[str] = "design"
+    title: ClassVar[str] = "The designed motion"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """Everything, if a motion was designed."""
+        designed = content.design
+        if designed is None:
+            return None
+        return {
+            "level": design_level(designed),
+            "headline": design_headline(designed),
+            "detail": design_detail(designed),
+            "scopes": scopes(designed),
+            "facts": _facts(designed),
+            "failures": designed.certificate.failures,
+            "tables": [_margins_table(designed)],
+            "title": self.title,
+            "share": 100.0 * designed.limits.share,
+            "covers": COVERS,
+            "uncovered": uncovered(designed),
+        }
+
+    def show(self, numbers: Numbers) -> str:
+        """The numbers as safe HTML."""
+        return fill("design_verdict.html", numbers)
+
+
+def _margins_table(designed: Designed) -> PlainTable:
+    """Of every kind of limit the nearest one."""
+    rows = [
+        Row((one.kind, one.name, left_words(one), used_words(one))) for one in nearest(designed)
+    ]
+    headings = ("Limit", "Where it is nearest", "Left", USED_SHARE_HEADING)
+    return PlainTable("Smallest margins", "", headings, rows, (0, 1))
+
+
+def _facts(designed: Designed) -> list[tuple[str, str]]:
+    """Values and labels."""
+    shown, top = designed.shown, hardest(designed)
+    total = len(shown.names)
+    return [
+        (significant(shown.raw), "condition number, raw"),
+        (significant(shown.normalised), "condition number, columns of unit length"),
+        (f"{designed.trajectory.duration:.4g} s", "duration"),
+        (f"{total - unseen(designed)} of {total}", "base parameters identifiable"),
+        (NONE if top is None else f"{100.0 * top[1]:.3g} %", "use of the closest joint limit"),
+    ]
+
+
+QUANTITY_NAMES = {"velocity": "speed"}
+"""Quantities by another name."""
+
+
+class DesignProofSection(Section):
+    """Tables of extremes and of margins."""
+
+    name: ClassVar[str] = "design-proof"
+    title: ClassVar[str] = "Proven limits"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """The certificate."""
+        if content.design is None:
+            return None
+        certificate = content.design.certificate
+        return {
+            "holds": certificate.holds,
+            "failures": certificate.failures,
+            "how": certificate.how,
+            "sha": certificate.trajectory,
+            "quantities": list(dict.fromkeys(one.quantity for one in certificate.extremes)),
+            "called": QUANTITY_NAMES,
+            "joints": _extremes_of_joints(certificate),
+            "covers": COVERS,
+            "uncovered": uncovered(content.design),
+            "notes": [n for n in certificate.notes if n not in uncovered(content.design)],
+            "constraints": [_constraint_margins(proof) for proof in certificate.proofs],
+        }
+
+    def show(self, numbers: Numbers) -> str:
+        """The numbers as safe HTML."""
+        return fill("design_proof.html", numbers)
+
+
+def _extremes_of_joints(certificate: Certificate) -> list[tuple[str, list[dict[str, Any]]]]:
+    """Joint by joint the extremes of each quantity."""
+    joints = dict.fromkeys(one.joint for one in certificate.extremes)
+    return [
+        (joint, [_extreme_cell(one) for one in certificate.extremes if one.joint == joint])
+        for joint in joints
+    ]
+
+
+def _extreme_cell(one: Extreme) -> dict[str, Any]:
+    """Range and share of the limit that is used."""
+    share = used(one)
+    if one.quantity == "position":
+        span = f"{significant(one.least)} … {significant(one.greatest)}"
+    else:
+        span = significant(max(abs(one.least), abs(one.greatest)))
+    safe = one.margin is None or one.margin >= 0.0
+    return {
+        "quantity": one.quantity,
+        "span": f"{span} {one.unit}",
+        "percent": None if share is None else 100.0 * share,
+        "bar": 0.0 if share is None else min(max(100.0 * share, 0.0), 100.0),
+        "level": "good" if safe else "poor",
+    }
+
+
+def _constraint_margins(proof: Proof) -> dict[str, Any]:
+    """A constraint: its margin nearest to its limit, and a table of all, the nearest first."""
+    margins = zip(margins_of(proof), proof.sampled, strict=True)
+    ordered = sorted(margins, key=lambda pair: rank(pair[0]))
+    rows = [
+        Row((one.name, margin(one.left, one.unit), margin(seen, one.unit), used_words(one)))
+        for one, seen in ordered
+    ]
+    near = [one for one, _ in ordered]
+    holds = all(one.left >= 0.0 for one in near)
+    return {
+        "name": proof.name,
+        "how": proof.how,
+        "scope": proof.scope,
+        "least": margin(near[0].left, proof.unit) if near else None,
+        "label": near[0].name if near else "",
+        "level": "good" if holds else "poor",
+        "count": count(len(rows), "margin"),
+        "tables": [
+            PlainTable(
+                "", "", ("Margin", "Proven at all times", "At samples", USED_SHARE_HEADING), rows
+            )
+        ],
+    }
+
+
+class DesignSearchSection(Section):
+    """A picture of all improvements, and whether more time would pay."""
+
+    name: ClassVar[str] = "design-search"
+    title: ClassVar[str] = "The search"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """Improvements, if the motion was searched for."""
+        designed = content.design
+        if designed is None or not designed.course:
+            return None
+        last = designed.course[-1]
+        return {
+            "searches": searches(designed),
+            "seconds": f"{designed.seconds:.3g} s",
+            "improved": count(len(designed.course), "time"),
+            "last": f"{last[0]:.3g} s",
+            "best": significant(last[1]),
+            "final": figure_of(designed),
+            "stopped": designed.stopped,
+            "picture": script_json(_search_figure(designed)),
+        }
+
+    def show(self, numbers: Numbers) -> str:
+        """The numbers as safe HTML."""
+        return fill("design_search.html", numbers)
+
+
+def _search_figure(designed: Designed) -> dict[str, Any]:
+    """Steps down, and the end after scaling and proof as a point."""
+    times, figures = zip(*designed.course, strict=True)
+    end = max(designed.seconds, times[-1])
+    return {
+        "x": "time [s]",
+        "y": designed.criterion,
+        "traces": [
+            {
+                "name": "best found",
+                "kind": "line",
+                "x": [rounded(x) for x in (*times, end)],
+                "y": [rounded(y) for y in (*figures, figures[-1])],
+                "more": {
+                    "mode": "lines+markers",
+                    "line": {"shape": "hv", "color": "--blue", "width": 2},
+                    "marker": {"color": "--blue", "size": [7] * len(times) + [0]},
+                    "hovertemplate": "%{x:.3g} s: %{y:.4g}<extra></extra>",
+                },
+            },
+            {
+                "name": "refined, scaled exactly and proven",
+                "kind": "points",
+                "x": [rounded(end)],
+                "y": [rounded(designed.shown.criterion_value)],
+                "more": {
+                    "marker": {"color": "--green", "size": 11, "symbol": "diamond"},
+                    "hovertemplate": "%{x:.3g} s: %{y:.4g}<extra></extra>",
+                    "cliponaxis": False,
+                },
+            },
+        ],
+        "layout": {"xaxis": {"range": [0.0, rounded(1.03 * end)]}},
+    }
+
+
+class DesignRunSection(Section):
+    """Files and commands."""
+
+    name: ClassVar[str] = "design-run"
+    title: ClassVar[str] = "Run it"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """Files, and whether the motion may be run."""
+        designed = content.design
+        if designed is None:
+            return None
+        return {
+            "safe": designed.certificate.holds,
+            "files": content.files,
+            "seconds": f"{designed.trajectory.duration:.4g} s",
+            "slow": f"{5.0 * designed.trajectory.duration:.4g} s",
+        }
+
+    def show(self, numbers: Numbers) -> str:
+        """The numbers as safe HTML."""
+        return fill("design_run.html", numbers)
+
+
+DESIGN_SECTIONS: tuple[Section, ...] = (
+    DesignVerdictSection(),
+    DesignJointsSection(),
+    DesignToolSection(),
+    DesignShownSection(),
+    DesignAdviceSection(),
+    DesignProofSection(),
+    DesignSearchSection(),
+    DesignRunSection(),
+)
+"""Sections about a designed motion."""
+
+
+def render_design(content: ReportContent) -> str:
+    """The page as HTML text, to be written as UTF-8."""
+    shown = shown_sections((*DESIGN_SECTIONS, SettingsSection()), content)
+    return page_of(content.title, content.robot, "designed", version("steelyard"), shown)

@@ -1,0 +1,1 @@
+"""Trajectories without search: moves, poses, task motions, sweeps."""

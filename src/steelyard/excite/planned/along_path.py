@@ -1,0 +1,399 @@
+r"""Joint motions that lead a frame along a path, on open and closed chains.
+
+At knots of time, positions solve the inverse kinematics, and velocities and accelerations follow
+from its derivatives: $J \dot q = v$, $J \ddot q = a - \dot J \dot q$. Between knots the motion is
+the quintic polynomial that has all three at both ends; knots are added until the frame keeps to
+the path in the middle between them. Joints that the path does not need stand still.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.base.arrays import Array
+from steelyard.excite.constraints.constraint import MotionLimits
+from steelyard.excite.planned.inverse_kinematics import (
+    AnyAttitude,
+    Attitude,
+    InverseKinematics,
+    refuse_fixed,
+    start_posture,
+    weights_of,
+)
+from steelyard.excite.planned.postures import UnfollowableWay
+from steelyard.excite.planned.tool_paths import ToolPath
+from steelyard.excite.trajectories.polynomials import PiecewiseMotion, quintic
+from steelyard.model.equations.kinematics import (
+    FrameMotion,
+    frame_kinematics,
+    frame_motion,
+    frame_of,
+)
+from steelyard.model.equations.passive_joints import Follower, random_positions
+from steelyard.robot.loop_closures import loop_equations
+from steelyard.robot.robot import Frame, Robot
+
+_CLOSE = 1e-8
+"""Greatest distance from the path between knots [m], and turn from the attitude [rad]."""
+_SINGULAR = 1e-3
+"""Least over greatest singular value of the Jacobian below which a posture is singular."""
+_RANK = 1e-6
+"""The same, below which the mechanism cannot move that way at all."""
+_CHANGE = 0.3
+"""From knot to knot, no joint differs by more from its prediction [rad; m]."""
+_ROUNDS = 20
+"""Newton steps at most."""
+_SHORTEST = 2.0**-14
+"""Shortest piece, as a share of the duration."""
+_STARTS = 48
+"""Random starts of the search for a first posture."""
+_BRANCHES = 8
+"""First postures that are tried at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class PathMotion:
+    """A motion that leads a frame along a path.
+
+    Attributes:
+        trajectory: Of the joints, from rest to rest.
+        still: Names of the joints that stand still, as the path does not need them.
+        excess: Greatest share of a limit of speed or acceleration that is used, as a factor on the
+            speed: 1.2 means that the motion keeps the limits in 1.2 times the time.
+        limited: Joint and limit of that share.
+    """
+
+    trajectory: PiecewiseMotion
+    still: tuple[str, ...]
+    excess: float
+    limited: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Knot:
+    """Joints at a time; `passive` are the positions of those that loops determine."""
+
+    t: float
+    q: Array
+    dq: Array
+    ddq: Array
+    passive: Array
+
+
+def along_path(
+    robot: Robot,
+    limits: MotionLimits,
+    frame: str | Frame,
+    path: ToolPath,
+    attitude: Attitude | None = None,
+    *,
+    start: ArrayLike | None = None,
+    seed: int = 0,
+) -> PathMotion:
+    """The motion of the joints that leads a frame along a path.
+
+    Args:
+        robot: The robot; it may have closed loops, and the frame may hang on their passive joints.
+        limits: Of its joints. Positions are kept; speeds and accelerations are those of the path.
+        frame: The frame, or its name.
+        path: Where the frame's origin is to be.
+        attitude: What is required of the frame's orientation; nothing by default.
+        start: Posture near which to begin, shape `(n,)` [rad; m]; by default the posture that can
+            move best, with closed loops the one nearest to the assembly.
+        seed: Of the search for the first posture.
+
+    Raises:
+        ModelError: The robot has no such frame, or it does not move.
+        DataError: The start posture is none of the robot's.
+        Astray: The path cannot be followed; says where, and why.
+    """
+    chosen = frame_of(robot, frame) if isinstance(frame, str) else frame
+    refuse_fixed(robot, chosen)
+    posture = None if start is None else start_posture(robot, limits, start)
+    walk = _Walk(robot, chosen, limits, path, AnyAttitude() if attitude is None else attitude)
+    made: list[PathMotion] = []
+    failed: list[UnfollowableWay] = []
+    for first in walk.first_postures(posture, seed):
+        try:
+            made.append(walk.run(first))
+        except UnfollowableWay as error:
+            failed.append(error)
+        if made and made[-1].excess <= 1.0:
+            break
+    if not made:
+        raise max(failed, key=lambda error: error.progress)
+    return min(made, key=lambda motion: motion.excess)
+
+
+@dataclass(frozen=True, eq=False)
+class _Poses:
+    """Pose and Jacobian of a frame behind loops, each posture reached straight from the assembly.
+
+    Postures in which a loop stays open have no pose: their numbers are not finite.
+    """
+
+    motion: FrameMotion
+
+    def pose(self, q: Array) -> tuple[Array, Array]:
+        """See `Kinematics`."""
+        found = [self._at(posture) for posture in q]
+        return np.array([x[0] for x in found]), np.array([x[1] for x in found])
+
+    def jacobian(self, q: Array) -> Array:
+        """See `Kinematics`."""
+        return np.array([self._at(posture)[2] for posture in q])
+
+    def _at(self, q: Array) -> tuple[Array, Array, Array]:
+        robot, follower = self.motion.robot, self._follower
+        assembly = loop_equations(robot).assembly
+        follower.restart((assembly[: robot.n], assembly[robot.n :]))
+        if not follower.step(q):
+            return np.full(3, np.nan), np.full((3, 3), np.nan), np.zeros((6, robot.n))
+        return self.motion(q, follower.closed[1], np.zeros(robot.n))[:3]
+
+    @cached_property
+    def _follower(self) -> Follower:
+        return Follower(self.motion.robot)
+
+
+@dataclass(frozen=True, eq=False)
+class _Walk:
+    """A path on the way from knot to knot."""
+
+    robot: Robot
+    frame: Frame
+    limits: MotionLimits
+    path: ToolPath
+    attitude: Attitude
+
+    @cached_property
+    def motion(self) -> FrameMotion:
+        """Kinematics of the frame."""
+        return frame_motion(self.robot, self.frame)
+
+    @cached_property
+    def loops(self) -> Follower:
+        """Where the passive joints are."""
+        return Follower(self.robot)
+
+    def first_postures(self, start: Array | None, seed: int) -> Array:
+        """Postures to begin in, the best first, shape `(B, n)`.
+
+        Raises:
+            Astray: None reaches the start of the path, or all that do are singular.
+        """
+        closed, robot, limits = bool(self.robot.passive), self.robot, self.limits
+        kinematics = _Poses(self.motion) if closed else frame_kinematics(robot, self.frame)
+        solver = InverseKinematics(kinematics, limits.lower, limits.upper, self.attitude)
+        near, rng = start, np.random.default_rng(seed)
+        if near is None:
+            middle = 0.5 * (limits.lower + limits.upper)
+            near = loop_equations(robot).assembly[: robot.n] if closed else middle
+        starts = (
+            random_positions(robot, _STARTS, rng)[0].T
+            if closed
+            else rng.uniform(limits.lower, limits.upper, (_STARTS, robot.n))
+        )
+        place = self.path.at(0.0)[0]
+        found = solver.nearest(place, np.vstack([near, starts]))
+        if not found.reached[0]:
+            raise self._astray(
+                f"the start of the path is out of reach: the nearest position found is "
+                f"{found.missed[0]:.3g} m away"
+                + (f", {found.turned[0]:.3g} rad off" if self.attitude.rows else ""),
+                0.0,
+            )
+        q = found.q[found.reached]
+        kept = q if closed or start is not None else solver.agile_first(q)
+        ratios = np.array([_ratios(rates) for rates in solver.rates(kept)])
+        ranks = np.sum(ratios > _RANK, axis=1)
+        rank = int(ranks.max())
+        kept = kept[(ranks == rank) & (ratios[:, rank - 1] > _SINGULAR)]
+        if not len(kept):
+            raise self._astray("the posture at the start of the path is singular", 0.0)
+        best: Array = kept[:_BRANCHES]
+        return best
+
+    def run(self, first: Array) -> PathMotion:
+        """The motion that starts in a posture.
+
+        Raises:
+            Astray: It cannot go on.
+        """
+        if self.robot.passive:
+            assembly = loop_equations(self.robot).assembly
+            self.loops.restart((assembly[: self.robot.n], assembly[self.robot.n :]))
+        free = self._free(first)
+        knots, pieces = list[_Knot](), list[Array]()
+        for knot in self._knots(first, free):
+            if knots:
+                pieces.append(_piece(knots[-1], knot))
+            knots.append(knot)
+        curve = PiecewiseMotion(np.array([knot.t for knot in knots]), np.concatenate(pieces))
+        names = self.robot.joint_names
+        still = tuple(name for j, name in enumerate(names) if j not in free)
+        return PathMotion(curve, still, *self._excess(curve))
+
+    def _free(self, q: Array) -> list[int]:
+        """Joints that move: as many as the path needs, those that move the frame best."""
+        from scipy.linalg import qr
+
+        found = self._at(q, np.zeros(self.robot.n))
+        if found is None:
+            raise self._astray("a loop does not close at the start of the path", 0.0)
+        rates = self._rows(found[2])
+        _, triangle, order = qr(rates, mode="economic", pivoting=True)
+        sizes = np.abs(np.diag(triangle))
+        return sorted(int(j) for j in order[: int(np.sum(sizes > _RANK * sizes[0]))])
+
+    def _knots(self, first: Array, free: list[int]) -> Iterator[_Knot]:
+        """Knots between which the quintic polynomials keep to the path."""
+        times = self.path.knots[::-1].tolist()
+        duration, last = times[0], self._solved(times.pop(), first, free)
+        if last is None:
+            raise self._astray("the start of the path cannot be reached", 0.0)
+        yield last
+        while times:
+            t = times[-1]
+            knot = self._solved(t, _ahead(last, t), free)
+            if knot is not None and self._close(last, knot):
+                times.pop()
+                yield knot
+                last = knot
+            elif t - last.t > _SHORTEST * duration:
+                times.append(0.5 * (last.t + t))
+            else:
+                raise self._stuck(knot, t)
+
+    def _solved(self, t: float, guess: Array, free: list[int]) -> _Knot | None:
+        """The knot at a time, near a guess; `None` if there is none.
+
+        Raises:
+            Astray: It is singular, or a joint leaves its range.
+        """
+        place, velocity, acceleration = self.path.at(t)
+        q, still = np.array(guess), np.zeros(self.robot.n)
+        for _ in range(_ROUNDS):
+            found = self._at(q, still)
+            if found is None:
+                return None
+            rest = np.concatenate([place - found[0], self.attitude.turns(found[1][None])[0]])
+            rest *= weights_of(self.attitude)
+            rates = self._rows(found[2])[:, free]
+            step = np.linalg.lstsq(rates, rest, rcond=_RANK)[0]
+            q[free] += step * min(1.0, _CHANGE / max(float(np.abs(step).max()), _CHANGE))
+            if np.abs(step).max() < 1e-12:
+                break
+        if np.abs(rest).max() > 1e-10 or np.abs(q - guess).max() > _CHANGE:
+            return None
+        passive = self._passive(q)
+        if passive is None:
+            return None
+        if _ratios(rates)[-1] < _SINGULAR:
+            raise self._astray("the posture is singular there", t)
+        self._check_range(q, t)
+        dq, ddq = np.zeros(self.robot.n), np.zeros(self.robot.n)
+        dq[free] = np.linalg.lstsq(rates, self._task(velocity), rcond=None)[0]
+        drift = self._rows(self.motion(q, passive, dq)[3][:, None])[:, 0]
+        ddq[free] = np.linalg.lstsq(rates, self._task(acceleration) - drift, rcond=None)[0]
+        return _Knot(t, q, dq, ddq, passive)
+
+    def _close(self, a: _Knot, b: _Knot) -> bool:
+        """Whether the polynomial between two knots keeps to the path in its middle."""
+        t = 0.5 * (a.t + b.t)
+        q = _piece(a, b)[0].T @ 0.5 ** np.arange(6)
+        found = self._at(q, np.zeros(self.robot.n))
+        if found is None:
+            return False
+        missed = np.linalg.norm(self.path.at(t)[0] - found[0])
+        turned = np.linalg.norm(self.attitude.turns(found[1][None]))
+        return bool(max(missed, turned) <= _CLOSE)
+
+    def _at(self, q: Array, dq: Array) -> tuple[Array, Array, Array, Array] | None:
+        """Kinematics of the frame at a posture; `None` where a loop does not close."""
+        passive = self._passive(q)
+        return None if passive is None else self.motion(q, passive, dq)
+
+    def _passive(self, q: Array) -> Array | None:
+        """Positions of the passive joints; `None` where a loop does not close."""
+        if not self.robot.passive:
+            return np.empty(0)
+        self.loops.restart(self.loops.closed)
+        return self.loops.closed[1] if self.loops.step(np.array(q)) else None
+
+    def _rows(self, rates: Array) -> Array:
+        """Rates of place and turns, shape `(3 + k, m)`, from those of the frame, `(6, m)`."""
+        turned = self.attitude.slopes(rates[None, 3:])[0]
+        rows: Array = np.concatenate([rates[:3], turned]) * weights_of(self.attitude)[:, None]
+        return rows
+
+    def _task(self, linear: Array) -> Array:
+        """Rates of place and turns along the path, shape `(3 + k,)`."""
+        return np.concatenate([linear, np.zeros(self.attitude.rows)])
+
+    def _excess(self, curve: PiecewiseMotion) -> tuple[float, str]:
+        """Greatest factor on the time that a limit needs, and the limit."""
+        found = []
+        for order, name, bound in (
+            (1, "speed", self.limits.velocity),
+            (2, "acceleration", self.limits.acceleration),
+        ):
+            low, high = curve.extremes(order)
+            factors = (np.maximum(-low, high) / bound) ** (1.0 / order)
+            j = int(np.argmax(factors))
+            found.append((float(factors[j]), f"{name} of '{self.robot.joint_names[j]}'"))
+        return max(found)
+
+    def _check_range(self, q: Array, t: float) -> None:
+        """Refuse a posture that is outside a joint's range."""
+        past = np.maximum(self.limits.lower - q, q - self.limits.upper)
+        j = int(np.argmax(past))
+        if past[j] > 0.0:
+            end = "lower" if q[j] < self.limits.lower[j] else "upper"
+            limit = getattr(self.limits, end)[j]
+            joint = self.robot.coordinates[j]
+            raise self._astray(
+                f"joint '{joint.name}' exceeds its {end} limit of {limit:.4g} {joint.unit} there", t
+            )
+
+    def _stuck(self, knot: _Knot | None, t: float) -> UnfollowableWay:
+        """The path ends before a time."""
+        if knot is not None:
+            return self._astray("the joints would have to move too fast to follow the path", t)
+        reason = "it is out of reach"
+        if self.robot.passive:
+            reason += ", or a loop does not close"
+        return self._astray(f"the path cannot be followed: {reason}", t)
+
+    def _astray(self, wrong: str, t: float) -> UnfollowableWay:
+        """An error with time and place."""
+        place = ", ".join(f"{x:.3f}" for x in self.path.at(t)[0] + 0.0)
+        error = UnfollowableWay(
+            wrong,
+            where=f"frame '{self.frame.name}' of robot '{self.robot.name}', at ({place}) m, "
+            f"t = {t:.3f} s",
+            fix="move the path, make it smaller, leave the tool's orientation free, or begin in "
+            "another posture (start = [...])",
+        )
+        error.progress = t
+        return error
+
+
+def _ratios(rates: Array) -> Array:
+    """Singular values over the greatest, descending."""
+    sizes = np.linalg.svd(rates, compute_uv=False)
+    return np.asarray(sizes / max(sizes[0], np.finfo(np.float64).tiny))
+
+
+def _ahead(knot: _Knot, t: float) -> Array:
+    """Where the joints would be at constant acceleration."""
+    seconds = t - knot.t
+    return np.asarray(knot.q + seconds * (knot.dq + 0.5 * seconds * knot.ddq))
+
+
+def _piece(a: _Knot, b: _Knot) -> Array:
+    """The polynomials between two knots, see `quintic`."""
+    return quintic((a.q, a.dq, a.ddq), (b.q, b.dq, b.ddq), b.t - a.t)

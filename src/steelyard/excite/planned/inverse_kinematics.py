@@ -1,0 +1,374 @@
+r"""Postures that bring a frame to a place, with the tool oriented as required.
+
+Levenberg-Marquardt, many problems side by side. With the residual $r$ (metres, and radians times a
+length) and its Jacobian $J$ of the joints that are free to move, a step is
+
+$$\Delta q = J^T (J J^T + \lambda I)^{-1} r,$$
+
+the shortest that a redundant arm can make [Wampler1986]. Joints at an end of their range that
+would leave it stand still, so the method ends at the nearest place within the ranges where the
+target itself is out of reach.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import DataError, ModelError
+from steelyard.excite.constraints.constraint import MotionLimits
+from steelyard.model.equations.kinematics import frame_kinematics, refuse_passive
+from steelyard.robot.robot import Frame, Robot
+
+
+class Attitude(Protocol):
+    """Requirements on a frame's orientation, as turns that must be zero.
+
+    Attributes:
+        rows: Number of turns `k` that must be zero, 0 to 2.
+    """
+
+    @property
+    def rows(self) -> int:
+        """Number of turns that must be zero."""
+        ...
+
+    def turns(self, rotation: Array) -> Array:
+        """Turns that are left to make, shape `(N, k)` [rad], at orientations `(N, 3, 3)`."""
+        ...
+
+    def slopes(self, angular: Array) -> Array:
+        """How the turns made grow with the joints, `(N, k, n)`, from rates `(N, 3, n)`."""
+        ...
+
+
+@dataclass(frozen=True)
+class AnyAttitude:
+    """The tool may turn as it likes."""
+
+    rows: int = 0
+
+    def turns(self, rotation: Array) -> Array:
+        """Nothing is left to turn, shape `(N, 0)`."""
+        return np.zeros((len(rotation), 0))
+
+    def slopes(self, angular: Array) -> Array:
+        """No rows, shape `(N, 0, n)`."""
+        return angular[:, :0]
+
+
+@dataclass(frozen=True, eq=False)
+class Pointing:
+    """An axis of the tool points in a direction; the turn about it is free.
+
+    Attributes:
+        direction: Shape `(3,)`, in the base frame.
+        axis: Shape `(3,)`, in the tool's frame.
+        rows: Two turns, about two axes across the direction.
+    """
+
+    direction: Array
+    axis: Array
+    rows: int
+
+    def __init__(self, direction: ArrayLike, axis: ArrayLike = (0.0, 0.0, 1.0)) -> None:
+        for name, values in (("direction", direction), ("axis", axis)):
+            vector = frozen(values, (3,))
+            length = float(np.linalg.norm(vector))
+            if not 1e-9 < length < np.inf:
+                raise ValueError(f"the {name} of a tool has no direction: {vector}")
+            object.__setattr__(self, name, frozen(vector / length))
+        object.__setattr__(self, "rows", 2)
+
+    def turns(self, rotation: Array) -> Array:
+        """Turn from the tool's axis to the direction along the two cross axes, `(N, 2)` [rad]."""
+        axis = rotation @ self.axis
+        normal = np.cross(axis, self.direction)
+        sine = np.linalg.norm(normal, axis=1)
+        angle = np.arctan2(sine, axis @ self.direction)
+        across = self._across
+        opposite = (sine < 1e-9) & (angle > 1.0)
+        normal[opposite], sine[opposite] = across[0], 1.0
+        length = np.where(sine < 1e-12, 1.0, angle / np.maximum(sine, 1e-12))
+        turned: Array = (normal * length[:, None]) @ across.T
+        return turned
+
+    def slopes(self, angular: Array) -> Array:
+        """Turning rates about the two cross axes, shape `(N, 2, n)`."""
+        rates: Array = self._across @ angular
+        return rates
+
+    @cached_property
+    def _across(self) -> Array:
+        """Two unit vectors across the direction, shape `(2, 3)`."""
+        least = np.eye(3)[int(np.argmin(np.abs(self.direction)))]
+        first = np.cross(self.direction, least)
+        first /= np.linalg.norm(first)
+        return np.stack([first, np.cross(self.direction, first)])
+
+
+REACHED = 1e-8
+"""A place is reached when it is missed by less than this [m; rad]."""
+_LENGTH = 0.3
+"""One radian of turn weighs as much as this many metres."""
+_DRAW = 0.1
+"""Spare joints are drawn by this at once at most [rad; m]."""
+_TRUSTED = 1e-6
+"""Damping, relative to the Jacobian's size, where the start is near; elsewhere a thousandfold."""
+
+
+class Kinematics(Protocol):
+    """Where a frame is, and how it moves with the joints."""
+
+    def pose(self, q: Array) -> tuple[Array, Array]:
+        """Origins `(N, 3)` [m] and orientations `(N, 3, 3)` in the base, at `q` `(N, n)`."""
+        ...
+
+    def jacobian(self, q: Array) -> Array:
+        """Rates of the origin, then of turning, per joint rate, `(N, 6, n)`, in the base."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Postures:
+    """Postures found for targets.
+
+    Attributes:
+        q: Shape `(N, n)` [rad; m].
+        missed: Distance to the target, shape `(N,)` [m].
+        turned: Turn that is left to the attitude, shape `(N,)` [rad].
+    """
+
+    q: Array
+    missed: Array
+    turned: Array
+
+    @property
+    def reached(self) -> Array:
+        """Whether each target is reached, as booleans `(N,)`."""
+        return np.asarray((self.missed < REACHED) & (self.turned < REACHED))
+
+
+@dataclass(frozen=True, eq=False)
+class InverseKinematics:
+    """Solves for postures of one frame.
+
+    Attributes:
+        kinematics: Of the frame.
+        lower: Lowest positions, shape `(n,)` [rad; m].
+        upper: Highest positions, shape `(n,)` [rad; m].
+        attitude: What is required of the frame's orientation.
+    """
+
+    kinematics: Kinematics
+    lower: Array
+    upper: Array
+    attitude: Attitude
+
+    @classmethod
+    def of(
+        cls, robot: Robot, frame: str, limits: MotionLimits, attitude: Attitude | None = None
+    ) -> "InverseKinematics":
+        """For a frame of a robot, within the position limits; by default it may turn freely.
+
+        Raises:
+            ModelError: The robot has no such frame, it does not move, or loops decide where it is.
+        """
+        kinematics = frame_kinematics(robot, frame)
+        refuse_passive(robot, kinematics.frame.body, frame)
+        refuse_fixed(robot, kinematics.frame)
+        return cls(
+            kinematics,
+            limits.lower,
+            limits.upper,
+            AnyAttitude() if attitude is None else attitude,
+        )
+
+    @property
+    def spare(self) -> int:
+        """Joints beyond what the place and the attitude need."""
+        return len(self.lower) - 3 - self.attitude.rows
+
+    def place(self, q: Array) -> Array:
+        """The frame's origin, shape `(N, 3)` [m], at postures `(N, n)`."""
+        return self.kinematics.pose(q)[0]
+
+    def solve(
+        self, targets: Array, seeds: Array, *, near: bool = False, rounds: int = 100
+    ) -> Postures:
+        """The postures that come nearest, from seeds.
+
+        Args:
+            targets: Shape `(N, 3)` [m].
+            seeds: Shape `(N, n)` [rad; m].
+            near: The seeds are close: hardly any damping to begin with.
+            rounds: Steps at most.
+        """
+        q = np.clip(seeds, self.lower, self.upper)
+        rest = self.missing(q, targets)
+        damping = np.full(len(q), _TRUSTED if near else 1e3 * _TRUSTED)
+        active = np.arange(len(q))
+        for _ in range(rounds):
+            if not len(active):
+                break
+            step = self._step(q[active], rest[active], damping[active])
+            trial = np.clip(q[active] + step, self.lower, self.upper)
+            left = self.missing(trial, targets[active])
+            better = np.sum(left**2, axis=1) < np.sum(rest[active] ** 2, axis=1)
+            moved = np.abs(trial - q[active]).max(axis=1)
+            q[active[better]], rest[active[better]] = trial[better], left[better]
+            damping[active] = np.clip(damping[active] * np.where(better, 0.1, 10.0), 1e-14, 1e6)
+            small = np.abs(rest[active]).max(axis=1) < 1e-3 * REACHED
+            active = active[~small & (moved > 1e-12)]
+        left = rest / self._weights()
+        missed = np.linalg.norm(left[:, :3], axis=1)
+        return Postures(q, missed, np.linalg.norm(left[:, 3:], axis=1))
+
+    def reach(self, target: Array, seed_posture: Array, seed: int, restarts: int = 24) -> Postures:
+        """All postures found for one target, nearest to the seed posture first.
+
+        Those that reach it come first; where none does, the one that comes nearest.
+
+        Args:
+            target: Shape `(3,)` [m].
+            seed_posture: Shape `(n,)` [rad; m].
+            seed: Of the random starts.
+            restarts: Random starts beside the seed posture.
+        """
+        rng = np.random.default_rng(seed)
+        starts = rng.uniform(self.lower, self.upper, (restarts, len(self.lower)))
+        return self.nearest(target, np.vstack([seed_posture, starts]))
+
+    def nearest(self, target: Array, starts: Array) -> Postures:
+        """All postures found for one target from given starts, nearest to the first one first.
+
+        Those that reach it come first; where none does, the one that comes nearest.
+
+        Args:
+            target: Shape `(3,)` [m].
+            starts: Shape `(k, n)` [rad; m].
+        """
+        found = self.solve(np.tile(target, (len(starts), 1)), starts)
+        far = np.linalg.norm(found.q - starts[0], axis=1)
+        if found.reached.any():
+            order = np.argsort(np.where(found.reached, far, np.inf), kind="stable")
+            order = order[: int(found.reached.sum())]
+        else:
+            order = np.argsort(np.hypot(found.missed, _LENGTH * found.turned), kind="stable")
+        return Postures(found.q[order], found.missed[order], found.turned[order])
+
+    def agile_first(self, q: Array) -> Array:
+        """Postures `(N, n)` in another order: first those that can move best.
+
+        How well a posture can move is the least singular value of its Jacobian times its room to
+        the nearest end of a range, relative to half the range.
+        """
+        half = 0.5 * (self.upper - self.lower)
+        room = np.min(np.minimum(q - self.lower, self.upper - q) / half, axis=1)
+        agility = np.linalg.svd(self.rates(q), compute_uv=False)[:, -1]
+        ordered: Array = q[np.argsort(-agility * room, kind="stable")]
+        return ordered
+
+    def drawn(self, target: Array, q: Array, towards: Array, share: float = 0.2) -> Array:
+        """A posture `(n,)` that keeps the target, its spare joints drawn towards another posture.
+
+        Args:
+            target: Shape `(3,)` [m].
+            q: A posture that reaches it, shape `(n,)`.
+            towards: Shape `(n,)`.
+            share: How much of the way the spare joints go; by `_DRAW` at most.
+        """
+        if self.spare <= 0:
+            return q
+        jacobian = self.rates(q[None])[0]
+        drawn = share * (towards - q)
+        drawn *= min(1.0, _DRAW / max(float(np.abs(drawn).max()), _DRAW))
+        free = drawn - np.linalg.lstsq(jacobian, jacobian @ drawn, rcond=1e-9)[0]
+        found = self.solve(target[None], (q + free)[None], near=True)
+        return found.q[0] if found.reached[0] else q
+
+    def missing(self, q: Array, targets: Array) -> Array:
+        """What is left to go and to turn, shape `(N, 3 + k)`; turns weighed as lengths [m]."""
+        place, rotation = self.kinematics.pose(q)
+        return np.hstack([targets - place, self.attitude.turns(rotation)]) * self._weights()
+
+    def rates(self, q: Array) -> Array:
+        """How the way made grows with the joints, shape `(N, 3 + k, n)`, weighed alike."""
+        rates = self.kinematics.jacobian(q)
+        rows = np.concatenate([rates[:, :3], self.attitude.slopes(rates[:, 3:])], axis=1)
+        weighed: Array = rows * self._weights()[:, None]
+        return weighed
+
+    def _weights(self) -> Array:
+        return weights_of(self.attitude)
+
+    def _step(self, q: Array, rest: Array, damping: Array) -> Array:
+        """One damped step, shape `(N, n)`; joints that would leave their range stand still."""
+        jacobian = self.rates(q)
+        downhill = np.einsum("nij,ni->nj", jacobian, rest)
+        stuck = ((q >= self.upper) & (downhill > 0.0)) | ((q <= self.lower) & (downhill < 0.0))
+        free = np.where(stuck[:, None, :], 0.0, jacobian)
+        square = free @ np.swapaxes(free, 1, 2)
+        size = np.trace(square, axis1=1, axis2=2) + 1e-12
+        square += (damping * size)[:, None, None] * np.eye(square.shape[1])
+        step: Array = np.einsum(
+            "nij,ni->nj", free, np.linalg.solve(square, rest[:, :, None])[:, :, 0]
+        )
+        return step
+
+
+def weights_of(attitude: Attitude) -> Array:
+    """Weights of a place's coordinates and of an attitude's turns, shape `(3 + k,)`."""
+    return np.array([1.0] * 3 + [_LENGTH] * attitude.rows)
+
+
+def refuse_fixed(robot: Robot, frame: Frame) -> None:
+    """A frame that is to be led moves.
+
+    Raises:
+        ModelError: It is fixed to the base.
+    """
+    if frame.body < 0:
+        raise ModelError(
+            f"frame '{frame.name}' does not move: it is fixed to the base",
+            where=f"robot '{robot.name}'",
+            fix=f"name a frame of a moving link, such as '{robot.bodies[-1].name}'",
+        )
+
+
+def start_posture(robot: Robot, limits: MotionLimits, start: ArrayLike) -> Array:
+    """The start posture, refused with its worst joint if a range does not hold it."""
+    posture = np.atleast_1d(np.asarray(start, dtype=np.float64))
+    if posture.shape != (robot.n,) or not np.isfinite(posture).all():
+        raise DataError(
+            f"the start posture has {posture.size} values, or one that is no number",
+            where=f"robot '{robot.name}'",
+            fix=f"give one finite position for each of its {robot.n} joints",
+        )
+    past = np.maximum(limits.lower - posture, posture - limits.upper)
+    j = int(np.argmax(past))
+    if past[j] > 0.0:
+        joint = robot.coordinates[j]
+        raise DataError(
+            f"the start posture is outside the range of joint '{joint.name}' by {past[j]:.3g} "
+            f"{joint.unit}",
+            where=f"robot '{robot.name}'",
+            fix=f"choose it from {limits.lower[j]:.4g} to {limits.upper[j]:.4g} {joint.unit}",
+        )
+    return frozen(posture)
+
+
+def within(limits: MotionLimits, margin: float = 1e-3) -> MotionLimits:
+    """The limits with position ranges narrower at both ends by `margin` [rad; m], 1 % at most."""
+    narrow = np.minimum(margin, 0.01 * (limits.upper - limits.lower))
+    return MotionLimits(
+        frozen(limits.lower + narrow),
+        frozen(limits.upper - narrow),
+        limits.velocity,
+        limits.acceleration,
+        limits.notes,
+        limits.jerk,
+    )

@@ -1,0 +1,308 @@
+"""Postures along straight lines of the tool, and whether places are in reach."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.excite.planned.inverse_kinematics import InverseKinematics
+
+_STEP = 0.05
+"""Steps along a line are this long at most [m]."""
+_LARGEST_CHANGE = 0.3
+"""From step to step no joint changes by more than this [rad; m]; else the step is halved."""
+_LINE_END = 1.0 - 1e-9
+"""A share of the line that is its end, but for rounding."""
+_SHORTEST = 2.0**-12
+"""A step this share of the line that still changes a posture too much is a jump."""
+
+
+class UnfollowableWay(DataError):
+    """A way that cannot be followed, and how far it could.
+
+    Attributes:
+        progress: Moves that were followed, the last one as a fraction.
+    """
+
+    progress: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """Postures along a line from one place to another.
+
+    Attributes:
+        solver: Of the inverse kinematics.
+        ends: The two places, shape `(2, 3)` [m].
+        shares: Shares of the line where postures are known, ascending from 0 to 1, shape `(k,)`.
+        q: The postures there, shape `(k, n)` [rad; m].
+    """
+
+    solver: InverseKinematics
+    ends: Array
+    shares: Array
+    q: Array
+
+    def postures(self, shares: Array) -> Array | None:
+        """Postures at shares `(N,)` of the line, `(N, n)`; `None` where they leave the branch."""
+        targets = self.ends[0] + shares[:, None] * (self.ends[1] - self.ends[0])
+        near = np.asarray(self._between(shares))
+        found = self.solver.solve(targets, near, near=True)
+        good = found.reached.all() and np.abs(found.q - near).max() < _LARGEST_CHANGE
+        return found.q if good else None
+
+    @cached_property
+    def _between(self) -> Any:
+        """A smooth guess between the known postures."""
+        from scipy.interpolate import make_interp_spline
+
+        return make_interp_spline(self.shares, self.q, k=3)
+
+
+def follow(
+    solver: InverseKinematics,
+    ends: Array,
+    start: Array,
+    rest: Array,
+    names: Sequence[str],
+    *,
+    to: Array | None = None,
+    where: str,
+) -> Followed:
+    """Follow a straight line from a posture.
+
+    Args:
+        solver: Of the inverse kinematics.
+        ends: The two places, shape `(2, 3)` [m].
+        start: Posture at the first, shape `(n,)` [rad; m].
+        rest: Posture that spare joints are drawn to, shape `(n,)`.
+        names: Of the joints, for messages.
+        to: Posture to arrive in, shape `(n,)`; any by default.
+        where: The move, for messages.
+
+    Raises:
+        Astray: The line leaves what the joints can do, needs a jump, or arrives in another posture.
+    """
+    most = 1.0 / max(4, int(np.ceil(np.linalg.norm(ends[1] - ends[0]) / _STEP)))
+    shares, postures, step = [0.0], [start], most
+    while shares[-1] < 1.0:
+        share = shares[-1] + step if shares[-1] + step < _LINE_END else 1.0
+        target = ends[0] + share * (ends[1] - ends[0])
+        found = solver.solve(target[None], postures[-1][None], near=True)
+        change = found.q[0] - postures[-1]
+        if found.reached[0] and np.abs(change).max() < _LARGEST_CHANGE:
+            shares.append(share)
+            postures.append(solver.drawn(target, found.q[0], rest))
+            step = min(most, 2.0 * step)
+        elif step > _SHORTEST:
+            step *= 0.5
+        else:
+            raise _obstacle_of_line(
+                solver, found.q[0], change, bool(found.reached[0]), share, names, where
+            )
+    followed = Followed(solver, ends, np.array(shares), np.array(postures))
+    return followed if to is None else _arriving(followed, to, names, where)
+
+
+def _arriving(followed: Followed, to: Array, names: Sequence[str], where: str) -> Followed:
+    """The same line, its spare joints led to a given posture at the end."""
+    off = to - followed.q[-1]
+    if followed.solver.spare <= 0:
+        if np.abs(off).max() > 1e-6:
+            raise _other_posture(off, names, where)
+        return followed
+    s = followed.shares
+    blend = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    line = followed.ends[0] + s[:, None] * (followed.ends[1] - followed.ends[0])
+    found = followed.solver.solve(line, followed.q + blend[:, None] * off, near=True)
+    far = np.abs(found.q[-1] - to).max() > 1e-6
+    if (
+        far
+        or not found.reached.all()
+        or np.abs(np.diff(found.q, axis=0)).max() > 2.0 * _LARGEST_CHANGE
+    ):
+        raise _other_posture(off, names, where)
+    return Followed(followed.solver, followed.ends, s, found.q)
+
+
+def _obstacle_of_line(
+    solver: InverseKinematics,
+    q: Array,
+    change: Array,
+    reached: bool,
+    share: float,
+    names: Sequence[str],
+    where: str,
+) -> UnfollowableWay:
+    """What stops a line: the end of a joint's range, or a posture that would have to jump."""
+    at = f"after {100.0 * share:.0f} % of its way"
+    ended = [
+        f"'{name}' at its {end} limit"
+        for name, low, high in zip(names, q <= solver.lower, q >= solver.upper, strict=True)
+        for end, there in (("lower", low), ("upper", high))
+        if there
+    ]
+    j = int(np.argmax(np.abs(change)))
+    if ended:
+        wrong = f"the straight line ends {at}: joint {', joint '.join(ended)}"
+    elif not reached:
+        wrong = f"the straight line leaves the reachable workspace {at}"
+    else:
+        wrong = f"joint '{names[j]}' would have to jump by {change[j]:.2f} {at} of a straight line"
+    return unfollowable_error(wrong, where, share)
+
+
+def _other_posture(off: Array, names: Sequence[str], where: str) -> UnfollowableWay:
+    j = int(np.argmax(np.abs(off)))
+    return unfollowable_error(
+        f"the posture at the end of the straight line differs from that of the motion: joint "
+        f"'{names[j]}' is off by {abs(off[j]):.2f}",
+        where,
+        1.0,
+    )
+
+
+def unfollowable_error(wrong: str, where: str, share: float) -> UnfollowableWay:
+    """The error, with what helps against it."""
+    error = UnfollowableWay(
+        wrong,
+        where=where,
+        fix="use path = 'joint' or another start posture, leave the tool's orientation free, or "
+        "move the points away from the limit of the reach and from the base",
+    )
+    error.progress = share
+    return error
+
+
+_OFF_TARGET_WEIGHT = 100.0
+"""A metre off the shifted target weighs as much as a shift of this many metres."""
+_SHIFT_FACTORS = (1.0, 1.002, 1.01, 1.03, 1.1, 1.25)
+"""Factors on the least shift; the first that is seen to work is advised."""
+_MOST_SHIFT_STEPS = 200
+"""Steps of the search for the least shift at most."""
+
+
+def postures_at(solver: InverseKinematics, places: Array, start: Array, seed: int) -> Array | None:
+    """A posture for each place, `(K, n)`, from one or as many; `None` where one is out of reach."""
+    starts = np.broadcast_to(start, (len(places), len(solver.lower)))
+    found = solver.solve(places, starts)
+    q = found.q.copy()
+    for k in np.flatnonzero(np.logical_not(found.reached)):
+        again = solver.reach(places[k], starts[k], seed)
+        if not again.reached[0]:
+            return None
+        q[k] = again.q[0]
+    return q
+
+
+def refuse_out_of_reach(
+    solver: InverseKinematics, places: Array, start: Array, seed: int, *, what: str, where: str
+) -> None:
+    """Refuse places that are out of reach.
+
+    Args:
+        solver: Of the inverse kinematics.
+        places: Shape `(K, 3)` [m]; they would be moved together.
+        start: Posture to search from, shape `(n,)` [rad; m].
+        seed: Of the random starts.
+        what: What the places are, such as `the pick box`.
+        where: Whose reach it is.
+
+    Raises:
+        DataError: One is; says how far, and the least move of all that would help.
+    """
+    if postures_at(solver, places, start, seed) is not None:
+        return
+    shifts = [least_shift(solver, place[None], start, seed) for place in places]
+    lengths = [np.inf if shift is None else float(np.linalg.norm(shift)) for shift in shifts]
+    k = int(np.argmax(lengths))
+    worst, shift = shifts[k], least_shift(solver, places, start, seed)
+    missed = (
+        "no reachable position with this orientation was found"
+        if worst is None
+        else f"the nearest reachable position is ({_point_text(places[k] + worst)}) m, "
+        f"{lengths[k]:.3f} m away"
+    )
+    fix = (
+        "no reachable shift of the whole was found: make it smaller, or relax the orientation"
+        if shift is None
+        else f"move {what} by ({_point_text(shift)}) m, {np.linalg.norm(shift):.3f} m in all: "
+        "the smallest found that is reachable"
+    )
+    wrong = f"{what} is out of reach: of ({_point_text(places[k])}) m, {missed}"
+    raise DataError(wrong, where=where, fix=fix)
+
+
+def least_shift(solver: InverseKinematics, places: Array, start: Array, seed: int) -> Array | None:
+    r"""The least common shift of places, shape `(3,)` [m], after which all can be reached.
+
+    Minimises $\|d\|^2 + w^2 \sum_k \|p(q_k) - p_k - d\|^2$ over the shift and all postures within
+    their ranges, then lengthens the shift by little until every place is seen to be reached.
+
+    Returns:
+        To the millimetre; `None` if no shift was found.
+    """
+    nearest = _nearest(solver, places, start, seed)
+    off = solver.place(nearest) - places
+    furthest = off[int(np.argmax(np.linalg.norm(off, axis=1)))]
+    begun = (
+        (np.mean(off, axis=0), nearest),
+        (furthest, _nearest(solver, places + furthest, start, seed)),
+    )
+    shifts = [_shifted(solver, places, shift, q, seed) for shift, q in begun]
+    good = [shift for shift in shifts if shift is not None]
+    return min(good, key=lambda shift: float(np.linalg.norm(shift)), default=None)
+
+
+def _nearest(solver: InverseKinematics, places: Array, start: Array, seed: int) -> Array:
+    """The postures that come nearest to places, shape `(K, n)`."""
+    return np.array([solver.reach(place, start, seed).q[0] for place in places])
+
+
+def _shifted(
+    solver: InverseKinematics, places: Array, shift: Array, q: Array, seed: int
+) -> Array | None:
+    """The least shift that is found from a first one and postures `(K, n)`."""
+    from scipy.optimize import least_squares
+
+    count, n = q.shape
+    wide = np.full(3, np.inf)
+    lower = np.concatenate([-wide, np.tile(solver.lower, count)])
+    upper = np.concatenate([wide, np.tile(solver.upper, count)])
+    inside = np.clip(q, solver.lower + 1e-9, solver.upper - 1e-9)
+
+    def rest(x: Array) -> Array:
+        missing = solver.missing(x[3:].reshape(count, n), places + x[:3])
+        return np.concatenate([x[:3], _OFF_TARGET_WEIGHT * missing.ravel()])
+
+    def slopes(x: Array) -> Array:
+        return _slopes(solver.rates(x[3:].reshape(count, n)))
+
+    first = np.concatenate([shift, inside.ravel()])
+    found = least_squares(rest, first, slopes, bounds=(lower, upper), max_nfev=_MOST_SHIFT_STEPS)
+    for pad in _SHIFT_FACTORS:
+        advised: Array = np.round(pad * found.x[:3], 3)
+        if postures_at(solver, places + advised, found.x[3:].reshape(count, n), seed) is not None:
+            return advised
+    return None
+
+
+def _slopes(rates: Array) -> Array:
+    """How shift and misses grow with shift and postures, from rates `(K, rows, n)`."""
+    count, rows, n = rates.shape
+    matrix = np.zeros((3 + count * rows, 3 + count * n))
+    matrix[:3, :3] = np.eye(3)
+    for k, block in enumerate(rates):
+        at = 3 + k * rows
+        matrix[at : at + 3, :3] = _OFF_TARGET_WEIGHT * np.eye(3)
+        matrix[at : at + rows, 3 + k * n : 3 + (k + 1) * n] = -_OFF_TARGET_WEIGHT * block
+    return matrix
+
+
+def _point_text(place: Array) -> str:
+    """Coordinates to the millimetre."""
+    return ", ".join(f"{x:.3f}" for x in np.round(place, 3) + 0.0)

@@ -1,0 +1,349 @@
+"""From a robot file's `[excitation]` tables to the problem that they describe."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import DataError, advice
+from steelyard.estimate.information.base_parameters import (
+    FAINT,
+    BaseMap,
+    base_parameters,
+    clear_map,
+)
+from steelyard.estimate.information.information_gradient import InformationEvaluator
+from steelyard.excite.constraints.constraint import (
+    ACCELERATIONS_ASSUMED,
+    DEFAULT_ACCELERATION,
+    Declined,
+    MotionLimits,
+    motion_limits,
+)
+from steelyard.excite.constraints.constraints_from_tables import (
+    Earlier,
+    constraints_of,
+    load_numbers,
+)
+from steelyard.excite.criteria import CRITERIA, Measure
+from steelyard.excite.problem import Case, Problem
+from steelyard.excite.trajectories.families import basis_of, per_joint
+from steelyard.model.laws.register import description_of, term_of
+from steelyard.model.model import Model
+from steelyard.model.terms.term import StatefulTerm
+from steelyard.robot.file.excitation_sections import (
+    CriterionSection,
+    ExcitationSection,
+    LoadSection,
+    MotionLimitsSection,
+)
+from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.robot import Robot
+
+JUMP_SOFTNESS = 0.01
+"""Width of speed within which jumping laws turn while optimising, over the highest speed."""
+
+RANGE_MARGIN = 0.02
+"""Share of a joint's range that is kept free at each end, where no margin is given."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recipe:
+    """All that a process needs to build the problem anew.
+
+    Attributes:
+        robot: Path of the robot file.
+        terms: Descriptions of the model's terms.
+        excitation: The tables, as plain values.
+        earlier: What an earlier identification knows, as plain values, if anything.
+        base: The link of a model file that is fixed to the world; `None` if a robot file says so.
+    """
+
+    robot: str
+    terms: tuple[Any, ...]
+    excitation: Mapping[str, Any]
+    earlier: Mapping[str, Any] | None = None
+    base: str | None = None
+
+    @classmethod
+    def of(cls, loaded: LoadedRobot, model: Model, earlier: Earlier | None = None) -> "Recipe":
+        """The recipe for a robot, its model and the tables of its file."""
+        path = loaded.sources[0].path
+        return cls(
+            loaded.reference,
+            tuple(description_of(term) for term in model.terms),
+            loaded.excitation.model_dump(),
+            None if earlier is None else earlier.to_dict(),
+            None if path.suffix.lower() == ".toml" else loaded.base,
+        )
+
+    def problem(self) -> Problem:
+        """Build it."""
+        loaded = load_robot(self.robot, base=self.base)
+        where = "list of terms"
+        model = Model(loaded.robot, tuple(term_of(term, where) for term in self.terms))
+        section = ExcitationSection.model_validate(self.excitation)
+        earlier = None if self.earlier is None else Earlier.from_dict(self.earlier)
+        return build(replace(loaded, excitation=section), model, earlier)
+
+
+def build(loaded: LoadedRobot, model: Model, earlier: Earlier | None = None) -> Problem:
+    """The problem that a robot file's tables describe.
+
+    Args:
+        loaded: The robot and its tables; its kind of motion is one of `FAMILIES`.
+        model: What the motion is to show.
+        earlier: What an earlier identification of the robot knows.
+
+    Raises:
+        DataError: The tables do not fit the robot.
+        ModelError: A frame or a shape is missing.
+    """
+    section = loaded.excitation
+    basis = basis_of(section.motion, loaded.robot)
+    limits = limits_of(loaded.robot, section.limits)
+    constraints, more = constraints_of(loaded, model, earlier)
+    model, notes = memoryless(model)
+    return Problem(
+        loaded.robot,
+        basis,
+        limits,
+        constraints,
+        cases_of(section, model, limits, earlier),
+        section.samples,
+        (*limits.notes, *notes, *more),
+    )
+
+
+def memoryless(model: Model) -> tuple[Model, tuple[str, ...]]:
+    """The model without terms with internal states; notes on what the criterion lacks."""
+    left = [term for term in model.terms if isinstance(term, StatefulTerm)]
+    kept = tuple(term for term in model.terms if not isinstance(term, StatefulTerm))
+    notes = [f"'{term.law}' has internal states: it is left out of the criterion" for term in left]
+    bare = Model(model.robot, kept)
+    clear = clear_map(bare).base_names
+    if faint := [name for name in base_parameters(bare).base_names if name not in clear]:
+        notes.append(
+            "left out of the criterion, as at most "
+            f"{100.0 * FAINT:g} % of their columns is independent of the others: {', '.join(faint)}"
+        )
+    return bare, tuple(notes)
+
+
+def limits_of(robot: Robot, section: MotionLimitsSection) -> MotionLimits:
+    """The limits of the robot, as the tables change, share and narrow them.
+
+    Raises:
+        DataError: A joint is left without room.
+    """
+    own = motion_limits(robot)
+    notes = own.notes
+    if section.acceleration is None:
+        notes += (ACCELERATIONS_ASSUMED,)
+    span = own.upper - own.lower
+    share = RANGE_MARGIN * span
+    margin = share if section.position_margin is None else np.full(robot.n, section.position_margin)
+    lower, upper = own.lower + margin, own.upper - margin
+    for joint, low, high, whole in zip(robot.coordinates, lower, upper, span, strict=True):
+        if not low < high:
+            raise DataError(
+                f"joint '{joint.name}' has a range of {whole:.4g} {joint.unit}: nothing remains "
+                f"with a margin of {section.position_margin:g} {joint.unit} at each end",
+                where="[excitation.limits] position_margin",
+                fix=f"give a margin below {0.5 * whole:.4g}, or lock the joint",
+            )
+    default = np.array([DEFAULT_ACCELERATION[joint.kind] for joint in robot.coordinates])
+    velocity = per_joint(section.velocity, robot, "velocity", own.velocity)
+    notes += _faster(robot, section.share * velocity)
+    acceleration = per_joint(section.acceleration, robot, "acceleration", default)
+    jerk = None
+    if section.jerk is not None:
+        jerk = section.share * per_joint(section.jerk, robot, "jerk", np.full(robot.n, 1e6))
+    return MotionLimits(
+        lower,
+        upper,
+        section.share * velocity,
+        section.share * acceleration,
+        notes,
+        jerk,
+        section.share,
+        _assumed(robot, section),
+    )
+
+
+def _assumed(robot: Robot, section: MotionLimitsSection) -> frozenset[tuple[str, str]]:
+    """Quantity and joint of every limit that neither the tables nor the model file give."""
+    named = robot.joint_names
+    rest = {
+        quantity: set(named)
+        if given is None
+        else set(named) - set(given)
+        if isinstance(given, dict)
+        else set[str]()
+        for quantity, given in (
+            ("velocity", section.velocity),
+            ("acceleration", section.acceleration),
+        )
+    }
+    known = {j.name for j in robot.coordinates if 0.0 < j.limits.velocity < np.inf}
+    rest["velocity"] -= known
+    rest["position"] = {
+        j.name for j in robot.coordinates if not np.isfinite([j.limits.lower, j.limits.upper]).all()
+    }
+    return frozenset((quantity, joint) for quantity, joints in rest.items() for joint in joints)
+
+
+def _faster(robot: Robot, velocity: Array) -> tuple[str, ...]:
+    """That joints may move faster than the model file allows, if so: its limit is not kept."""
+    beyond = [
+        f"{joint.name} {most:.3g} against {joint.limits.velocity:.3g} {joint.unit}/s"
+        for joint, most in zip(robot.coordinates, velocity, strict=True)
+        if most > joint.limits.velocity > 0.0
+    ]
+    text = "the model file's speed limits are exceeded, as velocity sets higher ones: "
+    return (Declined(text + ", ".join(beyond)),) if beyond else ()
+
+
+def cases_of(
+    section: ExcitationSection, model: Model, limits: MotionLimits, earlier: Earlier | None
+) -> tuple[Case, ...]:
+    """What the motion shows and how it is judged, once per load.
+
+    What torque shows does not depend on the load, but sizes of parameters do: loads count where
+    the criterion is relative to them.
+    """
+    wanted = section.criterion
+    if wanted.kind not in CRITERIA:
+        raise DataError(
+            f"there is no criterion '{wanted.kind}'",
+            where="[excitation.criterion] kind",
+            fix=advice(wanted.kind, CRITERIA, "criteria"),
+        )
+    absent = absent_of(wanted, model, earlier)
+    weights = weights_of(wanted, model.robot, earlier)
+    shows = InformationEvaluator(model, weights, JUMP_SOFTNESS * limits.velocity, absent)
+    chosen = None if wanted.chosen is None else _chosen(wanted.chosen, model, shows.base)
+    prior = None
+    if wanted.after_earlier:
+        prior = _needed(earlier, "after_earlier").information(shows.base, absent)
+    if not wanted.relative:
+        return (Case(shows, Measure(CRITERIA[wanted.kind], prior, chosen)),)
+    known = _needed(earlier, "relative")
+    loads = (None, *section.loads)
+    sizes = [sizes_of(known, model, shows.base, load) for load in loads]
+    return tuple(Case(shows, Measure(CRITERIA[wanted.kind], prior, chosen, s)) for s in sizes)
+
+
+def weights_of(wanted: CriterionSection, robot: Robot, earlier: Earlier | None) -> Array:
+    """Weights of the joints, shape `(n,)`: given, all the same, or one over the noise."""
+    where = "[excitation.criterion] weights"
+    if isinstance(wanted.weights, tuple):
+        if len(wanted.weights) != robot.n or min(wanted.weights) < 0.0 or not any(wanted.weights):
+            raise DataError(
+                f"the weights {list(wanted.weights)} do not fit {robot.n} joints",
+                where=where,
+                fix="give one number per joint, none of them negative, some above zero",
+            )
+        if wanted.after_earlier:
+            raise DataError(
+                "weights of the joints are given, but earlier runs are weighted by their noise",
+                where=where,
+                fix="leave out the weights, or after_earlier",
+            )
+        return frozen(wanted.weights)
+    if wanted.weights == "noise":
+        return _needed(earlier, "weights").weights
+    if wanted.after_earlier:
+        return _needed(earlier, "after_earlier").weights
+    return np.ones(robot.n)
+
+
+def absent_of(wanted: CriterionSection, model: Model, earlier: Earlier | None) -> tuple[str, ...]:
+    """Base parameters that the model does without.
+
+    Raises:
+        DataError: A name is none of the model's, or nothing would be left.
+    """
+    base = clear_map(model)
+    if wanted.without is None:
+        removed = () if earlier is None else earlier.removed
+        return tuple(name for name in base.base_names if name in removed)
+    found = _named(wanted.without, model, base, "without")
+    if found >= set(base.base_names):
+        raise DataError(
+            "the model would do without all of its parameters",
+            where="[excitation.criterion] without",
+            fix="name fewer laws or parameters",
+        )
+    return tuple(name for name in base.base_names if name in found)
+
+
+def sizes_of(earlier: Earlier, model: Model, base: BaseMap, load: LoadSection | None) -> Array:
+    """Sizes of the base parameters with a load, no smaller than twice their uncertainty, `(b,)`."""
+    standard = np.array([earlier.standard.get(name, 0.0) for name in model.names])
+    if load is not None:
+        for name, value in load_numbers(load, model.robot).items():
+            if name in model.names:
+                standard[model.names.index(name)] += value
+    values = np.abs(base.base_values(standard))
+    std = dict(zip(earlier.names, np.sqrt(np.diag(earlier.covariance)), strict=True))
+    least = np.array([2.0 * std.get(name, 0.0) for name in base.base_names])
+    sizes = np.maximum(values, least)
+    for name, size in zip(base.base_names, sizes, strict=True):
+        if not size > 0.0:
+            raise DataError(
+                f"the earlier model has no value of '{name}'",
+                where="[excitation.criterion] relative",
+                fix="give an earlier model with the same terms, or leave 'relative' out",
+            )
+    return np.asarray(sizes)
+
+
+def _needed(earlier: Earlier | None, key: str) -> Earlier:
+    if earlier is None:
+        raise DataError(
+            f"'{key}' needs an earlier model, and none is given",
+            where=f"[excitation.criterion] {key}",
+            fix="add --earlier MODEL.json, which `steelyard identify` wrote",
+        )
+    return earlier
+
+
+def _named(wanted: Sequence[str], model: Model, base: BaseMap, key: str) -> set[str]:
+    """Names of base parameters that are named, or belong to a law that is.
+
+    Raises:
+        DataError: A name is neither.
+    """
+    first, laws = 0, dict[str, set[str]]()
+    for term in model.terms:
+        count = len(term.parameters(model.robot))
+        laws.setdefault(term.law, set()).update(model.names[first : first + count])
+        first += count
+    found = set[str]()
+    for name in wanted:
+        if name not in laws and name not in base.base_names:
+            raise DataError(
+                f"'{name}' is neither a law nor a base parameter of the model",
+                where=f"[excitation.criterion] {key}",
+                fix=advice(name, [*laws, *base.base_names], "laws and parameters"),
+            )
+        found |= laws.get(name, {name})
+    return found
+
+
+def _chosen(wanted: Sequence[str], model: Model, base: BaseMap) -> tuple[int, ...]:
+    """Columns of laws or parameters that matter."""
+    found = _named(wanted, model, base, "chosen")
+    if not found & set(base.base_names):
+        laws = [term.law for term in model.terms]
+        raise DataError(
+            f"none of the chosen parameters is identifiable from torque: {list(wanted)}",
+            where="[excitation.criterion] chosen",
+            fix="choose laws or parameters among "
+            + ", ".join(dict.fromkeys([*laws, *base.base_names])),
+        )
+    return tuple(k for k, name in enumerate(base.base_names) if name in found)

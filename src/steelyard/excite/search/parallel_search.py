@@ -1,0 +1,326 @@
+"""Searches in parallel processes, and the time kept for what comes after them.
+
+The certificate, the report and the files take processor time that is known before the search; how
+long that is by the clock depends on what else the machine does.
+"""
+
+import json
+import os
+import queue
+import subprocess
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.base.progress import Progress, Stopped, module_command, report_progress, silent
+from steelyard.excite.problem import Problem
+from steelyard.excite.problem_from_tables import Recipe
+from steelyard.excite.search.starts import NoMotion
+
+KEPT_MOTIONS = 4
+"""Best motions that are kept for the end."""
+
+_POLL_SECONDS = 0.05
+_GRACE_SECONDS = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A motion that a search ended with.
+
+    Attributes:
+        number: Of the search.
+        x: Coefficients, shape `(n, m)`.
+        criterion_value: The criterion.
+        seconds: When, since the searches began [s].
+        whole: Whether the search came to its end, not only to the end of the time.
+    """
+
+    number: int
+    x: Array
+    criterion_value: float
+    seconds: float
+    whole: bool
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResult:
+    """What the searches found.
+
+    Attributes:
+        best: The best of them, best first.
+        searches: Searches that came to their end.
+        course: Time [s] and criterion of every improvement.
+        stopped: Whether the user stopped them before the time.
+        lost: Processes that something else ended.
+    """
+
+    best: tuple[Found, ...]
+    searches: int
+    course: tuple[tuple[float, float], ...]
+    stopped: bool
+    killed: int = 0
+
+
+@dataclass(frozen=True)
+class SearchBudget:
+    """How much is searched.
+
+    Attributes:
+        seconds: How long.
+        searches: After how many to stop before that; `None` for never.
+        processes: How many search side by side.
+        seed: Same seed, same searches.
+    """
+
+    seconds: float
+    searches: int | None = None
+    processes: int = 1
+    seed: int = 0
+
+    @property
+    def useful(self) -> int:
+        """Processes that have something to search."""
+        return self.processes if self.searches is None else min(self.processes, self.searches)
+
+
+@dataclass(frozen=True, eq=False)
+class _ExitRecord:
+    """How processes ended.
+
+    Attributes:
+        ends: Exit codes.
+        refused: Searches that found no way to begin.
+    """
+
+    ends: list[int] = field(default_factory=list)
+    refused: list[DataError] = field(default_factory=list)
+
+
+def search_in_parallel(
+    recipe: Recipe, problem: Problem, method: str, effort: SearchBudget, progress: Progress = silent
+) -> SearchResult:
+    """Search until the time is spent; the best so far if the watcher stops it.
+
+    Args:
+        recipe: From which every process builds the problem.
+        problem: The same, built.
+        method: Name of the search method.
+        effort: How much is searched.
+        progress: Told how much time is spent, and of the best value of the criterion.
+
+    Raises:
+        NoMotion: No motion keeps everything.
+        DataError: No search found one.
+        Stopped: The watcher stopped them before one was found.
+    """
+    begun = time.monotonic()
+    found, course, stopped = list[Found](), list[tuple[float, float]](), False
+    over = _ExitRecord()
+    with _workers(recipe, method, effort) as messages:
+        try:
+            for line in _lines(messages, effort, begun, found, over, progress):
+                x = np.array(line["x"])
+                one = Found(
+                    line["number"],
+                    x,
+                    problem.criterion_value(x),
+                    time.monotonic() - begun,
+                    line["whole"],
+                )
+                if not found or one.criterion_value < found[0].criterion_value:
+                    course.append((one.seconds, one.criterion_value))
+                found.append(one)
+                found.sort(key=lambda f: (f.criterion_value, f.number))
+        except Stopped:
+            if not found:
+                raise
+            stopped = True
+    exit_codes = [code for code in over.ends if code]
+    if not found:
+        raise over.refused[0] if over.refused else _no_motion_error(exit_codes)
+    whole = sum(f.whole for f in found)
+    return SearchResult(tuple(found[:KEPT_MOTIONS]), whole, tuple(course), stopped, len(exit_codes))
+
+
+def _no_motion_error(exit_codes: Sequence[int]) -> DataError:
+    """No motion: the time was too short, or processes were ended from outside."""
+    if exit_codes:
+        how = f"signal {-exit_codes[0]}" if exit_codes[0] < 0 else f"exit code {exit_codes[0]}"
+        return DataError(
+            f"{len(exit_codes)} search processes ended early ({how}), and none found a motion",
+            where="search processes",
+            fix="signal 9 often means too little memory: try fewer with --processes",
+        )
+    return DataError(
+        "no motion was found in the time given",
+        where="excitation",
+        fix="give more time with --budget; the first motion takes about 2 s, longer with collision",
+    )
+
+
+def _lines(
+    messages: "queue.Queue[Any]",
+    effort: SearchBudget,
+    begun: float,
+    found: Sequence[Found],
+    over: _ExitRecord,
+    progress: Progress,
+) -> Iterator[dict[str, Any]]:
+    """What the processes say, until all of them have ended; how they did goes into `over`."""
+    while len(over.ends) < effort.useful:
+        spent = time.monotonic() - begun
+        note = f"best {found[0].criterion_value:.4g} of {len(found)}" if found else ""
+        report_progress(
+            progress,
+            "designing",
+            effort.seconds * _budget_share(spent, found, effort),
+            effort.seconds,
+            note,
+        )
+        if spent > effort.seconds + _GRACE_SECONDS and found:
+            return
+        try:
+            line = messages.get(timeout=_POLL_SECONDS)
+        except queue.Empty:
+            continue
+        if "ended" in line:
+            over.ends.append(line["ended"])
+        elif "error" in line:
+            kind = NoMotion if line["none"] else DataError
+            error = kind(line["error"], where=line["where"], fix=line["fix"])
+            if not line["none"]:
+                raise error
+            over.refused.append(error)
+        elif "broken" in line:
+            raise RuntimeError(f"a search process failed:\n{line['broken']}")
+        else:
+            yield line
+
+
+def _budget_share(spent: float, found: Sequence[Found], effort: SearchBudget) -> float:
+    """How much of the budget is used, by seconds or by searches."""
+    searched = 0.0 if effort.searches is None else len(found) / effort.searches
+    return min(max(spent / effort.seconds, searched), 1.0)
+
+
+@contextmanager
+def _workers(recipe: Recipe, method: str, effort: SearchBudget) -> Iterator["queue.Queue[Any]"]:
+    """Processes that search, and the queue of what they say and how they ended."""
+    messages: queue.Queue[Any] = queue.Queue()
+    with ExitStack() as stack:
+        for number in range(effort.useful):
+            stack.enter_context(_worker(recipe, method, effort, number, messages))
+        yield messages
+
+
+@contextmanager
+def _worker(
+    recipe: Recipe, method: str, effort: SearchBudget, number: int, messages: "queue.Queue[Any]"
+) -> Iterator[None]:
+    """A process that searches; a session of its own keeps Ctrl-C from it."""
+    task = _task(recipe, method, effort, number)
+    process = subprocess.Popen(
+        module_command("steelyard.excite.search.worker"),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        encoding="utf-8",
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+        start_new_session=True,
+    )
+    listener = threading.Thread(target=_read_worker, args=(process, messages), daemon=True)
+    listener.start()
+    assert process.stdin is not None and process.stdout is not None
+    try:
+        with suppress(BrokenPipeError):
+            process.stdin.write(json.dumps(task) + "\n")
+            process.stdin.flush()
+        yield
+    finally:
+        process.kill()
+        listener.join()
+        with suppress(BrokenPipeError):
+            process.stdin.close()
+        process.stdout.close()
+
+
+def _task(recipe: Recipe, method: str, effort: SearchBudget, number: int) -> dict[str, Any]:
+    """What a process searches, as JSON values."""
+    return {
+        "problem": asdict(recipe),
+        "method": method,
+        "seed": effort.seed,
+        "until": time.time() + effort.seconds,
+        "first": number,
+        "step": effort.useful,
+        "searches": effort.searches,
+    }
+
+
+def _read_worker(process: "subprocess.Popen[str]", messages: "queue.Queue[Any]") -> None:
+    """Put what a process says into the queue, and its exit code; half a line is none."""
+    assert process.stdout is not None
+    for line in process.stdout:
+        if line.endswith("\n"):
+            messages.put(json.loads(line))
+    messages.put({"ended": process.wait()})
+
+
+RESERVED_SECONDS = 1.4
+"""What the certificate, the report and the files take of the processor's time [s]."""
+
+RESERVED_EVALUATIONS = 50.0
+"""What they take beyond that, in times that a look at the motion takes."""
+
+MOST_RESERVED_SHARE = 0.25
+"""Share of the whole time that is kept for them at most."""
+
+
+@dataclass(frozen=True)
+class ProcessPace:
+    """How fast this process gets on since the pace was made: other programs slow it down.
+
+    Attributes:
+        clock: Of `time.monotonic` [s].
+        processor: Of `time.process_time` [s].
+    """
+
+    clock: float = field(default_factory=time.monotonic)
+    processor: float = field(default_factory=time.process_time)
+
+    @property
+    def slower(self) -> float:
+        """Seconds of the clock for one of the processor; 1 at least."""
+        processor = max(time.process_time() - self.processor, 1e-3)
+        return max((time.monotonic() - self.clock) / processor, 1.0)
+
+
+def time_after(problem: Problem, seconds: float, pace: ProcessPace) -> float:
+    """Time to keep for what comes after the search [s].
+
+    Args:
+        problem: What is designed.
+        seconds: Of the whole design.
+        pace: Of the process so far.
+    """
+    return min(
+        pace.slower * (RESERVED_SECONDS + RESERVED_EVALUATIONS * _evaluation_seconds(problem)),
+        MOST_RESERVED_SHARE * seconds,
+    )
+
+
+def _evaluation_seconds(problem: Problem) -> float:
+    """Processor time that it takes to find out what a motion shows [s], with its code there."""
+    still = problem.basis.still(np.zeros(problem.robot.n))
+    problem.objective(still, 1.0)
+    problem.criterion_value(still)
+    start = time.process_time()
+    problem.criterion_value(still)
+    return time.process_time() - start

@@ -1,0 +1,1 @@
+"""Trajectories whose extremes over all times are known exactly."""

@@ -1,0 +1,347 @@
+r"""Piecewise polynomials: exact extremes, minimum-jerk moves, and motions through given postures.
+
+A polynomial on $[0, 1]$ lies between the least and the greatest of its Bernstein coefficients, and
+the first and the last of them are values of it. Halving the interval brings both together
+quadratically; a half whose coefficients stay below a value already found is done with
+[Farouki2012]. What remains is a bound over all times that no sample exceeds and one attains.
+
+From rest to rest in the time $T$, with $\tau = t / T$,
+$q = p_0 + (p_1 - p_0)(10 \tau^3 - 15 \tau^4 + 6 \tau^5)$ [Flash1985]: the fastest speed is
+$15/8$ and the largest acceleration $10/\sqrt 3$ of what the distance gives.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from math import comb, factorial, perm, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.motion import Motion
+from steelyard.excite.trajectories.trajectory import sampled
+
+_HALVINGS = 60
+_EPSILON = float(np.finfo(np.float64).eps)
+
+
+def polynomial_extremes(pieces: Array) -> tuple[Array, Array]:
+    r"""Least and greatest value of $\sum_i a_i \tau^i$ over all pieces and $0 \le \tau \le 1$.
+
+    Args:
+        pieces: Coefficients `a`, ascending, shape `(p, d + 1, n)`.
+
+    Returns:
+        Two arrays of shape `(n,)`, rounded away from each other.
+    """
+    degree, joints = pieces.shape[1] - 1, pieces.shape[2]
+    points = np.einsum("ji,pin->pnj", _to_bernstein(degree), pieces)
+    rounding = 8 * (degree + 1) * np.abs(pieces).sum(axis=1).max(axis=0)
+    slack = _EPSILON * (rounding + 128 * np.abs(points).max(axis=(0, 2)))
+    top = _greatest(np.concatenate([points, -points], axis=1), np.tile(slack, 2))
+    return -top[joints:], top[:joints]
+
+
+def _greatest(points: Array, slack: Array) -> Array:
+    """The greatest value of Bernstein polynomials `(p, k, d + 1)` per column, shape `(k,)`."""
+    columns, degree = points.shape[1], points.shape[2] - 1
+    best = points[:, :, [0, -1]].max(axis=(0, 2))
+    owner = np.tile(np.arange(columns), len(points))
+    rows = points.reshape(-1, degree + 1)
+    halves = _halves(degree)
+    for _ in range(_HALVINGS):
+        open_ = rows.max(axis=1) > (best + slack)[owner]
+        if not open_.any():
+            return np.asarray(best + slack)
+        rows, owner = rows[open_], np.tile(owner[open_], 2)
+        rows = np.concatenate([rows @ half for half in halves])
+        np.maximum.at(best, owner, np.maximum(rows[:, 0], rows[:, -1]))
+    np.maximum.at(best, owner, rows.max(axis=1))
+    return np.asarray(best + slack)
+
+
+def differentiated(pieces: Array, widths: Array, order: int) -> Array:
+    """Coefficients of a derivative in time.
+
+    Args:
+        pieces: Ascending coefficients in the share of the piece's time, shape `(p, d + 1, n)`.
+        widths: Length of the pieces, shape `(p,)` [s].
+        order: How often to differentiate.
+
+    Returns:
+        Shape `(p, max(d - order, 0) + 1, n)`.
+    """
+    degree = pieces.shape[1] - 1
+    if order > degree:
+        return np.zeros((len(pieces), 1, pieces.shape[2]))
+    factor = np.array([perm(i, order) for i in range(order, degree + 1)], dtype=np.float64)
+    return np.asarray(pieces[:, order:] * factor[:, None] / widths[:, None, None] ** order)
+
+
+@lru_cache
+def _to_bernstein(degree: int) -> Array:
+    """From ascending powers to Bernstein coefficients, shape `(d + 1, d + 1)`."""
+    rows = range(degree + 1)
+    return np.array([[comb(j, i) / comb(degree, i) for i in rows] for j in rows])
+
+
+@lru_cache
+def _halves(degree: int) -> tuple[Array, Array]:
+    """From Bernstein coefficients in rows to those of the first and of the second half."""
+    rows = range(degree + 1)
+    first = np.array([[comb(j, i) / 2.0**j for i in rows] for j in rows])
+    return first.T.copy(), first[::-1, ::-1].T.copy()
+
+
+JOIN_TOLERANCE = 1e-9
+"""Positions that differ by less than this are one [rad; m], relative to values above 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class PiecewiseMotion:
+    r"""Polynomials of all joints between shared times.
+
+    Between `breaks` $t_p$ and $t_{p+1}$, with $\tau = (t - t_p) / (t_{p+1} - t_p)$, joint `j` is at
+    $\sum_i c_{pij} \tau^i$. At a break, derivatives are those of the piece that begins.
+
+    Attributes:
+        breaks: Ascending from 0, shape `(p + 1,)` [s].
+        coefficients: Shape `(p, d + 1, n)` [rad; m].
+    """
+
+    breaks: Array
+    coefficients: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "breaks", frozen(self.breaks, (None,)))
+        pieces = len(self.breaks) - 1
+        if pieces < 1 or self.breaks[0] != 0.0 or not np.all(np.diff(self.breaks) > 0.0):
+            raise ValueError("the breaks of a motion rise from 0, and there are two or more")
+        object.__setattr__(self, "coefficients", frozen(self.coefficients, (pieces, None, None)))
+        if not (np.isfinite(self.breaks).all() and np.isfinite(self.coefficients).all()):
+            raise ValueError("a break or a coefficient of the motion is not finite")
+        if self.coefficients.shape[1] == 0:
+            raise ValueError("the pieces of the motion have no coefficients")
+        ends, starts = self.coefficients[:-1].sum(axis=1), self.coefficients[1:, 0]
+        check_join(ends, starts, self.breaks[1:-1])
+
+    @property
+    def duration(self) -> float:
+        """Length in time [s]."""
+        return float(self.breaks[-1])
+
+    def derivative(self, t: ArrayLike, order: int) -> Array:
+        """Any order, 0 for the position, at times from 0 to the duration, shape `(N, n)`."""
+        t = np.asarray(t, dtype=np.float64)
+        last = len(self.coefficients) - 1
+        piece = np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, last)
+        width = np.diff(self.breaks)[piece]
+        share = np.clip((t - self.breaks[piece]) / width, 0.0, 1.0)[:, None]
+        values = np.zeros((len(t), self.coefficients.shape[2]))
+        for power in range(self.coefficients.shape[1] - 1, order - 1, -1):
+            values = values * share + perm(power, order) * self.coefficients[piece, power]
+        return np.asarray(values / width[:, None] ** order)
+
+    def extremes(self, order: int) -> tuple[Array, Array]:
+        """Least and greatest value over all times, each `(n,)`; both sides of a break count."""
+        return polynomial_extremes(differentiated(self.coefficients, np.diff(self.breaks), order))
+
+    def sample(self, t: ArrayLike) -> Motion:
+        """The motion at times `t`, shape `(N,)` or one number [s]; at rest outside its time."""
+        return sampled(self, t)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As values for JSON; numbers keep all their digits."""
+        return {
+            "kind": "piecewise",
+            "breaks_s": self.breaks.tolist(),
+            "coefficients": self.coefficients.tolist(),
+        }
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> "PiecewiseMotion":
+        """The inverse of `to_dict`."""
+        return cls(values["breaks_s"], values["coefficients"])
+
+
+def check_join(ends: Array, starts: Array, times: Array) -> None:
+    """Postures before and after each of the times, both `(k, n)`, are the same.
+
+    Raises:
+        ValueError: A joint jumps; says which, when and how far.
+    """
+    jump = np.abs(starts - ends)
+    excess = jump - JOIN_TOLERANCE * np.maximum(1.0, np.abs(ends))
+    if np.any(excess > 0.0):
+        row, joint = np.unravel_index(int(np.argmax(excess)), excess.shape)
+        raise ValueError(
+            f"the parts of the motion do not join: joint {joint + 1} jumps by "
+            f"{jump[row, joint]:.3g} at {times[row]:.6g} s"
+        )
+
+
+def from_scipy(curve: Any) -> PiecewiseMotion:
+    """The motion of a `scipy.interpolate` `PPoly` or `BSpline` with values of shape `(n,)`."""
+    if hasattr(curve, "k"):
+        degree, knots = curve.k, curve.t[curve.k : len(curve.t) - curve.k]
+    else:
+        degree, knots = len(curve.c) - 1, curve.x
+    knots = np.unique(knots)
+    width = np.diff(knots)[:, None]
+    pieces = [curve(knots[:-1], i) * (width**i / factorial(i)) for i in range(degree + 1)]
+    return PiecewiseMotion(knots, np.stack(pieces, axis=1))
+
+
+SMOOTH = frozen([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
+"""From 0 to 1, at rest at both ends: coefficients of the powers of the time's share."""
+
+
+def through_postures(
+    postures: ArrayLike, move_s: ArrayLike, dwell_s: float = 0.0
+) -> PiecewiseMotion:
+    """The motion that reaches posture after posture, and stands at each for a while.
+
+    Args:
+        postures: Two or more, the first of them the start, shape `(k, n)` [rad; m].
+        move_s: Time of every move, or one per move, shape `(k - 1,)` [s].
+        dwell_s: Time to stand after every move [s].
+    """
+    postures = frozen(postures, (None, None))
+    if len(postures) < 2:
+        raise ValueError(f"a motion through postures needs 2 of them or more, not {len(postures)}")
+    moves = np.broadcast_to(np.asarray(move_s, dtype=np.float64), (len(postures) - 1,))
+    if not (np.all(moves > 0.0) and dwell_s >= 0.0 and np.isfinite(moves).all()):
+        raise ValueError("moves take more than 0 s, and dwells 0 s or more")
+    reach = np.diff(postures, axis=0)[:, None, :] * SMOOTH[:, None]
+    reach[:, 0] = postures[:-1]
+    if dwell_s == 0.0:
+        return PiecewiseMotion(np.cumsum([0.0, *moves]), reach)
+    stand = np.zeros_like(reach)
+    stand[:, 0] = postures[1:]
+    pieces = np.stack([reach, stand], axis=1).reshape(-1, *reach.shape[1:])
+    seconds = np.column_stack([moves, np.full_like(moves, dwell_s)]).ravel()
+    return PiecewiseMotion(np.cumsum([0.0, *seconds]), pieces)
+
+
+def reach_seconds(distance: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike) -> float:
+    """The shortest time of a minimum-jerk move within limits [s]; zero for no distance.
+
+    Args:
+        distance: Of every joint, any sign, shape `(n,)` [rad; m].
+        velocity: Highest speeds, shape `(n,)`.
+        acceleration: Highest accelerations, shape `(n,)`.
+    """
+    way = np.abs(np.asarray(distance, dtype=np.float64))
+    by_speed = 15.0 / 8.0 * way / np.asarray(velocity, dtype=np.float64)
+    by_acceleration = np.sqrt(10.0 / sqrt(3.0) * way / np.asarray(acceleration, dtype=np.float64))
+    return float(np.max(np.maximum(by_speed, by_acceleration), initial=0.0))
+
+
+def quintic(start: Sequence[Array], end: Sequence[Array], seconds: float) -> Array:
+    r"""The polynomials of degree 5 with given position, velocity and acceleration at both ends.
+
+    Args:
+        start: The three at the start, each of shape `(n,)`.
+        end: The three at the end.
+        seconds: Time between both [s].
+
+    Returns:
+        Coefficients of the powers of the time's share, shape `(1, 6, n)`.
+    """
+    p, v, a = (value * seconds**k for k, value in enumerate(start))
+    end_p, end_v, end_a = (value * seconds**k for k, value in enumerate(end))
+    dp, dv, da = end_p - p - v - 0.5 * a, end_v - v - a, end_a - a
+    high = [10.0 * dp - 4.0 * dv + 0.5 * da, -15.0 * dp + 7.0 * dv - da]
+    return np.array([[p, v, 0.5 * a, *high, 6.0 * dp - 3.0 * dv + 0.5 * da]])
+
+
+@dataclass(frozen=True, eq=False)
+class SampledMotion:
+    """A motion through given postures: the cubic spline that starts and ends with given speeds.
+
+    Attributes:
+        t: Times, shape `(N,)` [s], increasing; kept from zero on.
+        q: Postures, shape `(N, n)` [rad; m].
+        ends: Speeds at the first and the last time, shape `(2, n)` [rad/s; m/s]; `None`: at rest.
+    """
+
+    t: Array
+    q: Array
+    ends: Array | None = None
+
+    def __post_init__(self) -> None:
+        t = frozen(self.t, (None,))
+        if len(t) < 2 or not np.all(np.diff(t) > 0.0):
+            raise ValueError("a motion needs two times or more, each later than the one before")
+        object.__setattr__(self, "t", frozen(t - t[0]))
+        object.__setattr__(self, "q", frozen(self.q, (len(t), None)))
+        if not (np.isfinite(t).all() and np.isfinite(self.q).all()):
+            raise ValueError("a time or a posture of the table is not finite")
+        if self.ends is not None:
+            object.__setattr__(self, "ends", frozen(self.ends, (2, self.q.shape[1])))
+            if not np.isfinite(self.ends).all():
+                raise ValueError("a speed at the motion's start or end is not finite")
+
+    @property
+    def duration(self) -> float:
+        """Length in time [s]."""
+        return float(self.t[-1])
+
+    @property
+    def breaks(self) -> Array:
+        """The times of the postures, shape `(N,)` [s]."""
+        return self.t
+
+    def derivative(self, t: ArrayLike, order: int) -> Array:
+        """Any order, 0 for the position, at times from 0 to the duration, shape `(N, n)`."""
+        return self._pieces.derivative(t, order)
+
+    def extremes(self, order: int) -> tuple[Array, Array]:
+        """Least and greatest value over all times, each `(n,)`; both sides of a break count."""
+        return self._pieces.extremes(order)
+
+    def sample(self, t: ArrayLike) -> Motion:
+        """The motion at times `t`, shape `(N,)` or one number [s]; at rest outside its time."""
+        return self._pieces.sample(t)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As values for JSON; numbers keep all their digits."""
+        values = {"kind": "sampled", "time_s": self.t.tolist(), "q": self.q.tolist()}
+        return values if self.ends is None else values | {"ends": self.ends.tolist()}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> "SampledMotion":
+        """The inverse of `to_dict`."""
+        return cls(values["time_s"], values["q"], values.get("ends"))
+
+    @cached_property
+    def _pieces(self) -> PiecewiseMotion:
+        from scipy.interpolate import CubicSpline
+
+        start, end = np.zeros((2, self.q.shape[1])) if self.ends is None else self.ends
+        return from_scipy(CubicSpline(self.t, self.q, bc_type=((1, start), (1, end))))
+
+
+def end_speeds(t: Array, q: Array) -> Array:
+    """Speeds of a table of postures in its first and its last row, which need not be at rest.
+
+    They are those of the not-a-knot cubic spline. A joint is at rest where its speed there is not
+    larger than the error of differentiation, taken as the difference from the parabola through the
+    three rows at that end. With fewer than four rows all joints are at rest.
+
+    Args:
+        t: Times, shape `(N,)` [s], increasing.
+        q: Postures, shape `(N, n)` [rad; m].
+
+    Returns:
+        Shape `(2, n)` [rad/s; m/s].
+    """
+    from scipy.interpolate import CubicSpline
+
+    if len(t) < 4:
+        return np.zeros((2, q.shape[1]))
+    speeds = CubicSpline(t, q)(t[[0, -1]], 1)
+    first, last = CubicSpline(t[:3], q[:3])(t[0], 1), CubicSpline(t[-3:], q[-3:])(t[-1], 1)
+    return np.where(np.abs(speeds) > np.abs(speeds - [first, last]), speeds, 0.0)

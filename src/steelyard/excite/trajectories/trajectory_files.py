@@ -1,0 +1,252 @@
+"""Motions from files: our own JSON, or a table of postures."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from steelyard.base.arguments import checked
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError, LogError, advice
+from steelyard.base.files import write_json
+from steelyard.excite.trajectories.composed import ChainedMotion, TrendedMotion, WindowedMotion
+from steelyard.excite.trajectories.fourier import FourierMotion
+from steelyard.excite.trajectories.polynomials import PiecewiseMotion, SampledMotion, end_speeds
+from steelyard.excite.trajectories.trajectory import ExactTrajectory, SlowedMotion
+from steelyard.logs.formats import open_log
+from steelyard.logs.log import Log
+from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.robot import Coordinate, Robot
+
+_AT_REST = 1e-9
+"""Speeds up to this are rounding [rad/s; m/s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionTable:
+    """A table of times and postures.
+
+    Attributes:
+        start: Time of the first row [s], which is time zero of the motion.
+        motion: The motion; at rest in the first and the last row unless the table states speeds.
+        states_speeds: Whether the table has speeds of all joints in these rows.
+    """
+
+    start: float
+    motion: SampledMotion
+    states_speeds: bool
+
+    @property
+    def unstopped(self) -> SampledMotion:
+        """The motion with `end_speeds` where the table states no speeds."""
+        if self.states_speeds:
+            return self.motion
+        return replace(self.motion, ends=end_speeds(self.motion.t, self.motion.q))
+
+
+def _chained(values: Mapping[str, Any]) -> ChainedMotion:
+    """Parts may be of any kind."""
+    parts = [trajectory_from_dict(part) for part in values["parts"]]
+    return ChainedMotion(parts, int(values["times"]))
+
+
+def _slowed(values: Mapping[str, Any]) -> SlowedMotion:
+    """A motion of any kind at reduced speed."""
+    return SlowedMotion(trajectory_from_dict(values["motion"]), float(values["factor"]))
+
+
+KINDS: dict[str, Callable[[Mapping[str, Any]], ExactTrajectory]] = {
+    "fourier": FourierMotion.from_dict,
+    "sampled": SampledMotion.from_dict,
+    "piecewise": PiecewiseMotion.from_dict,
+    "chained": _chained,
+    "trended": TrendedMotion.from_dict,
+    "windowed": WindowedMotion.from_dict,
+    "slowed": _slowed,
+}
+
+
+def trajectory_from_dict(values: Mapping[str, Any]) -> ExactTrajectory:
+    """The trajectory that `to_dict` described; `KeyError` or `ValueError` if it did not."""
+    kind = values["kind"]
+    if kind not in KINDS:
+        raise ValueError(f"its kind is {kind!r}, and the known ones are {', '.join(KINDS)}")
+    return KINDS[kind](values)
+
+
+def read_motion(path: Path, robot: Robot) -> ExactTrajectory:
+    """The motion in a file.
+
+    Args:
+        path: `trajectory.json`, or a `.csv` or `.parquet` table with a column of times
+            (`time_s`, `time` or `t`) and one of positions per joint: `q1_rad` (`q1_m`), `q1`,
+            `q_NAME` or `NAME`. Where it has speeds of all joints too (`dq1_rad_s`, `dq1` or
+            `dq_NAME`), it starts and ends with those of its first and last row, else at rest.
+        robot: Says how many joints there are, and their names.
+
+    Raises:
+        DataError: The file is missing, is not a motion, or not one of this robot.
+    """
+    if not path.is_file():
+        raise _missing(path)
+    motion = _read_json(path, robot) if path.suffix == ".json" else read_table(path, robot).motion
+    joints = motion.sample([0.0]).n_joints
+    if joints != robot.n:
+        raise _refused(
+            path,
+            f"the motion is one of {joints} joints, the robot has {robot.n}",
+            "give a motion of this robot's joints",
+        )
+    return motion
+
+
+def write_motion(path: Path, motion: ExactTrajectory, robot: Robot) -> None:
+    """Write a motion as `trajectory.json`, with the names of the joints that it is for."""
+    write_json(path, {"joints": list(robot.joint_names), **motion.to_dict()})
+
+
+def read_named(path: Path) -> tuple[ExactTrajectory, list[str] | None]:
+    """The motion in a `trajectory.json`, and the names of its joints if it has them.
+
+    Raises:
+        DataError: The file is missing, or is not a motion.
+    """
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+        motion, joints = trajectory_from_dict(values), values.get("joints")
+    except OSError as error:
+        raise _refused(
+            path, f"the motion cannot be read ({error.strerror})", "check its name and folder"
+        ) from None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        lacking = f"it has no {error}" if isinstance(error, KeyError) else str(error)
+        raise _refused(
+            path,
+            f"the file is not a steelyard motion: {lacking}",
+            "give a trajectory.json that steelyard wrote, or a .csv or .parquet table",
+        ) from error
+    return motion, joints
+
+
+def _read_json(path: Path, robot: Robot) -> ExactTrajectory:
+    """A motion of a robot that this package wrote."""
+    motion, joints = read_named(path)
+    if joints is not None and joints != list(robot.joint_names):
+        raise _refused(
+            path,
+            f"the motion is for the joints {joints}, the robot '{robot.name}' has "
+            f"{list(robot.joint_names)}",
+            "give a motion of this robot; to run it anyway, remove 'joints' from the file",
+        )
+    return motion
+
+
+def read_table(path: Path, robot: Robot) -> MotionTable:
+    """The table of a motion; columns and errors as of `read_motion`."""
+    if not path.is_file():
+        raise _missing(path)
+    try:
+        table = open_log(path)
+    except LogError as error:
+        raise _refused(
+            path,
+            f"the file is not a table: {error.wrong}",
+            "give a .csv or .parquet file with a row of column names",
+        ) from error
+    names = {column.lower(): column for column in table.columns}
+    wanted = [("time", ["time_s", "time", "t"])]
+    wanted += [(f"joint '{c.name}'", _names(j, c)) for j, c in enumerate(robot.coordinates)]
+    columns = []
+    for what, choices in wanted:
+        name = _find(path, what, choices, names)
+        columns.append(_numbers(table, name))
+    ends = _ends(table, names, robot)
+    moving = None if ends is None or np.abs(ends).max() <= _AT_REST else ends
+    try:
+        motion = SampledMotion(columns[0], np.column_stack(columns[1:]), moving)
+    except ValueError as error:
+        raise _refused(path, str(error), "sort the rows by time and drop repeated ones") from error
+    return MotionTable(float(columns[0][0]), motion, ends is not None)
+
+
+def _names(index: int, joint: Coordinate) -> list[str]:
+    """Names that a joint's column of positions may have."""
+    number = index + 1
+    return [f"q{number}_{joint.unit}", f"q{number}", f"q_{joint.name}", joint.name]
+
+
+def _ends(table: Log, names: Mapping[str, str], robot: Robot) -> Array | None:
+    """Speeds in the first and the last row, shape `(2, n)`; `None` if not given."""
+    found = []
+    for j, joint in enumerate(robot.coordinates):
+        choices = [f"dq{j + 1}_{joint.unit}_s", f"dq{j + 1}", f"dq_{joint.name.lower()}"]
+        found += [names[choice] for choice in choices if choice in names][:1]
+    if len(found) < robot.n:
+        return None
+    rows = _rows(table, found)
+    ends = rows[[0, -1]] if len(rows) else np.zeros((2, robot.n))
+    return ends if np.isfinite(ends).all() else None
+
+
+def _rows(table: Log, columns: Sequence[str]) -> Array:
+    """Columns of all rows, shape `(N, len(columns))`."""
+    return np.concatenate([np.zeros((0, len(columns))), *table.parts(columns)])
+
+
+def _find(path: Path, what: str, choices: Sequence[str], names: Mapping[str, str]) -> str:
+    """The table's own name of the first choice that it has."""
+    for choice in choices:
+        if choice.lower() in names:
+            return names[choice.lower()]
+    stem, _, unit = choices[0].rpartition("_")
+    converted = f"a column '{choices[0]}' in {unit}" if stem else f"a column '{choices[0]}'"
+    raise _refused(
+        path,
+        f"no column for {what}",
+        f"the table needs {converted}; convert other units; "
+        + advice(choices[0], names.values(), "columns"),
+    )
+
+
+def _numbers(table: Log, name: str) -> Array:
+    """A column as finite numbers."""
+    values = _rows(table, [name])[:, 0]
+    good = np.isfinite(values)
+    if not good.all():
+        row = int(np.argmin(good)) + 1
+        raise _refused(
+            table.path,
+            f"column '{name}' holds something other than a finite number in row {row}",
+            "correct or drop that row",
+        )
+    return values
+
+
+def _missing(path: Path) -> DataError:
+    return _refused(path, "the file does not exist", "check its name and folder")
+
+
+def _refused(path: Path, wrong: str, fix: str) -> DataError:
+    return DataError(wrong, where=str(path), fix=fix)
+
+
+@checked()
+def read_trajectory(path: str | Path, robot: str | Path | LoadedRobot) -> ExactTrajectory:
+    """The motion in a file.
+
+    Args:
+        path: `trajectory.json` of `excite` or `simulate`, or a CSV or Parquet table of postures.
+        robot: The robot that it is for.
+
+    Raises:
+        SteelyardError: The file is no motion of this robot.
+
+    Example:
+        >>> read_trajectory("fit/trajectory.json", "arm.toml").duration > 5.0
+        True
+    """
+    return read_motion(Path(path), load_robot(robot).robot)

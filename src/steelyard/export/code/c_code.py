@@ -1,0 +1,226 @@
+"""A model as C99: the header, the source and their identifiers."""
+
+import re
+import unicodedata
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from textwrap import wrap
+
+from steelyard.export.code.c_observer import ObserverCode
+from steelyard.export.code.c_state import StateCode
+from steelyard.export.code.functions import Controller, Function
+from steelyard.robot.robot import Coordinate
+from steelyard.symbolic.source_code import CFunction, Precision, c_function, c_literal
+
+_SIGNS = str.maketrans({"²": "^2", "³": "^3", "√": "sqrt "})
+"""Signs of units."""
+
+
+def identifier(text: str, otherwise: str) -> str:
+    """Letters, digits and single underscores of a name, with a letter first; never empty.
+
+    Args:
+        text: The name.
+        otherwise: What stands before a name that begins with a digit, and for one without letters.
+    """
+    plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
+    name = re.sub(r"[^A-Za-z0-9]+", "_", plain).strip("_").lower()
+    return name if name[:1].isalpha() else f"{otherwise}_{name}".strip("_")
+
+
+def identifiers(names: Sequence[str], otherwise: str) -> tuple[str, ...]:
+    """One identifier per name, no two alike: later ones get a number."""
+    found: list[str] = []
+    for name in names:
+        plain = candidate = identifier(name, otherwise)
+        count = 1
+        while candidate in found:
+            count += 1
+            candidate = f"{plain}_{count}"
+        found.append(candidate)
+    return tuple(found)
+
+
+def commented(text: str) -> str:
+    """Text that ends no comment of C and no docstring, in ASCII and on one line."""
+    plain = text.translate(_SIGNS).encode("ascii", "backslashreplace").decode()
+    for risky, safe in (("\\", "/"), ("*/", "* /"), ("/*", "/ *"), ("??", "? ?"), ('"', "'")):
+        plain = plain.replace(risky, safe)
+    return " ".join(plain.split())
+
+
+COMMENT_WIDTH = 94
+"""Columns of text in comments."""
+
+
+@dataclass(frozen=True, eq=False)
+class CCode:
+    """A model as C code.
+
+    Attributes:
+        controller: The model and what is wanted of it.
+        precision: Type of all numbers.
+        origin: Where the model comes from, one line each.
+    """
+
+    controller: Controller
+    precision: Precision
+    origin: tuple[str, ...]
+
+    @cached_property
+    def name(self) -> str:
+        """Prefix of all names."""
+        return identifier(self.controller.model.robot.name, "robot")
+
+    @cached_property
+    def joints(self) -> tuple[str, ...]:
+        """Identifiers of the joints."""
+        return identifiers(self.controller.model.robot.joint_names, "joint")
+
+    @cached_property
+    def functions(self) -> Mapping[str, tuple[Function, CFunction]]:
+        """The functions by their names in C, without the prefix."""
+        listed = self.controller.functions
+        names = identifiers([function.name for function in listed], "function")
+        return {
+            name: (f, c_function(f.program, f"{self.name}_{name}", f.sizes, self.precision))
+            for name, f in zip(names, listed, strict=True)
+        }
+
+    @cached_property
+    def state(self) -> StateCode:
+        """The functions that go from sample to sample."""
+        return StateCode(self.name, self.precision, self.controller)
+
+    @cached_property
+    def observer(self) -> ObserverCode:
+        """The functions that observe external efforts."""
+        return ObserverCode(self.name, self.precision, self.controller)
+
+    @property
+    def stack(self) -> int:
+        """Bytes of local variables of the function with most of them."""
+        return max(c.stack for _, c in self.functions.values())
+
+    def header(self) -> str:
+        """The header file."""
+        guard = f"{self.name.upper()}_H"
+        declared = []
+        for function, c in self.functions.values():
+            if function.public:
+                meaning = function.meaning[0].upper() + function.meaning[1:]
+                note = f"{meaning}; {c.operations} operations, {c.stack} bytes of stack."
+                declared += [comment([note]), f"{c.signature};", ""]
+        parts = (
+            comment(self._head()),
+            f"#ifndef {guard}",
+            f"#define {guard}",
+            "",
+            "#ifdef __cplusplus",
+            'extern "C" {',
+            "#endif",
+            "",
+            *self._joint_numbers(),
+            *declared,
+            *self._parameters_declared(),
+            *self.state.declarations(),
+            *self.observer.declarations(),
+            "#ifdef __cplusplus",
+            "}",
+            "#endif",
+            "",
+            f"#endif /* {guard} */",
+        )
+        return "\n".join(parts) + "\n"
+
+    def source(self) -> str:
+        """The source file."""
+        functions = [
+            c.text if function.public else f"static {c.text}"
+            for function, c in self.functions.values()
+        ]
+        parts = (
+            comment([f"See {self.name}.h."]),
+            f'#include "{self.name}.h"',
+            "",
+            "#include <math.h>",
+            "",
+            *functions,
+            *self._parameters_defined(),
+            *self.state.definitions(),
+            *self.observer.definitions(),
+        )
+        return "\n".join(parts).rstrip("\n") + "\n"
+
+    def _head(self) -> list[str]:
+        robot = self.controller.model.robot
+        laws = ", ".join(term.law for term in self.controller.model.terms)
+        passive = ", ".join(joint.name for joint in robot.passive)
+        return [
+            f"Dynamics of robot '{robot.name}', written by steelyard.",
+            *self.origin,
+            "",
+            f"Terms: {laws}.",
+            "Joints in the order of all arrays, units of position and effort:",
+            *joint_lines(robot.coordinates),
+            *([f"Passive joints, in the order of arrays 'passive': {passive}."] if passive else []),
+            "Matrices are stored row by row. Results must not overlap arguments.",
+            f"Needs <math.h> only; at most {self.stack} bytes of local variables a function.",
+        ]
+
+    def _joint_numbers(self) -> list[str]:
+        upper = self.name.upper()
+        numbers = [
+            f"    {upper}_JOINT_{joint.upper()} = {k}" for k, joint in enumerate(self.joints)
+        ]
+        return [
+            f"#define {upper}_JOINTS {len(self.joints)}",
+            "",
+            f"enum {self.name}_joint {{",
+            ",\n".join(numbers),
+            "};",
+            "",
+        ]
+
+    def _parameters_declared(self) -> list[str]:
+        if "regressor" not in self.functions:
+            return []
+        known = self.controller.parameters
+        rows = zip(known.names, known.units, known.values, strict=True)
+        lines = [f"  {k} {name} = {x:.9g} {unit}" for k, (name, unit, x) in enumerate(rows)]
+        return [
+            f"#define {self.name.upper()}_PARAMETERS {len(known)}",
+            "",
+            comment(["Base parameters in the order of the regressor's columns:", *lines]),
+            f"void {self.name}_parameters({self.precision} values[{len(known)}]);",
+            "",
+        ]
+
+    def _parameters_defined(self) -> list[str]:
+        if "regressor" not in self.functions:
+            return []
+        values = self.controller.parameters.values
+        return [
+            f"void {self.name}_parameters({self.precision} values[{len(values)}])",
+            "{",
+            *(f"    values[{k}] = {c_literal(x, self.precision)};" for k, x in enumerate(values)),
+            "}",
+            "",
+        ]
+
+
+def joint_lines(coordinates: Sequence[Coordinate]) -> list[str]:
+    """Number, name and units of every joint."""
+    return [f"  {k} {c.name} [{c.unit}, {c.effort_unit}]" for k, c in enumerate(coordinates)]
+
+
+def comment(lines: Sequence[str]) -> str:
+    """Lines of a comment in C."""
+    rows: list[str] = []
+    for line in lines:
+        indent = " " * (len(line) - len(line.lstrip()))
+        rows += wrap(
+            commented(line), COMMENT_WIDTH, initial_indent=indent, subsequent_indent=indent
+        ) or [""]
+    return "\n".join(["/*", *(f" * {row}".rstrip() for row in rows), " */"])

@@ -1,0 +1,185 @@
+"""A model as a functional mock-up unit: FMI 2.0 co-simulation, around the C code."""
+
+import hashlib
+import platform
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+from xml.sax.saxutils import quoteattr
+from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
+
+import numpy as np
+
+from steelyard.base.errors import OutputError
+from steelyard.export.code.c_code import CCode
+from steelyard.export.code.fmi2_code import fmi2_code
+from steelyard.robot.loop_closures import loop_equations
+
+PLATFORMS = {
+    ("Linux", "x86_64"): ("linux64", ".so"),
+    ("Darwin", "x86_64"): ("darwin64", ".dylib"),
+    ("Windows", "AMD64"): ("win64", ".dll"),
+}
+"""Platforms that FMI 2.0 has names for; other ones compile the sources."""
+
+FMI_UNITS = {
+    "rad": '<BaseUnit rad="1"/>',
+    "rad/s": '<BaseUnit rad="1" s="-1"/>',
+    "rad/s2": '<BaseUnit rad="1" s="-2"/>',
+    "m": '<BaseUnit m="1"/>',
+    "m/s": '<BaseUnit m="1" s="-1"/>',
+    "m/s2": '<BaseUnit m="1" s="-2"/>',
+    "N.m": '<BaseUnit kg="1" m="2" s="-2"/>',
+    "N": '<BaseUnit kg="1" m="1" s="-2"/>',
+}
+
+
+class Variable(NamedTuple):
+    """An input or output.
+
+    Attributes:
+        name: Its name.
+        unit: Unit, of `FMI_UNITS`.
+        start: Value at the start; `None` of outputs.
+        meaning: For people.
+    """
+
+    name: str
+    unit: str
+    start: float | None
+    meaning: str
+
+
+def variables_of(code: CCode) -> list[Variable]:
+    """Positions, velocities and accelerations, then efforts; with loops the closure error."""
+    robot = code.controller.model.robot
+    reference = loop_equations(robot).assembly if robot.passive else np.zeros(robot.n)
+    joints = list(zip(code.joints, robot.joint_names, robot.coordinates, strict=True))
+    found: list[Variable] = []
+    for prefix, per, meaning in (
+        ("q", "", "position"),
+        ("dq", "/s", "velocity"),
+        ("ddq", "/s2", "acceleration"),
+    ):
+        for k, (plain, name, joint) in enumerate(joints):
+            start = float(reference[k]) if prefix == "q" else 0.0
+            unit = joint.unit + per
+            found.append(Variable(f"{prefix}_{plain}", unit, start, f"{meaning} of joint {name}"))
+    for plain, name, joint in joints:
+        unit = "N" if joint.kind == "prismatic" else "N.m"
+        found.append(Variable(f"tau_{plain}", unit, None, f"effort of joint {name}"))
+    if robot.passive:
+        meaning = "largest distance of two points that close a chain"
+        found.append(Variable("closure_error", "m", None, meaning))
+    return found
+
+
+def model_description(code: CCode, guid: str) -> str:
+    """The content of `modelDescription.xml`."""
+    variables = variables_of(code)
+    rows = []
+    for k, v in enumerate(variables):
+        causality = "output" if v.start is None else "input"
+        start = "" if v.start is None else f' start="{v.start!r}"'
+        rows.append(
+            f'    <ScalarVariable name={quoteattr(v.name)} valueReference="{k}" '
+            f'causality="{causality}" variability="continuous" '
+            f"description={quoteattr(v.meaning)}>"
+            f'<Real unit="{v.unit}"{start}/></ScalarVariable>'
+        )
+    outputs = [k + 1 for k, v in enumerate(variables) if v.start is None]
+    unknowns = "\n".join(f'      <Unknown index="{k}"/>' for k in outputs)
+    units = "\n".join(
+        f'    <Unit name="{unit}">{base}</Unit>'
+        for unit, base in FMI_UNITS.items()
+        if any(v.unit == unit for v in variables)
+    )
+    name = code.controller.model.robot.name
+    files = "".join(f'<File name="{x}"/>' for x in (f"{code.name}.c", f"{code.name}_fmi2.c"))
+    return f"""\
+<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName={quoteattr(name)} guid="{guid}"
+    description="Joint efforts of an identified robot" generationTool="steelyard"
+    variableNamingConvention="flat" numberOfEventIndicators="0">
+  <CoSimulation modelIdentifier="{code.name}" canHandleVariableCommunicationStepSize="true">
+    <SourceFiles>{files}</SourceFiles>
+  </CoSimulation>
+  <UnitDefinitions>
+{units}
+  </UnitDefinitions>
+  <ModelVariables>
+{chr(10).join(rows)}
+  </ModelVariables>
+  <ModelStructure>
+    <Outputs>
+{unknowns}
+    </Outputs>
+    <InitialUnknowns>
+{unknowns}
+    </InitialUnknowns>
+  </ModelStructure>
+</fmiModelDescription>
+"""
+
+
+def write_fmu(code: CCode, path: Path) -> tuple[str, ...]:
+    """Write the FMU, with a binary where a compiler and a name for the platform are.
+
+    Returns:
+        Names of the files in it.
+
+    Raises:
+        OutputError: The compiler fails.
+    """
+    source = code.source()
+    guid = "{" + hashlib.sha256(source.encode()).hexdigest()[:32] + "}"
+    starts = [v.start for v in variables_of(code) if v.start is not None]
+    sources = {
+        f"{code.name}.h": code.header(),
+        f"{code.name}.c": source,
+        f"{code.name}_fmi2.c": fmi2_code(code, guid, starts),
+    }
+    files = {f"sources/{name}": text.encode() for name, text in sources.items()}
+    files["modelDescription.xml"] = model_description(code, guid).encode()
+    files |= _binary(code.name, sources)
+    with ZipFile(path, "w", ZIP_DEFLATED) as archive:
+        for name in sorted(files):
+            # a fixed date: the same model is the same file
+            archive.writestr(ZipInfo(name, (1980, 1, 1, 0, 0, 0)), files[name], ZIP_DEFLATED)
+    return tuple(sorted(files))
+
+
+def compiler() -> str | None:
+    """A C compiler on the search path."""
+    return next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
+
+
+def _binary(name: str, sources: dict[str, str]) -> dict[str, bytes]:
+    """The shared library for this platform by its place in the FMU; none without a compiler."""
+    known = PLATFORMS.get((platform.system(), platform.machine()))
+    found = compiler()
+    if known is None or found is None:
+        return {}
+    folder, suffix = known
+    with tempfile.TemporaryDirectory() as place:
+        for file, text in sources.items():
+            (Path(place) / file).write_text(text, encoding="utf-8")
+        _compile(found, Path(place), [x for x in sources if x.endswith(".c")], name + suffix)
+        return {f"binaries/{folder}/{name}{suffix}": (Path(place) / (name + suffix)).read_bytes()}
+
+
+def _compile(command: str, folder: Path, sources: Sequence[str], target: str) -> None:
+    options = ("-std=c99", "-O2", "-shared", "-fPIC")
+    done = subprocess.run(
+        [command, *options, *sources, "-o", target, "-lm"], cwd=folder, capture_output=True
+    )
+    if done.returncode:
+        raise OutputError(
+            f"the compiler fails: {done.stderr.decode(errors='replace')[:200]}",
+            where=command,
+            fix="check that it compiles C, or take it off the search path: the FMU then has the "
+            "sources alone",
+        )

@@ -1,0 +1,1 @@
+"""Models as URDF and MJCF."""

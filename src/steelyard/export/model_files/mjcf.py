@@ -1,0 +1,252 @@
+r"""A robot as MJCF, ready to be simulated by MuJoCo.
+
+Rotor inertia is *armature*, dry friction *frictionloss*, friction with powers of speed the
+polynomial of *damping*, springs are *stiffness* with *springref*; what acts along a sum of joints
+is a fixed tendon, a spring between links a spatial one. Mimic joints are joint equalities, pins of
+loops `connect` equalities between sites. Each joint has a motor of its own. Positions are the
+robot's; a model with loops starts where they are closed.
+"""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.export.model_files.content import Content, Effects, Sum, base_of, carriers_of
+from steelyard.export.model_files.urdf import frames_of, limit, number, numbers, rounded
+from steelyard.model.terms.model_files import AxisPartKind, Pull
+from steelyard.robot.rigid_body import Inertia, turn
+from steelyard.robot.robot import Body, Frame, Limits, LoopClosure, Robot
+
+TIMESTEP = 1e-3
+"""Step of the integration [s]."""
+
+STIFF = "0.005 1"
+"""Time constant [s] and damping ratio with which equalities pull together."""
+
+PLAIN_ATTRIBUTES: dict[AxisPartKind, str] = {"rotor": "armature", "dry": "frictionloss"}
+POLYNOMIAL: tuple[AxisPartKind, ...] = ("viscous", "quadratic", "cubic")
+"""What the one to three numbers of `damping` are."""
+
+WORLD = "world"
+FULL_INERTIA = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+def mjcf_of(content: Content) -> ET.Element:
+    """The `<mujoco>` of a robot's bodies."""
+    robot = content.robot
+    root = ET.Element("mujoco", model=robot.name)
+    ET.SubElement(root, "compiler", angle="radian", autolimits="true")
+    ET.SubElement(
+        root,
+        "option",
+        timestep=number(TIMESTEP),
+        integrator="implicitfast",
+        gravity=numbers(robot.gravity),
+    )
+    bodies = _bodies(content, ET.SubElement(root, "worldbody"))
+    names = [body.get("name", WORLD) for body in bodies]
+    for frame in frames_of(robot, names):
+        _site(bodies[frame.body + 1], frame.name, frame.position, frame.rotation)
+    _tendons(root, content, bodies)
+    _equalities(root, robot, bodies)
+    motors = ET.SubElement(root, "actuator")
+    for joint in robot.coordinates:
+        _motor(motors, joint.name, joint.limits)
+    _home(root, robot, bodies[0])
+    return root
+
+
+def _bodies(content: Content, world: ET.Element) -> list[ET.Element]:
+    """The base's and all bodies' elements, each inside its parent's."""
+    robot, base = content.robot, base_of(content.robot)
+    carriers = carriers_of(robot)
+    placed = [world if base == WORLD else ET.SubElement(world, "body", name=base)]
+    for index, (body, inertia) in enumerate(zip(robot.bodies, content.inertias, strict=True)):
+        start = body.ratio * robot.assembly[body.coordinate] + body.offset
+        element = ET.SubElement(placed[body.parent + 1], "body", name=body.name)
+        _place(element, body, start)
+        _inertial(element, inertia)
+        kind = "slide" if body.kind == "prismatic" else "hinge"
+        axis = numbers(body.axis)
+        joint = ET.SubElement(element, "joint", name=body.joint, type=kind, axis=axis)
+        if start:
+            joint.set("ref", number(start))
+        if carriers[body.coordinate] == index:
+            _range(joint, robot.joints[body.coordinate].limits)
+            _effects(joint, content.joints[body.coordinate], "springref")
+        placed.append(element)
+    return placed
+
+
+def _place(element: ET.Element, body: Body, start: float) -> None:
+    """Where a body is when its joint is at `start` [rad; m]."""
+    rotation, position = body.rotation, body.position
+    if body.kind == "prismatic":
+        position = position + rotation @ body.axis * start
+    elif start:
+        rotation = rotation @ turn(body.axis, start)
+    _pose(element, position, rotation)
+
+
+def _pose(element: ET.Element, position: Array, rotation: Array) -> None:
+    if np.any(position):
+        element.set("pos", numbers(position))
+    if not np.array_equal(rotation, np.eye(3)):
+        element.set("quat", numbers(quaternion(rotation)))
+
+
+def quaternion(rotation: Array) -> Array:
+    """The unit quaternion `w, x, y, z` of a rotation, `w` not negative, shape `(4,)`.
+
+    The eigenvector of the largest eigenvalue of the symmetric matrix that belongs to it, which is
+    as exact for half turns as for small ones.
+    """
+    r = rotation
+    skew = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
+    matrix = np.empty((4, 4))
+    matrix[0, 0] = np.trace(r)
+    matrix[0, 1:] = matrix[1:, 0] = skew
+    matrix[1:, 1:] = r + r.T - np.trace(r) * np.eye(3)
+    vector = np.linalg.eigh(matrix)[1][:, -1]
+    return np.asarray(vector * (1.0 if vector[0] >= 0.0 else -1.0))
+
+
+def _inertial(element: ET.Element, inertia: Inertia) -> None:
+    com, about = rounded(inertia)
+    ET.SubElement(
+        element,
+        "inertial",
+        pos=numbers(com),
+        mass=number(inertia.mass),
+        fullinertia=numbers([about[i, j] for i, j in FULL_INERTIA]),
+    )
+
+
+def _range(joint: ET.Element, limits: Limits) -> None:
+    if np.isfinite([limits.lower, limits.upper]).any():
+        joint.set("range", f"{limit(limits.lower)} {limit(limits.upper)}")
+    if np.isfinite(limits.effort):
+        joint.set("actuatorfrcrange", numbers([-limits.effort, limits.effort]))
+
+
+def _effects(element: ET.Element, effects: Effects, free: str) -> None:
+    """What acts along a joint or a tendon; `free` is the attribute of a spring's free position."""
+    for kind, name in PLAIN_ATTRIBUTES.items():
+        if kind in effects:
+            element.set(name, number(effects[kind]))
+    damping = [effects.get(kind, 0.0) for kind in POLYNOMIAL]
+    if any(damping):
+        element.set("damping", numbers(damping if any(damping[1:]) else damping[:1]))
+    if "stiffness" in effects:
+        rest = effects.get("preload", 0.0) / effects["stiffness"]
+        element.set("stiffness", number(effects["stiffness"]))
+        element.set(free, number(rest))
+
+
+def _tendons(root: ET.Element, content: Content, bodies: Sequence[ET.Element]) -> None:
+    if not content.sums and not content.pulls:
+        return
+    tendons = ET.SubElement(root, "tendon")
+    for total in content.sums:
+        _fixed_tendon(tendons, total, content.robot)
+    for pull in content.pulls:
+        _spatial_tendon(tendons, pull, content.robot, bodies)
+
+
+def _fixed_tendon(tendons: ET.Element, total: Sum, robot: Robot) -> None:
+    """A tendon whose length is the sum of joint positions."""
+    tendon = ET.SubElement(tendons, "fixed", name=total.axis.name)
+    _effects(tendon, total.effects, "springlength")
+    _not_automatic(tendon)
+    for joint, coefficient in zip(robot.joints, total.axis.row, strict=True):
+        if coefficient:
+            ET.SubElement(tendon, "joint", joint=joint.name, coef=number(coefficient))
+
+
+def _not_automatic(tendon: ET.Element) -> None:
+    """A spring length of exactly -1 means another thing to MuJoCo: the next number to it."""
+    if tendon.get("springlength") == "-1.0":
+        tendon.set("springlength", number(np.nextafter(-1.0, 0.0)))
+
+
+def _spatial_tendon(
+    tendons: ET.Element, pull: Pull, robot: Robot, bodies: Sequence[ET.Element]
+) -> None:
+    """A spring between points of two links."""
+    tendon = ET.SubElement(
+        tendons,
+        "spatial",
+        name=pull.name,
+        stiffness=number(pull.stiffness),
+        springlength=number(pull.preload / pull.stiffness),
+    )
+    for end, (link, point) in enumerate(zip(pull.links, pull.points, strict=True), start=1):
+        frame = _frame(robot, link)
+        name = f"{pull.name} end {end}"
+        _site(bodies[frame.body + 1], name, frame.rotation @ point + frame.position)
+        ET.SubElement(tendon, "site", site=name)
+
+
+def _frame(robot: Robot, link: str) -> Frame:
+    """Where a link is on the body that carries it."""
+    for frame in robot.frames:
+        if frame.name == link:
+            return frame
+    index = [body.name for body in robot.bodies].index(link)
+    return Frame(link, index, np.eye(3), np.zeros(3))
+
+
+def _site(body: ET.Element, name: str, position: Array, rotation: Array | None = None) -> None:
+    site = ET.Element("site", name=name)
+    _pose(site, position, np.eye(3) if rotation is None else rotation)
+    body.insert(sum(child.tag != "body" for child in body), site)
+
+
+def _equalities(root: ET.Element, robot: Robot, bodies: Sequence[ET.Element]) -> None:
+    """Mimic joints and pins."""
+    carriers = carriers_of(robot)
+    followers = [k for k, body in enumerate(robot.bodies) if carriers[body.coordinate] != k]
+    if not followers and not robot.loops:
+        return
+    equalities = ET.SubElement(root, "equality")
+    for index in followers:
+        body = robot.bodies[index]
+        ET.SubElement(
+            equalities,
+            "joint",
+            joint1=body.joint,
+            joint2=robot.bodies[carriers[body.coordinate]].joint,
+            polycoef=f"0 {number(body.ratio)} 0 0 0",
+            solref=STIFF,
+        )
+    for loop in robot.loops:
+        _pin(equalities, loop, bodies)
+
+
+def _pin(equalities: ET.Element, loop: LoopClosure, bodies: Sequence[ET.Element]) -> None:
+    sites = [f"{loop.name} end {end}" for end in (1, 2)]
+    for name, body, point in zip(sites, loop.bodies, loop.points, strict=True):
+        _site(bodies[body + 1], name, point)
+    first, second = sites
+    ET.SubElement(equalities, "connect", name=loop.name, site1=first, site2=second, solref=STIFF)
+
+
+def _motor(motors: ET.Element, joint: str, limits: Limits) -> None:
+    motor = ET.SubElement(motors, "motor", name=joint, joint=joint)
+    if np.isfinite(limits.effort):
+        motor.set("ctrlrange", numbers([-limits.effort, limits.effort]))
+
+
+def _home(root: ET.Element, robot: Robot, world: ET.Element) -> None:
+    """A keyframe within the limits, where zero is beyond them."""
+    if robot.loops:
+        return
+    home = np.array([np.clip(0.0, c.limits.lower, c.limits.upper) for c in robot.joints])
+    if not home.any():
+        return
+    positions = {b.joint: b.ratio * home[b.coordinate] + b.offset for b in robot.bodies}
+    order = [str(joint.get("name")) for joint in world.iter("joint")]
+    frames = ET.SubElement(root, "keyframe")
+    ET.SubElement(frames, "key", name="home", qpos=numbers([positions[name] for name in order]))

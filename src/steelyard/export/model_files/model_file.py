@@ -1,0 +1,254 @@
+"""An identified model as a URDF or MJCF file, with what the format cannot represent."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from steelyard.base.arguments import checked
+from steelyard.base.arrays import Array
+from steelyard.base.errors import ModelError, OutputError
+from steelyard.base.files import whole_file
+from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.export.model_files.content import FORMAT_NAMES, Content, Format, base_of, content_of
+from steelyard.export.model_files.mjcf import mjcf_of
+from steelyard.export.model_files.original_urdf import urdf_behind, urdf_with
+from steelyard.export.model_files.urdf import document, head_of, urdf_of
+from steelyard.robot.file.model_source import read_mechanism
+from steelyard.robot.from_mechanism import reduced
+from steelyard.robot.mechanism import Mechanism
+from steelyard.robot.rigid_body import INERTIAL_NAMES
+from steelyard.robot.robot import Body, Robot
+
+LEAST_DATA_SHARE = 0.005
+"""Share of a parameter that comes from the data below which they do not show it."""
+
+
+def mass_shares(estimate: Estimate, content: Content) -> dict[str, float]:
+    """Share of each link's mass that comes from the data, 0 to 1; the rest is prior."""
+    learned, bodies = _learned(estimate), content.robot.bodies
+    return {body.name: learned[f"m.{body.name}"] for body in bodies if not body.massless}
+
+
+def unseen(estimate: Estimate, content: Content) -> tuple[str, ...]:
+    """Parameters beside bodies' and base parameters that the data did not see."""
+    bodies = {f"{n}.{body.name}" for n in INERTIAL_NAMES for body in content.robot.bodies}
+    beside = [
+        name
+        for name, x in _learned(estimate).items()
+        if x < LEAST_DATA_SHARE and name not in bodies
+    ]
+    return tuple(dict.fromkeys((*(blind.name for blind in estimate.blind), *beside)))
+
+
+def _learned(estimate: Estimate) -> dict[str, float]:
+    if estimate.standard is None:
+        return {}
+    names, learned = estimate.standard.parameters.names, estimate.standard.learned
+    return dict(zip(names, learned.tolist(), strict=True))
+
+
+def impossible_kept(content: Content, original: Path) -> tuple[str, ...]:
+    """Links that keep what a URDF says, and cannot exist as it says; one sentence each."""
+    robot = content.robot
+    carried = {body.name for body in robot.bodies}
+    carried |= {frame.name for frame in robot.frames if frame.body >= 0}
+    flaws = {
+        link.name: link.inertia.flaw()
+        for link in read_mechanism(original).links
+        if link.inertia is not None and link.name not in carried
+    }
+    return tuple(f"{name}: {flaw}" for name, flaw in flaws.items() if flaw is not None)
+
+
+REREAD_TOLERANCE = 1e-9
+"""How far numbers may move by being written and read again, relative to the largest."""
+
+MERGED = "Links fixed to a moving link, directly or by locked joints, are lumped into that link."
+
+SHARES = "Share of each link's mass that comes from the data, the rest is prior:"
+UNSEEN = "Not identifiable from the data:"
+KEPT = "Links that were not identified and are not physically consistent in the original file:"
+
+
+@dataclass(frozen=True)
+class Exported:
+    """The text of a model file.
+
+    Attributes:
+        text: The file's content.
+        form: Its format.
+        unsupported: What of the model the format does not support, one sentence each.
+        content: What the file holds.
+        mass_shares: Per link the share of its mass that comes from the data, 0 to 1.
+        unseen: Parameters that the data did not see.
+        impossible: Links that keep what the original says, and cannot exist as it says.
+    """
+
+    text: str
+    form: Format
+    unsupported: tuple[str, ...]
+    content: Content
+    mass_shares: dict[str, float]
+    unseen: tuple[str, ...]
+    impossible: tuple[str, ...] = ()
+
+
+def unsupported(identified: IdentifiedModel, form: Format) -> tuple[str, ...]:
+    """What of a model a format has no place for, one sentence each.
+
+    Raises:
+        ModelError: The model cannot be exported at all.
+    """
+    return content_of(identified, form).unsupported
+
+
+def exported(
+    identified: IdentifiedModel, form: Format, original: str | Path | None = None
+) -> Exported:
+    """A model as the text of a file.
+
+    Args:
+        identified: The model, with all standard parameters.
+        form: `urdf` or `mjcf`.
+        original: The robot's own URDF, or the robot file that names it: numbers are put into it.
+            Without it a file of the moving bodies alone is made.
+
+    Raises:
+        ModelError: The model does not have all standard parameters, a link cannot exist, or the
+            original is of another robot.
+    """
+    content = content_of(identified, form)
+    origin = *_shares(identified, content), *_unseen(identified, content)
+    impossible: tuple[str, ...] = ()
+    if original is None:
+        root = urdf_of(content) if form == "urdf" else mjcf_of(content)
+        text = document(root, head_of(identified, content, form, origin))
+    elif form == "urdf":
+        path = urdf_behind(Path(original))
+        impossible = impossible_kept(content, path)
+        more = [MERGED, *origin, *listed_under(KEPT, impossible)]
+        text = urdf_with(content, path, head_of(identified, content, form, more))
+    else:
+        raise ModelError(
+            f"values can be inserted into a URDF, not into {FORMAT_NAMES[form]}",
+            where=str(original),
+            fix="leave out --model, or export to a URDF",
+        )
+    estimate = identified.estimate
+    shares, blind = mass_shares(estimate, content), unseen(estimate, content)
+    return Exported(text, form, content.unsupported, content, shares, blind, impossible)
+
+
+def listed_under(heading: str, sentences: Iterable[str]) -> list[str]:
+    """Lines of a list, none if it is empty."""
+    lines = [f"  - {sentence}" for sentence in sentences]
+    return [heading, *lines] if lines else []
+
+
+def _shares(identified: IdentifiedModel, content: Content) -> list[str]:
+    shares = mass_shares(identified.estimate, content)
+    return listed_under(SHARES, (f"{name}: {share:.0%}" for name, share in shares.items()))
+
+
+def _unseen(identified: IdentifiedModel, content: Content) -> list[str]:
+    return listed_under(UNSEEN, unseen(identified.estimate, content))
+
+
+def refuse_changed(path: Path, made: Exported) -> None:
+    """Read a file that was written, and compare all bodies with those it was to hold.
+
+    Raises:
+        ModelError: One differs; the original that numbers were put into is of another robot.
+    """
+    wanted, inertias = made.content.robot, made.content.inertias
+    found = _reread(path, wanted, made.form)
+    for index, body in enumerate(wanted.bodies):
+        names = [other.name for other in found.bodies]
+        other = found.bodies[names.index(body.name)] if body.name in names else None
+        ten = inertias[index].ten
+        if other is None or _names(wanted, body) != _names(found, other):
+            what = "has another parent link or joint"
+        elif not _alike(_place(body), _place(other)):
+            what = "has another pose or axis"
+        elif not other.massless and not _alike(ten, other.inertia.ten):
+            what = "has another mass or inertia"
+        else:
+            continue
+        raise ModelError(
+            f"link '{body.name}' {what} in the file than in the identified model",
+            where=f"export of '{wanted.name}' to {FORMAT_NAMES[made.form]}",
+            fix="give the URDF that the robot was identified with, or leave out --model",
+        )
+
+
+def _reread(path: Path, wanted: Robot, form: Format) -> Robot:
+    """The robot of a file, as a tree with the joints of another, its angles snapped or not."""
+    there = read_mechanism(path)
+    tree = Mechanism(there.name, there.links, there.joints, there.gravity, there.where)
+    base = base_of(wanted) if form == "urdf" else None
+    names = [c.name for c in wanted.joints]
+    snapped, exact = (reduced(tree, names, base=base, snap=snap)[0] for snap in (True, False))
+    return exact if _placed_alike(wanted, exact) else snapped
+
+
+def _placed_alike(one: Robot, other: Robot) -> bool:
+    """Whether the bodies of two robots stand and turn alike."""
+    pairs = zip(one.bodies, other.bodies, strict=False)
+    return all(_alike(_place(body), _place(twin)) for body, twin in pairs)
+
+
+def _names(robot: Robot, body: Body) -> tuple[str, ...]:
+    """What a body hangs on and moves with."""
+    parent = robot.bodies[body.parent].name if body.parent >= 0 else ""
+    return parent, body.joint, body.kind, robot.joints[body.coordinate].name
+
+
+def _place(body: Body) -> Array:
+    """Where a body is on its parent, and how it moves."""
+    turned = [*body.axis, *body.rotation.ravel()]
+    return np.array([body.ratio, body.offset, *body.position, *turned])
+
+
+def _alike(one: Array, other: Array) -> bool:
+    return bool(np.abs(one - other).max() <= REREAD_TOLERANCE * np.abs(one).max())
+
+
+@checked()
+def export(
+    model: str | Path | IdentifiedModel, path: str | Path, original: str | Path | None = None
+) -> tuple[str, ...]:
+    """Write an identified model as URDF (`.urdf`) or MJCF (`.xml`).
+
+    Args:
+        model: The model, its `model.json`, or the folder that holds it.
+        path: File to make; it must not exist.
+        original: The robot's own URDF, to put the numbers into; a file of the moving bodies alone
+            is made if `None`.
+
+    Returns:
+        What the format cannot represent, one sentence each.
+
+    Raises:
+        SteelyardError: The file exists, its name ends otherwise, or the model lacks parameters.
+
+    Example:
+        >>> lost = export(load_model("arm-model"), "identified.urdf")
+        >>> print(lost[0].split(":")[0])
+        rotor inertia
+    """
+    target = Path(path)
+    form = {".urdf": "urdf", ".xml": "mjcf"}.get(target.suffix.lower())
+    if form is None or target.exists():
+        raise OutputError(
+            "the file exists already" if form else f"no format of files '{target.suffix}' is known",
+            where=str(target),
+            fix="give the name of a new file that ends in .urdf or .xml",
+        )
+    made = exported(load_model(model), "urdf" if form == "urdf" else "mjcf", original)
+    with whole_file(target) as part:
+        part.write_text(made.text, encoding="utf-8", newline="")
+        refuse_changed(part, made)
+    return tuple(made.unsupported)

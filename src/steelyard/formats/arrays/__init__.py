@@ -1,1 +1,0 @@
-"""Files of named arrays: NumPy, MATLAB, HDF5."""

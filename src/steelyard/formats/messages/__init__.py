@@ -1,1 +1,0 @@
-"""Files of recorded messages: MCAP and ROS bags."""

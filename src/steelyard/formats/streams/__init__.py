@@ -1,1 +1,0 @@
-"""Logs that are still being written: rows as they arrive."""

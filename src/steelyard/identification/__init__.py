@@ -1,1 +1,0 @@
-"""From logs to an identified model: what the commands do, without a command line."""

@@ -1,1 +1,0 @@
-"""Checks of logs before an identification, and the corrections that they propose."""

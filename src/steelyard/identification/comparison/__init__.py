@@ -1,1 +1,0 @@
-"""Estimators, or models, side by side on the same logs."""

@@ -1,1 +1,0 @@
-"""Motion that is designed, simulated or tracked."""

@@ -1,1 +1,0 @@
-"""Smaller models, and the loop with motion designed for them."""

@@ -1,1 +1,0 @@
-"""Uses of an identified model: feedforward, payload, contact, wrench, streams, health."""

@@ -1,0 +1,1 @@
+"""Identify, validate, compare, reduce: functions with results."""

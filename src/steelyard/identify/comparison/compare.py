@@ -1,0 +1,271 @@
+"""Estimators, each judged by runs it was not fitted to: what `steelyard compare` does."""
+
+import json
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from steelyard.base.arguments import checked
+from steelyard.base.errors import ModelError
+from steelyard.base.progress import Progress, silent
+from steelyard.check.subject import notes_of_precheck, prechecked
+from steelyard.estimate.estimators import ESTIMATORS, Context, Offer, offer_of
+from steelyard.estimate.friction.mixes import has_memory
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.nonlinear.fields import information_from
+from steelyard.estimate.requested_estimator import Sources, context_of, method_of
+from steelyard.estimate.scores.cross_validation import longest_window
+from steelyard.estimate.scores.estimator_advice import Comparison, EstimatorScore
+from steelyard.estimate.scores.estimator_comparison import Parts, compared, scores_of
+from steelyard.identify.comparison.estimators_page import comparison_lines, render_comparison
+from steelyard.identify.page.content import ReportContent
+from steelyard.identify.prepared_fit import Payload, PreparedFit, prepare_fit
+from steelyard.identify.run_notes import dropped, dropped_rows, notes_of
+from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.report.result import Result, frame
+from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.runs.named_logs import log_files, paths_of, refuse_overlaps, runs_of, signals_of
+
+if TYPE_CHECKING:
+    from polars import DataFrame
+
+
+ONE_RUN = (
+    "it simulates whole runs, and there is only one",
+    "give several logs, or several cuts of this one: LOG@0:10 LOG@10:20",
+)
+"""Why a single run cannot be left out of an experiment."""
+
+
+@dataclass(frozen=True, eq=False)
+class ComparisonInputs:
+    """What estimators are given.
+
+    Attributes:
+        context: What they are made from.
+        parts: What they look at.
+        ground: The model and its runs.
+        notes: What is missing, assumed or doubtful.
+        details: What else was decided on the way.
+        lines: What to write into the robot file for estimators that it does not choose now.
+    """
+
+    context: Context
+    parts: Parts
+    ground: PreparedFit
+    notes: tuple[str, ...]
+    details: tuple[str, ...]
+    lines: Mapping[str, str]
+
+    def content(self, comparison: Comparison) -> ReportContent:
+        """What the page shows."""
+        name = self.ground.model.robot.name
+        return ReportContent(
+            title=f"{name}: estimators compared",
+            robot=name,
+            qualities=tuple((run.name, run.quality.rows_of_text) for run in self.ground.runs),
+            notes=self.notes,
+            details=self.details,
+            friction=self.ground.choice,
+            findings=self.ground.findings,
+            gains=self.ground.gains,
+            comparison=comparison,
+        )
+
+
+def offers_of(names: Sequence[str], everything: bool) -> tuple[Offer, ...]:
+    """The estimators that are named; if none is, those that neither search nor simulate.
+
+    Args:
+        names: Their names; several may stand in one, with commas between them.
+        everything: Without names, also those that search or simulate.
+
+    Raises:
+        ModelError: There is none of that name, or both names and all are requested.
+    """
+    if names and everything:
+        raise ModelError(
+            "estimators are named, and all are requested",
+            where="estimators, everything (--estimators, --all)",
+            fix="leave out one of the two",
+        )
+    if not names:
+        return tuple(offer for offer in ESTIMATORS if everything or not offer.slow)
+    each = [name.strip() for some in names for name in some.split(",") if name.strip()]
+    found = [offer_of(name, "estimators (--estimators)") for name in each]
+    return tuple(dict.fromkeys(found))
+
+
+def comparison_inputs(
+    robot: str | Path | LoadedRobot,
+    logs: Sequence[str],
+    check: bool,
+    threads: int,
+    progress: Progress,
+    base: str | None = None,
+) -> ComparisonInputs:
+    """Clean runs, the model with all that its file leaves open, and what the runs say of it."""
+    file = load_robot(robot, base=base)
+    files = log_files(logs)
+    refuse_overlaps(files, ())
+    signals, reasons = signals_of(file, files[0])
+    if signals.unknown_gains and all(signals.unknown_gains):
+        raise ModelError(
+            "estimators cannot be compared while every drive gain is to be identified",
+            where="[signals.effort] gain",
+            fix="identify the gains first (steelyard identify ROBOT LOG --loaded LOG "
+            "--payload-mass KG), and write them into the robot file",
+        )
+    model = model_with_open_friction(file)
+    found_out = (
+        prechecked(file.reference, replace(file, signals=signals), files, progress)
+        if check
+        else None
+    )
+    runs = runs_of(file, signals, files, (), progress)[0]
+    unresolved = () if found_out is None else notes_of_precheck(found_out, file.reference)
+    ground = prepare_fit(
+        model, file, runs, (), Payload(), WeightedLeastSquares(), threads, progress
+    )
+    notes = (*file.notes, *reasons, *dropped_rows(runs), *unresolved)
+    details = (*notes_of(runs), *ground.notes, *dropped(model, runs))
+    return _given(ground, file, notes, details, threads, progress)
+
+
+def _given(
+    ground: PreparedFit,
+    file: LoadedRobot,
+    notes: tuple[str, ...],
+    details: tuple[str, ...],
+    threads: int,
+    progress: Progress,
+) -> ComparisonInputs:
+    """One more pass, in windows that parts can be made of."""
+    model, runs = ground.model, ground.runs
+    regressor, rests = base_regressor(model), has_memory(model.terms)
+    information_of = information_from(
+        runs,
+        rests=rests,
+        longest=longest_window(runs),
+        threads=threads,
+        progress=progress,
+    )
+    information = information_of(regressor)
+    context = context_of(file, regressor, runs, progress)
+    sources = Sources(regressor, runs, information, threads, progress)
+    several = len(runs) > 1
+    parts = Parts.of(
+        runs,
+        information,
+        {"samples": sources.samples, **({"experiment": sources.experiment} if several else {})},
+        {"experiment": ONE_RUN},
+    )
+    return ComparisonInputs(
+        context, parts, ground, notes, (*details, *context.knowledge.notes), lines_of(file)
+    )
+
+
+def lines_of(file: LoadedRobot) -> dict[str, str]:
+    """What to write into the robot file for every estimator that it does not choose now."""
+    now = method_of(file)
+    return {
+        offer.name: f'[estimation] method = "{offer.name}"'
+        for offer in ESTIMATORS
+        if offer.name != now.name
+    }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class EstimatorComparison(Result):
+    """A comparison of estimators.
+
+    Attributes:
+        content: What the page shows.
+        comparison: Errors of every estimator on left-out runs, and the recommendation.
+    """
+
+    content: ReportContent
+    comparison: Comparison
+
+    @property
+    def untried(self) -> Sequence[str]:
+        """Estimators that an interruption left out."""
+        return self.comparison.untried
+
+    @property
+    def table(self) -> "DataFrame":
+        """One row per estimator: its errors on left-out runs, and its time."""
+        return frame(self.comparison.to_dict()["estimators"], "table")
+
+    def report(self) -> str:
+        """The report as one self-contained HTML page."""
+        return render_comparison(self.content)
+
+    def write(self, folder: Path) -> None:
+        """Write `compare.html` and `compare.json`."""
+        (folder / "compare.html").write_text(self.report(), encoding="utf-8")
+        text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
+        (folder / "compare.json").write_text(f"{text}\n", encoding="utf-8")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers as JSON values, as `steelyard compare --json` prints them."""
+        return {**self.comparison.to_dict(), "notes": [*self.content.notes, *self.content.details]}
+
+    def show(self, console: Console, verbose: bool = False) -> None:
+        """Print the advice and the table; with `verbose` all of it, and the notes."""
+        comparison_lines(self.content, console, verbose)
+
+
+@checked(threads=1)
+def compare(
+    robot: str | Path | LoadedRobot,
+    logs: str | Path | Iterable[str | Path],
+    estimators: Sequence[str] = (),
+    *,
+    everything: bool = False,
+    check: bool = True,
+    fixed_base: str | None = None,
+    threads: int | None = None,
+    progress: Progress = silent,
+    interruption: type[BaseException] = KeyboardInterrupt,
+) -> EstimatorComparison:
+    """Compare estimators by cross-validation: fit all logs but one and predict it.
+
+    Args:
+        robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it.
+        logs: The logs; a single one is divided into stretches.
+        estimators: Names of estimators; those that neither search nor simulate if empty.
+        everything: Without names, all estimators.
+        check: Whether the logs are checked before.
+        fixed_base: Link to fix to the world, for a model file; `None` for its root.
+        threads: Native threads; as many as the machine has cores if `None`.
+        progress: Receives events of progress; an exception from it stops the work.
+        interruption: Exception that ends the comparison; finished estimators are returned.
+
+    Raises:
+        SteelyardError: A file cannot be used, or there is no estimator of a name.
+
+    Example:
+        >>> found = compare("arm.toml", "fit.csv", ["OLS", "WLS"])
+        >>> list(found.table["estimator"])
+        ['OLS', 'WLS']
+    """
+    offers = offers_of(estimators, everything)
+    cores = threads or os.cpu_count() or 1
+    inputs = comparison_inputs(robot, paths_of(logs, least=1), check, cores, progress, fixed_base)
+    scores: list[EstimatorScore] = []
+    try:
+        for score in scores_of(offers, inputs.context, inputs.parts, progress=progress):
+            scores.append(score)
+    except interruption:
+        if not scores:
+            raise
+    found = compared(scores, offers, inputs.context, inputs.parts)
+    found = replace(found, lines=inputs.lines)
+    return EstimatorComparison(inputs.content(found), found)

@@ -1,0 +1,251 @@
+"""Identified models side by side on the same logs: what `steelyard compare-models` does."""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from steelyard.base.arguments import checked
+from steelyard.base.errors import ModelError
+from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.estimate.scores.model_comparison import (
+    ComparedModel,
+    ModelComparison,
+    model_errors,
+    refuse_different,
+    same_efforts,
+)
+from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS, render_models
+from steelyard.identify.page.content import ReportContent
+from steelyard.identify.run_notes import dropped_rows, notes_of
+from steelyard.identify.scores import fitted_before, processing_of
+from steelyard.identify.validation_data import holds_fitted_rows
+from steelyard.report.result import Result, frame
+from steelyard.robot.file.signals import signals_to_dict
+from steelyard.runs.named_logs import LogArgument, log_files, paths_of, prepared, recording_of
+from steelyard.runs.run import Run
+
+if TYPE_CHECKING:
+    from polars import DataFrame
+
+
+GivenModel = str | Path | IdentifiedModel
+"""A model, its `model.json`, or the folder that contains it."""
+
+
+def named_models(
+    models: Sequence[GivenModel] | Mapping[str, GivenModel],
+) -> dict[str, IdentifiedModel]:
+    """Models by distinct names: those given, or those of their files or folders.
+
+    A model that is neither is called by its number, `model 1`.
+    """
+    if isinstance(models, Mapping):
+        return {str(name): load_model(model) for name, model in models.items()}
+    names = [_name(model, number) for number, model in enumerate(models, start=1)]
+    if len(set(names)) < len(names):
+        names = [f"{name} ({k})" for k, name in enumerate(names, 1)]
+    return {name: load_model(each) for name, each in zip(names, models, strict=True)}
+
+
+def _name(model: GivenModel, number: int) -> str:
+    if isinstance(model, IdentifiedModel):
+        return f"model {number}"
+    path = Path(model).absolute()
+    if path.name == "model.json":
+        return path.parent.name
+    return path.stem if path.suffix == ".json" else path.name
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ComparedModels(Result):
+    """Models side by side.
+
+    Attributes:
+        content: What the page shows.
+        comparison: Errors, efforts over time and parameters.
+    """
+
+    content: ReportContent
+    comparison: ModelComparison
+
+    @property
+    def errors(self) -> "DataFrame":
+        """Errors of predicted efforts, one row per model, log and joint."""
+        return frame(self.to_dict()["errors"], "errors")
+
+    @property
+    def parameters(self) -> "DataFrame":
+        """One row per base parameter and model."""
+        return frame(self.to_dict()["parameters"], "parameters")
+
+    @property
+    def bodies(self) -> "DataFrame":
+        """Masses and centres, one row per link and model; none of models without link inertias."""
+        return frame(self.to_dict()["bodies"], "bodies")
+
+    @property
+    def efforts(self) -> "DataFrame":
+        """Low-passed efforts over time, one row per model, log, joint and sample."""
+        return frame(
+            [
+                {"run": run.run, "model": model.name, "joint": joint, "t": t, **efforts}
+                for model in self.comparison.models
+                for run in model.runs
+                for j, joint in enumerate(self.comparison.joints)
+                for t, *values in zip(
+                    run.t.tolist(),
+                    run.measured[:, j].tolist(),
+                    run.predicted[:, j].tolist(),
+                    strict=True,
+                )
+                for efforts in [dict(zip(("measured", "predicted"), values, strict=True))]
+            ],
+            "efforts",
+        )
+
+    def report(self) -> str:
+        """The report as one self-contained HTML page."""
+        return render_models(self.content)
+
+    def write(self, folder: Path) -> None:
+        """Write `models.html` and `models.json`."""
+        (folder / "models.html").write_text(self.report(), encoding="utf-8")
+        text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
+        (folder / "models.json").write_text(f"{text}\n", encoding="utf-8")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers as JSON values, as `steelyard compare-models --json` prints them."""
+        found: dict[str, Any] = {"robot": self.content.robot}
+        for section in COMPARE_MODELS_SECTIONS:
+            found |= section.to_dict(self.content)
+        return {**found, "notes": [*self.content.notes, *self.content.details]}
+
+    def show(self, console: Console, verbose: bool = False) -> None:
+        """Print the errors and the models; with `verbose` every log, parameters and notes."""
+        for section in COMPARE_MODELS_SECTIONS:
+            parts = [*section.printed(self.content)]
+            parts += section.detailed(self.content) if verbose else ()
+            for part in parts:
+                console.print(part)
+            if parts:
+                console.print()
+        for note in (*self.content.notes, *(self.content.details if verbose else ())):
+            console.print(f"note: {note}", markup=False)
+
+
+@checked()
+def compare_models(
+    models: Sequence[str | Path | IdentifiedModel] | Mapping[str, str | Path | IdentifiedModel],
+    logs: str | Path | Iterable[str | Path],
+    *,
+    progress: Progress = silent,
+) -> ComparedModels:
+    """Compare identified models of one robot on logs that they were not identified from.
+
+    Every log is processed as for the first model, so that all models predict the same effort;
+    columns, delays and zero offsets are read as each model was identified.
+
+    Args:
+        models: At least two models, their `model.json`, or the folders that contain them; a
+            mapping gives them names.
+        logs: The logs; `run.csv@5:20` is a window in seconds.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used, or the models are of different robots.
+
+    Example:
+        >>> full = identify("arm.toml", "fit.csv")
+        >>> small = reduce(full.model, "fit.csv")
+        >>> found = compare_models({"full": full.model, "reduced": small.model}, "other.csv")
+        >>> sorted(set(found.errors["model"]))
+        ['full', 'reduced']
+    """
+    named = named_models(models)
+    if len(named) < 2:
+        raise ModelError(
+            f"{len(named)} model is given" if named else "no model is given",
+            where="models to compare",
+            fix="give at least two; `steelyard validate` scores a single one",
+        )
+    (first_name, first), *others = named.items()
+    for name, other in others:
+        refuse_different(first, other, (f"'{first_name}'", f"'{name}'"))
+    files = log_files(paths_of(logs, least=1))
+    runs = _runs(named, files, progress)
+    found = []
+    for number, (name, identified) in enumerate(named.items()):
+        report_progress(progress, "comparing models", number, len(named))
+        scored = tuple(
+            model_errors(
+                identified,
+                run,
+                first,
+                fitted_before(identified, log) or holds_fitted_rows(identified, run),
+            )
+            for log, run in zip(files, runs[name], strict=True)
+        )
+        found.append(ComparedModel(name, identified, scored))
+    comparison = ModelComparison(tuple(found))
+    content = ReportContent(
+        title=f"{first.robot.name}: models compared",
+        robot=first.robot.name,
+        qualities=tuple((run.name, run.quality.rows_of_text) for run in runs[first_name]),
+        models=comparison,
+        notes=_notes(named, comparison, runs[first_name]),
+        details=notes_of(runs[first_name]),
+        settings=(
+            ("models", ", ".join(named)),
+            ("logs", ", ".join(file.text for file in files)),
+        ),
+    )
+    return ComparedModels(content, comparison)
+
+
+def _runs(
+    named: Mapping[str, IdentifiedModel], files: Sequence[LogArgument], progress: Progress
+) -> dict[str, tuple[Run, ...]]:
+    """The logs as each model reads them, in the processing of the first; read once if alike."""
+    wanted = processing_of(next(iter(named.values())))
+    known: dict[str, tuple[Run, ...]] = {}
+    found = {}
+    for name, identified in named.items():
+        values = signals_to_dict(identified.signals)
+        key = json.dumps({k: v for k, v in values.items() if k not in ("gains", "unknown_gains")})
+        if key not in known:
+            recordings = [recording_of(log, identified.signals) for log in files]
+            known[key] = prepared(recordings, wanted, progress, at_rest=True)
+        found[name] = known[key]
+    return found
+
+
+def _notes(
+    named: Mapping[str, IdentifiedModel], comparison: ModelComparison, runs: Sequence[Run]
+) -> tuple[str, ...]:
+    """What limits the comparison."""
+    (first_name, first), *others = named.items()
+    notes = []
+    for k, run in enumerate(comparison.runs):
+        used = [model.name for model in comparison.models if model.runs[k].fitted]
+        if used:
+            notes.append(f"{run} was used to identify {', '.join(used)}: no validation")
+    own = first.processing.to_dict()
+    if processed := [name for name, other in others if other.processing.to_dict() != own]:
+        notes.append(
+            f"logs are processed as for {first_name}; {', '.join(processed)}: identified with "
+            "other [processing]"
+        )
+    if efforts := [name for name, other in others if _other_efforts(other, first)]:
+        notes.append(f"{', '.join(efforts)}: other effort columns than {first_name}")
+    return (*notes, *dropped_rows(runs))
+
+
+def _other_efforts(one: IdentifiedModel, other: IdentifiedModel) -> bool:
+    """Whether two models predict different measurements."""
+    kinds = one.signals.effort_kind, other.signals.effort_kind
+    return not same_efforts(one, other) or kinds[0] != kinds[1]

@@ -1,0 +1,378 @@
+"""Page and terminal text of `steelyard compare`: errors and times of several estimators."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from steelyard.identify.page.calibration_tables import DrivesSection
+from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.friction_sections import FrictionSection
+from steelyard.identify.page.logs_and_settings import QualitySection, SettingsSection
+from steelyard.report.page import (
+    Numbers,
+    Section,
+    fill,
+    page_of,
+    rounded,
+    script_json,
+    shown_sections,
+)
+from steelyard.report.tables import PlainTable, Row, light_table
+from steelyard.report.words import NONE, percent, significant
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from steelyard.estimate.scores.estimator_advice import Comparison, EstimatorScore, Failure
+
+
+LEAST_LOGARITHMIC_RATIO = 8.0
+"""Ratio of the largest error to the least from which on the axis is logarithmic."""
+
+TIME_TICKS = {-5: "10 µs", -4: "0.1 ms", -3: "1 ms", -2: "10 ms", -1: "0.1 s", 0: "1 s", 1: "10 s"}
+"""Times on the axis by their decimal logarithm."""
+
+
+class CompareSection(Section):
+    """The advice, a picture of all errors, and tables."""
+
+    name: ClassVar[str] = "compare"
+    title: ClassVar[str] = "Estimators compared"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """Everything, if estimators were compared."""
+        comparison = content.comparison
+        if comparison is None:
+            return None
+        tables = [main_table(comparison), _by_joint(comparison), _by_part(comparison)]
+        if any(score.failures for score in comparison.scores):
+            tables.append(_failures(comparison))
+        drawn = [score for score in in_order(comparison) if score.mean is not None]
+        return {
+            "headline": comparison_headline(comparison),
+            "taken": comparison.advice is not None and bool(comparison.advice.name),
+            "advice": "" if comparison.advice is None else reasons(comparison),
+            "words": comparison.words,
+            "stopped": stopped(comparison),
+            "picture": script_json(_figure(drawn, comparison)) if drawn else None,
+            "height": 110 + 34 * len(drawn),
+            "tables": tables,
+            "title": self.title,
+            "notes": [(score.name, score.notes) for score in comparison.scores if score.notes],
+        }
+
+    def show(self, numbers: Numbers) -> str:
+        """The numbers as safe HTML."""
+        return fill("compare.html", numbers)
+
+
+def comparison_headline(comparison: Comparison) -> str:
+    """What to take, in a few words."""
+    advice = comparison.advice
+    if advice is None:
+        return "No estimator succeeded"
+    return f"Recommended: {advice.name}" if advice.name else "No estimator is recommended"
+
+
+def reasons(comparison: Comparison) -> str:
+    """Why, and what to write into the robot file."""
+    advice, setting = comparison.advice, comparison.setting
+    why = "" if advice is None else advice.why
+    return why + (f". In the robot file: {setting}" if setting else "")
+
+
+def stopped(comparison: Comparison) -> str:
+    """What was asked for and not tried; empty if nothing."""
+    if not comparison.untried:
+        return ""
+    total = len(comparison.scores) + len(comparison.untried)
+    return (
+        f"stopped: {len(comparison.scores)} of {total} estimators compared; not tried: "
+        f"{', '.join(comparison.untried)}"
+    )
+
+
+def in_order(comparison: Comparison) -> list[EstimatorScore]:
+    """The least error first, those that failed last."""
+    return sorted(
+        comparison.scores,
+        key=lambda t: (not t.whole, float("inf") if t.mean is None else t.mean),
+    )
+
+
+def main_table(comparison: Comparison) -> PlainTable:
+    """One row per estimator."""
+    advice = comparison.advice
+    rows = [
+        Row(_cells(score), advice is not None and score.name == advice.name)
+        for score in in_order(comparison)
+    ]
+    return PlainTable(
+        "Errors on left-out data",
+        "Mean over joints and runs with its standard error; joints where they move, after the "
+        "parallel filter. Pooled: norms over all joints together. Link inertias: not available "
+        "from estimators of base parameters. χ²: squared residuals on all data over the noise "
+        "variance by WLS, per degree of freedom.",
+        ("Estimator", "Link inertias", "Error", "Pooled", "Time", "Values", "Condition", "χ²"),
+        rows,
+        (0, 1),
+    )
+
+
+def _cells(score: EstimatorScore) -> tuple[str, ...]:
+    count, missing = len(score.failed), int(score.failed.sum())
+    figure = score.mean_text if missing < count else "failed"
+    if 0 < missing < count:
+        figure += f" (failed {missing} of {count})"
+    return (
+        score.name,
+        bodies_words(score),
+        figure,
+        percent(score.mean_pooled),
+        time_words(score.seconds),
+        NONE if score.parameters is None else str(score.parameters),
+        significant(score.condition, 2),
+        NONE if score.chi_square is None else f"{score.chi_square:.3f}",
+    )
+
+
+def bodies_words(score: EstimatorScore) -> str:
+    """Whether the bodies are physically consistent."""
+    if score.impossible is None:
+        return "not estimated" if score.parameters is not None else NONE
+    if not score.impossible:
+        return "all valid"
+    first = score.impossible[0]
+    more = len(score.impossible) - 1
+    return f"{first}{f' and {more} more' if more else ''} invalid"
+
+
+def time_words(seconds: float | None) -> str:
+    """Like `3.2 ms`, `14 s`."""
+    if seconds is None:
+        return NONE
+    return f"{significant(1e3 * seconds, 2)} ms" if seconds < 1.0 else f"{seconds:.3g} s"
+
+
+def failure_words(failures: Sequence[Failure], parts: int) -> list[tuple[str, str, str]]:
+    """When, why and what to do, once per reason; `parts` were left out in turn."""
+    found: dict[tuple[str, str], list[str | None]] = {}
+    for one in failures:
+        found.setdefault((one.reason, one.fix), []).append(one.left_out)
+    words = []
+    for (reason, fix), left in found.items():
+        names = [name for name in left if name is not None]
+        shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+        when = ["fitted to all data"] if None in left else []
+        when += [f"without {shown}"] if names else []
+        words.append(("every fit" if len(left) > parts else "; ".join(when), reason, fix))
+    return words
+
+
+def _failures(comparison: Comparison) -> PlainTable:
+    rows = [
+        Row((score.name, *words))
+        for score in in_order(comparison)
+        for words in failure_words(score.failures, len(comparison.parts))
+    ]
+    headings = ("Estimator", "When", "Reason", "What to do")
+    return PlainTable("Fits that failed", "", headings, rows, (0, 1, 2, 3))
+
+
+def _by_joint(comparison: Comparison) -> PlainTable:
+    rows = [
+        Row((score.name, *(percent(float(x)) for x in score.by_joint)))
+        for score in in_order(comparison)
+        if score.mean is not None
+    ]
+    return PlainTable("Error by joint", "", ("Estimator", *comparison.joints), rows)
+
+
+def _by_part(comparison: Comparison) -> PlainTable:
+    shown = [score for score in in_order(comparison) if score.mean is not None]
+    rows = [
+        Row(
+            (
+                part,
+                *(percent(None if score.failed[k] else float(score.means[k])) for score in shown),
+            )
+        )
+        for k, part in enumerate(comparison.parts)
+    ]
+    caption = f"Error by {comparison.left_out} left out"
+    headings = (f"{comparison.left_out.capitalize()} left out", *(score.name for score in shown))
+    return PlainTable(caption, "", headings, rows)
+
+
+def _figure(drawn: Sequence[EstimatorScore], comparison: Comparison) -> dict[str, Any]:
+    """Errors of all parts with their means on the left, times on the right."""
+    errors = np.concatenate([t.means[np.isfinite(t.means)] for t in drawn])
+    wide = errors.min() > 0.0 and errors.max() > LEAST_LOGARITHMIC_RATIO * errors.min()
+    names = [score.name for score in drawn]
+    return {
+        "x": "error [%]",
+        "y": "",
+        "traces": [
+            _dots(
+                f"one {comparison.left_out} left out",
+                [rounded(float(x)) for score in drawn for x in score.means],
+                [score.name for score in drawn for _ in score.means],
+                {"size": 6, "opacity": 0.45, "color": "--arm"},
+                text=[part for _ in drawn for part in comparison.parts],
+                hovertemplate="%{y}, %{text}: %{x:.3g} %<extra></extra>",
+            ),
+            _dots(
+                "mean and its standard error",
+                [rounded(score.mean or 0.0) for score in drawn],
+                names,
+                {"size": 10, "symbol": "diamond", "color": "--blue"},
+                hovertemplate="%{y}: %{x:.3g} %<extra></extra>",
+                error_x={
+                    "type": "data",
+                    "array": [rounded(score.standard_error or 0.0) for score in drawn],
+                    "color": "--blue",
+                    "thickness": 2,
+                    "width": 5,
+                },
+            ),
+            _dots(
+                "time of one fit",
+                [None if t.seconds is None else rounded(max(t.seconds, 1e-6)) for t in drawn],
+                names,
+                {"size": 9, "symbol": "square", "color": "--vermillion"},
+                xaxis="x2",
+                hovertemplate="%{y}: %{x:.3g} s<extra></extra>",
+            ),
+        ],
+        "layout": {
+            "xaxis": {"domain": [0.0, 0.66], "type": "log" if wide else "linear"},
+            "xaxis2": _times([t.seconds for t in drawn if t.seconds]),
+            "yaxis": {"type": "category", "categoryarray": names, "autorange": "reversed"},
+        },
+    }
+
+
+def _dots(
+    name: str, x: Sequence[float | None], y: Sequence[str], marker: dict[str, Any], **more: Any
+) -> dict[str, Any]:
+    return {"name": name, "kind": "points", "x": x, "y": y, "more": {"marker": marker, **more}}
+
+
+def _times(seconds: Sequence[float]) -> dict[str, Any]:
+    """An axis of whole decades."""
+    known = np.log10(np.maximum(seconds, 1e-6)) if seconds else np.zeros(1)
+    first, last = int(np.floor(known.min())), int(np.ceil(known.max() + 1e-9))
+    ticks = range(first, last + 1)
+    return {
+        "domain": [0.72, 1.0],
+        "type": "log",
+        "title": {"text": "time", "standoff": 6},
+        "range": [first - 0.1, last + 0.1],
+        "tickvals": [10.0**k for k in ticks],
+        "ticktext": [TIME_TICKS.get(k, f"{10.0**k:g} s") for k in ticks],
+    }
+
+
+TERMINAL_COLUMNS = (0, 1, 2, 4, 7)
+"""Columns of the main table for which a terminal has room."""
+
+MOST_SHOWN_ESTIMATORS = 10
+"""Estimators that are shown, the best first; with `--verbose` all of them."""
+
+CONDITION_COLUMN = 6
+"""The column that is shown where the condition numbers differ."""
+
+EQUAL_CONDITION_SHARE = 0.8
+"""Share of the rows with one condition number from which on it distinguishes nothing."""
+
+COLUMN_MEANINGS = {
+    "Condition": "condition number of the whitened regressor, columns of unit length",
+    "χ²": "squared residuals over the noise variance by WLS, per degree of freedom: about 1 for "
+    "WLS; an excess is due to constraints, a prior or other weights",
+}
+"""What columns say that do not speak for themselves."""
+
+
+def comparison_lines(content: ReportContent, console: Console, verbose: bool = False) -> None:
+    """Print the recommendation with its reason, the table, and what failed.
+
+    Args:
+        content: A report with a comparison.
+        console: Where to print.
+        verbose: Whether to print all estimators, what the columns say, and the notes.
+    """
+    from rich.text import Text
+
+    comparison = content.comparison
+    if comparison is None:
+        return
+    console.print(Text(comparison_headline(comparison), style="bold"))
+    for line in _advice(comparison):
+        console.print(Text(line))
+    if stopped(comparison):
+        console.print(Text(stopped(comparison), style="bold yellow"))
+    console.print()
+    shown = main_table(comparison)
+    most = len(shown.rows) if verbose else MOST_SHOWN_ESTIMATORS
+    columns = _columns(shown)
+    table = light_table(
+        [shown.headings[k] for k in columns], [k for k, c in enumerate(columns) if c in shown.text]
+    )
+    for row in shown.rows[:most]:
+        cells = (Text(row.cells[number]) for number in columns)
+        table.add_row(*cells, style="bold" if row.marked else "")
+    console.print(Text(f"{shown.caption}. {comparison.words}"))
+    console.print(table)
+    if rest := [row.cells[0] for row in shown.rows[most:]]:
+        console.print(Text(f"and {len(rest)} more: {', '.join(rest)} (-v)"))
+    if verbose:
+        for number in columns:
+            if shown.headings[number] in COLUMN_MEANINGS:
+                heading = shown.headings[number]
+                console.print(Text(f"{heading}: {COLUMN_MEANINGS[heading]}"))
+    for score in in_order(comparison):
+        for when, reason, fix in failure_words(score.failures, len(comparison.parts)):
+            console.print(Text(f"{score.name} failed ({when}): {reason}; {fix}", style="yellow"))
+    for note in (*content.notes, *(content.details if verbose else ())):
+        console.print(Text(f"note: {note}"))
+
+
+def _advice(comparison: Comparison) -> list[str]:
+    """What the recommended estimator is, why, and how to use it."""
+    advice, lines = comparison.advice, []
+    if advice is not None:
+        lines += [f"{s.name}: {s.about}" for s in comparison.scores if s.name == advice.name]
+        lines.append(advice.why)
+    if comparison.setting:
+        lines.append(f"in the robot file: {comparison.setting}")
+    return lines
+
+
+def _columns(shown: PlainTable) -> tuple[int, ...]:
+    """Those for which there is room, and the condition number where it differs."""
+    known = [
+        row.cells[CONDITION_COLUMN] for row in shown.rows if row.cells[CONDITION_COLUMN] != NONE
+    ]
+    same = max((known.count(cell) for cell in known), default=0)
+    differ = same < EQUAL_CONDITION_SHARE * len(known)
+    return tuple(sorted((*TERMINAL_COLUMNS, CONDITION_COLUMN))) if differ else TERMINAL_COLUMNS
+
+
+COMPARE_SECTIONS: tuple[Section, ...] = (
+    CompareSection(),
+    FrictionSection(),
+    DrivesSection(),
+    QualitySection(),
+    SettingsSection(),
+)
+"""What of a report says something of a comparison."""
+
+
+def render_comparison(content: ReportContent) -> str:
+    """The page as HTML text, to be written as UTF-8."""
+    shown = shown_sections(COMPARE_SECTIONS, content)
+    return page_of(content.title, content.robot, "compared", version("steelyard"), shown)

@@ -1,0 +1,384 @@
+"""From clean runs to an identified model: what a robot file leaves open is found on the way."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.progress import Progress
+from steelyard.check.fitted.gear_side import LINK_SIDE_INSTEAD, rotors_at_zero
+from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.estimate import Z95, Estimate, Estimator
+from steelyard.estimate.estimators import KNOWLEDGE, PRIOR, WEIGHTS, Context, Offer, offer_of
+from steelyard.estimate.friction.friction_choice import FrictionChoice
+from steelyard.estimate.identified import BAND, Cutoffs, IdentifiedModel, Provenance
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.constrained import fixed_values
+from steelyard.estimate.least_squares.least_squares import (
+    OrdinaryLeastSquares,
+    WeightedLeastSquares,
+)
+from steelyard.estimate.nonlinear.effort_scales import EffortScales, effort_scales
+from steelyard.estimate.nonlinear.fields import Finding
+from steelyard.estimate.nonlinear.zero_offset import ZeroOffsets
+from steelyard.estimate.payload.drive_gains import GainEstimate
+from steelyard.estimate.prior.prior import Knowledge, Row
+from steelyard.estimate.requested_estimator import (
+    LEAST_SQUARES,
+    Sources,
+    context_of,
+    method_of,
+    on_information,
+    per_run_columns,
+)
+from steelyard.estimate.scores.band_calibration import calibrate
+from steelyard.identify.prepared_fit import TOO_SHORT, PreparedFit, prepare_fit
+from steelyard.identify.prepared_fit import Payload as Payload
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
+from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.sections import EstimationSection, PriorSection
+from steelyard.robot.file.signals import Signals
+from steelyard.runs.named_logs import processing_of_robot
+from steelyard.runs.run import Run
+from steelyard.runs.run_samples import motion_samples
+
+EstimatorOf = Callable[[Sequence[Run], Information], Estimator[Information]]
+"""The estimator for runs, and what they say: it may look at more than that."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """An identified model, and what was found on the way to it.
+
+    Attributes:
+        identified: The model.
+        runs: The runs that were fitted, with the gains that were found.
+        choice: How the friction laws were chosen, if they were.
+        findings: Fields that were found.
+        gains: Drive gains that were found, if any.
+        offsets: Zero offsets that were estimated, if any.
+        scales: Scales of the efforts that were estimated, if any.
+        notes: What was decided, for people to read.
+        ignored: What the robot file requests without effect.
+        information: What the runs say about the model's columns.
+        method: The estimator.
+        estimating: Makes it for these runs, or for others of the same model.
+        unscaled: The model with all scales of the efforts 1, where some were estimated.
+    """
+
+    identified: IdentifiedModel
+    runs: tuple[Run, ...]
+    choice: FrictionChoice | None
+    findings: tuple[Finding, ...]
+    gains: GainEstimate | None
+    offsets: ZeroOffsets | None
+    scales: EffortScales | None
+    notes: tuple[str, ...]
+    ignored: tuple[str, ...]
+    information: Information
+    method: Offer
+    estimating: EstimatorOf
+    unscaled: IdentifiedModel | None = None
+
+    @cached_property
+    def estimator(self) -> Estimator[Information]:
+        """What made the estimate."""
+        return self.estimating(self.runs, self.information)
+
+    def alike(self, run: Run) -> Run:
+        """Another run, with its joint positions and efforts read as those of the fitted ones."""
+        return with_signals(run, self.identified.signals)
+
+
+def with_signals(run: Run, signals: Signals) -> Run:
+    """The run, its log read by other signals."""
+    return replace(run, recording=replace(run.recording, signals=signals))
+
+
+def fit(
+    model: Model,
+    loaded_robot: LoadedRobot,
+    runs: Sequence[Run],
+    carrying: Sequence[Run],
+    payload: Payload,
+    origin: Provenance,
+    threads: int,
+    progress: Progress,
+) -> Fit:
+    """Gains, friction laws, their fields, and last the parameters.
+
+    Args:
+        model: The model; without friction where that is to be chosen.
+        loaded_robot: What the robot file says.
+        runs: Runs without payload.
+        carrying: Runs with it, for the gains.
+        payload: What they carry.
+        origin: Inputs; what was decided here is added to its notes.
+        threads: Native threads.
+        progress: Told about every pass.
+    """
+    plain, other = least_squares_of(loaded_robot)
+    least_squares = _of_runs(PLAIN_LEAST_SQUARES[plain], model)
+    ground = prepare_fit(
+        model, loaded_robot, runs, carrying, payload, least_squares, threads, progress
+    )
+    model, runs = ground.model, ground.runs
+    regressor = base_regressor(model)
+    information = ground.information_of(regressor)
+    method, why = _method(loaded_robot, plain, ground.gains)
+    context = context_of(loaded_robot, regressor, runs, progress)
+    if ground.gains is not None and ground.gains.relative:
+        context = _without_scale(context)
+
+    def from_runs(of: Sequence[Run], pooled: Information) -> Estimator[Information]:
+        return on_information(method, context, Sources(regressor, of, pooled, threads, progress))
+
+    estimating: EstimatorOf = from_runs
+    scales, estimator = None, method.make(context)
+    unscaled = _unscaled_because(loaded_robot, ground, estimator)
+    requested = loaded_robot.estimation.effort_scales == "auto"
+    if requested and not unscaled and isinstance(estimator, Consistent):
+        scales = effort_scales(estimator, information, progress=progress)
+    declared = runs, information
+    if scales is not None:
+        runs = [_scaled(run, scales.found.values) for run in runs]
+        information = information.scaled(1.0 / scales.found.values, information.signature.effort)
+        estimating = partial(_with_scales, scales)
+    estimate, refused = estimating(runs, information)(information), ""
+    zero, every = rotors_at_zero(estimate, runs[0].recording.signals.effort_kind)
+    if scales is not None and zero:
+        refused, scales, estimating = NO_SCALES.format(len(zero), every), None, from_runs
+        runs, information = declared
+        estimate = estimating(runs, information)(information)
+    plain_estimate = None if scales is None else from_runs(*declared)(declared[1])
+    beside = offer_of(other, "").make(context) if method.name == plain else least_squares
+    reference = beside(information)
+    ignored = (
+        *_unused(loaded_robot, method, why, context),
+        *_note_on_scales_without_effect(loaded_robot, unscaled),
+        *([TOO_SHORT] if loaded_robot.friction and ground.choice is None else []),
+    )
+    notes = (
+        *ground.notes,
+        *_chosen(method, why, estimate),
+        *([] if scales is None else [scales.note]),
+        *([refused] if refused else []),
+        *estimate.notes,
+        *_notes_beyond_physical_bounds(
+            model, context.knowledge, estimate if method.name == plain else reference
+        ),
+    )
+    identified = IdentifiedModel(
+        model=model,
+        base=base_parameters(model),
+        estimate=estimate,
+        reference=(reference,),
+        signals=runs[0].recording.signals,
+        cutoffs=Cutoffs(
+            motion=runs[0].motion_cutoff,
+            matched=runs[0].matched_cutoff,
+            score=loaded_robot.validation.cutoff or runs[0].matched_cutoff,
+            headline=loaded_robot.validation.cutoff or BAND,
+        ),
+        processing=processing_of_robot(loaded_robot),
+        motions=motion_samples([*runs, *carrying]),
+        provenance=replace(origin, notes=(*origin.notes, *notes, *ignored)),
+        effort_scales=None if scales is None else scales.known,
+    )
+    plain_model = None
+    if plain_estimate is not None:
+        plain_model = replace(
+            identified,
+            estimate=plain_estimate,
+            signals=declared[0][0].recording.signals,
+            effort_scales=None,
+        )
+    return Fit(
+        identified,
+        tuple(runs),
+        ground.choice,
+        ground.findings,
+        ground.gains,
+        ground.offsets,
+        scales,
+        notes,
+        ignored,
+        information,
+        method,
+        estimating,
+        plain_model,
+    )
+
+
+NO_SCALES = (
+    "no scales of the efforts are adopted: with them {} of {} rotor inertias are zero, so torques "
+    "may be those of sensors on the link side, which has a similar effect; if so, use "
+    f"{LINK_SIDE_INSTEAD}"
+)
+
+
+def calibrated(found: Fit, threads: int, progress: Progress) -> Fit:
+    """The fit with bands of predicted efforts that are calibrated on left-out motion.
+
+    Args:
+        found: The fit.
+        threads: Native threads.
+        progress: Told about every fit to the rest.
+    """
+    identified = found.identified
+    calibration = calibrate(
+        identified,
+        found.runs,
+        found.information,
+        found.estimator,
+        threads=threads,
+        progress=progress,
+    )
+    if calibration is not None:
+        return replace(found, identified=replace(identified, calibration=calibration))
+    why = "with one part of the logs left out, the rest does not suffice for a fit"
+    if found.method.needs == "experiment":
+        why = f"{found.method.name} needs whole runs, and could not be fitted without one of them"
+    return replace(found, notes=(*found.notes, NOT_CALIBRATED.format(why)))
+
+
+NOT_CALIBRATED = (
+    "the 95 % bands of efforts include noise only: {}, so nothing could be left out to calibrate "
+    "them"
+)
+
+LeastSquares = OrdinaryLeastSquares | WeightedLeastSquares
+
+PLAIN_LEAST_SQUARES: dict[str, LeastSquares] = {
+    "WLS": WeightedLeastSquares(),
+    "OLS": OrdinaryLeastSquares(),
+}
+
+
+def least_squares_of(loaded: LoadedRobot) -> tuple[str, str]:
+    """Plain least squares as the robot file weighs joints, and the one beside it."""
+    method = method_of(loaded).name
+    plain = method if method in PLAIN_LEAST_SQUARES else LEAST_SQUARES[loaded.estimation.weights]
+    return plain, next(name for name in PLAIN_LEAST_SQUARES if name != plain)
+
+
+def _method(loaded: LoadedRobot, plain: str, gains: GainEstimate | None) -> tuple[Offer, str]:
+    """The estimator, and why it is not the default one; nothing if it is."""
+    requested = method_of(loaded)
+    if requested.uses and gains is not None and gains.relative:
+        return offer_of(plain, ""), "because a prior of the links needs efforts in a known scale"
+    usual = EstimationSection().method
+    return requested, "" if requested.name == usual else "as requested"
+
+
+def _unscaled_because(loaded: LoadedRobot, ground: PreparedFit, estimator: Estimator[Any]) -> str:
+    """Why scales cannot be estimated; empty where they can."""
+    if ground.gains is not None:
+        return 'together with gain = "identify"'
+    if type(estimator) is not Consistent:
+        return f'with method = "{loaded.estimation.method}"'
+    if estimator.per_run:
+        return "together with terms that are estimated per run"
+    if ground.runs[0].recording.signals.effort_map is not None:
+        return "with coupled gears, where a scale belongs to a motor and not to a joint"
+    return ""
+
+
+def _with_scales(
+    scales: EffortScales, runs: Sequence[Run], information: Information
+) -> Estimator[Information]:
+    """The estimate of any information, as unsure as the scales make it."""
+    return partial(scales.scaled.estimate, scales=scales.found)
+
+
+def _note_on_scales_without_effect(loaded: LoadedRobot, why: str) -> tuple[str, ...]:
+    """A note where the robot file requests scales that cannot be estimated."""
+    given = loaded.estimation
+    if not why or given.effort_scales == "off" or "effort_scales" not in given.model_fields_set:
+        return ()
+    return (f'effort_scales = "auto" has no effect {why}',)
+
+
+def _scaled(run: Run, scales: Array) -> Run:
+    """The run with its efforts divided by scales."""
+    signals = run.recording.signals
+    signals = replace(signals, gains=signals.gains / scales)
+    return replace(run, recording=replace(run.recording, signals=signals))
+
+
+def _chosen(method: Offer, why: str, estimate: Estimate) -> tuple[str, ...]:
+    """A note on an estimator that is not the default one."""
+    if not why:
+        return ()
+    bodies = ": inertias may be invalid" if estimate.standard is None else ""
+    return (f"estimated by {method.name} ({method.about}), {why}{bodies}",)
+
+
+def _without_scale(context: Context) -> Context:
+    """Of the prior constraints what holds in any scale: parameters that are zero."""
+    known = context.knowledge
+    rows = tuple(row for row in known.rows if row.lower == row.upper == 0.0)
+    return replace(context, knowledge=replace(known, rows=rows))
+
+
+def _unused(loaded: LoadedRobot, method: Offer, why: str, context: Context) -> tuple[str, ...]:
+    """A note on what an estimator that is not the default one does not use."""
+    if not why:
+        return ()
+    if method.name in PLAIN_LEAST_SQUARES and loaded.knowledge:
+        unused = fixed_values(context.regressor.base, context.knowledge).unused
+        only = f"{method.name} uses of [[knowledge]] only values of whole base parameters"
+        notes = (f"{only}, not: {'; '.join(unused)}",) if unused else ()
+        return (*notes, *_unused(replace(loaded, knowledge=()), method, why, context))
+    given = {
+        PRIOR: loaded.prior != PriorSection(),
+        KNOWLEDGE: bool(loaded.knowledge),
+        WEIGHTS: "weights" in loaded.estimation.model_fields_set
+        and method.name != LEAST_SQUARES[loaded.estimation.weights],
+    }
+    idle = " and ".join(name for name, there in given.items() if there and name not in method.uses)
+    return (f"{method.name} does not use {idle}",) if idle else ()
+
+
+def _of_runs(estimator: LeastSquares, model: Model) -> Estimator[Information]:
+    """The estimator with the parameters that every run of this model has for itself."""
+
+    def estimate(information: Information) -> Estimate:
+        return replace(estimator, per_run=per_run_columns(model, information.layout))(information)
+
+    return estimate
+
+
+def _notes_beyond_physical_bounds(
+    model: Model, known: Knowledge, estimate: Estimate
+) -> tuple[str, ...]:
+    """Parameters and friction curves whose interval lies wholly beyond what is physical."""
+    place = {name: k for k, name in enumerate(estimate.parameters.names)}
+    bodies = {p.name for p in RigidBody().parameters(model.robot)}
+    alone = [
+        Row(name, {name: 1.0}, lower)
+        for name, lower in zip(known.names, known.lower.tolist(), strict=True)
+        if name not in bodies | known.shaped
+    ]
+    found = []
+    for row in (*alone, *known.curves):
+        if not set(row.coefficients) <= set(place):
+            continue
+        at = [place[name] for name in row.coefficients]
+        factors = np.array(list(row.coefficients.values()))
+        value = factors @ estimate.parameters.values[at]
+        std = np.sqrt(max(factors @ estimate.covariance[np.ix_(at, at)] @ factors, 0.0))
+        if value + Z95 * std < row.lower:
+            found.append(row.label)
+    if not found:
+        return ()
+    return (
+        f"least squares estimates below the physical bound: {', '.join(dict.fromkeys(found))}; "
+        "these terms fit the data, but represent another effect",
+    )

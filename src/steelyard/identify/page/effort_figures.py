@@ -1,0 +1,386 @@
+"""Measured and predicted effort of every joint over time, and what the prediction consists of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.estimate.estimate import Z95
+from steelyard.estimate.information.gather import Mask
+from steelyard.estimate.scores.residuals import PARTS, TorqueParts
+from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.score_words import below
+from steelyard.report.figures import Figure, Group, drawn, gaps, line, outline
+from steelyard.report.page import (
+    FigureSection,
+    Numbers,
+    Section,
+    fill,
+    packed,
+    rounded,
+    script_json,
+)
+from steelyard.report.tables import PlainTable, Row
+from steelyard.report.words import percent, significant
+
+if TYPE_CHECKING:
+    from steelyard.estimate.identified import IdentifiedModel
+    from steelyard.estimate.scores.bands import Traces
+    from steelyard.estimate.scores.score import RunScore
+    from steelyard.robot.robot import Coordinate
+
+
+MOST_POINTS_OF_EFFORT = 2000
+"""Most points of one line."""
+
+LEAST_POINTS_OF_EFFORT = 200
+"""Points of one line below which rather a whole run is left out."""
+
+MOST_POINTS_OF_EFFORTS = 170_000
+"""Points of all lines together: about 1.9 MB of the page."""
+
+POINTS_OVER_BAND_POINTS = 3
+"""Points of a line over those of the outline of a band, which is smooth."""
+
+LINES_OF_EFFORT_PLOT = 6
+"""Lines and outlines of a plot: measured, predicted, their difference, three bands."""
+
+LEAST_COVERAGE_PERCENT = 80.0
+"""Share of the samples [%] in the 95 % band below which it is marked."""
+
+NOISE_ONLY = "not calibrated: noise only"
+
+MOST_SHADED_RESTS = 80
+"""Most rests that are shaded in one plot."""
+
+
+class EffortSection(Section):
+    """One plot per joint; a menu chooses the run."""
+
+    name: ClassVar[str] = "effort"
+    title: ClassVar[str] = "Effort, measured and predicted"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """Lines of every joint and run, unseen runs first."""
+        everything = [(s, "repeated motion" if s.repeats else "not fitted") for s in content.scores]
+        everything += [(s, "fitted") for s in content.fitted]
+        if not everything:
+            return None
+        n_joints = max(len(everything[0][0].joints), 1)
+        most_runs = max(
+            MOST_POINTS_OF_EFFORTS // (LINES_OF_EFFORT_PLOT * n_joints * LEAST_POINTS_OF_EFFORT), 1
+        )
+        chosen = everything[:most_runs]
+        points = min(
+            MOST_POINTS_OF_EFFORT,
+            MOST_POINTS_OF_EFFORTS // (LINES_OF_EFFORT_PLOT * n_joints * len(chosen)),
+        )
+        figures = [
+            _effort_figure(s, joint, points) for s, _ in chosen for joint in range(len(s.joints))
+        ]
+        return {
+            "joints": [joint.joint for joint in chosen[0][0].joints],
+            "runs": [f"{score.run} ({kind})" for score, kind in chosen],
+            "left_out": [score.run for score, _ in everything[most_runs:]],
+            "points": points,
+            "rests": MOST_SHADED_RESTS,
+            "bands": any(figure["bands"] for figure in figures),
+            "calibration": band_text(content.identified),
+            "basis": basis_of([score for score, _ in chosen]),
+            "few": LEAST_COVERAGE_PERCENT if any(figure["few"] for figure in figures) else None,
+            "figures": figures,
+        }
+
+    def show(self, numbers: Numbers) -> str:
+        """The numbers as safe HTML."""
+        n_joints = max(len(numbers["joints"]), 1)
+        data = [
+            (index // n_joints, index % n_joints, script_json(figure))
+            for index, figure in enumerate(numbers["figures"])
+        ]
+        return fill("effort.html", {**numbers, "data": data})
+
+
+def band_text(identified: IdentifiedModel | None) -> str:
+    """What the bands of a model's efforts rest on, for people to read."""
+    calibration = None if identified is None else identified.calibration
+    return NOISE_ONLY if calibration is None else calibration.text
+
+
+def _effort_figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
+    """Lines of one joint, caption and shaded rests; time is relative where it is a date."""
+    traces, numbers = score.traces, score.joints[joint]
+    origin = float(traces.t[0]) if len(traces.t) and abs(traces.t[-1]) > 1e5 else 0.0
+    t = traces.t - origin
+    measured, predicted = traces.measured[:, joint], traces.predicted[:, joint]
+    covered = _covered(traces, joint)
+    return {
+        "caption": _effort_caption(score, joint),
+        "covered": "" if covered is None else f"{percent(covered)} in the 95 % band",
+        "few": covered is not None and covered < LEAST_COVERAGE_PERCENT,
+        "unit": numbers.unit,
+        "time": f"time from {origin:.3f} s [s]" if origin else "time [s]",
+        "lines": [
+            _line(t, signal, points) for signal in (measured, predicted, measured - predicted)
+        ],
+        "bands": _bands(t, traces, joint, points),
+        "rests": _rests(t, traces, joint),
+    }
+
+
+def basis_of(scores: Sequence[RunScore]) -> str:
+    """Unit and band of the lines, and those of the errors above them, where they differ."""
+    lines = _units(joint.unit for score in scores for joint in score.joints)
+    errors = _units(joint.unit for score in scores for joint in score.errors.joints)
+    drawn, judged = below(x.cutoff for x in scores), below(x.errors.cutoff for x in scores)
+    if (lines, drawn) == (errors, judged):
+        return (
+            f"Lines, and the errors above them, which are those of the verdict: {lines}, {drawn}."
+        )
+    fit = "" if drawn == judged else ", the validation band"
+    joint = "" if lines == errors else " at the joints"
+    return (
+        f"Lines: efforts in {lines}, the unit of the log, {drawn}{fit}. "
+        f"Errors above the plots: those of the verdict, in {errors}{joint}, {judged}."
+    )
+
+
+def _units(units: Iterable[str]) -> str:
+    return " and ".join(dict.fromkeys(units))
+
+
+def _effort_caption(score: RunScore, joint: int) -> str:
+    """The error of a joint in the verdict."""
+    found = score.errors.joints[joint]
+    size = f"error {significant(found.error)} {found.unit}"
+    if not found.counted:
+        return f"at rest: {size}, not counted"
+    return f"{size}: {percent(found.percent_of_used)} of the effort used"
+
+
+def _covered(traces: Traces, joint: int) -> float | None:
+    """The share of the measured effort that lies in the band [%]."""
+    if not _banded(traces, joint) or traces.coverage is None:
+        return None
+    return 100.0 * float(traces.coverage[joint])
+
+
+def _banded(traces: Traces, joint: int) -> bool:
+    """Whether a joint has a band; one that never moved while fitting has none."""
+    return traces.band is not None and bool(np.isfinite(traces.band[:, joint]).any())
+
+
+def _bands(t: Array, traces: Traces, joint: int, points: int) -> list[dict[str, dict[str, str]]]:
+    """Outlines of bands, none without: of a new measurement, of the model, of the residual."""
+    if not _banded(traces, joint) or traces.band is None or traces.model_std is None:
+        return []
+    predicted, half = traces.predicted[:, joint], traces.band[:, joint]
+    sure = Z95 * traces.model_std[:, joint]
+    sides = ((predicted, half), (predicted, sure), (np.zeros_like(half), half))
+    most = max(points // POINTS_OVER_BAND_POINTS, LEAST_POINTS_OF_EFFORT)
+    outlines = [outline(t, middle - away, middle + away, most) for middle, away in sides]
+    return [{"x": packed(x), "y": packed(y)} for x, y in outlines]
+
+
+def _line(t: Array, signal: Array, points: int) -> dict[str, dict[str, str]]:
+    x, y = drawn(t, signal, points)
+    return {"x": packed(x), "y": packed(y)}
+
+
+def _rests(t: Array, traces: Traces, joint: int) -> list[list[float | None]]:
+    """Start and end [s] of the longest stretches in which the joint does not move."""
+    still = np.concatenate([[False], ~traces.moving[:, joint].astype(bool), [False]])
+    edges = np.flatnonzero(np.diff(still))
+    spans = [(float(t[a]), float(t[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    spans.sort(key=lambda span: span[0] - span[1])
+    return [[rounded(a), rounded(b)] for a, b in sorted(spans[:MOST_SHADED_RESTS])]
+
+
+MOST_POINTS_OF_TORQUE_PART = 1000
+"""Most points of one line."""
+
+MOST_POINTS_OF_TORQUE_PARTS = 60_000
+"""Points of all lines together: about 0.6 MB of the page."""
+
+ROUND_OFF_SHARE = 1e-9
+"""Share of the measured effort below which a part is round-off."""
+
+TORQUE_PART_NAMES = {
+    "gravity": "gravity",
+    "coriolis": "Coriolis",
+    "inertia": "inertia",
+    "friction": "friction",
+    "other": "springs, offsets",
+}
+TORQUE_PART_STYLES = {
+    "gravity": ("--purple", "solid"),
+    "coriolis": ("--arm", "dot"),
+    "inertia": ("--amber", "solid"),
+    "friction": ("--green", "dash"),
+    "other": ("--soft", "dashdot"),
+}
+"""Colour and dash of each part."""
+
+
+class TorqueSplitSection(FigureSection):
+    """A table of sizes, and one folded figure per joint."""
+
+    name: ClassVar[str] = "torque-split"
+    title: ClassVar[str] = "Effort by cause"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """Parts of one run, one that was not fitted if there is one."""
+        found = _run(content)
+        if content.identified is None or found is None:
+            return None
+        score, kind = found
+        parts, joints = score.parts, content.identified.model.robot.coordinates
+        if parts is None:
+            return None
+        sizes = _sizes(parts, parts.moving)
+        present = _sizes(parts, np.ones_like(parts.moving))
+        points = min(
+            MOST_POINTS_OF_TORQUE_PART,
+            MOST_POINTS_OF_TORQUE_PARTS // ((2 + len(PARTS)) * len(joints)),
+        )
+        groups = [
+            Group(
+                [_torque_figure(parts, j, joint, present, points)],
+                joint.name,
+                _torque_caption(sizes, j, joint),
+                "one",
+            )
+            for j, joint in enumerate(joints)
+        ]
+        return {
+            "words": f"Run {score.run} ({kind}). Efforts at the joints below {score.cutoff:g} Hz, "
+            "the validation band; the parts add up to the predicted effort. Root mean squares are "
+            "of the samples in which the joint moves; of all samples if it rests throughout.",
+            "tables": [_table(sizes, joints)],
+            "groups": groups,
+            "note": "Coriolis: with centrifugal efforts. Inertia: mass matrix times acceleration, "
+            "with rotors. A part that is small throughout is hardly identifiable from this motion. "
+            f"Each line has at most {points} evenly spaced points. Click an entry of a legend to "
+            "hide it.",
+        }
+
+    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+        """RMS of the parts per joint, where it moves."""
+        found = _run(content)
+        if content.identified is None or found is None or found[0].parts is None:
+            return {"torque_split": None}
+        sizes = _sizes(found[0].parts, found[0].parts.moving)
+        joints = content.identified.joints
+        return {
+            "torque_split": {
+                "run": found[0].run,
+                "joints": [
+                    {"joint": joint, **{name: rounded(size[j]) for name, size in sizes.items()}}
+                    for j, joint in enumerate(joints)
+                ],
+            }
+        }
+
+
+def _run(content: ReportContent) -> tuple[RunScore, str] | None:
+    """The first run with parts, and its kind; those that were not fitted come first."""
+    scores = [(score, "not fitted") for score in content.scores]
+    scores += [(score, "fitted") for score in content.fitted]
+    return next(((score, kind) for score, kind in scores if score.parts is not None), None)
+
+
+def _sizes(parts: TorqueParts, chosen: Mask) -> dict[str, Array]:
+    """RMS per joint of each part, of the measured effort and of the residual, `(n,)` [Nm; N].
+
+    Args:
+        parts: The samples.
+        chosen: Which of them count for each joint, shape `(N, n)`; all where there is none.
+    """
+    weights = np.where(chosen.any(axis=0), chosen, True)
+    signals = dict(zip(PARTS, parts.parts, strict=True))
+    signals |= {"measured": parts.measured, "residual": parts.residual}
+    sizes = {
+        name: np.sqrt(np.average(np.square(x), axis=0, weights=weights))
+        for name, x in signals.items()
+    }
+    least = ROUND_OFF_SHARE * sizes["measured"]
+    return {name: np.where(size <= least, 0.0, size) for name, size in sizes.items()}
+
+
+def _torque_caption(sizes: dict[str, Array], j: int, joint: Coordinate) -> str:
+    """The two largest parts."""
+    largest = sorted(PARTS, key=lambda name: -sizes[name][j])[:2]
+    unit = joint.effort_unit
+    return "mostly " + ", ".join(
+        f"{TORQUE_PART_NAMES[name]} {significant(float(sizes[name][j]), 2)} {unit}"
+        for name in largest
+    )
+
+
+def _table(sizes: dict[str, Array], joints: tuple[Coordinate, ...]) -> PlainTable:
+    rows = [
+        Row(
+            (
+                joint.name,
+                *(significant(float(size[j]), 3) for size in sizes.values()),
+                joint.effort_unit,
+            )
+        )
+        for j, joint in enumerate(joints)
+    ]
+    headings = ("Joint", *(_capital(TORQUE_PART_NAMES.get(name, name)) for name in sizes), "Unit")
+    return PlainTable("Root mean squares", "", headings, rows, (0, len(headings) - 1))
+
+
+def _capital(words: str) -> str:
+    return words[0].upper() + words[1:]
+
+
+def _torque_figure(
+    parts: TorqueParts, j: int, joint: Coordinate, present: dict[str, Array], points: int
+) -> Figure:
+    """Measured and predicted effort above, the parts below; those that are zero are left out."""
+    at, t = _drawn(parts.t, points)
+    hover = f"%{{y:.3g}} {joint.effort_unit}"
+
+    def trace(name: str, signal: Array, **more: Any) -> dict[str, Any]:
+        values = np.where(at < 0, np.nan, signal[at])
+        return line(name, t, values, hovertemplate=hover, **more)
+
+    traces = [
+        trace("measured", parts.measured[:, j], colour="--measured", width=4.2),
+        trace("predicted", parts.predicted[:, j], colour="--predicted", width=1.6, dash="8px,5px"),
+    ]
+    traces += [
+        trace(
+            TORQUE_PART_NAMES[name],
+            part[:, j],
+            colour=TORQUE_PART_STYLES[name][0],
+            width=1.8,
+            dash=TORQUE_PART_STYLES[name][1],
+            yaxis="y2",
+        )
+        for name, part in zip(PARTS, parts.parts, strict=True)
+        if present[name][j]
+    ]
+    title = {"text": joint.effort_unit, "standoff": 4}
+    layout = {
+        "hovermode": "x unified",
+        "xaxis": {"anchor": "y2"},
+        "yaxis": {"domain": [0.6, 1.0]},
+        "yaxis2": {"domain": [0.0, 0.52], "title": title, "zeroline": True},
+    }
+    label = f"Effort of {joint.name} by cause over time"
+    return Figure("", label, "time [s]", joint.effort_unit, traces, layout, height=460)
+
+
+def _drawn(t: Array, points: int) -> tuple[Array, Array]:
+    """Indices of the samples to draw, -1 at a gap of time, and their times, `(points,)` at most."""
+    breaks = gaps(t)[: points // 4]
+    step = max(1, -(-len(t) // (points - len(breaks))))
+    at = np.arange(0, len(t), step)
+    places = np.searchsorted(at, breaks, side="right")
+    return np.insert(at, places, -1), np.insert(t[at], places, np.nan)

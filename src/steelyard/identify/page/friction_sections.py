@@ -1,0 +1,259 @@
+"""How friction laws were chosen, and the identified friction of every joint over its speed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.estimate.friction.friction_choice import FrictionChoice
+from steelyard.estimate.identified_parameters import FrictionCurve, friction_curves
+from steelyard.estimate.nonlinear.fields import Finding
+from steelyard.estimate.scores.residuals import PARTS, TorqueParts
+from steelyard.identify.page.content import ReportContent, fitted_samples
+from steelyard.model.terms.term import StatefulTerm
+from steelyard.report.figures import Figure, Group, Key, area, evenly, line, points
+from steelyard.report.page import FigureSection, Numbers, TableSection, rounded
+from steelyard.report.tables import PlainTable, Row
+from steelyard.report.words import count, significant
+from steelyard.robot.robot import Coordinate
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+
+FRICTION_ERROR_WORDS = (
+    "geometric mean of two errors, that of all joints together and the geometric mean over joints, "
+    "after the parallel filter; not comparable with the verdict"
+)
+"""What an error of a mix is."""
+ONE_CURVE = (
+    "Their coefficients describe one friction curve per joint together and are valid only "
+    "together: quote the curve (report), not a coefficient"
+)
+"""What coefficients of chosen laws mean."""
+
+
+class FrictionSection(TableSection):
+    """The mixes that were compared, and the fields that were found."""
+
+    name: ClassVar[str] = "friction"
+    title: ClassVar[str] = "Friction"
+
+    in_terminal: ClassVar[bool] = True
+
+    def tables(self, content: ReportContent) -> list[PlainTable]:
+        """One table each, if there is anything in it."""
+        mixes = [] if content.friction is None else [_mixes(content.friction)]
+        return [*mixes, *([_fields(content.findings)] if content.findings else [])]
+
+    def printed(self, content: ReportContent) -> Iterable[RenderableType]:
+        """The laws that were chosen, and how much of the error they take away."""
+        from rich.text import Text
+
+        if content.friction is not None:
+            yield Text(_chosen(content.friction))
+
+    def detailed(self, content: ReportContent) -> Iterable[RenderableType]:
+        """The tables; laws for controllers that keep no state, where the chosen ones need one."""
+        from rich.text import Text
+
+        yield from super().detailed(content)
+        if content.friction is not None and (other := without_memory(content.friction)):
+            yield Text(other)
+        if content.friction is None and content.identified is not None:
+            terms = content.identified.model.terms
+            laws = [term.law for term in terms if isinstance(term, StatefulTerm)]
+            if laws:
+                yield Text(
+                    f"friction laws with memory ({', '.join(laws)}): for controllers that keep no "
+                    "state between samples choose laws without memory; friction = "
+                    '"auto" compares them'
+                )
+
+    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+        """The choice of laws, and the fields."""
+        return {
+            "friction": None if content.friction is None else content.friction.to_dict(),
+            "fields": [finding.to_dict() for finding in content.findings],
+        }
+
+
+def _chosen(choice: FrictionChoice) -> str:
+    """The chosen laws beside the first row of the table."""
+    first, best = choice.table[0], next(mix for mix in choice.table if mix.chosen)
+    compared = f"{count(len(choice.table), 'combination')} of laws compared"
+    if best is first:
+        return f"friction laws: {best.name} ({compared}, none is significantly better)"
+    return (
+        f"friction laws: {best.name} ({compared}; error on motion left out {best.error:.2f} %, "
+        f"with {first.name} {first.error:.2f} %). {ONE_CURVE}"
+    )
+
+
+def without_memory(choice: FrictionChoice) -> str:
+    """The laws for a controller that keeps no state; empty if the chosen ones need none."""
+    other = choice.without_memory
+    if other is None:
+        return ""
+    best = next(mix for mix in choice.table if mix.chosen)
+    more = 100.0 * (other.error / best.error - 1.0)
+    return (
+        'for controllers that keep no state between samples: friction = "auto_memoryless", laws '
+        f"without memory such as {other.name} (error on motion left out {abs(more):.0f} % "
+        f"{'larger' if more >= 0.0 else 'smaller'} in this comparison)"
+    )
+
+
+def _mixes(choice: FrictionChoice) -> PlainTable:
+    rows = [
+        Row(
+            (
+                mix.name,
+                f"{mix.error:.2f} %",
+                f"{mix.gain:.1f} %",
+                f"± {mix.spread:.1f} %",
+                "chosen" if mix.chosen else "",
+            ),
+            mix.chosen,
+        )
+        for mix in choice.table
+    ]
+    other, said = without_memory(choice), _chosen(choice)
+    return PlainTable(
+        "Friction laws compared",
+        f"Cross-validation: each {choice.left_out} is predicted by a fit to all others. Error: "
+        f"{FRICTION_ERROR_WORDS}; "
+        "improvement relative to the first row, with its standard error. A simpler combination is "
+        "preferred unless the improvement by a better one is significant. Speeds are in rad/s, "
+        "lengths in rad (prismatic joints: m/s, m)."
+        + (f" {other[0].upper()}{other[1:]}." if other else ""),
+        ("Friction laws", "Error", "Improvement", "Standard error", ""),
+        rows,
+        (0, 4),
+        f"cross-validation, leaving out one {choice.left_out} at a time; error: "
+        f"{FRICTION_ERROR_WORDS}",
+        f"{said[0].upper()}{said[1:]}",
+    )
+
+
+def _fields(findings: tuple[Finding, ...]) -> PlainTable:
+    rows = [
+        Row(
+            (
+                finding.term,
+                finding.field,
+                finding.joint or "all",
+                significant(finding.value),
+                f"{significant(finding.interval[0])} to {significant(finding.interval[1])}",
+                "" if finding.identifiable else "not identifiable",
+            )
+        )
+        for finding in findings
+    ]
+    return PlainTable(
+        "Estimated nonlinear parameters",
+        "Parameters in which the torque is nonlinear, with 95 % intervals, cut at the bounds of "
+        "the search.",
+        ("Term", "Parameter", "Joint", "Value", "Interval", ""),
+        rows,
+        (0, 1, 2, 5),
+    )
+
+
+MOST_FRICTION_POINTS = 400
+"""Most points of one joint."""
+
+FRICTION_CURVE_WORDS = (
+    "Curve: friction of the model while the joint moves at constant speed. Points: measured effort "
+    "minus everything else in the model. Points leave the curve near zero speed where the friction "
+    "law depends on the motion before, and at any speed where it depends on the load. Otherwise "
+    "they show what it lacks: a bend near zero speed, a curvature, a difference between the "
+    "directions."
+)
+
+
+class FrictionCurvesSection(FigureSection):
+    """One figure per joint whose friction was identified."""
+
+    name: ClassVar[str] = "friction-curves"
+    title: ClassVar[str] = "Friction over speed"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """Curves and points."""
+        found, samples = curves_of(content), fitted_samples(content)
+        if content.identified is None or samples is None or not found:
+            return None
+        parts, runs = samples
+        robot = content.identified.model.robot
+        figures = [
+            _figure(curve, robot.coordinates[robot.joint_names.index(curve.joint)], j, parts)
+            for j, curve in ((robot.joint_names.index(c.joint), c) for c in found)
+        ]
+        cutoff = content.identified.cutoffs.score
+        return {
+            "words": FRICTION_CURVE_WORDS,
+            "legend": [
+                Key("--measured", "measured effort without the rest of the model", "point"),
+                Key("--predicted", "friction of the model"),
+                Key("--surely", "95 % interval, from the errors of the parameters", "area"),
+            ],
+            "groups": [Group(figures)],
+            "note": f"Points: at most {MOST_FRICTION_POINTS} evenly spaced samples of {runs} in "
+            "which the joint "
+            f"moves, low-passed at {cutoff:g} Hz, the validation band; that rounds off steps "
+            "at zero speed. Friction "
+            "that depends on load is drawn at the sample of median gravity load. The curve is that "
+            "of a joint that moves alone: where friction couples joints, points lie beside it.",
+        }
+
+    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+        """The curves."""
+        return {"friction_curves": [_curve_dict(curve) for curve in curves_of(content)]}
+
+
+def curves_of(content: ReportContent) -> tuple[FrictionCurve, ...]:
+    """The curves up to the largest speed in the samples; none without samples."""
+    samples = fitted_samples(content)
+    if content.identified is None or samples is None:
+        return ()
+    parts, _ = samples
+    load = np.abs(parts.parts[PARTS.index("gravity")])
+    median = np.argsort(load, axis=0)[len(load) // 2]
+    fastest = np.abs(np.where(parts.moving, parts.dq, 0.0)).max(axis=0)
+    return friction_curves(content.identified, parts.q[median], fastest)
+
+
+def _figure(curve: FrictionCurve, joint: Coordinate, j: int, parts: TorqueParts) -> Figure:
+    moving = np.flatnonzero(parts.moving[:, j])
+    chosen = moving[evenly(len(moving), MOST_FRICTION_POINTS)]
+    speed, half = curve.speed, curve.half_width
+    middle = len(speed) // 2
+    sides = (slice(None, middle), slice(middle, None))
+    # Later traces are drawn over earlier ones: the band must not hide the points.
+    traces = [_band(speed[at], curve.effort[at], half[at]) for at in sides]
+    traces.append(
+        points("measured", parts.dq[chosen, j], parts.friction[chosen, j], "--measured", 4)
+    )
+    hover = f"%{{x:.3g}} {joint.unit}/s: %{{y:.3g}} {joint.effort_unit}<extra></extra>"
+    traces.append(
+        line("friction", speed, curve.effort, "--predicted", width=2.5, hovertemplate=hover)
+    )
+    label = f"Friction of {curve.joint} over its speed, with samples"
+    axes = f"speed [{joint.unit}/s]", f"friction [{joint.effort_unit}]"
+    return Figure(curve.joint, label, *axes, traces, {"showlegend": False})
+
+
+def _band(speed: Array, effort: Array, half: Array) -> dict[str, Any]:
+    return area("95 % interval", speed, effort - half, effort + half, "--surely", 0.7)
+
+
+def _curve_dict(curve: FrictionCurve) -> dict[str, Any]:
+    return {
+        "joint": curve.joint,
+        "speed": [rounded(x) for x in curve.speed],
+        "friction": [rounded(x) for x in curve.effort],
+        "half_width": [rounded(x) for x in curve.half_width],
+    }

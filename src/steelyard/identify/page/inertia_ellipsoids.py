@@ -1,0 +1,226 @@
+"""The robot in space, with its links as solid ellipsoids of the same inertia."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.identify.page.content import ReportContent, fitted_samples
+from steelyard.identify.page.link_inertias import IdentifiedLink, identified_links
+from steelyard.report.figures import Figure, Group, Traced
+from steelyard.report.page import FigureSection, Numbers, packed
+from steelyard.report.words import significant
+from steelyard.robot.loop_closures import loop_equations
+from steelyard.robot.rigid_body import Inertia
+from steelyard.robot.robot import Robot
+from steelyard.robot.skeleton import body_poses, sticks
+
+AXES = "xyz"
+
+MERIDIANS, RINGS = 16, 9
+"""Of the surface of an ellipsoid."""
+
+SPACE_MARGIN = 0.05
+"""Space around the robot, relative to its greatest extent."""
+
+POINTS_OF_CIRCLE = 25
+"""Points of a circle around an ellipsoid."""
+
+WORDS = (
+    "Each ellipsoid is the solid of uniform density with the mass, the centre of mass and the "
+    "inertia of a link. Surfaces: identified; wires: model file. Drag to turn, click an entry of "
+    "the legend to hide it."
+)
+
+NOTE = (
+    "Posture: the middle sample of the fitted runs; of a robot with closed loops, their reference "
+    "configuration. A surface larger than its wires has more "
+    "inertia per mass than in the model file. Links whose identified mass or inertia is not "
+    "physically consistent are left out."
+)
+
+
+class EllipsoidsSection(FigureSection):
+    """One figure in space."""
+
+    name: ClassVar[str] = "ellipsoids"
+    title: ClassVar[str] = "Links as inertia ellipsoids"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """The figure, if the estimate knows all standard parameters."""
+        if content.identified is None:
+            return None
+        links = [
+            link
+            for link in identified_links(content.identified)
+            if semi_axes(link.inertia) is not None
+        ]
+        if not links:
+            return None
+        robot = content.identified.model.robot
+        joints = _posture(robot, content)
+        figure = _figure(robot, links, joints)
+        return {"words": WORDS, "groups": [Group([figure], columns="one")], "note": NOTE}
+
+
+def semi_axes(inertia: Inertia) -> tuple[Array, Array] | None:
+    r"""Half-lengths and directions of the solid ellipsoid with a body's mass and inertia.
+
+    With $\Sigma = \tfrac12\mathrm{tr}(I)\,1 - I$ about the centre of mass, the half-lengths are
+    $\sqrt{5 \lambda_i(\Sigma) / m}$.
+
+    Returns:
+        Shape `(3,)` [m], and directions as columns, `(3, 3)`; `None` if no body can be so.
+    """
+    if not inertia.mass > 0.0:
+        return None
+    about = inertia.inertia_com
+    values, vectors = np.linalg.eigh(0.5 * np.trace(about) * np.eye(3) - about)
+    if values.min() < 0.0:
+        return None
+    return np.sqrt(5.0 * values / inertia.mass), vectors
+
+
+def _posture(robot: Robot, content: ReportContent) -> Array:
+    """Positions of all joints, shape `(n_joints,)`: the middle sample, else zero.
+
+    Of a robot with loops their reference configuration, which is sure to be closed.
+    """
+    if robot.passive:
+        return np.array(loop_equations(robot).assembly)
+    samples = fitted_samples(content)
+    return np.zeros(robot.n) if samples is None else samples[0].q[len(samples[0].q) // 2]
+
+
+def _figure(robot: Robot, links: Sequence[IdentifiedLink], joints: Array) -> Figure:
+    rotations, origins = body_poses(robot, joints)
+    place = {body.name: (rotations[k], origins[k]) for k, body in enumerate(robot.bodies)}
+    before = [
+        (link.name, link.nominal)
+        for link in links
+        if link.nominal is not None and semi_axes(link.nominal) is not None
+    ]
+    traces = [_arm(sticks(robot, joints)), _surfaces(links, place)]
+    traces += [_centres("identified centres", [(x.name, x.inertia) for x in links], place, True)]
+    if before:
+        traces += [_wires(before, place), _centres("centres in the file", before, place, False)]
+    camera = {"eye": {"x": 1.15, "y": -1.25, "z": 0.6}, "center": {"x": 0.0, "y": 0.0, "z": -0.1}}
+    layout = {
+        "scene": {**_axes(_extent(sticks(robot, joints), links, place)), "camera": camera},
+        "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
+        "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom"},
+    }
+    label = "The robot in space with an ellipsoid for each link, identified and in the model file"
+    return Figure("", label, "", "", traces, layout, height=560)
+
+
+def _extent(arm: Array, links: Sequence[IdentifiedLink], place: Place) -> Array:
+    """The least and the greatest coordinates of arm and ellipsoids, with a margin, `(2, 3)` [m]."""
+    unit, _ = _sphere()
+    solid = [_moved(link.name, link.inertia, unit, place) for link in links]
+    points = np.concatenate([arm, *solid])
+    low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
+    margin = SPACE_MARGIN * float(np.max(high - low))
+    return np.array([low - margin, high + margin])
+
+
+def _axes(extent: Array) -> dict[str, Any]:
+    """Axes of equal scale, the longest of length 1: slender arms are in view as a whole."""
+    size = extent[1] - extent[0]
+    found: dict[str, Any] = {"aspectmode": "manual"}
+    found["aspectratio"] = dict(zip(AXES, (size / size.max()).tolist(), strict=True))
+    for axis, bounds in zip(AXES, extent.T.tolist(), strict=True):
+        title = {"text": f"{axis} [m]"}
+        found[f"{axis}axis"] = {"title": title, "backgroundcolor": "--ground", "range": bounds}
+    return found
+
+
+Place = dict[str, tuple[Array, Array]]
+"""Axes `(3, 3)` and origin `(3,)` [m] of each link."""
+
+
+def _moved(name: str, inertia: Inertia, unit: Array, place: Place) -> Array:
+    """Points of the unit sphere, `(k, 3)`, on a link's ellipsoid in the base's frame [m]."""
+    shape = semi_axes(inertia)
+    if shape is None:
+        raise ValueError(f"link '{name}' has no ellipsoid")
+    lengths, directions = shape
+    rotation, origin = place[name]
+    own = inertia.com + (unit * lengths) @ directions.T
+    return np.asarray(own @ rotation.T + origin)
+
+
+def _space(name: str, points: Array, more: dict[str, Any]) -> Traced:
+    x, y, z = (packed(axis) for axis in points.T)
+    return {"name": name, "kind": "line", "x": x, "y": y, "more": {"z": z, **more}}
+
+
+def _surfaces(links: Sequence[IdentifiedLink], place: Place) -> Traced:
+    unit, faces = _sphere()
+    points = [_moved(link.name, link.inertia, unit, place) for link in links]
+    all_faces = np.concatenate([faces + k * len(unit) for k in range(len(links))])
+    i, j, k = all_faces.T.tolist()
+    more = {
+        "type": "mesh3d",
+        **{"i": i, "j": j, "k": k},
+        "color": "--vermillion",
+        "opacity": 0.45,
+        "hoverinfo": "skip",
+        "showlegend": True,
+    }
+    return _space("identified", np.concatenate(points), more)
+
+
+def _wires(before: Sequence[tuple[str, Inertia]], place: Place) -> Traced:
+    angle = np.linspace(0.0, 2.0 * np.pi, POINTS_OF_CIRCLE)
+    flat = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(POINTS_OF_CIRCLE)])
+    gap = np.full((1, 3), np.nan)
+    circles = np.concatenate([part for k in range(3) for part in (np.roll(flat, k, axis=1), gap)])
+    points = np.concatenate([_moved(name, body, circles, place) for name, body in before])
+    line = {"color": "--measured", "width": 3}
+    more = {"type": "scatter3d", "mode": "lines", "line": line, "hoverinfo": "skip"}
+    return _space("model file", points, more)
+
+
+def _centres(
+    name: str, bodies: Sequence[tuple[str, Inertia]], place: Place, identified: bool
+) -> Traced:
+    points = np.array([place[n][1] + place[n][0] @ body.com for n, body in bodies])
+    colour, symbol = ("--vermillion", "diamond") if identified else ("--measured", "circle")
+    more = {
+        "type": "scatter3d",
+        "mode": "markers",
+        "marker": {"color": colour, "symbol": symbol, "size": 5},
+        "text": [f"{n}: {significant(body.mass)} kg" for n, body in bodies],
+        "hovertemplate": "%{text}<extra></extra>",
+    }
+    return _space(name, points, more)
+
+
+def _arm(points: Array) -> Traced:
+    style = {"line": {"color": "--arm", "width": 6}, "marker": {"color": "--arm", "size": 3}}
+    more = {"type": "scatter3d", "mode": "lines+markers", "hoverinfo": "skip", **style}
+    return _space("robot", points, more)
+
+
+def _sphere() -> tuple[Array, Array]:
+    """Corners `(V, 3)` of a sphere of radius 1, and its triangles `(F, 3)`."""
+    polar = np.pi * np.arange(1, RINGS + 1) / (RINGS + 1)
+    around = 2.0 * np.pi * np.arange(MERIDIANS) / MERIDIANS
+    rings = [
+        [np.sin(p) * np.cos(a), np.sin(p) * np.sin(a), np.cos(p)] for p in polar for a in around
+    ]
+    corners = np.array([*rings, [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+    top, bottom = len(corners) - 2, len(corners) - 1
+    faces = []
+    for m in range(MERIDIANS):
+        n = (m + 1) % MERIDIANS
+        last = (RINGS - 1) * MERIDIANS
+        faces += [(top, m, n), (bottom, last + n, last + m)]
+        for ring in range(0, last, MERIDIANS):
+            a, b, c, d = ring + m, ring + n, ring + MERIDIANS + m, ring + MERIDIANS + n
+            faces += [(a, c, b), (b, c, d)]
+    return corners, np.array(faces)

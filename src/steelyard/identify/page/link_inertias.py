@@ -1,0 +1,325 @@
+"""Masses, centres of mass and moments of inertia of the links, identified and in the file."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from steelyard.base.arrays import Array, Parameters
+from steelyard.estimate.estimate import Z95, StandardEstimate
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.prior.prior import model_prior, rigid_bodies
+from steelyard.identify.page.content import ReportContent
+from steelyard.report.figures import Figure, Group, Key, Traced, dots, row_height
+from steelyard.report.page import FigureSection, Numbers, TableSection, rounded
+from steelyard.report.tables import PlainTable, Row
+from steelyard.report.words import NONE, fixed, rounded_to_uncertainty, share, significant
+from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
+
+BODIES_WORDS = (
+    "Estimate of each link from data and prior, with 95 % intervals. The data alone determine only "
+    "the base parameters above; the prior determines how their sums are distributed over links. "
+    "Margin: distance from physical inconsistency, 1 being the prior of the model file and 0 "
+    "the limit (smallest eigenvalue of the pseudo-inertia in the prior's scale)."
+)
+BODIES_HEADINGS = (
+    "Link",
+    "Mass ± [kg]",
+    "In the file [kg]",
+    "Centre x, y, z ± [m]",
+    "Principal moments [kg m²]",
+    "From data (mean of ten)",
+    "Margin",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class IdentifiedLink:
+    """One link.
+
+    Attributes:
+        name: The link.
+        inertia: Its mass properties.
+        covariance: Of the ten numbers, shape `(10, 10)`.
+        learned: Mean share of the ten numbers that comes from the data, 0 to 1.
+        nominal: Mass properties in the model file; `None` if it has none.
+        margin: Smallest eigenvalue of the pseudo-inertia in the scale of the prior.
+    """
+
+    name: str
+    inertia: Inertia
+    covariance: Array
+    learned: float
+    nominal: Inertia | None
+    margin: float
+
+    @property
+    def com_std(self) -> Array:
+        """Standard deviation of the centre of mass, to first order, shape `(3,)` [m]."""
+        if not self.inertia.mass:
+            return np.full(3, np.nan)
+        slope = np.column_stack([-self.inertia.com, np.eye(3)]) / self.inertia.mass
+        variances = np.diag(slope @ self.covariance[:4, :4] @ slope.T)
+        return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
+
+
+class BodiesSection(TableSection):
+    """One row per link, and their sum."""
+
+    name: ClassVar[str] = "bodies"
+    title: ClassVar[str] = "Link inertial parameters"
+
+    def tables(self, content: ReportContent) -> list[PlainTable]:
+        """The table, if the estimate knows all standard parameters."""
+        identified = content.identified
+        if identified is None or identified.estimate.standard is None:
+            return []
+        links = tuple(identified_links(identified))
+        if not links:
+            return []
+        total = _total(identified, identified.estimate.standard)
+        rows = [_row(link) for link in links]
+        return [PlainTable("", BODIES_WORDS, BODIES_HEADINGS, [*rows, total], (0, 3, 4))]
+
+
+def identified_links(identified: IdentifiedModel) -> Iterator[IdentifiedLink]:
+    """The links of an estimate that knows all standard parameters."""
+    standard, robot = identified.estimate.standard, identified.model.robot
+    if standard is None:
+        return
+    place = {name: k for k, name in enumerate(standard.parameters.names)}
+    for number, body in rigid_bodies(identified.model).items():
+        ten = [place[f"{kind}.{body.name}"] for kind in INERTIAL_NAMES]
+        inertia = Inertia.from_ten(standard.parameters.values[ten])
+        yield IdentifiedLink(
+            body.name,
+            inertia,
+            standard.covariance[np.ix_(ten, ten)],
+            float(standard.learned[ten].mean()),
+            body.inertia if body.known else None,
+            margin(inertia, model_prior(robot, number).inertia),
+        )
+
+
+def margin(inertia: Inertia, prior: Inertia) -> float:
+    """Smallest eigenvalue of the pseudo-inertia in the scale of a prior's; no unit."""
+    factor = np.linalg.cholesky(prior.pseudo)
+    half = np.linalg.solve(factor, inertia.pseudo)
+    return float(np.linalg.eigvalsh(np.linalg.solve(factor, half.T)).min())
+
+
+def _row(link: IdentifiedLink) -> Row:
+    inertia = link.inertia
+    possible = "" if link.margin > 0.0 else ": not physically consistent"
+    moments = np.linalg.eigvalsh(inertia.inertia_com)
+    centre = ", ".join(
+        f"{fixed(c)} ± {fixed(Z95 * s)}" for c, s in zip(inertia.com, link.com_std, strict=True)
+    )
+    return Row(
+        (
+            link.name,
+            _with(inertia.mass, float(np.sqrt(np.maximum(link.covariance[0, 0], 0.0)))),
+            significant(None if link.nominal is None else link.nominal.mass),
+            centre if inertia.mass else NONE,
+            ", ".join(significant(float(x)) for x in moments),
+            share(100.0 * link.learned),
+            f"{significant(link.margin, 2)}{possible}",
+        )
+    )
+
+
+def _total(identified: IdentifiedModel, standard: StandardEstimate) -> Row:
+    """The masses of all links together; their intervals do not add."""
+    bodies = rigid_bodies(identified.model).values()
+    place = {name: k for k, name in enumerate(standard.parameters.names)}
+    mine = [place[f"m.{body.name}"] for body in bodies]
+    variance = max(float(standard.covariance[np.ix_(mine, mine)].sum()), 0.0)
+    nominal = sum(body.inertia.mass for body in bodies)
+    return Row(
+        (
+            "all links",
+            _with(float(standard.parameters.values[mine].sum()), float(np.sqrt(variance))),
+            significant(nominal) if all(body.known for body in bodies) else NONE,
+            *("",) * 4,
+        ),
+        total=True,
+    )
+
+
+def _with(value: float, std: float) -> str:
+    half = Z95 * std
+    return f"{rounded_to_uncertainty(value, half)} ± {significant(half, 2)}"
+
+
+AXES = ("x", "y", "z")
+
+PRIOR_AXIS_TITLE = {"text": "prior [%]", "standoff": 6}
+
+MASSES_WORDS = (
+    "Mass of each link in the model file and as identified from data and prior, and the shift of "
+    "its centre of mass against the file, in the link's frame. Only sums of these numbers affect "
+    "the torque, so the prior determines how they are divided among links: an estimate with a "
+    "large share of the prior is near the file because it started there, not because the data "
+    "confirm it."
+)
+
+
+class MassesSection(FigureSection):
+    """One figure of the masses, three of the centres."""
+
+    name: ClassVar[str] = "masses"
+    title: ClassVar[str] = "Masses and centres, before and after"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """Masses and centres, if the estimate knows all standard parameters."""
+        links = _links(content)
+        if not links:
+            return None
+        true = _true(links, content.truth)
+        groups = [Group([_masses(links, true)], columns="one")]
+        known = [link for link in links if link.nominal is not None and link.inertia.mass]
+        if known:
+            figures = [_shifts(known, axis, true) for axis in range(3)]
+            groups.append(Group(figures, columns="three"))
+        return {
+            "words": MASSES_WORDS,
+            "legend": [
+                Key("--measured", "model file", "point"),
+                Key("--predicted", "identified, with 95 % interval", "point"),
+                *([Key("--green", "truth (simulated robot)", "point")] if true else []),
+                Key("--arm", "share of the prior in the estimate", "area"),
+            ],
+            "groups": groups,
+            "note": "Share of the prior: mean over the ten inertial parameters of a link.",
+        }
+
+    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+        """Masses and centres."""
+        return {"bodies": [_link_dict(link) for link in _links(content)] or None}
+
+
+def _links(content: ReportContent) -> list[IdentifiedLink]:
+    return [] if content.identified is None else list(identified_links(content.identified))
+
+
+def _true(links: list[IdentifiedLink], truth: Parameters | None) -> dict[str, Inertia]:
+    """True mass properties by link, of a simulated robot."""
+    if truth is None:
+        return {}
+    known = truth.as_dict()
+    return {
+        link.name: Inertia.from_ten([known[f"{kind}.{link.name}"] for kind in INERTIAL_NAMES])
+        for link in links
+    }
+
+
+def _truth(true: dict[str, Inertia], x: list[float]) -> list[Traced]:
+    """Crosses, if the truth is known."""
+    return [dots("truth", x, list(true), "--green", symbol="x", size=6)] if true else []
+
+
+def _half_mass(link: IdentifiedLink) -> float:
+    return float(Z95 * np.sqrt(np.maximum(link.covariance[0, 0], 0.0)))
+
+
+def _categories(links: list[IdentifiedLink]) -> dict[str, Any]:
+    """The first link stands above."""
+    names = [link.name for link in links]
+    return {"type": "category", "categoryorder": "array", "categoryarray": names[::-1], "dtick": 1}
+
+
+def _masses(links: list[IdentifiedLink], true: dict[str, Inertia]) -> Figure:
+    names = [link.name for link in links]
+    known = [link for link in links if link.nominal is not None]
+    prior = [100.0 * (1.0 - link.learned) for link in links]
+    bars: Traced = {
+        "name": "prior",
+        "kind": "points",
+        "x": [rounded(share) for share in prior],
+        "y": names,
+        "more": {
+            "type": "bar",
+            "orientation": "h",
+            "xaxis": "x2",
+            "marker": {"color": "--arm"},
+            "hovertemplate": "%{y}: %{x:.0f} % from the prior<extra></extra>",
+        },
+    }
+    traces = [
+        _file([link.nominal.mass for link in known if link.nominal], [one.name for one in known]),
+        dots(
+            "identified",
+            [link.inertia.mass for link in links],
+            names,
+            "--predicted",
+            symbol="diamond",
+            size=9,
+            half_widths=[_half_mass(link) for link in links],
+        ),
+        *_truth(true, [body.mass for body in true.values()]),
+        bars,
+    ]
+    layout = {
+        "showlegend": False,
+        "xaxis": {"domain": [0.0, 0.68], "rangemode": "tozero"},
+        "xaxis2": {
+            "domain": [0.76, 1.0],
+            "range": [0, 100],
+            "title": PRIOR_AXIS_TITLE,
+        },
+        "yaxis": _categories(links),
+        "bargap": 0.5,
+    }
+    label = "Masses of all links in the model file and as identified"
+    return Figure("", label, "mass [kg]", "", traces, layout, height=row_height(len(links), 34))
+
+
+def _shifts(links: list[IdentifiedLink], axis: int, true: dict[str, Inertia]) -> Figure:
+    """Identified minus nominal centre along one axis of the link's frame [mm]."""
+    names = [link.name for link in links]
+    shift = [1e3 * (link.inertia.com - _centre(link))[axis] for link in links]
+    half = [1e3 * Z95 * link.com_std[axis] for link in links]
+    real = {link.name: true[link.name] for link in links if link.name in true}
+    off = [1e3 * (true[x.name].com - _centre(x))[axis] for x in links if x.name in true]
+    traces = [
+        _file([0.0 for _ in links], names),
+        dots(
+            "identified",
+            shift,
+            names,
+            "--predicted",
+            symbol="diamond",
+            size=8,
+            half_widths=half,
+        ),
+        *_truth(real, off),
+    ]
+    layout = {"showlegend": False, "yaxis": _categories(links)}
+    label = f"Shift of the centres of mass along {AXES[axis]}"
+    x = f"shift along {AXES[axis]} [mm]"
+    return Figure("", label, x, "", traces, layout, height=row_height(len(links), 28))
+
+
+def _file(x: list[float], names: list[str]) -> Traced:
+    return dots("model file", x, names, "--measured", symbol="circle-open", size=10)
+
+
+def _centre(link: IdentifiedLink) -> Array:
+    """Centre of mass in the model file, shape `(3,)` [m]."""
+    return np.zeros(3) if link.nominal is None else link.nominal.com
+
+
+def _link_dict(link: IdentifiedLink) -> dict[str, Any]:
+    file = link.nominal
+    return {
+        "link": link.name,
+        "mass": rounded(link.inertia.mass),
+        "mass_half_width": rounded(_half_mass(link)),
+        "mass_file": None if file is None else rounded(file.mass),
+        "centre": [rounded(x) for x in link.inertia.com],
+        "centre_half_width": [rounded(Z95 * x) for x in link.com_std],
+        "centre_file": None if file is None else [rounded(x) for x in file.com],
+        "data_share": rounded(link.learned),
+        "margin": float(significant(link.margin, 4)),
+    }

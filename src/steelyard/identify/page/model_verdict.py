@@ -1,0 +1,391 @@
+"""The verdict on a model from its errors on unseen motion, and the next commands."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from steelyard.estimate.scores.joint_errors import PooledError, as_logged, pooled
+from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.parameter_table import parameter_rows
+from steelyard.identify.page.score_words import (
+    basis_words,
+    both_words,
+    limit_words,
+    named,
+    other_errors,
+    without_percentage,
+    worse_joints,
+)
+from steelyard.report.words import Level, count, percent
+
+if TYPE_CHECKING:
+    from steelyard.check.finding import Finding
+    from steelyard.estimate.scores.score import RunScore
+
+
+MOST_GOOD_PERCENT = 10.0
+"""Relative error [%] up to which a joint counts as well predicted."""
+
+MOST_FAIR_PERCENT = 30.0
+"""Relative error [%] up to which it counts as fairly predicted."""
+
+LEVELS_BEST_FIRST: tuple[Level, ...] = ("good", "none", "fair", "poor")
+"""Levels, the best first."""
+
+BEST_LEVEL_BY_SEVERITY: dict[str, Level] = {"ok": "none", "doubtful": "fair", "wrong": "poor"}
+"""The best level that a limitation of this severity leaves; one that is ok leaves every level."""
+
+AT_REST = (
+    "At rest, friction has any value up to the breakaway (static) friction. The error includes "
+    "this unknown friction: the log validates gravity only"
+)
+
+HOW_TO_VALIDATE = "steelyard validate MODEL OTHER_LOG"
+
+
+@dataclass(frozen=True)
+class Limitation:
+    """What was found against a model.
+
+    Attributes:
+        text: What, where, the evidence, and what to do.
+        brief: The same for a line of a terminal.
+        level: The best level that it leaves.
+    """
+
+    text: str
+    brief: str
+    level: Level
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A headline, the small print under it, how good it is, and what qualifies it.
+
+    Attributes:
+        headline: One sentence, with the joints that are worse than good.
+        detail: What it was computed from.
+        level: No better than the worst limitation allows.
+        limitations: Everything that was found against the model.
+        errors: Errors of the headline, one per unit of effort; none without an unseen run.
+        as_logged: The same against the efforts as logged, if scales of the efforts were estimated.
+        others: The relative errors in the validation band, as a sentence; or nothing.
+        scope: Which share of the joints is good, like `4 of 6 joints`; empty if all are.
+        unseen: Whether the errors are of motion that was not fitted.
+    """
+
+    headline: str
+    detail: str
+    level: Level
+    limitations: tuple[Limitation, ...] = ()
+    errors: tuple[PooledError, ...] = ()
+    as_logged: tuple[PooledError, ...] = ()
+    others: str = ""
+    scope: str = ""
+    unseen: bool = True
+
+    @property
+    def percent_of_used(self) -> float | None:
+        """The largest error over units of effort, with and without estimated scales [%].
+
+        Which of the two is that of the model depends on whether the sensors or the model are off.
+        """
+        every = (*self.errors, *self.as_logged)
+        return max((one.percent_of_used for one in every), default=None)
+
+    @property
+    def line(self) -> str:
+        """The headline behind its level in capitals; alone where there is nothing to judge by.
+
+        Behind `good` stands for how many joints, if not for all.
+        """
+        if self.level == "none":
+            return self.headline
+        scope = f" for {self.scope}" if self.scope and self.level == "good" else ""
+        return f"{self.level.upper()}{scope}: {self.headline}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values, without the limitations."""
+        return {
+            "level": self.level,
+            "scope": self.scope,
+            "headline": self.headline,
+            "detail": self.detail,
+            "errors": [one.to_dict() for one in self.errors],
+            "errors_as_logged": [one.to_dict() for one in self.as_logged],
+        }
+
+
+def level_of(relative_percent: float | None) -> Level:
+    """How good a relative error [%], as printed, to 0.1 %, is; `none` if there is no number."""
+    if relative_percent is None or relative_percent != relative_percent:
+        return "none"
+    printed = round(relative_percent, 1)
+    return (
+        "good"
+        if printed <= MOST_GOOD_PERCENT
+        else "fair"
+        if printed <= MOST_FAIR_PERCENT
+        else "poor"
+    )
+
+
+def verdict(content: ReportContent) -> Verdict:
+    """The verdict of a report, no better than its limitations allow."""
+    plain = _of_scores(content)
+    found = tuple(
+        Limitation(
+            _sentence(f),
+            _placed(f, f.brief) or _sentence(f),
+            BEST_LEVEL_BY_SEVERITY[f.severity.word],
+        )
+        for f in content.limitations
+    )
+    levels = (
+        plain.level,
+        *(BEST_LEVEL_BY_SEVERITY[f.severity.word] for f in content.limitations if f.severity),
+    )
+    level, detail = max(levels, key=LEVELS_BEST_FIRST.index), plain.detail
+    if level != plain.level != "none":
+        detail += (
+            f" {plain.level.upper()} by this error, {level.upper()} because of what checks found."
+        )
+    return replace(plain, level=level, detail=detail, limitations=found)
+
+
+def exit_code(content: ReportContent) -> int:
+    """Of a command that did its work: 1 if the verdict is poor, so that scripts stop there."""
+    return int(verdict(content).level == "poor")
+
+
+def error_limit_words(judged: Verdict, most: float | None) -> str:
+    """That an error is above a limit [% of the effort used]; empty if it is not.
+
+    Without an error on unseen motion nothing is below the limit either.
+    """
+    if most is None:
+        return ""
+    error = judged.percent_of_used
+    if error is None or not judged.unseen:
+        return f"No error on unseen motion to compare with --max-error {most:g} %"
+    if error <= most:
+        return ""
+    return f"The error of {percent(error)} is above --max-error {most:g} %"
+
+
+def _sentence(finding: Finding) -> str:
+    """What was found, where, and the evidence."""
+    figure = f" ({finding.figure})" if finding.figure else ""
+    advice = f". {finding.fix.says}" if finding.fix is not None else ""
+    return _placed(finding, f"{finding.says}{figure}{advice}")
+
+
+def _placed(finding: Finding, text: str) -> str:
+    """A text behind the log that it is about; nothing without a text."""
+    return f"{finding.log}: {text}" if finding.log and text else text
+
+
+def _of_scores(content: ReportContent) -> Verdict:
+    """The verdict of the scores alone."""
+    if not content.scores:
+        return _untested(content)
+    scores = [run for run in content.scores if not run.repeats] or list(content.scores)
+    errors = pooled(run.errors for run in scores)
+    logged = pooled(as_logged(run.errors for run in scores))
+    detail = _detail(scores, errors)
+    others, unseen = other_errors(scores), not scores[0].repeats
+    plain = Verdict("", detail, "none", (), errors, logged, others, unseen=unseen)
+    motion = _motion(scores)
+    worst = plain.percent_of_used
+    scaled = max((one.percent_of_used for one in errors), default=0.0)
+    if worst is None or not isfinite(worst):
+        strange = ", ".join(without_percentage(scores))
+        return replace(
+            plain,
+            headline=f"The error on {motion} cannot be given as a percentage",
+            detail=f"No relative error of {strange}: its measured effort is zero or not a number. "
+            f"See the table. {detail}",
+        )
+    worse = worse_joints(scores, MOST_GOOD_PERCENT)
+    error = both_words(errors, logged) + (f" ({named(worse)})" if worse else "")
+    moving = len({j.joint for run in scores for j in run.errors.joints if j.counted})
+    scope = f"{moving - len(worse)} of {count(moving, 'joint')}" if worse else ""
+    if scaled >= 100.0:
+        headline = f"Predicts {motion} no better than predicting zero: the error is {error}"
+        return replace(plain, headline=headline, level="poor")
+    limited: Level = "good" if worst <= MOST_GOOD_PERCENT and 2 * len(worse) <= moving else "fair"
+    level = max(level_of(scaled), limited, key=LEVELS_BEST_FIRST.index)
+    if not unseen:
+        level = max(level, "none", key=LEVELS_BEST_FIRST.index)
+    headline = f"Predicts {motion} with an error of {error}"
+    return replace(plain, headline=headline, level=level, scope=scope)
+
+
+def _motion(scores: Sequence[RunScore]) -> str:
+    """What was predicted, and from what if that is not the measured motion."""
+    motion = "unseen postures" if all(run.errors.at_rest for run in scores) else "unseen motion"
+    motion = "repeated motion" if scores[0].repeats else motion
+    commanded = any(run.predicted_from == "commanded" for run in scores)
+    return f"efforts of {motion} from the commanded motion" if commanded else motion
+
+
+def _untested(content: ReportContent) -> Verdict:
+    """Without a run that was kept aside nothing is known about other motions."""
+    fitted, described = content.fitted, ""
+    errors = pooled(run.errors for run in fitted)
+    logged = pooled(as_logged(run.errors for run in fitted))
+    if errors and all(isfinite(one.percent_of_used) for one in errors):
+        described = (
+            f"The model describes {count(len(fitted), 'fitted run')} with an error of "
+            f"{both_words(errors, logged)} ({basis_words(fitted)}), which is no evidence for other "
+            "motions. "
+        )
+    return Verdict(
+        "Not validated on unseen motion",
+        f"{described}To validate it, log another motion and run: {HOW_TO_VALIDATE}",
+        "none",
+        others=other_errors(fitted) if fitted else "",
+    )
+
+
+def _repeated(scores: Sequence[RunScore]) -> str:
+    """Which fitted motions these runs repeat; empty if their motions are others."""
+    again = ", ".join(dict.fromkeys(run.repeats for run in scores if run.repeats))
+    return (
+        f"It repeats the motion of the fitted run {again}: no validation on other motions"
+        if again
+        else ""
+    )
+
+
+def _detail(scores: Sequence[RunScore], errors: Sequence[PooledError]) -> str:
+    """Over what the error is computed, which motions are repeated, and friction at rest."""
+    sentences = (
+        "; ".join(words for words in (basis_words(scores), limit_words(errors)) if words),
+        _repeated(scores),
+        AT_REST if any(run.errors.at_rest for run in scores) else "",
+    )
+    return " ".join(f"{sentence}." for sentence in sentences if sentence)
+
+
+MODEL_ERROR = "model error"
+"""The check that compares residuals with noise."""
+
+GEAR_SIDE = "gear side"
+"""The check of rotor inertias at zero."""
+
+MOST_WEAK_SHARE = 1.0 / 3.0
+"""Share of base parameters that are poorly identified or not at all, above which a motion is
+advised; any share where a good model is not good for every joint."""
+
+WEAK_STATUSES = ("poorly identified", "not identifiable")
+"""Statuses of parameters that other motion would identify."""
+
+Step = tuple[str, str]
+"""A command, or nothing, and a remark: what it is for, or what to change in the robot file."""
+
+
+def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, ...]:
+    """Steps after an identification, the most urgent first.
+
+    Args:
+        content: Of its report.
+        robot: The robot file as it was given.
+        model: The folder with the model.
+    """
+    judged, weak = verdict(content), _weak(content)
+    steps = list(fix_commands(content, str(model), robot))
+    robot, folder = path_word(robot), path_word(model)
+    logs = " ".join(path_word(log) for log in content.logs.values())
+    if content.diagnosis is not None and content.diagnosis.inconclusive:
+        steps.insert(0, (f"steelyard check {robot} {logs}", "open questions about the robot file"))
+    steps += gear_side_steps(content.limitations, robot)
+    if not content.scores:
+        steps.append((f"steelyard validate {folder} OTHER_LOG", "error on another motion"))
+    elif judged.level == "poor" and not steps:
+        steps.append((f"steelyard check {robot} {logs}", "errors in the logs or the robot file"))
+    if content.friction is None and any(
+        found.check == MODEL_ERROR and not found.severity for found in content.limitations
+    ):
+        steps.append(
+            (
+                "",
+                f'to have friction laws chosen from the logs: friction = "auto" in {robot}, '
+                '[model], and no "coulomb", "viscous" in terms',
+            )
+        )
+    if weak > MOST_WEAK_SHARE or (weak and judged.level == "good" and judged.scope):
+        command = f"steelyard excite {robot} --earlier {folder} --still-unknown"
+        steps.append((command, "a motion for parameters that are poorly identified or not at all"))
+    if judged.level == "good":
+        uses = "use the model, here as a URDF; also: feedforward, wrench, payload, watch"
+        steps.append((f"steelyard export {folder} --to urdf", uses))
+    return tuple(steps)
+
+
+def path_word(path: str | Path) -> str:
+    """A path as a word of a command: from the current folder, if it lies in it, and quoted."""
+    here, there = Path.cwd(), Path(path)
+    return shlex.quote(str(there.relative_to(here)) if there.is_relative_to(here) else str(path))
+
+
+def gear_side_steps(findings: Sequence[Finding], robot: str) -> list[Step]:
+    """The edit for sensors on the link side, where a finding proposes it."""
+    edit = f'if sensors are on the link side: kind = "link_torque" in {robot}, no rotor_inertia'
+    proposed = any(found.check == GEAR_SIDE and found.fix is not None for found in findings)
+    return [("", f"{edit} in terms")] if proposed else []
+
+
+def identify_command(robot: str, logs: Sequence[str]) -> str:
+    """The command that identifies from all logs but the last one, which validates; or from one."""
+    words = [path_word(log) for log in logs]
+    if len(words) > 1:
+        words.insert(-1, "--validate")
+    return " ".join(["steelyard", "identify", path_word(robot), *words])
+
+
+def fix_commands(content: ReportContent, model: str, robot: str = "ROBOT") -> tuple[Step, ...]:
+    """The commands that go on from what limits the verdict."""
+    found = {}
+    for one in content.limitations:
+        if one.severity and one.fix is not None and one.fix.command:
+            paths = {"MODEL": model, "ROBOT": robot, "LOG": content.logs.get(one.log, "LOG")}
+            given = {word: path_word(path) for word, path in paths.items()}
+            words = (given.get(word, word) for word in one.fix.command.split(" "))
+            found[" ".join(words)] = ""
+    return tuple(found.items())
+
+
+def robot_file(content: ReportContent) -> str:
+    """The robot file that the model was identified with, if it lies here; else `ROBOT`."""
+    inputs = {} if content.identified is None else content.identified.provenance.inputs
+    names = (role.removeprefix("robot ") for role in inputs if role.startswith("robot "))
+    return next(
+        (name for name in names if name.endswith(".toml") and Path(name).is_file()), "ROBOT"
+    )
+
+
+def step_lines(steps: tuple[Step, ...], indent: int = 8) -> list[str]:
+    """The steps as lines of a terminal, `indent` columns of each for the heading; none without.
+
+    A remark is a line of its own before its command, a comment to a shell.
+    """
+    lines = [
+        line
+        for command, remark in steps
+        for line in (f"# {remark}" if remark else "", command)
+        if line
+    ]
+    heads = ("next", *[""] * (len(lines) - 1))
+    return [f"{head:{indent}}{line}" for head, line in zip(heads, lines, strict=False)]
+
+
+def _weak(content: ReportContent) -> float:
+    """Share of the base parameters that other motion would identify."""
+    table = () if content.identified is None else parameter_rows(content.identified)
+    return sum(row.status in WEAK_STATUSES for row in table) / max(len(table), 1)

@@ -1,0 +1,447 @@
+"""The table of base parameters: values, 95 % intervals, status, and the simulated truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from math import inf
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from steelyard.estimate.estimate import Z95
+from steelyard.estimate.identified_parameters import (
+    FROM_DATA,
+    SMALL,
+    WELL,
+    ParameterStatus,
+    statuses,
+)
+from steelyard.estimate.information.base_parameters import symbols
+from steelyard.identify.page.content import ReportContent
+from steelyard.model.laws.register import description_of
+from steelyard.report.figures import Figure, Group, Key, dots, row_height
+from steelyard.report.page import FigureSection, Numbers, Section, fill
+from steelyard.report.tables import PlainTable, Row
+from steelyard.report.words import count, rounded_to_uncertainty, significant
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from steelyard.estimate.identified import IdentifiedModel
+
+
+AT_BOUND = 0.01
+"""Distance from a bound, in standard deviations, that is taken for rounding of a value there.
+"""
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """One base parameter; its fields are the columns of `parameters.csv`.
+
+    Attributes:
+        name: The parameter that leads the group.
+        group: The base parameter in full.
+        value: Estimated value; `None` where the data do not identify it.
+        unit: Unit.
+        std: Standard deviation; `None` without an estimate, as the next three.
+        lower95: Lower end of the 95 % interval.
+        upper95: Upper end of the 95 % interval.
+        relative_std_percent: Standard deviation relative to the value [%].
+        status: How well it is identified.
+        remark: What else the status says: the step of a removal, inseparable parameters.
+        symbol: Its customary symbol.
+        from_data_percent: Share that comes from the data [%]; `None` without a prior.
+        nominal: Value in the robot's file; `None` if unknown.
+    """
+
+    name: str
+    group: str
+    value: float | None
+    unit: str
+    std: float | None
+    lower95: float | None
+    upper95: float | None
+    relative_std_percent: float | None
+    status: ParameterStatus
+    remark: str
+    symbol: str
+    from_data_percent: float | None
+    nominal: float | None
+
+
+def parameter_rows(identified: IdentifiedModel) -> tuple[ParameterRow, ...]:
+    """All base parameters in structural order."""
+    base, estimate = identified.base, identified.estimate
+    nominal, status = nominal_values(identified), statuses(identified)
+    groups = {name: base.grouping(k) for k, name in enumerate(base.base_names)}
+    units = dict(zip(base.base_names, base.base_units, strict=True))
+    units |= dict(zip(estimate.parameters.names, estimate.parameters.units, strict=True))
+    symbol = dict(zip(base.base_names, symbols(identified.model.robot, base), strict=True))
+    bounds = {p.name: (p.lower, p.upper) for p in identified.model.parameters}
+    remarks = {b.name: f"tied to {', '.join(b.tied_to)}" for b in estimate.blind if b.tied_to}
+    remarks |= {r.name: f"in step {r.step}" for r in estimate.removed}
+    empty = {
+        name: ParameterRow(
+            name=name,
+            group=groups.get(name, name),
+            value=0.0 if status[name] == "removed" else None,
+            unit=units.get(name, ""),
+            std=None,
+            lower95=None,
+            upper95=None,
+            relative_std_percent=None,
+            status=status[name],
+            remark=remarks.get(name, ""),
+            symbol=symbol.get(name, name),
+            from_data_percent=None,
+            nominal=nominal.get(name),
+        )
+        for name in status
+    }
+    learned: list[float | None] = [None] * len(estimate.parameters)
+    if estimate.learned is not None:
+        learned = (100.0 * estimate.learned).tolist()
+    estimated = {
+        name: _estimated(empty[name], value, std, share, bounds.get(empty[name].group, ()))
+        for name, value, std, share in zip(
+            estimate.parameters.names,
+            estimate.parameters.values.tolist(),
+            estimate.std.tolist(),
+            learned,
+            strict=True,
+        )
+    }
+    found = empty | estimated
+    order = [name for name in groups if name in found]
+    order += [name for name in found if name not in groups]
+    return tuple(found[name] for name in order)
+
+
+def nominal_values(identified: IdentifiedModel) -> dict[str, float]:
+    """Nominal base parameters by name, of groups whose members are all known."""
+    base = identified.base
+    priors = [parameter.prior for parameter in identified.model.parameters]
+    values = base.base_values([0.0 if prior is None else prior for prior in priors])
+    unknown = np.array([prior is None for prior in priors])
+    mixed = np.any((base.lift != 0.0) & unknown, axis=1)
+    return {
+        name: float(value)
+        for name, value, hidden in zip(base.base_names, values, mixed, strict=True)
+        if not hidden
+    }
+
+
+def _estimated(
+    row: ParameterRow, value: float, std: float, from_data: float | None, bounds: Sequence[float]
+) -> ParameterRow:
+    """A row with its value, and with an interval unless the value is given or at a bound.
+
+    At a bound of the model the value is that bound where only rounding lies between.
+    """
+    if row.status == "known":
+        return replace(row, value=value, std=0.0)
+    if row.status == "at a bound":
+        near = [bound for bound in bounds if abs(value - bound) <= AT_BOUND * std]
+        return replace(row, value=near[0] if near else value)
+    return replace(
+        row,
+        value=value,
+        std=std,
+        lower95=value - Z95 * std,
+        upper95=value + Z95 * std,
+        relative_std_percent=100.0 * std / abs(value) if value else inf,
+        from_data_percent=from_data,
+    )
+
+
+STATUS_ORDER: tuple[ParameterStatus, ...] = (
+    "identified",
+    "small effect",
+    "poorly identified",
+    "at a bound",
+    "known",
+    "from the prior",
+    "not identifiable",
+)
+"""How the line of the terminal counts the parameters."""
+
+SUFFICIENT_STATUSES: tuple[ParameterStatus, ...] = (
+    "identified",
+    "small effect",
+    "known",
+    "removed",
+)
+"""Parameters of which another motion would change little."""
+
+ONE_BY_ONE = (
+    "For predictions use the whole model; rely on single values only if identified, and on several "
+    "friction laws of a joint only as one curve."
+)
+"""What a small error does not say."""
+
+MOST_NAMED_PARAMETERS = 8
+"""Most parameters that a line of the terminal names."""
+
+
+class ParametersSection(Section):
+    """A table of base parameters, with the status of each."""
+
+    name: ClassVar[str] = "parameters"
+    title: ClassVar[str] = "Parameters"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """Rows of the parameters that the data see."""
+        if content.identified is None:
+            return None
+        table = [
+            row for row in parameter_rows(content.identified) if row.status != "not identifiable"
+        ]
+        base = content.identified.base
+        terms = dict(
+            zip(base.base_names, np.count_nonzero(base.lift, axis=1).tolist(), strict=True)
+        )
+        sizes = [terms.get(row.name, 1) for row in table]
+        return {
+            "rows": [_shown(row, members) for row, members in zip(table, sizes, strict=True)],
+            "grouped": any(members > 1 for members in sizes),
+            "nominal": any(row.nominal is not None for row in table),
+            "estimator": content.identified.estimate.estimator,
+            "counts": counts(table),
+            "statuses": {row.status for row in table},
+            "learned": any(row.from_data_percent is not None for row in table),
+            "well": WELL,
+            "small": SMALL,
+            "from_data": FROM_DATA,
+        }
+
+    def show(self, numbers: Numbers) -> str:
+        """The numbers as safe HTML."""
+        return fill("parameters.html", numbers)
+
+    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+        """The parameters that the data see, the names of the others, and the conditioning."""
+        if content.identified is None:
+            return {}
+        estimate = content.identified.estimate
+        known, status = estimate.parameters, statuses(content.identified)
+        values = zip(
+            known.names, known.units, known.values.tolist(), estimate.std.tolist(), strict=True
+        )
+        return {
+            "n_base_parameters": len(content.identified.base),
+            "parameters": [
+                {"name": n, "unit": u, "value": v, "std": s, "status": status[n]}
+                for n, u, v, s in values
+            ],
+            "terms": [description_of(term) for term in content.identified.model.terms],
+            "not_seen": [blind.name for blind in estimate.blind],
+            "removed": [vars(one) for one in estimate.removed],
+            "known": list(estimate.known),
+            "condition": estimate.condition,
+            "condition_normalised": estimate.condition_normalised,
+        }
+
+    def printed(self, content: ReportContent) -> Iterable[RenderableType]:
+        """How many parameters there are, and how many the data show poorly or not at all."""
+        if content.identified is None:
+            return
+        from rich.text import Text
+
+        yield Text("\n".join(usable(content.identified)))
+
+    def detailed(self, content: ReportContent) -> Iterable[RenderableType]:
+        """Which the data show poorly or not at all."""
+        if content.identified is None:
+            return
+        from rich.text import Text
+
+        yield Text("\n".join(_parameters(content.identified)))
+
+
+def usable(identified: IdentifiedModel) -> tuple[str, ...]:
+    """Counts of the parameters by status; unless all are good, what to use them for."""
+    table = parameter_rows(identified)
+    removed = sum(row.status == "removed" for row in table)
+    taken = f"; {removed} removed, taken as zero" if removed else ""
+    words = f"{count(len(table) - removed, 'base parameter')}: {counts(table)}{taken}"
+    return words, *(
+        () if all(row.status in SUFFICIENT_STATUSES for row in table) else (ONE_BY_ONE,)
+    )
+
+
+def counts(table: Sequence[ParameterRow]) -> str:
+    """Like `40 identified, 3 small effect`, without removed parameters."""
+    numbers = ((status, sum(row.status == status for row in table)) for status in STATUS_ORDER)
+    return ", ".join(f"{number} {status}" for status, number in numbers if number)
+
+
+def _shown(row: ParameterRow, members: int) -> dict[str, Any]:
+    relative = row.relative_std_percent
+    bar = 100.0 if relative is None or not relative < 100.0 else relative
+    return {**vars(row), "bar": bar, "others": members - 1}
+
+
+def _parameters(identified: IdentifiedModel) -> list[str]:
+    """What is known of the parameters, in a few lines."""
+    table = parameter_rows(identified)
+    condition = significant(identified.estimate.condition_normalised)
+    removed = [row for row in table if row.status == "removed"]
+    left = count(len(table) - len(removed), "base parameter")
+    lines = [f"{left}, normalised condition number {condition}"]
+    if removed:
+        lines.append(f"{len(removed)} removed, taken as zero: {_some(removed)}")
+    for status in STATUS_ORDER[1:]:
+        if chosen := [row for row in table if row.status == status]:
+            lines.append(f"{len(chosen)} {status}: {_some(chosen)}")
+    return lines
+
+
+def _some(chosen: list[ParameterRow]) -> str:
+    rest = len(chosen) - MOST_NAMED_PARAMETERS
+    return ", ".join(row.name for row in chosen[:MOST_NAMED_PARAMETERS]) + (
+        f" and {rest} more" if rest > 0 else ""
+    )
+
+
+@dataclass(frozen=True)
+class TrueParameter:
+    """One base parameter with an interval.
+
+    Attributes:
+        name: Its name.
+        unit: Its unit.
+        truth: Value of the simulated robot.
+        value: Estimate.
+        half_width: Of the 95 % interval.
+    """
+
+    name: str
+    unit: str
+    truth: float
+    value: float
+    half_width: float
+
+    @property
+    def distance(self) -> float:
+        """Estimate minus truth in half-widths."""
+        return (self.value - self.truth) / self.half_width
+
+    @property
+    def inside(self) -> bool:
+        """Whether the truth lies in the 95 % interval."""
+        return abs(self.distance) <= 1.0
+
+
+class TruthSection(FigureSection):
+    """One row per base parameter."""
+
+    name: ClassVar[str] = "truth"
+    title: ClassVar[str] = "Simulated robot: truth and estimate"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """Truth, estimates and distances, if the truth is known."""
+        found = true_parameters(content)
+        if not found:
+            return None
+        return {
+            "words": f"{_truth_sentence(found)} Of 100 such intervals, 95 hold the truth on "
+            "average, if "
+            "the model lacks nothing.",
+            "legend": [
+                Key("--green", "truth inside the 95 % interval", "point"),
+                Key("--vermillion", "outside", "point"),
+                Key("--rest", "95 % interval", "area"),
+            ],
+            "groups": [Group([_truth_figure(found)], columns="one")],
+            "tables": [_truth_table(found)],
+            "folded": "Values of all parameters",
+            "note": "The robot of this report is simulated. A real robot has no known truth: "
+            "validation runs and the checks of the residuals take its place.",
+        }
+
+    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+        """Truth and estimates."""
+        found = true_parameters(content)
+        return {"truth": [vars(one) | {"inside": one.inside} for one in found] or None}
+
+    def printed(self, content: ReportContent) -> Iterable[RenderableType]:
+        """How many intervals hold the truth."""
+        from rich.text import Text
+
+        if found := true_parameters(content):
+            yield Text(_truth_sentence(found))
+
+
+def true_parameters(content: ReportContent) -> list[TrueParameter]:
+    """Base parameters with intervals beside their true values; none without a truth."""
+    if content.identified is None or content.truth is None:
+        return []
+    base, known = content.identified.base, content.truth.as_dict()
+    true = dict(
+        zip(base.base_names, base.base_values([known[name] for name in base.names]), strict=True)
+    )
+    return [
+        TrueParameter(row.name, row.unit, float(true[row.name]), row.value, Z95 * row.std)
+        for row in parameter_rows(content.identified)
+        if row.name in true and row.value is not None and row.std is not None and row.std > 0.0
+    ]
+
+
+def _truth_sentence(found: Sequence[TrueParameter]) -> str:
+    inside = sum(one.inside for one in found)
+    total = count(len(found), "base parameter")
+    return f"Simulated robot: the true values of {inside} of {total} lie in the 95 % intervals."
+
+
+def _truth_table(found: Sequence[TrueParameter]) -> PlainTable:
+    table = [
+        Row(
+            (
+                one.name,
+                rounded_to_uncertainty(one.truth, one.half_width),
+                rounded_to_uncertainty(one.value, one.half_width),
+                f"± {significant(one.half_width, 2)}",
+                one.unit,
+                "yes" if one.inside else "no",
+            )
+        )
+        for one in found
+    ]
+    headings = ("Parameter", "Truth", "Estimate", "95 % interval", "Unit", "Truth inside")
+    return PlainTable("", "", headings, table, (0, 4, 5))
+
+
+def _truth_figure(found: Sequence[TrueParameter]) -> Figure:
+    """Distances from the truth in half-widths."""
+    band = {"type": "rect", "xref": "x", "yref": "paper", "x0": -1, "x1": 1, "y0": 0, "y1": 1}
+    names = [one.name for one in found]
+    traces = [
+        dots(
+            words,
+            [one.distance for one in found if one.inside == inside],
+            [one.name for one in found if one.inside == inside],
+            colour,
+            symbol="circle" if inside else "diamond",
+        )
+        for words, inside, colour in (
+            ("inside", True, "--green"),
+            ("outside", False, "--vermillion"),
+        )
+    ]
+    layout = {
+        "showlegend": False,
+        "shapes": [band | {"fillcolor": "--rest", "line": {"width": 0}, "layer": "below"}],
+        "xaxis": {"zeroline": True},
+        "yaxis": {
+            "type": "category",
+            "categoryorder": "array",
+            "categoryarray": names[::-1],
+            "tickfont": {"size": 10},
+            "dtick": 1,
+        },
+    }
+    label = "Distance of every estimate from the truth"
+    x = "estimate minus truth [half-widths]"
+    return Figure("", label, x, "", traces, layout, height=row_height(len(found), 14))

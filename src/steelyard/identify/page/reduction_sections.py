@@ -1,0 +1,266 @@
+"""How a model was made smaller: errors along the path, what was removed, and where it holds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from steelyard.estimate.scores.joint_errors import pooled
+from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.score_words import MOVING, WHOLE
+from steelyard.model.laws.register import law_of
+from steelyard.model.terms.term import StatefulTerm
+from steelyard.report.figures import Figure, Group, Key, area, line, points
+from steelyard.report.page import FigureSection, Numbers, TableSection
+from steelyard.report.tables import PlainTable, Row
+from steelyard.report.words import count, significant
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from steelyard.estimate.identified import IdentifiedModel
+    from steelyard.estimate.reduction.reduction import Reduction
+
+
+HOLDS_ONLY = (
+    "The reduced model describes motions like those of the fitted logs only: speeds and positions "
+    "up to those in the table. Elsewhere, or with a payload, a removed parameter may matter."
+)
+
+
+class ReductionSection(FigureSection):
+    """Error and condition number by the number of parameters."""
+
+    name: ClassVar[str] = "reduction"
+    title: ClassVar[str] = "Reduction"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """Curves."""
+        found = content.reduction
+        if found is None:
+            return None
+        return {
+            "words": _summary(content, found),
+            "legend": [key for key, there in _keys(found) if there],
+            "groups": [Group([_errors(found), _conditions(found)])],
+            "note": f"Errors are {measure_of(found)}; that of the headline is pooled over joints "
+            "in a fixed band. Left-out data are predicted by models that were made without them. "
+            "The standard error is that of the difference to the best number of parameters. "
+            + HOLDS_ONLY,
+        }
+
+    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+        """What was kept, and the errors along the path."""
+        found = content.reduction
+        if found is None:
+            return {}
+        left = {} if found.left_out is None else _by_size(found)
+        unseen = None if found.unseen is None else found.unseen.mean(axis=1).tolist()
+        return {
+            "kept": list(found.estimate.parameters.names),
+            "models": [
+                {
+                    "parameters": len(state.active),
+                    "condition": state.condition,
+                    "left_out_percent": left.get(len(state.active)),
+                    "unseen_percent": None if unseen is None else unseen[place],
+                }
+                for place, state in enumerate(found.path.states)
+            ],
+        }
+
+    def printed(self, content: ReportContent) -> Iterable[RenderableType]:
+        """The choice in a few lines."""
+        if content.reduction is None:
+            return
+        from rich.text import Text
+
+        yield Text(_summary(content, content.reduction))
+
+
+class RemovalsSection(TableSection):
+    """What was removed, and the motions that it was removed for."""
+
+    name: ClassVar[str] = "removals"
+    title: ClassVar[str] = "Removed parameters"
+
+    def tables(self, content: ReportContent) -> Sequence[PlainTable]:
+        """Both tables; none without a reduction."""
+        found, identified = content.reduction, content.identified
+        if found is None or identified is None:
+            return ()
+        return _removals(found), _ranges(identified)
+
+
+def _summary(content: ReportContent, found: Reduction) -> str:
+    """What was removed, and what it changes."""
+    full, first, state = found.path.full, found.path.states[0], found.state
+    size = len(state.active)
+    removed = len(full.names) - size
+    earlier = len(found.estimate.removed) - removed
+    kept = (
+        f"{size} of {count(len(full.names), 'parameter')} kept, {removed} removed"
+        + (f" ({earlier} more before)" if earlier > 0 else "")
+        + f": condition number {significant(first.condition)} to {significant(state.condition)}."
+    )
+    return " ".join(filter(None, (kept, _headline(content), _along_path(found))))
+
+
+def _headline(content: ReportContent) -> str:
+    """Errors on unseen motion before and after, in the measure of the headline."""
+    before, after = (
+        pooled(run.errors for run in scores) for scores in (content.before, content.scores)
+    )
+    if not before or not after:
+        return ""
+    changes = (
+        f"{_fine_print(old.percent_of_used)} to {_fine_print(new.percent_of_used)} of the "
+        "effort used"
+        for old, new in zip(before, after, strict=True)
+    )
+    return f"Error on unseen motion, as in the first line: {'; '.join(changes)}."
+
+
+def _along_path(found: Reduction) -> str:
+    """Errors of the first and of the chosen model of the path."""
+    size, most = len(found.state.active), len(found.path.states[0].active)
+    parts, left = [], _by_size(found)
+    if size in left and most in left:
+        parts.append(f"left-out data {_fine_print(left[most])} to {_fine_print(left[size])}")
+    if found.unseen is not None:
+        before, after = (float(found.unseen[k].mean()) for k in (0, found.chosen))
+        parts.append(f"unseen motion {_fine_print(before)} to {_fine_print(after)}")
+    return (
+        f"The choice is by another measure, {measure_of(found)}: {', '.join(parts)}."
+        if parts
+        else ""
+    )
+
+
+def measure_of(found: Reduction) -> str:
+    """The relative error that models of a path are compared by."""
+    return f"the mean of the joints' relative errors in the validation band, {samples_of(found)}"
+
+
+def samples_of(found: Reduction) -> str:
+    """Which samples count: all of a log, if a law of the model knows friction at rest."""
+    laws = (law_of(name) for name in found.path.full.names)
+    return WHOLE if any(issubclass(law, StatefulTerm) for law in laws) else MOVING
+
+
+def _fine_print(value: float) -> str:
+    """A percentage with three digits: models of a path differ by little."""
+    return f"{significant(value)} %"
+
+
+def _by_size(found: Reduction) -> dict[int, float]:
+    """Mean error on left-out data by the number of parameters [%]."""
+    if found.left_out is None:
+        return {}
+    return dict(zip(found.left_out.sizes, found.left_out.mean.tolist(), strict=True))
+
+
+def _keys(found: Reduction) -> Sequence[tuple[Key, bool]]:
+    return (
+        (Key("--residual", "fitted"), True),
+        (Key("--predicted", "left out, chosen in the others"), found.left_out is not None),
+        (Key("--surely", "its standard error to the best", "area"), found.left_out is not None),
+        (Key("--measured", "unseen motion"), found.unseen is not None),
+    )
+
+
+def _errors(found: Reduction) -> Figure:
+    """Errors by the number of parameters."""
+    sizes = np.array(found.path.sizes, dtype=np.float64)
+    efforts = np.sqrt(np.maximum(found.path.full.information.effort_squares(), 1e-300))
+    fitted = np.array([100.0 * np.sqrt(s.squares) / efforts for s in found.path.states])
+    traces = [line("fitted", sizes, fitted.mean(axis=1), "--residual", dash="dot")]
+    if found.left_out is not None:
+        left, at = found.left_out, np.array(found.left_out.sizes, dtype=np.float64)
+        half = left.mean * left.spread
+        traces.append(area("standard error", at, left.mean - half, left.mean + half, "--surely"))
+        traces.append(line("left out", at, left.mean, "--predicted", dash="5px,2px"))
+    if found.unseen is not None:
+        traces.append(line("unseen", sizes, found.unseen.mean(axis=1), "--measured"))
+    chosen = np.array([sizes[found.chosen]])
+    traces.append(points("chosen", chosen, fitted[[found.chosen]].mean(axis=1), "--residual", 9))
+    most = 3.0 * float(fitted[0].mean()) if fitted[0].mean() > 0.0 else None
+    layout = {"showlegend": False, "yaxis": {"range": [0.0, most]} if most else {}}
+    return Figure(
+        "Error by the number of parameters",
+        "Error of fitted, left-out and unseen data by the number of parameters",
+        "parameters",
+        "error [%]",
+        traces,
+        layout,
+        f"chosen: {int(chosen[0])}",
+    )
+
+
+def _conditions(found: Reduction) -> Figure:
+    """Condition numbers by the number of parameters."""
+    sizes = np.array(found.path.sizes, dtype=np.float64)
+    values = np.array([state.condition for state in found.path.states])
+    chosen = [found.chosen]
+    traces = [
+        line("condition number", sizes, values, "--measured"),
+        points("chosen", sizes[chosen], values[chosen], "--measured", 9),
+    ]
+    return Figure(
+        "Condition number",
+        "Condition number by the number of parameters",
+        "parameters",
+        "condition number",
+        traces,
+        {"showlegend": False},
+    )
+
+
+def _removals(found: Reduction) -> PlainTable:
+    """What was removed, in which order, at what cost, and in how many folds."""
+    left = found.left_out
+    size = len(found.state.active)
+    folds = None if left is None or size not in left.sizes else left.sizes.index(size)
+    chosen = {step.name for step in found.path.steps}
+    rows = []
+    for one in found.estimate.removed:
+        stable = ""
+        if left is not None and folds is not None and one.name in chosen:
+            stable = f"{left.removed[folds][one.name]} of {len(left.folds)}"
+        rows.append(Row((str(one.step), one.name, significant(one.cost), stable)))
+    return PlainTable(
+        "In the order of their removal",
+        " Cost: rise of χ² by the removal, counted with the correlation of residuals;"
+        " a parameter that is zero in truth costs 1 on average. Folds: left-out parts of the data "
+        "without which the same parameter was removed as well.",
+        ("Step", "Parameter", "Cost", "Folds"),
+        rows,
+        text=(1,),
+    )
+
+
+def _ranges(identified: IdentifiedModel) -> PlainTable:
+    """Positions of the rows at which joints move."""
+    robot = identified.model.robot
+    q = np.concatenate([samples.q for samples in identified.motions])
+    speeds = [
+        np.abs(np.diff(s.q, axis=0) / np.maximum(np.diff(s.t), 1e-9)[:, None]).max(axis=0)
+        for s in identified.motions
+        if len(s.t) > 1
+    ]
+    fastest = np.max(speeds, axis=0) if speeds else np.full(robot.n, np.nan)
+    rows = [
+        Row((joint.name, significant(low), significant(high), significant(speed), joint.unit))
+        for joint, low, high, speed in zip(
+            robot.coordinates, q.min(axis=0), q.max(axis=0), fastest, strict=True
+        )
+    ]
+    return PlainTable(
+        "Range of the fitted motions",
+        HOLDS_ONLY,
+        ("Joint", "Least position", "Greatest position", "Greatest mean speed", "Unit"),
+        rows,
+        text=(0, 4),
+    )

@@ -1,0 +1,186 @@
+"""The residual over position, speed and effort: what the model lacks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.estimate.scores.residuals import TorqueParts
+from steelyard.identify.page.content import ReportContent, unseen_samples
+from steelyard.report.figures import Figure, Group, Key, area, evenly, line, points
+from steelyard.report.page import FigureSection, Numbers, rounded
+from steelyard.report.tables import PlainTable, Row
+from steelyard.report.words import NONE, percent, significant
+
+if TYPE_CHECKING:
+    from steelyard.robot.robot import Coordinate
+
+
+BINS = 20
+"""Ranges of equal width that a quantity is divided into."""
+
+LEAST_BIN_SAMPLES = 5
+"""Samples that a bin needs."""
+
+MOST_RESIDUAL_POINTS = 150
+"""Most points of one figure."""
+
+RESIDUAL_AXES = ("position", "speed", "effort")
+"""Quantities that the residual is drawn over."""
+
+WORDS = (
+    "Mean residual (measured minus predicted effort) of samples with similar position, speed or "
+    "measured effort. A complete model has a mean of zero, over effort as far as that is large "
+    "against its noise. A trend over position points to masses, springs or cables; over speed to "
+    "friction; over effort to drive gains or friction that depends on load."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Binned:
+    """The residual of one joint over one quantity; bins with few samples are left out.
+
+    Attributes:
+        centre: Of each bin, shape `(k,)`.
+        mean: Mean residual, shape `(k,)` [Nm; N].
+        std: Standard deviation around it, shape `(k,)` [Nm; N].
+        share: Share of the mean squared residual that the means carry, 0 to 1.
+    """
+
+    centre: Array
+    mean: Array
+    std: Array
+    share: float
+
+
+def binned(over: Array, residual: Array) -> Binned:
+    """Bins of equal width.
+
+    Args:
+        over: The quantity, shape `(N,)`.
+        residual: Shape `(N,)` [Nm; N].
+    """
+    low, high = (float(over.min()), float(over.max())) if len(over) else (0.0, 0.0)
+    width = (high - low) / BINS or 1.0
+    place = np.minimum(((over - low) / width).astype(np.intp), BINS - 1)
+    count = np.bincount(place, minlength=BINS)
+    kept = np.flatnonzero(count >= LEAST_BIN_SAMPLES)
+    mean = np.bincount(place, residual, BINS)[kept] / count[kept]
+    square = np.bincount(place, residual**2, BINS)[kept] / count[kept]
+    total = float(np.sum(residual**2))
+    share = float(np.sum(count[kept] * mean**2)) / total if total else 0.0
+    std = np.sqrt(np.maximum(square - mean**2, 0.0))
+    centres = np.linspace(low, high, 2 * BINS + 1)[1::2]
+    return Binned(centres[kept], mean, std, share)
+
+
+class ResidualsSection(FigureSection):
+    """A table of shares, and three folded figures per joint."""
+
+    name: ClassVar[str] = "residuals"
+    title: ClassVar[str] = "Residual over position, speed and effort"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """Bins and points."""
+        samples = unseen_samples(content)
+        if content.identified is None or samples is None:
+            return None
+        parts, runs = samples
+        joints = content.identified.model.robot.coordinates
+        found = [_of_joint(parts, j) for j in range(len(joints))]
+        groups = [
+            Group(
+                [_figure(parts, j, joint, over, bins[over]) for over in RESIDUAL_AXES],
+                joint.name,
+                _caption(bins),
+                "three",
+            )
+            for j, (joint, bins) in enumerate(zip(joints, found, strict=True))
+        ]
+        return {
+            "words": WORDS,
+            "tables": [_table(parts, joints, found)],
+            "legend": [
+                Key("--residual", "mean residual"),
+                Key("--rest", "± one standard deviation", "area"),
+                Key("--arm", "samples", "point"),
+            ],
+            "groups": groups,
+            "note": f"Samples of {runs} in which the joint moves, {BINS} bins of equal width with "
+            f"at least {LEAST_BIN_SAMPLES} samples each; at most {MOST_RESIDUAL_POINTS} samples "
+            "are drawn. Share: part of "
+            "the mean squared residual that the means of the bins carry; in a short run some of "
+            "it is chance.",
+        }
+
+    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+        """Shares per joint and quantity."""
+        samples = unseen_samples(content)
+        if content.identified is None or samples is None:
+            return {"residual_shares": None}
+        found = [_of_joint(samples[0], j) for j in range(len(content.identified.joints))]
+        return {
+            "residual_shares": [
+                {"joint": joint, **{over: rounded(bins[over].share) for over in RESIDUAL_AXES}}
+                for joint, bins in zip(content.identified.joints, found, strict=True)
+            ]
+        }
+
+
+def _moving(parts: TorqueParts, j: int) -> tuple[dict[str, Array], Array]:
+    """The quantities and the residual of the samples in which a joint moves."""
+    at = parts.moving[:, j] & np.isfinite(parts.residual[:, j])
+    signals = (parts.q, parts.dq, parts.measured)
+    return {n: x[at, j] for n, x in zip(RESIDUAL_AXES, signals, strict=True)}, parts.residual[at, j]
+
+
+def _of_joint(parts: TorqueParts, j: int) -> dict[str, Binned]:
+    signals, residual = _moving(parts, j)
+    return {over: binned(signals[over], residual) for over in RESIDUAL_AXES}
+
+
+def _caption(bins: dict[str, Binned]) -> str:
+    """The quantity whose means carry most."""
+    if not any(len(one.centre) for one in bins.values()):
+        return "too few samples in motion"
+    most = max(RESIDUAL_AXES, key=lambda over: bins[over].share)
+    return f"most over {most}: {percent(100.0 * bins[most].share)}"
+
+
+def _table(
+    parts: TorqueParts, joints: tuple[Coordinate, ...], found: list[dict[str, Binned]]
+) -> PlainTable:
+    rows = []
+    for j, (joint, bins) in enumerate(zip(joints, found, strict=True)):
+        residual = _moving(parts, j)[1]
+        rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else None
+        shares = (
+            percent(100.0 * bins[over].share) if len(bins[over].centre) else NONE
+            for over in RESIDUAL_AXES
+        )
+        rows.append(Row((joint.name, significant(rms), joint.effort_unit, *shares)))
+    headings = ("Joint", "Residual RMS", "Unit", *(f"Share by {over}" for over in RESIDUAL_AXES))
+    return PlainTable("", "", headings, rows, (0, 2))
+
+
+def _figure(parts: TorqueParts, j: int, joint: Coordinate, over: str, bins: Binned) -> Figure:
+    signals, residual = _moving(parts, j)
+    at = evenly(len(residual), MOST_RESIDUAL_POINTS)
+    units = {"position": joint.unit, "speed": f"{joint.unit}/s", "effort": joint.effort_unit}
+    lower, upper = bins.mean - bins.std, bins.mean + bins.std
+    traces = [
+        area("± std", bins.centre, lower, upper, "--rest"),
+        points("samples", signals[over][at], residual[at], "--arm", 3),
+        line("mean", bins.centre, bins.mean, "--residual", width=2.5),
+    ]
+    return Figure(
+        "",
+        f"Residual of {joint.name} over {over}",
+        f"{'measured ' * (over == 'effort')}{over} [{units[over]}]",
+        f"residual [{joint.effort_unit}]",
+        traces,
+        {"showlegend": False},
+    )

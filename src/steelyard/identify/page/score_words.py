@@ -1,0 +1,261 @@
+"""Errors of predictions in words: every percentage with its kind and its band."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from math import inf, isfinite
+from statistics import fmean
+from typing import TYPE_CHECKING
+
+from steelyard.estimate.scores.joint_errors import (
+    PROMISED,
+    BandErrors,
+    JointError,
+    PooledError,
+    as_logged,
+    pooled,
+)
+from steelyard.report.words import count, percent, significant
+
+if TYPE_CHECKING:
+    from steelyard.estimate.identified import IdentifiedModel
+    from steelyard.estimate.scores.score import JointScore, RunScore
+
+
+MOVING, WHOLE = "where they move", "whole log"
+
+RATIO = "‖measured − predicted‖ / ‖measured‖"
+"""The relative error in the validation band."""
+
+NORMS = {"pooled": "over all joints together", "mean": "mean over joints"}
+"""What norms are called in a sentence."""
+
+MOST_NAMED_JOINTS = 3
+"""Most joints that are named one by one."""
+
+
+@dataclass(frozen=True)
+class RelativeError:
+    """One relative error of one or more runs.
+
+    Attributes:
+        value: Mean over the runs [%].
+        norm: `pooled` or `mean`: norms over all joints together, or the mean of their errors.
+        joints: Over how many joints, like `6 joints`.
+        samples: Over which samples: `where they move` or `whole log`.
+    """
+
+    value: float
+    norm: str
+    joints: str
+    samples: str
+
+    @property
+    def kind(self) -> str:
+        """Like `pooled over 7 joints, where they move`."""
+        return f"{self.norm} over {self.joints}, {self.samples}"
+
+    @property
+    def words(self) -> str:
+        """Like `1.5 % over all joints together, where they move`."""
+        return f"{percent(self.value)} {NORMS[self.norm]}, {self.samples}"
+
+
+def relative_errors(scores: Sequence[RunScore]) -> list[RelativeError]:
+    """Relative errors of runs, the one to be judged by first.
+
+    Pooled before mean, since a joint that carries hardly any load has a large relative error and
+    rules a mean; where joints move before whole logs. A pooled error needs one unit of effort, one
+    of motion a joint that moves: what some run does not have is left out. None without runs.
+    """
+    if not scores:
+        return []
+    moving, every = _moving(scores), count(len(scores[0].joints), "joint")
+    kinds: tuple[tuple[Callable[[RunScore], float | None], str, str, str], ...] = (
+        (lambda s: s.pooled_percent_moving, "pooled", moving, MOVING),
+        (lambda s: s.pooled_percent, "pooled", every, WHOLE),
+        (lambda s: s.mean_percent_moving, "mean", moving, MOVING),
+        (lambda s: s.mean_percent, "mean", every, WHOLE),
+    )
+    found = []
+    for of, *kind in kinds:
+        known = [value for value in map(of, scores) if value is not None]
+        if known and len(known) == len(scores):
+            found.append(RelativeError(fmean(known), *kind))
+    return found
+
+
+def band(scores: Sequence[RunScore]) -> str:
+    """Like `below 8 Hz`: the low-pass of both sides of the comparison in the validation band."""
+    return below(run.cutoff for run in scores)
+
+
+def error_words(errors: Sequence[PooledError]) -> str:
+    """Like `2.1 Nm: 3.8 % of the effort used`."""
+    return "; ".join(
+        f"{significant(one.error, 2)} {one.unit}: {percent(one.percent_of_used)} of the effort used"
+        for one in errors
+    )
+
+
+def limit_words(errors: Sequence[PooledError]) -> str:
+    """Like `1.0 % of the joints' effort limits`; empty where that is unknown."""
+    shares = [one.percent_of_limit for one in errors if one.percent_of_limit is not None]
+    words = " and ".join(map(percent, shares))
+    return f"{words} of the joints' effort limits" if shares else ""
+
+
+def both_words(errors: Sequence[PooledError], logged: Sequence[PooledError]) -> str:
+    """The errors, with estimated scales of the efforts also those against efforts as logged."""
+    if not logged:
+        return error_words(errors)
+    unscaled = ", ".join(
+        f"{significant(one.error, 2)} {one.unit}: {percent(one.percent_of_used)}" for one in logged
+    )
+    return f"{error_words(errors)}, as logged {unscaled}"
+
+
+def basis_words(scores: Sequence[RunScore]) -> str:
+    """Like `RMS below 5 Hz, pooled over 6 joints, where they move`."""
+    n_joints = len(scores[0].joints)
+    moving = {j.joint for run in scores for j in run.errors.joints if j.counted}
+    joints = (
+        count(n_joints, "joint")
+        if len(moving) == n_joints
+        else f"the {len(moving)} of {n_joints} joints that move"
+    )
+    still = [run.errors.at_rest for run in scores]
+    where = "at rest" if all(still) else f"{MOVING}, or all rest" if any(still) else MOVING
+    return f"RMS {below(run.errors.cutoff for run in scores)}, pooled over {joints}, {where}"
+
+
+def joint_errors(scores: Sequence[RunScore]) -> tuple[PooledError | None, ...]:
+    """Error of each joint over runs; `None` of one that rests in all of them while others move."""
+    return joint_errors_of([run.errors for run in scores])
+
+
+def joint_errors_of(runs: Sequence[BandErrors]) -> tuple[PooledError | None, ...]:
+    """The same of the errors alone; none without runs."""
+    own = (
+        [replace(run, joints=(run.joints[number],)) for run in runs]
+        for number in range(len(runs[0].joints) if runs else 0)
+    )
+    return tuple(next(iter(pooled(errors)), None) for errors in own)
+
+
+def worse_joints(scores: Sequence[RunScore], limit: float) -> tuple[str, ...]:
+    """Joints with an error above `limit` [% of the effort used], the worst first, with the error.
+
+    Joints at rest are none of them. With estimated scales of the efforts, the larger of the errors
+    with and without them counts.
+    """
+    if all(run.errors.at_rest for run in scores):
+        return ()
+    listed = []
+    own = joint_errors(scores)
+    logged = joint_errors_of(as_logged(run.errors for run in scores)) or own
+    for joint, *both in zip(scores[0].joints, own, logged, strict=True):
+        error = max(
+            (one for one in both if one is not None),
+            key=lambda one: one.percent_of_used,
+            default=None,
+        )
+        if error is not None and limit < round(error.percent_of_used, 1) < inf:
+            share = percent(error.percent_of_used)
+            share += "" if error is both[0] else " as logged"
+            listed.append((error.percent_of_used, f"{joint.joint} {share}"))
+    return tuple(words for _, words in sorted(listed, reverse=True))
+
+
+def named(joints: Sequence[str]) -> str:
+    """The first ones by name, and the number of the others."""
+    more = f" and {len(joints) - MOST_NAMED_JOINTS} more" if len(joints) > MOST_NAMED_JOINTS else ""
+    return ", ".join(joints[:MOST_NAMED_JOINTS]) + more
+
+
+def without_percentage(scores: Sequence[RunScore]) -> list[str]:
+    """Joints without a relative error: their measured effort is zero, or no number."""
+    return [
+        joint.joint
+        for joint, error in zip(scores[0].joints, joint_errors(scores), strict=True)
+        if error is not None and not isfinite(error.percent_of_used)
+    ]
+
+
+def other_errors(scores: Sequence[RunScore]) -> str:
+    """The relative errors in the validation band, as one sentence."""
+    words = "; ".join(error.words for error in relative_errors(scores))
+    where = f"in logged units, in the validation band, {band(scores)}"
+    return f"Relative error {RATIO} {where}: {words}."
+
+
+def reference_words(joints: Sequence[JointError]) -> str:
+    """Whose errors are relative to more than what the joint used in this log; empty if none's."""
+    raised = [
+        f"{one.joint} {significant(one.reference)} {one.unit}"
+        for one in joints
+        if one.reference > one.used
+    ]
+    if not raised:
+        return ""
+    return (
+        "relative to a quarter of the effort used in the fitted runs, which is more than in this "
+        f"log: {', '.join(raised)}"
+    )
+
+
+def coverage_words(inside: float, unseen: bool) -> str:
+    """How much of a log lies in its 95 % bands [%], and whether that is less than they promise."""
+    less = ": less than stated" if unseen and inside < PROMISED else ""
+    return f"{percent(inside)} of this log inside{less}"
+
+
+def scale_words(
+    identified: IdentifiedModel | None,
+    scores: Sequence[RunScore],
+    unscaled: Sequence[RunScore] = (),
+) -> str:
+    """By what measured efforts are divided before they are compared; empty without scales.
+
+    Args:
+        identified: The model.
+        scores: Its scores.
+        unscaled: Those of the model without scales on the same runs, if they are known.
+    """
+    if identified is None or identified.effort_scales is None or not scores:
+        return ""
+    listed = identified.effort_scales.words
+    without = ""
+    if unscaled:
+        pairs = list(zip(unscaled, scores, strict=True))
+        fresh = [one for one, score in pairs if not score.repeats] or unscaled
+        errors = error_words(pooled(one.errors for one in fresh))
+        without = f'. Without scales (effort_scales = "off" in [estimation]): {errors}'
+    return (
+        f"efforts divided by the estimated scale: {listed}; as logged: not divided by it. torque() "
+        "of the model predicts the divided efforts, effort() the logged ones"
+        f"{without}"
+    )
+
+
+def relative(joint: JointScore) -> float:
+    """The error a joint is judged by: where it moves, or else over all samples [%]."""
+    moving = joint.relative_percent_moving
+    return joint.relative_percent if moving is None else moving
+
+
+def below(cutoffs: Iterable[float]) -> str:
+    """Like `below 4 and 5 Hz`: cut-offs of low-passes."""
+    return f"below {' and '.join(f'{c:g}' for c in sorted(set(cutoffs)))} Hz"
+
+
+def _moving(scores: Sequence[RunScore]) -> str:
+    joints = scores[0].joints
+    moving = sum(
+        any(run.joints[k].relative_percent_moving is not None for run in scores)
+        for k in range(len(joints))
+    )
+    if moving < len(joints):
+        return f"the {moving} of {len(joints)} joints that move"
+    return count(len(joints), "joint")

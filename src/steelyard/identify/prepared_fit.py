@@ -1,0 +1,295 @@
+"""What a fit stands on: what a robot file leaves open is found, all but the parameters."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from steelyard.base.errors import DataError, ModelError
+from steelyard.base.progress import Progress
+from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.estimate import Estimator
+from steelyard.estimate.friction.friction_choice import (
+    FrictionChoice,
+    choose_friction,
+    refuse_listed,
+)
+from steelyard.estimate.friction.mix_errors import ConsistentOf
+from steelyard.estimate.friction.mixes import PLAIN, has_memory
+from steelyard.estimate.information.base_parameters import base_parameters, refuse_twins
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.per_run import own_columns
+from steelyard.estimate.nonlinear.field_passes import InformationOf
+from steelyard.estimate.nonlinear.fields import (
+    Finding,
+    converged_reference,
+    find_fields,
+    information_from,
+    needs_reference,
+)
+from steelyard.estimate.nonlinear.zero_offset import ZeroOffsets, find_offsets, with_offsets
+from steelyard.estimate.payload.drive_gains import GainEstimate, identified_gains
+from steelyard.estimate.prior.constraint_kinds import knowledge_of
+from steelyard.estimate.requested_estimator import method_of
+from steelyard.estimate.scores.cross_validation import TooShortError
+from steelyard.model.model import Model
+from steelyard.model.robot_file_model import with_friction
+from steelyard.model.terms.open_fields import finds_of
+from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.runs.run import Run, fastest_of
+
+TOO_SHORT = (
+    "the runs are too short to compare friction laws on motion that is left out: coulomb + viscous "
+    "are used; log longer or several runs"
+)
+"""What a robot file with `friction = "auto"` does not have then."""
+
+_NOT_CONVERGED = (
+    "the reference of load-dependent friction has not converged after three passes: "
+    "its coefficients are inaccurate"
+)
+
+
+@dataclass(frozen=True)
+class Payload:
+    """What the loaded runs carry, as far as it is known.
+
+    Attributes:
+        mass: [kg]; `None` if it is unknown.
+        frame: Frame to give its numbers in; that of the last link if `None`.
+    """
+
+    mass: float | None = None
+    frame: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedFit:
+    """A model of which only the parameters are open, and its runs.
+
+    Attributes:
+        model: The model.
+        runs: The runs to be fitted, with the gains that were found.
+        information_of: What they say about a regressor; every call is a pass.
+        choice: How the friction laws were chosen; `None` if they were not, or could not be.
+        findings: Fields that were found.
+        gains: Drive gains that were found, if any.
+        offsets: Zero offsets that were estimated, if any.
+        notes: What was decided, for people to read.
+    """
+
+    model: Model
+    runs: tuple[Run, ...]
+    information_of: InformationOf
+    choice: FrictionChoice | None
+    findings: tuple[Finding, ...]
+    gains: GainEstimate | None
+    offsets: ZeroOffsets | None
+    notes: tuple[str, ...]
+
+
+def prepare_fit(
+    model: Model,
+    loaded_robot: LoadedRobot,
+    runs: Sequence[Run],
+    carrying: Sequence[Run],
+    payload: Payload,
+    estimator: Estimator[Information],
+    threads: int,
+    progress: Progress,
+) -> PreparedFit:
+    """Gains, friction laws and their fields.
+
+    Args:
+        model: The model; without friction where that is to be chosen.
+        loaded_robot: What the robot file says.
+        runs: Runs without payload.
+        carrying: Runs with it, for the gains.
+        payload: What they carry.
+        estimator: How references are fitted, and laws where the estimate is least squares.
+        threads: Native threads.
+        progress: Told about every pass.
+    """
+    if loaded_robot.friction:
+        refuse_listed(model)
+        _refuse_finds(model)
+    gains = _gains(model, loaded_robot, runs, carrying, payload, threads, progress)
+    if gains is not None:
+        runs = [_with_gains(run, gains) for run in runs]
+    offsets = _offsets(model, loaded_robot, runs, gains, threads, progress)
+    if offsets is not None:
+        runs = with_offsets(runs, offsets.values)
+    choice = None
+    if loaded_robot.friction:
+        judge = _judge(loaded_robot, model, runs, gains)
+        try:
+            choice = choose_friction(
+                model,
+                runs,
+                estimator,
+                judge,
+                memory=loaded_robot.friction == "auto",
+                threads=threads,
+                progress=progress,
+            )
+        except TooShortError:
+            pass  # a note says so
+        laws = PLAIN if choice is None else choice.terms
+        model = replace(model, terms=(*model.terms, *laws))
+    information_of = information_from(
+        runs, rests=has_memory(model.terms), threads=threads, progress=progress
+    )
+    found = find_fields(model, information_of, progress=progress)
+    model, converged = found.model, True
+    refuse_twins(model, base_parameters(model))
+    if needs_reference(model):
+        model, converged = converged_reference(model, information_of, estimator)
+    notes = (
+        *([_gain_note(gains)] if gains is not None else []),
+        *([offsets.note] if offsets is not None else []),
+        *([choice.note] if choice is not None else []),
+        *found.notes,
+        *([] if converged else [_NOT_CONVERGED]),
+    )
+    return PreparedFit(
+        model, tuple(runs), information_of, choice, found.findings, gains, offsets, notes
+    )
+
+
+def consistent_of(loaded: LoadedRobot, runs: Sequence[Run]) -> ConsistentOf:
+    """The consistent estimate with what the robot file knows, for models of the robot.
+
+    Args:
+        loaded: The robot file.
+        runs: The runs to be fitted, whose speeds friction is bounded for.
+    """
+    fastest, equal = fastest_of(runs), loaded.estimation.weights == "equal"
+    return lambda model, base: Consistent(base, knowledge_of(model, loaded, fastest), equal=equal)
+
+
+def _judge(
+    loaded: LoadedRobot, model: Model, runs: Sequence[Run], gains: GainEstimate | None
+) -> ConsistentOf | None:
+    """What judges friction laws: the consistent estimate, where what is known is to count."""
+    unscaled = gains is not None and gains.relative
+    if not method_of(loaded).uses or unscaled or own_columns(model):
+        return None
+    return consistent_of(loaded, runs)
+
+
+def _refuse_finds(model: Model) -> None:
+    """Fields are found for friction that is there; which is there is still to be chosen."""
+    searched = [term.law for term in model.terms if finds_of(term)]
+    if searched:
+        raise ModelError(
+            f"a nonlinear parameter of term '{searched[0]}' cannot be estimated while friction is "
+            "selected",
+            where="[model] friction",
+            fix='give it a number, or list the friction laws in place of "auto"',
+        )
+
+
+def _with_gains(run: Run, gains: GainEstimate) -> Run:
+    signals = replace(
+        run.recording.signals, gains=gains.gains, unknown_gains=(False,) * len(gains.gains)
+    )
+    return replace(run, recording=replace(run.recording, signals=signals))
+
+
+def _gains(
+    model: Model,
+    loaded_robot: LoadedRobot,
+    runs: Sequence[Run],
+    carrying: Sequence[Run],
+    payload: Payload,
+    threads: int,
+    progress: Progress,
+) -> GainEstimate | None:
+    """The drive gains that the robot file requests."""
+    signals = runs[0].recording.signals
+    if not any(signals.unknown_gains):
+        if carrying or payload != Payload():
+            given = "loaded logs are" if carrying else "a payload is"
+            raise ModelError(
+                f"{given} given, but no drive gain is to be identified",
+                where="loaded (--loaded)"
+                if carrying
+                else "payload_mass, payload_frame (--payload-mass, --payload-frame)",
+                fix='give gain = "identify" in [signals.effort], or identify the payload with '
+                "`steelyard payload MODEL LOG`",
+            )
+        return None
+    model = with_friction(model, loaded_robot)
+    if any(finds_of(term) for term in model.terms):
+        raise DataError(
+            "drive gains and nonlinear parameters of terms cannot be estimated together",
+            where="[signals.effort] gain",
+            fix="identify the gains with given nonlinear parameters, and write them into the file",
+        )
+    regressor = base_regressor(model)
+    rests = has_memory(model.terms)
+    unloaded, loaded = (
+        [gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in some]
+        for some in (runs, carrying)
+    )
+    known = {
+        joint: float(gain)
+        for joint, gain, unknown in zip(
+            model.robot.joint_names, signals.gains, signals.unknown_gains, strict=True
+        )
+        if not unknown
+    }
+    return identified_gains(
+        model, unloaded, loaded, mass=payload.mass, frame=payload.frame, known=known
+    )
+
+
+def _offsets(
+    model: Model,
+    loaded_robot: LoadedRobot,
+    runs: Sequence[Run],
+    gains: GainEstimate | None,
+    threads: int,
+    progress: Progress,
+) -> ZeroOffsets | None:
+    """The zero offsets that the robot file requests."""
+    signals = runs[0].recording.signals
+    if not any(signals.unknown_offsets) or signals.position_offset is None:
+        return None
+    model = with_friction(model, loaded_robot)
+    if gains is not None or any(finds_of(term) for term in model.terms):
+        beside = "drive gains" if gains is not None else "nonlinear parameters of terms"
+        raise DataError(
+            f"zero offsets and {beside} cannot be identified together",
+            where="[signals] position_offset",
+            fix="identify the offsets with values given there, and write them into the file",
+        )
+    rests = has_memory(model.terms)
+    return find_offsets(
+        model,
+        lambda offsets: information_from(
+            with_offsets(runs, offsets), rests=rests, threads=threads, progress=progress
+        ),
+        signals.position_offset,
+        signals.unknown_offsets,
+    )
+
+
+def _gain_note(gains: GainEstimate) -> str:
+    found, assumed, joints = [], [], []
+    for joint, gain, half, unit, known, is_assumed in gains.each:
+        if is_assumed:
+            assumed.append(f"{joint} {gain:.4g} {unit}")
+            joints.append(joint)
+        elif not known:
+            found.append(f"{joint} {gain:.4g} ± {half:.2g} {unit}")
+    sentences = [f"drive gains identified: {', '.join(found)}"] if found or not assumed else []
+    if assumed:
+        sentences.append(
+            f"drive gain of {', '.join(assumed)}: not identifiable from these data, assumed to be "
+            "the geometric mean of the others. Efforts in Nm, friction and rotor inertia of "
+            f"{', '.join(joints)} are relative to this assumption"
+        )
+    return ". ".join(
+        f"{text[0].upper() if k else text[0]}{text[1:]}" for k, text in enumerate(sentences)
+    )

@@ -1,0 +1,417 @@
+"""A smaller model that predicts as well: what `steelyard reduce` does."""
+
+import os
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from steelyard.base.arguments import checked
+from steelyard.base.arrays import frozen
+from steelyard.base.errors import DataError, ModelError, advice
+from steelyard.base.progress import Progress, silent
+from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.consistent.contradictions import contradictions, refuse_contradictions
+from steelyard.estimate.estimate import Estimate, StandardEstimate
+from steelyard.estimate.friction.mixes import has_memory
+from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.estimate.information.base_parameters import BaseMap, base_parameters
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.least_squares.per_run import own_columns
+from steelyard.estimate.nonlinear.fields import information_from
+from steelyard.estimate.prior.constraint_kinds import knowledge_of
+from steelyard.estimate.prior.prior import Row
+from steelyard.estimate.reduction.reduction import Reduction, criterion_of, rule_of
+from steelyard.estimate.reduction.reduction import reduce as reduced_by
+from steelyard.estimate.reduction.stopping_rules import Tolerance
+from steelyard.estimate.scores.band_calibration import calibrate
+from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.model_verdict import Verdict, verdict
+from steelyard.identify.page.section_register import SECTIONS, parameters_csv, print_report, render
+from steelyard.identify.run_notes import dropped, dropped_rows, notes_of, settings
+from steelyard.identify.scores import Scores, processing_of, scored
+from steelyard.identify.validation_data import marked_repeats
+from steelyard.model.model import Model
+from steelyard.model.terms.term import Term
+from steelyard.report.result import Result
+from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.runs.named_logs import (
+    log_files,
+    paths_of,
+    prepared,
+    recording_of,
+    refuse_overlaps,
+    sha256,
+)
+from steelyard.runs.run import Run, fastest_of
+from steelyard.runs.run_samples import motion_samples
+
+STILL_SPEED_SHARE = 0.05
+"""Speed of a joint over that of the fastest one of its kind, up to which it hardly moves."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ReducedModel(Result):
+    """A reduced model, the path it lies on, and how well it predicts.
+
+    Attributes:
+        model: The reduced model.
+        reduction: The path, the errors along it and the choice.
+        content: All that the report shows.
+    """
+
+    model: IdentifiedModel
+    reduction: Reduction
+    content: ReportContent
+
+    @property
+    def verdict(self) -> Verdict:
+        """The headline, its level, and findings that limit it."""
+        return verdict(self.content)
+
+    @property
+    def kept(self) -> tuple[str, ...]:
+        """Names of the base parameters that are left."""
+        return self.model.estimate.parameters.names
+
+    @property
+    def scores(self) -> Scores:
+        """Errors of predicted efforts per joint and log; all columns in its `table`."""
+        return Scores(self.content.fitted, self.content.scores)
+
+    def report(self) -> str:
+        """The report as one self-contained HTML page."""
+        return render(self.content)
+
+    def write(self, folder: Path) -> None:
+        """Write `model.json`, `parameters.csv` and `report.html`."""
+        (folder / "model.json").write_text(self.model.text(), encoding="utf-8")
+        (folder / "parameters.csv").write_text(parameters_csv(self.model), encoding="utf-8")
+        (folder / "report.html").write_text(self.report(), encoding="utf-8")
+
+    def show(self, console: Console, verbose: bool = False) -> None:
+        """Print the verdict, the errors of every joint and the choice; with `verbose` all."""
+        print_report(self.content, console, verbose)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers as JSON values, as `steelyard reduce --json` prints them."""
+        return {
+            field: value
+            for section in SECTIONS
+            for field, value in section.to_dict(self.content).items()
+        }
+
+
+@checked(threads=1)
+def reduce(
+    model: str | Path | IdentifiedModel,
+    logs: str | Path | Iterable[str | Path],
+    validate: str | Path | Iterable[str | Path] = (),
+    *,
+    criterion: str = "loss",
+    stop: str = "one_standard_error",
+    keep: Iterable[str] = (),
+    drop: Iterable[str] = (),
+    bodies: str | Path | LoadedRobot | None = None,
+    threads: int | None = None,
+    progress: Progress = silent,
+) -> ReducedModel:
+    """Make an identified model smaller without making it worse on motion that it has not seen.
+
+    One base parameter after the other is removed, the one that is worth least first, and the
+    others are refitted; removed parameters are zero. The smaller model describes the speeds and
+    postures of the logs; elsewhere a removed parameter may matter.
+
+    Args:
+        model: The model, its `model.json`, or the folder that contains it; a reduced one is reduced
+            further.
+        logs: Logs to fit, such as those that the model was identified from.
+        validate: Logs of other motions, to be predicted.
+        criterion: Which parameter is removed next: that of the least `loss`, `contribution`,
+            `mean_column` or `deviation`.
+        stop: Stopping rule: `one_standard_error`, `tolerance=5`, `bic`, `condition=30`,
+            `ratio=30`, `count=25`, `one_fewer`; `refit` removes nothing more.
+        keep: Names of base parameters that stay; `*` stands for any letters. With `tolerance`,
+            friction of joints that move stays too.
+        drop: Names of base parameters that are removed first.
+        bodies: Robot file; then the values are physically consistent, with its priors,
+            and the model can be exported.
+        threads: Native threads; as many as the machine has cores if `None`.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used, or no model is as the stopping rule wants it.
+
+    Example:
+        >>> smaller = reduce("arm-model", "fit.csv", validate="other.csv", stop="one_fewer")
+        >>> full = smaller.reduction.path.full.names
+        >>> len(full) - len(smaller.kept)
+        1
+    """
+    identified = load_model(model)
+    refuse_own(identified)
+    refuse_known(identified)
+    measure, rule = criterion_of(criterion), rule_of(stop)
+    known, unknown = log_files(paths_of(logs, least=1)), log_files(paths_of(validate))
+    refuse_overlaps(known, unknown)
+    recordings = [recording_of(log, identified.signals) for log in (*known, *unknown)]
+    every = prepared(recordings, processing_of(identified), progress)
+    runs, unseen = every[: len(known)], every[len(known) :]
+    cores = threads or os.cpu_count() or 1
+    regressor = base_regressor(identified.model)
+
+    def information_of(some: Sequence[Run]) -> Information:
+        rests = has_memory(identified.model.terms)
+        return information_from(some, rests=rests, threads=cores, progress=progress)(regressor)
+
+    before = identified.estimate.removed
+    gone = {one.name for one in before}
+    every_column = regressor.layout.columns
+    columns = [name for name in every_column if name not in gone]
+    kept, dropped_first = matching(keep, columns, "--keep"), matching(drop, columns, "--drop")
+    refuse_contradiction(kept, dropped_first, columns)
+    if isinstance(rule, Tolerance):
+        friction = moving_friction(identified.model, runs, columns)
+        kept += tuple(name for name in friction if name not in dropped_first)
+    everything = information_of(runs)
+    information = everything.select(columns)
+    found = reduced_by(
+        information,
+        measure,
+        rule,
+        keep=kept,
+        drop=dropped_first,
+        unseen=information_of(unseen).select(columns) if unseen else None,
+    )
+    found = found.after(before)
+    estimate = found.estimate
+    if bodies is not None:
+        estimate = _with_bodies(identified, bodies, runs, everything, found)
+    smaller = replace(
+        _without_empty_terms(replace(identified, estimate=estimate)),
+        reference=(WeightedLeastSquares()(information),),
+        motions=motion_samples(runs),
+        provenance=replace(
+            identified.provenance,
+            runs=tuple(run.name for run in runs),
+            inputs={
+                **{f"identification {n}": sha256(log.path) for n, log in enumerate(known, 1)},
+                **{f"validation {n}": sha256(log.path) for n, log in enumerate(unknown, 1)},
+            },
+        ),
+    )
+    names = estimate.parameters.names
+    smaller = replace(
+        smaller,
+        calibration=calibrate(
+            smaller,
+            runs,
+            information.select(names),
+            lambda part: WeightedLeastSquares()(part.select(names)),
+            threads=cores,
+            progress=progress,
+        ),
+    )
+    content = _content(smaller, found, runs, unseen, progress)
+    content = replace(content, before=scored(identified, unseen, progress))
+    return ReducedModel(smaller, found, content)
+
+
+def _content(
+    smaller: IdentifiedModel,
+    found: Reduction,
+    runs: Sequence[Run],
+    unseen: Sequence[Run],
+    progress: Progress,
+) -> ReportContent:
+    """What the report shows."""
+    robot, logs = smaller.model.robot.name, (*runs, *unseen)
+    return ReportContent(
+        title=f"{robot}: reduced model",
+        robot=robot,
+        identified=smaller,
+        scores=marked_repeats(smaller, unseen, scored(smaller, unseen, progress)),
+        fitted=scored(smaller, runs, progress),
+        qualities=tuple((run.name, run.quality.rows_of_text) for run in logs),
+        notes=dropped_rows(logs),
+        details=(*notes_of(logs), *dropped(smaller.model, logs)),
+        settings=settings(smaller),
+        reduction=found,
+    )
+
+
+def refuse_own(identified: IdentifiedModel) -> None:
+    """Refuse a model with parameters of single runs.
+
+    Raises:
+        ModelError: It has some.
+    """
+    if own := own_columns(identified.model):
+        raise ModelError(
+            f"every run has a '{own[0]}' of its own, which cannot be removed",
+            where=identified.model.robot.name,
+            fix="identify without per_run = true, and reduce that model",
+        )
+
+
+def refuse_known(identified: IdentifiedModel) -> None:
+    """Refuse a model with parameters that were not estimated.
+
+    Raises:
+        ModelError: It has some.
+    """
+    if known := identified.estimate.known:
+        raise ModelError(
+            f"parameters with a value from [[knowledge]] were not estimated: {', '.join(known)}",
+            where=identified.model.robot.name,
+            fix="identify without these values and reduce that model; to remove parameters that "
+            "are zero, name them with --drop",
+        )
+
+
+def matching(patterns: Iterable[str], names: Sequence[str], option: str) -> tuple[str, ...]:
+    """Names that match a pattern, in the order of the names.
+
+    Raises:
+        ModelError: A pattern matches none.
+    """
+    found: set[str] = set()
+    for pattern in (patterns,) if isinstance(patterns, str) else patterns:
+        wanted = re.compile(".*".join(map(re.escape, pattern.split("*"))))
+        mine = {name for name in names if wanted.fullmatch(name)}
+        if not mine:
+            raise ModelError(
+                f"no base parameter matches '{pattern}'",
+                where=option,
+                fix=advice(pattern, names, "base parameters"),
+            )
+        found |= mine
+    return tuple(name for name in names if name in found)
+
+
+def refuse_contradiction(keep: Sequence[str], drop: Sequence[str], names: Sequence[str]) -> None:
+    """Refuse parameters that are to stay and to go, and to keep them all.
+
+    Raises:
+        ModelError: There is one, or nothing may be removed.
+    """
+    if both := sorted(set(keep) & set(drop)):
+        raise ModelError(
+            f"'{both[0]}' is to be kept and to be removed",
+            where="--keep and --drop",
+            fix="name it once",
+        )
+    if set(names) <= set(keep):
+        raise DataError(
+            f"all {len(names)} parameters are kept: there is nothing to remove",
+            where="--keep",
+            fix="name fewer parameters",
+        )
+
+
+def moving_friction(model: Model, runs: Sequence[Run], columns: Sequence[str]) -> tuple[str, ...]:
+    """Friction parameters of joints that move, essential from the start [Volkmann]."""
+    fastest, units = fastest_of(runs), np.array(model.robot.effort_units)
+    greatest = np.array([fastest[units == unit].max() for unit in units])
+    names = zip(model.robot.joint_names, fastest > STILL_SPEED_SHARE * greatest, strict=True)
+    moving = {name for name, moves in names if moves}
+    mine = {
+        parameter.name
+        for term in model.terms
+        if term.cause == "friction"
+        for parameter in term.parameters(model.robot)
+        if parameter.name.rpartition(".")[2] in moving
+    }
+    return tuple(name for name in columns if name in mine)
+
+
+def _with_bodies(
+    identified: IdentifiedModel,
+    robot_file: str | Path | LoadedRobot,
+    runs: Sequence[Run],
+    information: Information,
+    found: Reduction,
+) -> Estimate:
+    """The consistent estimate with the removed base parameters equal to zero."""
+    base, loaded = base_parameters(identified.model), load_robot(robot_file)
+    theirs = [body.name for body in loaded.robot.bodies]
+    ours = [body.name for body in identified.model.robot.bodies]
+    if theirs != ours:
+        raise ModelError(
+            f"the robot file moves the links {', '.join(theirs)}, the model {', '.join(ours)}",
+            where=loaded.reference,
+            fix="give the robot file that the model was identified with",
+        )
+    knowledge = knowledge_of(identified.model, loaded, fastest_of(runs))
+    zeros = {
+        one.name: _zero(base, base.base_names.index(one.name))
+        for one in found.estimate.removed
+        if one.name in base.base_names
+    }
+    possible = dict(zeros)
+    while labels := contradictions(replace(knowledge, rows=(*knowledge.rows, *possible.values()))):
+        clashing = [name for name, row in possible.items() if row.label in labels]
+        if not clashing:
+            refuse_contradictions(knowledge)
+            break
+        del possible[clashing[-1]]
+    rows = (*knowledge.rows, *possible.values())
+    estimate = Consistent(base, replace(knowledge, rows=rows))(information)
+    names = estimate.parameters.names
+    at = [k for k, name in enumerate(names) if name not in possible]
+    learned = estimate.learned
+    positive = [name for name in zeros if name not in possible]
+    notes = (f"cannot be zero for valid inertias, so estimated: {', '.join(positive)}",)
+    return replace(
+        estimate,
+        estimator=f"reduced {estimate.estimator}",
+        parameters=estimate.parameters.of(at),
+        covariance=frozen(estimate.covariance[np.ix_(at, at)]),
+        learned=None if learned is None else frozen(learned[at]),
+        at_bound=tuple(name for name in estimate.at_bound if name not in possible),
+        removed=tuple(one for one in found.estimate.removed if one.name not in positive),
+        notes=(*estimate.notes, *(notes if positive else ())),
+    )
+
+
+def _zero(base: BaseMap, number: int) -> Row:
+    """A base parameter that is zero, over standard parameters."""
+    weights = base.lift[number]
+    coefficients = {base.names[k]: float(weights[k]) for k in np.flatnonzero(weights)}
+    return Row(f"removed: {base.grouping(number)} = 0", coefficients, 0.0, 0.0)
+
+
+def _without_empty_terms(identified: IdentifiedModel) -> IdentifiedModel:
+    """The model without terms of which nothing is left, where base parameters stay the same."""
+    model, estimate = identified.model, identified.estimate
+    removed = {one.name for one in estimate.removed} | {one.name for one in estimate.blind}
+
+    def empty(term: Term) -> bool:
+        names = {parameter.name for parameter in term.parameters(model.robot)}
+        return term.role != "body" and bool(names) and names <= removed
+
+    smaller = Model(model.robot, tuple(term for term in model.terms if not empty(term)))
+    if smaller.terms == model.terms or not smaller.terms:
+        return identified
+    base, names = base_parameters(smaller), set(smaller.names)
+    gone = set(model.names) - names
+    if base.base_names != tuple(n for n in identified.base.base_names if n not in gone):
+        return identified
+    standard = estimate.standard
+    if standard is not None:
+        at = [k for k, name in enumerate(standard.parameters.names) if name in names]
+        standard = StandardEstimate(
+            standard.parameters.of(at),
+            frozen(standard.covariance[np.ix_(at, at)]),
+            frozen(standard.learned[at]),
+        )
+    return replace(
+        identified, model=smaller, base=base, estimate=replace(estimate, standard=standard)
+    )

@@ -1,0 +1,171 @@
+"""Measured and predicted efforts of a log, and their residuals, as the errors are computed."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from steelyard.base.arguments import checked
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import DataError
+from steelyard.base.progress import Progress, silent
+from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.estimate.information.gather import Mask
+from steelyard.estimate.scores.joint_errors import (
+    band_of,
+    effort_reference,
+    joints_moving,
+    known_efforts,
+)
+from steelyard.estimate.scores.score import filtered_efforts
+from steelyard.identify.scores import processing_of
+from steelyard.report.result import frame
+from steelyard.runs.named_logs import log_files, paths_of, prepared, recording_of
+from steelyard.runs.run import Run
+
+if TYPE_CHECKING:
+    from polars import DataFrame
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Residuals:
+    """Efforts along a log, measured and predicted, both behind one zero-phase low-pass.
+
+    Every sample is there from the first to the last motion. With estimated scales of the efforts,
+    the measured ones are divided by them.
+
+    Attributes:
+        run: Name of the log.
+        joints: Names of the joints, in the order of the columns.
+        units: Unit of each joint's efforts: Nm or N; the logged unit without a known drive gain.
+        cutoff: Of the low-pass [Hz].
+        t: Time, shape `(N,)` [s].
+        measured: Measured effort, shape `(N, n)`.
+        predicted: Effort predicted by the model, shape `(N, n)`.
+        moving: Whether each joint moves, shape `(N, n)`.
+    """
+
+    run: str
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    cutoff: float
+    t: Array
+    measured: Array
+    predicted: Array
+    moving: Mask
+
+    @property
+    def residual(self) -> Array:
+        """Measured minus predicted effort, shape `(N, n)`."""
+        return self.measured - self.predicted
+
+    @property
+    def counted(self) -> Mask:
+        """Samples that the errors are computed from, shape `(N, n)`.
+
+        Where a joint moves; all of a joint that rests.
+        """
+        return self.moving | ~joints_moving(self.moving.sum(axis=0))
+
+    @property
+    def error(self) -> Array:
+        """Root mean square of the residual over the `counted` samples, shape `(n,)`."""
+        squares = np.where(self.counted, self.residual**2, 0.0)
+        return np.asarray(np.sqrt(squares.sum(axis=0) / self.counted.sum(axis=0)))
+
+    @property
+    def table(self) -> "DataFrame":
+        """A Polars data frame with one row per sample and joint.
+
+        Raises:
+            PackageError: Polars is not installed.
+        """
+        count, n = self.measured.shape
+        columns = {
+            "t": np.repeat(self.t, n),
+            "joint": list(self.joints) * count,
+            "measured": self.measured.ravel(),
+            "predicted": self.predicted.ravel(),
+            "residual": self.residual.ravel(),
+            "unit": list(self.units) * count,
+            "moving": self.moving.ravel(),
+        }
+        return frame(columns, "residuals")
+
+    def __repr__(self) -> str:
+        errors = zip(self.joints, self.error, self.units, strict=True)
+        listed = ", ".join(f"{joint} {error:.3g} {unit}" for joint, error, unit in errors)
+        return f"Residuals({self.run}, below {self.cutoff:g} Hz: {listed})"
+
+
+@checked()
+def residuals(
+    model: str | Path | IdentifiedModel,
+    log: str | Path,
+    *,
+    cutoff: float | None = None,
+    progress: Progress = silent,
+) -> Residuals:
+    """Measured and predicted efforts of a log, in the band and the unit of the printed errors.
+
+    `error` is then what `identify` and `validate` print for each joint.
+
+    Args:
+        model: The model, its `model.json`, or the folder that contains it.
+        log: The log; `run.csv@5:20` is a window in seconds.
+        cutoff: Of the low-pass of measured and predicted efforts [Hz]; that of the printed errors
+            (5 Hz, unless the robot file says otherwise) if `None`.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used, or the cut-off is too high for the log's rate.
+
+    Example:
+        >>> found = residuals("arm-model", "other.csv")
+        >>> found.residual.shape == found.measured.shape == (len(found.t), 2)
+        True
+        >>> printed = validate("arm-model", "other.csv").scores["error"]
+        >>> bool(abs(found.error - printed.to_numpy()).max() < 1e-9)
+        True
+    """
+    if cutoff is not None and not cutoff > 0.0:
+        raise DataError(
+            f"a low-pass of {cutoff:g} Hz passes nothing",
+            where="cutoff of residuals",
+            fix="give a positive frequency, or None for that of the printed errors",
+        )
+    identified = load_model(model)
+    (file,) = log_files(paths_of(log))
+    recording = recording_of(file, identified.signals)
+    (run,) = prepared([recording], processing_of(identified), progress, at_rest=True)
+    return _residuals_of(identified, run, cutoff)
+
+
+def _residuals_of(identified: IdentifiedModel, run: Run, cutoff: float | None) -> Residuals:
+    gains = identified.signals.gains
+    band = band_of(effort_reference(identified), run.rate) if cutoff is None else cutoff
+    parts = list(filtered_efforts(identified.valued, run, gains, band))
+    if not parts:
+        raise DataError(
+            f"the loops of '{identified.model.robot.name}' close at no sample of the run",
+            where=run.name,
+            fix="check the loops' points and links, and the zeros and signs of the positions",
+        )
+    t, moving, efforts = (np.concatenate(some, axis=-1) for some in zip(*parts, strict=True))
+    known = known_efforts(identified)
+    measured, predicted = efforts * np.where(known, gains, 1.0)[:, None]
+    coordinates = identified.model.robot.coordinates
+    return Residuals(
+        run.name,
+        identified.joints,
+        tuple(
+            c.effort_unit if ok else unit
+            for c, unit, ok in zip(coordinates, run.effort_units, known, strict=True)
+        ),
+        band,
+        frozen(t),
+        frozen(measured.T),
+        frozen(predicted.T),
+        moving.T,
+    )

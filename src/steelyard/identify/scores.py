@@ -1,0 +1,227 @@
+"""Scores of an identified model on logs, and tables of scores and parameters."""
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from steelyard.base.errors import DataError, advice
+from steelyard.base.progress import Progress, report_progress
+from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.estimate.scores.bands import Bands
+from steelyard.estimate.scores.joint_errors import effort_reference
+from steelyard.estimate.scores.residuals import TorqueSplit
+from steelyard.estimate.scores.score import RunScore, score
+from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.model_verdict import verdict
+from steelyard.identify.page.parameter_table import parameter_rows
+from steelyard.identify.page.score_words import both_words
+from steelyard.identify.page.verdict_section import joints_table
+from steelyard.report.result import TEXT_WIDTH, frame
+from steelyard.runs.named_logs import LogArgument, _overlap, prepared, recording_of, sha256
+from steelyard.runs.processing import Processing
+from steelyard.runs.run import Run
+
+if TYPE_CHECKING:
+    from polars import DataFrame, Series
+
+    from steelyard.estimate.scores.joint_errors import JointError
+
+
+def fitted_before(identified: IdentifiedModel, log: LogArgument) -> bool:
+    """Whether the model was identified from samples of this log, whatever it is called now."""
+    origin = identified.provenance
+    inputs = {h for role, h in origin.inputs.items() if role.startswith("identification ")}
+    if sha256(log.path) not in inputs:
+        return False
+    names = [run.rpartition("/")[2] for run in origin.runs]
+    cuts = [name.removeprefix(log.path.stem) for name in names if name.startswith(log.path.stem)]
+    return not cuts or any(_overlap(log, LogArgument(f"{log.path}{cut}", log.path)) for cut in cuts)
+
+
+def processing_of(identified: IdentifiedModel) -> Processing:
+    """How logs are read for a model: as those were that it was identified from, without a mean."""
+    return replace(
+        identified.processing,
+        motion_cutoff=identified.cutoffs.motion,
+        matched_cutoff=identified.cutoffs.matched,
+        repetitions=None,
+    )
+
+
+def scored(
+    identified: IdentifiedModel, runs: Sequence[Run], progress: Progress
+) -> tuple[RunScore, ...]:
+    """Scores of a model on runs, with the nominal model beside it."""
+    gains, cutoff, bands = identified.signals.gains, identified.cutoffs.score, Bands.of(identified)
+    prior, reference = identified.model.prior, effort_reference(identified)
+    split, scores = TorqueSplit(identified.valued), []
+    for number, run in enumerate(runs):
+        report_progress(progress, "validating", number, len(runs))
+        scores.append(score(identified.valued, run, gains, cutoff, prior, bands, split, reference))
+    return tuple(scores)
+
+
+def scored_from_commanded(
+    identified: IdentifiedModel,
+    logs: Sequence[LogArgument],
+    names: Sequence[str],
+    progress: Progress,
+) -> tuple[RunScore, ...]:
+    """Scores of a model whose efforts are predicted from the commanded motion of logs.
+
+    Args:
+        identified: The model.
+        logs: The logs.
+        names: Names of their runs.
+        progress: Told about every log.
+
+    Raises:
+        ModelError: The columns of the commanded motion are not known.
+        LogError: A log has no such columns.
+    """
+    signals = identified.signals.of_commanded()
+    recordings = [recording_of(log, signals) for log in logs]
+    runs = prepared(recordings, processing_of(identified), progress, at_rest=True)
+    named = [replace(run, name=name) for run, name in zip(runs, names, strict=True)]
+    return tuple(
+        replace(score, predicted_from="commanded") for score in scored(identified, named, progress)
+    )
+
+
+def result_line(kind: str, content: ReportContent) -> str:
+    """Kind of the result, robot, level and error in one line."""
+    judged = verdict(content)
+    level = "no verdict" if judged.level == "none" else judged.level.upper()
+    error = f", {both_words(judged.errors, judged.as_logged)}" if judged.errors else ""
+    return f"{kind}({content.robot}: {level}{error})".replace("\u00a0", " ")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Scores:
+    """Errors of predicted efforts in logs, fitted or not: `print` shows a table per log.
+
+    Attributes:
+        fitted: Scores of the fitted logs.
+        unseen: Scores of the others.
+    """
+
+    fitted: tuple[RunScore, ...]
+    unseen: tuple[RunScore, ...]
+
+    @property
+    def table(self) -> "DataFrame":
+        """All columns as a Polars data frame, one row per joint of each log.
+
+        `error`, `used` and `limit` are in `unit`, below `band_hz`; the other errors (`rmse`, `mae`
+        ...) are in `logged_unit`, in the validation band. Where scales of the efforts were
+        estimated, `error`, `used` and `percent_of_used` are of the efforts divided by them, and
+        `error_as_logged`, `used_as_logged` and `percent_of_used_as_logged` of the efforts as
+        logged.
+
+        Raises:
+            PackageError: Polars is not installed.
+        """
+        scored = [(True, score) for score in self.fitted]
+        scored += [(False, score) for score in self.unseen]
+        joints = [
+            {
+                "run": score.run,
+                "fitted": fitted,
+                "joint": printed.joint,
+                **{key: printed.to_dict()[key] for key in PRINTED_ERRORS},
+                **({} if logged is None else _as_logged(logged)),
+                "moving": printed.counted,
+                "band_hz": score.errors.cutoff,
+                "predicted_from": score.predicted_from,
+                **{"logged_unit" if key == "unit" else key: value for key, value in other.items()},
+            }
+            for fitted, score in scored
+            for printed, logged, other in zip(
+                score.errors.joints,
+                score.errors.as_logged or [None] * len(score.errors.joints),
+                score.to_dict()["joints"],
+                strict=True,
+            )
+        ]
+        return _ends_first(
+            frame(joints, "scores"),
+            ("run", "fitted", "joint", "error"),
+            ("unit", "percent_of_used", "moving", "band_hz"),
+        )
+
+    def __getitem__(self, column: str) -> "Series":
+        """A column of `table`.
+
+        Raises:
+            DataError: There is no such column.
+        """
+        table = self.table
+        if column not in table.columns:
+            raise DataError(
+                f"the scores have no column '{column}'",
+                where="scores",
+                fix=advice(column, table.columns, "columns", len(table.columns)),
+            )
+        return table[column]
+
+    def __str__(self) -> str:
+        text = io.StringIO()
+        console = Console(file=text, width=TEXT_WIDTH)
+        for scores, unseen in ((self.fitted, False), (self.unseen, True)):
+            for one in scores:
+                console.print(joints_table(one, unseen))
+        return text.getvalue().rstrip("\n")
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(str(self))}</pre>"
+
+
+PRINTED_ERRORS = ("error", "unit", "percent_of_used", "percent_of_limit", "used", "limit")
+"""Columns of the printed errors, in the order of the terminal."""
+
+
+def _as_logged(joint: "JointError") -> dict[str, Any]:
+    """The columns of an error against efforts that are not divided by estimated scales."""
+    values = joint.to_dict()
+    return {f"{key}_as_logged": values[key] for key in ("error", "used", "percent_of_used")}
+
+
+def parameter_table(model: str | Path | IdentifiedModel) -> "DataFrame":
+    """The base parameters of a model as a data frame, one a row.
+
+    Its columns are those of `parameters.csv`, in an order whose first and last ones, which Polars
+    prints, have the estimate: `name`, `group` (the base parameter in full),
+    `value`, `unit`, `std`, `lower95` and `upper95` (95 % interval), `relative_std_percent`,
+    `status` (how well it is identified), `remark`, `symbol`, `from_data_percent` (share from the
+    data, with a prior), `nominal` (of the model file).
+
+    Args:
+        model: The model, its `model.json`, or the folder that holds it.
+
+    Raises:
+        SteelyardError: The model cannot be read.
+        PackageError: Polars is not installed.
+
+    Example:
+        >>> table = parameter_table("arm-model")
+        >>> table["std"].min() >= 0.0
+        True
+    """
+    return _ends_first(
+        frame([vars(row) for row in parameter_rows(load_model(model))], "parameters"),
+        ("name", "value", "unit", "std"),
+        ("lower95", "upper95", "relative_std_percent", "status"),
+    )
+
+
+def _ends_first(table: "DataFrame", first: Sequence[str], last: Sequence[str]) -> "DataFrame":
+    """The same columns in an order of which `print` shows those that matter."""
+    between = [name for name in table.columns if name not in (*first, *last)]
+    return table.select(*first, *between, *last)

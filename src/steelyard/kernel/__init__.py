@@ -1,1 +1,0 @@
-"""Equations written once over symbols, traced per robot, run by backends."""

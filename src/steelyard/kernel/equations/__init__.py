@@ -1,1 +1,0 @@
-"""Equations of rigid-body dynamics over scalars of any kind."""

@@ -1,1 +1,0 @@
-"""Programs as machine code, and its cache."""

@@ -1,1 +1,0 @@
-"""Equations traced to straight-line programs, and what is done with programs."""

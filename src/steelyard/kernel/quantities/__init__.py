@@ -1,1 +1,0 @@
-"""Quantities of a robot as compiled functions."""

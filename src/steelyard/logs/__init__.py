@@ -1,0 +1,1 @@
+"""A log file to a table: readers, writers, windows, listings."""

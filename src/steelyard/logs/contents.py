@@ -1,0 +1,281 @@
+"""What is in a log: rows, time, the kind and range of each column; and a window of it."""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from math import inf, isfinite
+from os.path import commonprefix
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import LogError
+from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.logs.log import ROWS_OF_PART, Cut, Log
+from steelyard.robot.file.signals import TIME_UNITS
+from steelyard.robot.init.column_names import Column
+from steelyard.robot.init.guess_motion import guess_time
+
+SAMPLED_TIMES = 2000
+"""Rows read to find a column of time."""
+
+
+@dataclass(frozen=True)
+class TimeColumn:
+    """The column that seems to be a log's time.
+
+    Attributes:
+        name: Its name.
+        unit: `s`, `ms`, `us` or `ns`.
+    """
+
+    name: str
+    unit: str
+
+    @property
+    def scale(self) -> float:
+        """Seconds per unit."""
+        return TIME_UNITS[self.unit]
+
+
+def time_column(log: Log, columns: Sequence[str]) -> TimeColumn | None:
+    """The column of time beside others, by names and first values; `None` if none looks like it.
+
+    In a log of messages it is the stamp of the topic that the first of the columns is of.
+    """
+    stamps = [name for name in log.columns if name.endswith("/stamp")]
+    if stamps and hasattr(type(log), "topics"):
+        return TimeColumn(max(stamps, key=lambda s: len(commonprefix((s, columns[0])))), "s")
+    unique = [name for name, count in Counter(log.columns).items() if count == 1]
+    first = next(log.parts(unique, (0, SAMPLED_TIMES), SAMPLED_TIMES), np.zeros((0, len(unique))))
+    found = guess_time(unique, dict(zip(unique, first.T, strict=True)))
+    return None if found is None else TimeColumn(*found)
+
+
+def windowed(log: Log, columns: Sequence[str], cut: Cut) -> Iterator[Array]:
+    """Rows of a window in parts, as they are in the log.
+
+    Seconds count from the log's first finite time; a row whose own time is none has that of the
+    row before it.
+
+    Raises:
+        LogError: The cut is in seconds, but no column looks like time.
+    """
+    if cut.seconds == Cut().seconds:
+        yield from log.parts(columns, cut.rows)
+        return
+    time = time_column(log, columns)
+    if time is None:
+        raise LogError(
+            "the log is cut in seconds, but none of its columns looks like time",
+            where=f"{log.path}{cut.text}",
+            fix="cut it by rows: LOG#START:STOP",
+        )
+    names = tuple(dict.fromkeys((time.name, *columns)))
+    wanted = [names.index(column) for column in columns]
+    first = last = np.nan
+    for part in log.parts(names, (0, None), ROWS_OF_PART):
+        t = _filled(part[:, 0] * time.scale, last)
+        last = t[-1]
+        if np.isnan(first):
+            first = t[np.argmax(np.isfinite(t))]
+        inside = (t - first >= cut.seconds[0]) & (t - first < cut.seconds[1])
+        if inside.any():
+            yield part[inside][:, wanted]
+        elif np.all(t - first >= cut.seconds[1]):
+            return
+
+
+def _filled(t: Array, before: float) -> Array:
+    """Times, with those that are not finite replaced by the one before."""
+    extended = np.concatenate(([before], t))
+    at = np.maximum.accumulate(np.where(np.isfinite(extended), np.arange(len(extended)), 0))
+    filled: Array = extended[at][1:]
+    return filled
+
+
+KINDS = {
+    ".csv": "text table",
+    ".tsv": "text table",
+    ".txt": "text table",
+    ".parquet": "Parquet",
+    ".npz": "NumPy archive",
+    ".npy": "NumPy array",
+    ".mat": "MATLAB",
+    ".h5": "HDF5",
+    ".hdf5": "HDF5",
+    ".mcap": "MCAP",
+    ".db3": "ROS 2 bag",
+    ".zstd": "ROS 2 bag",
+    ".bag": "ROS 1 bag",
+}
+"""What files are, by their suffix."""
+
+
+@dataclass(frozen=True)
+class ColumnContent:
+    """What is in a column.
+
+    Attributes:
+        name: Its name.
+        kind: The quantity that its name speaks of, empty if none.
+        first: Its first value; `None` if that is missing or there are no rows.
+        least: Least finite value; `None` if there is none.
+        most: Greatest finite value.
+        missing: Share of cells that hold no finite number.
+    """
+
+    name: str
+    kind: str
+    first: float | None
+    least: float | None
+    most: float | None
+    missing: float
+
+
+@dataclass(frozen=True)
+class LogContent:
+    """What is in a log.
+
+    Attributes:
+        path: Where it is, with its cut.
+        format: What kind of file it is.
+        size: Bytes on disk.
+        rows: Number of rows.
+        time: The column of time, if one looks like it.
+        duration: From least to greatest time [s].
+        rate: Rows per second over all of it [Hz].
+        columns: What is in each column.
+        left_out: Name and reason of what the file holds beside its table.
+        topics: Topics of a log of messages: name, type, number of messages, rate.
+        remarks: What a user should know about the file's state.
+    """
+
+    path: str
+    format: str
+    size: int
+    rows: int
+    time: TimeColumn | None
+    duration: float | None
+    rate: float | None
+    columns: tuple[ColumnContent, ...]
+    left_out: tuple[tuple[str, str], ...]
+    topics: tuple[dict[str, Any], ...]
+    remarks: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON has it."""
+        left_out = [{"name": name, "why": why} for name, why in self.left_out]
+        return {**asdict(self), "left_out": left_out}
+
+
+class ColumnTally:
+    """First value, range and missing values of columns, part by part."""
+
+    def __init__(self, width: int) -> None:
+        self.rows = 0
+        self.first: list[float] = []
+        self.least, self.most = np.full(width, inf), np.full(width, -inf)
+        self.missing = np.zeros(width, dtype=np.int64)
+
+    def add(self, part: Array) -> None:
+        """Count the rows of a part, shape `(N, width)` with N > 0."""
+        finite = np.isfinite(part)
+        self.first = self.first or part[0].tolist()
+        self.rows += len(part)
+        self.missing += (~finite).sum(axis=0)
+        self.least = np.minimum(self.least, np.where(finite, part, inf).min(axis=0))
+        self.most = np.maximum(self.most, np.where(finite, part, -inf).max(axis=0))
+
+    def column(self, name: str, place: int) -> ColumnContent:
+        """What was found in a column."""
+        first = self.first[place] if self.first else inf
+        least, most = float(self.least[place]), float(self.most[place])
+        return ColumnContent(
+            name,
+            Column(name).quantity or "",
+            first if isfinite(first) else None,
+            least if isfinite(least) else None,
+            most if isfinite(most) else None,
+            float(self.missing[place]) / max(1, self.rows),
+        )
+
+
+def content_of(log: Log, cut: Cut = Cut(), progress: Progress = silent) -> LogContent:  # noqa: B008
+    """Read a log, or a window of it, once from front to back.
+
+    Raises:
+        LogError: It cannot be read.
+    """
+    counts = Counter(log.columns)
+    names = tuple(name for name, count in counts.items() if count == 1)
+    time = time_column(log, names)
+    tally = ColumnTally(len(names))
+    for part in with_progress(windowed(log, names, cut), log, progress, "reading the log"):
+        tally.add(part)
+    columns = tuple(tally.column(name, place) for place, name in enumerate(names))
+    duration, rate = _clock(columns, time, tally.rows)
+    twice = tuple((n, f"{k} columns are called so") for n, k in counts.items() if k > 1)
+    return LogContent(
+        path=f"{log.path}{cut.text}",
+        format=kind_of(log.path),
+        size=size_of(log.path),
+        rows=tally.rows,
+        time=time,
+        duration=duration,
+        rate=rate,
+        columns=columns,
+        left_out=(*getattr(log, "left_out", ()), *twice),
+        topics=tuple(_topic(topic) for topic in getattr(log, "topics", ())),
+        remarks=tuple(getattr(log, "remarks", ())),
+    )
+
+
+def with_progress(
+    parts: Iterator[Array], log: Log, progress: Progress, phase: str
+) -> Iterator[Array]:
+    """Parts of a log as they come, with events of progress."""
+    known = getattr(log, "n_rows", None)
+    done = 0
+    for part in parts:
+        yield part
+        done += len(part)
+        report_progress(
+            progress, phase, done, max(done, known if known is not None else done + ROWS_OF_PART)
+        )
+
+
+def kind_of(path: Path) -> str:
+    """What kind of log is at a path."""
+    if path.is_dir():
+        return "ROS 2 bag" if (path / "metadata.yaml").exists() else "Parquet folder"
+    return KINDS.get(path.suffix.lower(), path.suffix)
+
+
+def size_of(path: Path) -> int:
+    """Bytes of a file, or of the files in a folder."""
+    files = path.rglob("*") if path.is_dir() else [path]
+    return sum(file.stat().st_size for file in files if file.is_file())
+
+
+def _clock(
+    columns: tuple[ColumnContent, ...], time: TimeColumn | None, rows: int
+) -> tuple[float | None, float | None]:
+    """Duration and rate."""
+    column = next((c for c in columns if time is not None and c.name == time.name), None)
+    if time is None or column is None or column.least is None or column.most is None:
+        return None, None
+    duration = (column.most - column.least) * time.scale
+    return duration, (rows - 1) / duration if duration > 0.0 and isfinite(duration) else None
+
+
+def _topic(topic: Any) -> dict[str, Any]:
+    return {
+        "name": topic.name,
+        "type": topic.type,
+        "count": topic.count,
+        "rate": topic.rate,
+        "problem": topic.problem,
+    }

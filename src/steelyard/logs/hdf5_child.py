@@ -1,0 +1,171 @@
+"""Reads HDF5 in a process of its own: a broken file crashes libhdf5 now and then.
+
+Run as `python -m steelyard.formats.arrays.hdf5_child`; what is wanted comes as JSON on standard
+input. Without rows it answers with the datasets as JSON, else with rows of 64-bit floats.
+"""
+
+import json
+import sys
+from collections.abc import Iterator
+from math import prod
+from typing import Any, TypedDict
+
+import h5py  # type: ignore[import-untyped]
+import numpy as np
+
+from steelyard.logs.named_arrays import is_real_number, record_fields, record_labels
+
+DEFLATE, SHUFFLE, FLETCHER32, SZIP, NBIT, SCALE_OFFSET, LZF = 1, 2, 3, 4, 5, 6, 32000
+FILTERS = frozenset((DEFLATE, SHUFFLE, FLETCHER32, SZIP, NBIT, SCALE_OFFSET, LZF))
+LARGEST_CHUNK = 1 << 25
+"""Bytes of a chunk, which is decoded whole."""
+LARGEST_RATIO = 1100
+"""How much a byte of a file can stand for, about."""
+UNSTORED = 1 << 26
+"""Bytes that a dataset may declare without storing anything of them."""
+MOST_DATASETS = 20_000
+
+
+class FoundDataset(TypedDict):
+    """A dataset: its name, shape, columns if it has names for them, and why it is left out."""
+
+    name: str
+    shape: list[int]
+    labels: list[str]
+    left_out: str
+
+
+def main() -> None:
+    """Answer the request on standard input."""
+    request = json.loads(sys.stdin.read())
+    try:
+        with h5py.File(request["path"], "r", rdcc_nbytes=1 << 22) as file:
+            if request.get("rows") is None:
+                found = list(_datasets(file, request["matlab"]))
+                sys.stdout.write(json.dumps(found))
+            else:
+                for part in _rows(file, request):
+                    sys.stdout.buffer.write(np.ascontiguousarray(part).data)
+    except BrokenPipeError:
+        sys.exit(1)
+    except Exception as error:
+        text = " ".join(str(error).split())[:300]
+        sys.exit(text or type(error).__name__)
+
+
+def _datasets(file: h5py.File, matlab: bool) -> Iterator[FoundDataset]:
+    """What is in a file, links to elsewhere included, which are not followed."""
+    waiting: list[tuple[str, h5py.Group]] = [("", file)]
+    seen: set[Any] = set()
+    count = 0
+    while waiting:
+        path, group = waiting.pop(0)
+        for name in group:
+            count += 1
+            if count > MOST_DATASETS:
+                raise ValueError(f"the file has more than {MOST_DATASETS} entries")
+            full = f"{path}{name}"
+            link = group.get(name, getlink=True)
+            if isinstance(link, h5py.ExternalLink):
+                yield _left_out(full, "it is a link to another file, which is not followed")
+            if not isinstance(link, h5py.HardLink) or (matlab and not path and name[0] == "#"):
+                continue
+            entry = group[name]
+            mark = h5py.h5o.get_info(entry.id).addr
+            if mark in seen:
+                continue
+            seen.add(mark)
+            if isinstance(entry, h5py.Group):
+                waiting.append((f"{full}{'.' if matlab else '/'}", entry))
+            elif isinstance(entry, h5py.Dataset):
+                yield _found(full, entry, matlab)
+
+
+def _found(name: str, data: h5py.Dataset, matlab: bool) -> FoundDataset:
+    dtype, shape = data.dtype, list(data.shape or ())
+    fields = record_fields(dtype)
+    why = _refused(data)
+    if matlab and not why:
+        why = _not_numbers_in_matlab(data)
+    if not why and dtype.names:
+        why = "" if fields and len(shape) == 1 else "it is no list of records of numbers"
+    elif not why and not is_real_number(dtype):
+        why = "it holds no real numbers"
+    elif not why and len(shape) > 2:
+        why = f"it has {len(shape)} axes"
+    if why:
+        return _left_out(name, why)
+    labels = [f"{name}/{label}" for label in record_labels(fields)]
+    if matlab and shape == [1, 1]:
+        shape = []
+    return FoundDataset(name=name, shape=shape, labels=labels, left_out="")
+
+
+def _left_out(name: str, why: str) -> FoundDataset:
+    return FoundDataset(name=name, shape=[], labels=[], left_out=why)
+
+
+def _refused(data: h5py.Dataset) -> str:
+    """Why a dataset is not read: it would make us read other files, load code, or fill memory."""
+    properties = data.id.get_create_plist()
+    filters = [properties.get_filter(k)[0] for k in range(properties.get_nfilters())]
+    size = prod(data.shape or ()) * data.dtype.itemsize
+    if data.is_virtual:
+        return "it is a virtual dataset, whose numbers are in other files"
+    if data.external:
+        return "its numbers are in another file"
+    if unknown := set(filters) - FILTERS:
+        return f"its numbers went through filter {min(unknown)}, which HDF5 does not come with"
+    if data.chunks and prod(data.chunks) * data.dtype.itemsize > LARGEST_CHUNK:
+        return "its chunks are larger than 32 MiB; repack it with h5repack -l CHUNK=..."
+    if size > UNSTORED and size > LARGEST_RATIO * data.id.get_storage_size():
+        return "its declared size is much larger than its stored data"
+    return ""
+
+
+def _not_numbers_in_matlab(data: h5py.Dataset) -> str:
+    kind = data.attrs.get("MATLAB_class", b"")
+    text = kind.decode("latin-1") if isinstance(kind, bytes) else str(kind)
+    if "MATLAB_empty" in data.attrs:
+        return "it is empty"
+    numeric = text in ("", "double", "single", "logical") or text.lstrip("u").startswith("int")
+    return "" if numeric else f"it is of MATLAB's class {text}"
+
+
+def _rows(file: h5py.File, request: dict[str, Any]) -> Iterator[np.ndarray[Any, Any]]:
+    """Rows of components: `columns` holds name, axis and component of each."""
+    start, stop = request["rows"]
+    columns = request["columns"]
+    wanted: dict[tuple[str, int], list[int]] = {}
+    for place, (name, axis, _) in enumerate(columns):
+        wanted.setdefault((name, axis), []).append(place)
+    fields = {name: record_fields(file[name].dtype) for name, _ in wanted}
+    for at in range(start, stop, request["size"]):
+        until = min(stop, at + request["size"])
+        table = np.empty((until - at, len(columns)))
+        for (name, axis), places in wanted.items():
+            block = _slice(file[name], axis, at, until)
+            for place in places:
+                component = columns[place][2]
+                if fields[name]:
+                    field, index = fields[name][component]
+                    part = block[field]
+                    table[:, place] = (
+                        part if index is None else part.reshape(len(part), -1)[:, index]
+                    )
+                else:
+                    table[:, place] = block[:, component]
+        yield table
+
+
+def _slice(data: h5py.Dataset, axis: int, start: int, stop: int) -> np.ndarray[Any, Any]:
+    """Rows of a dataset, shape `(stop - start, width)`, or of a list of records."""
+    rows = (slice(start, stop),) if axis == 0 else (slice(None), slice(start, stop))
+    block: np.ndarray[Any, Any] = data[rows]
+    if data.ndim == 1:
+        return block if data.dtype.names else block[:, None]
+    return block if axis == 0 else block.T
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,367 @@
+"""HDF5, read by a process of its own, and MATLAB's `.mat` files of versions 5 and 7.3.
+
+The layout is that of MathWorks' "MAT-File Format", chapter 1. `scipy.io.loadmat` is not used for
+files of strangers: structs within 20 000 structs crash it (and the program with it), 184 bytes that
+announce a cell array of 2e8 cells take it 1.5 GiB, and it holds whole matrices in memory.
+"""
+
+import io
+import json
+import subprocess
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import lru_cache
+from math import prod
+from pathlib import Path
+from typing import IO, Any, Literal
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import LogError
+from steelyard.base.progress import module_command
+from steelyard.logs.log import require_file
+from steelyard.logs.named_arrays import (
+    ArraysLog,
+    ColumnPlace,
+    NamedArray,
+    Packed,
+    packed_log,
+    read_errors_as_log_errors,
+    skip,
+)
+
+CHILD = module_command("steelyard.logs.hdf5_child")
+
+
+def open_hdf5(path: Path, *, matlab: bool = False) -> ArraysLog:
+    """The datasets of all groups as a table; they are called by their paths, such as `run/q`.
+
+    Raises:
+        LogError: Not there, not HDF5, or without a table.
+    """
+    require_file(path)
+    stat = path.stat()
+    members = _hdf5_members(path.resolve(), matlab, stat.st_mtime_ns, stat.st_size)
+    return ArraysLog.of(path, members, _Hdf5Reader(path, members, matlab))
+
+
+@lru_cache(maxsize=64)
+def _hdf5_members(path: Path, matlab: bool, changed: int, size: int) -> tuple[NamedArray, ...]:
+    """What is in a file as it was at a time."""
+    with _child_answer(path, {"path": str(path), "matlab": matlab}) as answer:
+        text = answer.read()
+    return tuple(
+        NamedArray(found["name"], tuple(found["shape"]), tuple(found["labels"]), found["left_out"])
+        for found in json.loads(text)
+    )
+
+
+@dataclass(frozen=True)
+class _Hdf5Reader:
+    path: Path
+    members: Sequence[NamedArray]
+    matlab: bool
+
+    def __call__(
+        self, places: Sequence[ColumnPlace], rows: tuple[int, int], size: int
+    ) -> Iterator[Array]:
+        separator = "." if self.matlab else "/"
+        names = [self.members[p.member].name.replace(separator, "/") for p in places]
+        columns = [[n, p.axis, p.component] for n, p in zip(names, places, strict=True)]
+        request = {"path": str(self.path), "rows": rows, "size": size, "columns": columns}
+        with _child_answer(self.path, request) as answer:
+            for start in range(*rows, size):
+                n = min(size, rows[1] - start)
+                data = answer.read(8 * n * len(places))
+                if len(data) < 8 * n * len(places):
+                    raise EOFError
+                yield np.frombuffer(data, np.float64).reshape(n, len(places)).copy()
+
+
+@contextmanager
+def _child_answer(path: Path, request: dict[str, Any]) -> Iterator[IO[bytes]]:
+    """The child's answer to a request.
+
+    Raises:
+        LogError: It could not read the file, or crashed.
+    """
+    pipe = subprocess.PIPE
+    child = subprocess.Popen(CHILD, stdin=pipe, stdout=pipe, stderr=pipe)
+    try:
+        if child.stdin is None or child.stdout is None or child.stderr is None:
+            raise RuntimeError("a process without pipes")
+        child.stdin.write(json.dumps(request).encode())
+        child.stdin.close()
+        with suppress(EOFError):
+            yield child.stdout
+            if child.stdout.read(1) == b"" and child.wait() == 0:
+                return
+        raise _broken_hdf5(path, child.stderr.read(), child.wait())
+    finally:
+        child.kill()
+        for stream in (child.stdout, child.stderr):
+            if stream is not None:
+                stream.close()
+        child.wait()
+
+
+def _broken_hdf5(path: Path, stderr: bytes, code: int) -> LogError:
+    lines = stderr.decode("utf-8", "replace").strip().splitlines()
+    why = lines[-1][:300] if lines and code == 1 else "the HDF5 library crashed on it"
+    return LogError(
+        f"the file cannot be read as HDF5 ({why})",
+        where=str(path),
+        fix="copy it again, or save it anew with the program that wrote it",
+    )
+
+
+MAT5_HEADER = 128
+LONGEST_TEXT = 1 << 20
+DEEPEST_STRUCT = 16
+MOST_STRUCTS_OF_ARRAY = 1000
+"""Structs of one array of structs."""
+
+MATRIX, COMPRESSED = 14, 15
+NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8",
+           13: "u8"}  # fmt: skip
+STRUCT, OPAQUE = 2, 17
+LEFT_OUT = {
+    1: "it is a cell array",
+    3: "it is an object of a class",
+    4: "it is text",
+    5: "it is a sparse matrix",
+    16: "it is a function",
+    OPAQUE: "it is an object of a class, such as a table or a timeseries",
+}
+"""By the class of a variable; other classes are of numbers."""
+
+Order = Literal["<", ">"]
+
+
+def byte_order(header: bytes) -> Order:
+    """Of a file that starts with `header`.
+
+    Raises:
+        ValueError: It is no such file.
+    """
+    mark = header[126:128]
+    if len(header) < MAT5_HEADER or mark not in (b"IM", b"MI"):
+        raise ValueError("it is not a MATLAB file of version 5 or later")
+    return "<" if mark == b"IM" else ">"
+
+
+def mat5_arrays(path: Path) -> Iterator[Packed | NamedArray]:
+    """The numeric matrices of a file, those in structs too, and what else is in it.
+
+    Raises:
+        ValueError: The file is broken; so do `EOFError` and `zlib.error`.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        order = byte_order(file.read(MAT5_HEADER))
+    at = MAT5_HEADER
+    while at + 8 <= size:
+        with path.open("rb") as file:
+            file.seek(at)
+            kind, length = np.frombuffer(file.read(8), f"{order}u4").tolist()
+        if kind not in (MATRIX, COMPRESSED) or at + 8 + length > size:
+            raise ValueError(f"byte {at} starts no variable, or the file ends before it does")
+        yield from _variable(path, order, at, kind, length)
+        at += 8 + length
+
+
+def _variable(
+    path: Path, order: Order, at: int, kind: int, length: int
+) -> Iterator[Packed | NamedArray]:
+    """What one variable holds."""
+
+    def opened(offset: int) -> IO[bytes]:
+        file = path.open("rb")
+        if kind == MATRIX:
+            file.seek(at + offset)
+            return file
+        file.seek(at + 8)
+        stream = io.BufferedReader(Inflated(file, length), 1 << 16)
+        skip(stream, offset)
+        return stream
+
+    with opened(0) as stream:
+        yield from _Scanner(stream, order, opened).matrix("", 0)
+
+
+class Inflated(io.RawIOBase):
+    """The bytes that a compressed stretch of a file stands for."""
+
+    def __init__(self, file: IO[bytes], length: int) -> None:
+        self._file, self._left = file, length
+        self._inflate = zlib.decompressobj()
+
+    def readable(self) -> bool:
+        """Yes."""
+        return True
+
+    def readinto(self, buffer: "memoryview | bytearray") -> int:  # type: ignore[override]
+        """Fill the buffer as far as the next bytes reach; 0 at the end."""
+        view = memoryview(buffer)
+        while not self._inflate.eof:
+            given = self._inflate.unconsumed_tail
+            if not given:
+                given = self._file.read(min(1 << 14, self._left))
+                self._left -= len(given)
+            data = self._inflate.decompress(given, len(view))
+            if data:
+                view[: len(data)] = data
+                return len(data)
+            if not given:
+                break
+        return 0
+
+    def close(self) -> None:
+        """Close the file below too."""
+        self._file.close()
+        super().close()
+
+
+@dataclass
+class _Scanner:
+    """Reads the headers of one variable, and passes over its numbers."""
+
+    stream: IO[bytes]
+    order: Order
+    opened: Callable[[int], IO[bytes]]
+    at: int = 0
+
+    def matrix(self, name: str, depth: int) -> Iterator[Packed | NamedArray]:
+        """The arrays in the matrix that starts here; the name is requested at depth 0."""
+        kind, length, inline = self._tag()
+        if kind != MATRIX or inline:
+            raise ValueError(f"byte {self.at} of a variable starts no matrix")
+        end = self.at + length
+        if length > 0:
+            flags = self._values("u4")
+            if not flags:
+                raise ValueError("a variable has no class")
+            klass = flags[0] & 0xFF
+            shape = () if klass == OPAQUE else tuple(self._values("i4"))
+            if own := self._text():
+                name = own if depth == 0 else name
+            if name:
+                yield from self._content(name, klass, bool(flags[0] & 0x800), shape, depth)
+        self._to(end)
+
+    def _content(
+        self, name: str, klass: int, is_complex: bool, shape: tuple[int, ...], depth: int
+    ) -> Iterator[Packed | NamedArray]:
+        if klass in LEFT_OUT:
+            yield NamedArray(name, (), left_out=LEFT_OUT[klass])
+        elif klass == STRUCT:
+            yield from self._structs(name, shape, depth)
+        elif is_complex:
+            yield NamedArray(name, (), left_out="it holds complex numbers")
+        else:
+            yield self._numbers(name, shape)
+
+    def _structs(
+        self, name: str, shape: tuple[int, ...], depth: int
+    ) -> Iterator[Packed | NamedArray]:
+        count = prod(shape)
+        if depth == DEEPEST_STRUCT:
+            yield NamedArray(name, (), left_out=f"it lies more than {DEEPEST_STRUCT} structs deep")
+            return
+        if not 0 <= count <= MOST_STRUCTS_OF_ARRAY:
+            yield NamedArray(
+                name, (), left_out=f"it is one of more than {MOST_STRUCTS_OF_ARRAY} structs"
+            )
+            return
+        width = (self._values("i4") or [0])[0]
+        text = self._bytes()[1]
+        if width <= 0 or len(text) % width:
+            raise ValueError(f"the names of the fields of '{name}' cannot be read")
+        cells = [text[at : at + width] for at in range(0, len(text), width)]
+        fields = [cell.split(b"\0")[0].decode("latin-1") for cell in cells]
+        for number in range(1, count + 1):
+            element = name if count == 1 else f"{name}({number})"
+            for field in fields:
+                yield from self.matrix(f"{element}.{field}", depth + 1)
+
+    def _numbers(self, name: str, shape: tuple[int, ...]) -> Packed | NamedArray:
+        kind, length, inline = self._tag()
+        at = self.at - (4 if inline else 0)
+        if kind not in NUMBERS or min(shape, default=-1) < 0:
+            raise ValueError(f"'{name}' holds numbers of no known kind")
+        dtype = np.dtype(f"{self.order}{NUMBERS[kind]}")
+        if prod(shape) * dtype.itemsize != length:
+            raise ValueError(f"'{name}' has a wrong declared size")
+        if len(shape) != 2:
+            return NamedArray(name, (), left_out=f"it has {len(shape)} axes")
+        one = NamedArray(name, () if shape == (1, 1) else shape)
+        return Packed(one, dtype, "F", lambda offset: self.opened(at + offset))
+
+    def _tag(self) -> tuple[int, int, bytes]:
+        """Kind and length of an element, and its content if that is in the tag."""
+        first = self._taken(4)
+        word = int(np.frombuffer(first, f"{self.order}u4")[0])
+        if word >> 16:
+            length = word >> 16
+            if length > 4:
+                raise ValueError(f"byte {self.at} of a variable starts no element")
+            return word & 0xFFFF, length, self._taken(4)[:length]
+        return word, int(np.frombuffer(self._taken(4), f"{self.order}u4")[0]), b""
+
+    def _bytes(self) -> tuple[int, bytes]:
+        """Kind and content of a short element."""
+        kind, length, inline = self._tag()
+        if inline or length == 0:
+            return kind, inline
+        if length > LONGEST_TEXT:
+            raise ValueError(f"a name or a size is declared to be {length} bytes long")
+        content = self._taken(length)
+        self._to(self.at + -length % 8)
+        return kind, content
+
+    def _values(self, dtype: str) -> list[int]:
+        content = self._bytes()[1]
+        return [int(value) for value in np.frombuffer(content, f"{self.order}{dtype}")]
+
+    def _text(self) -> str:
+        return self._bytes()[1].split(b"\0")[0].decode("latin-1")
+
+    def _taken(self, count: int) -> bytes:
+        data = self.stream.read(count)
+        if len(data) != count:
+            raise EOFError("a variable ends too early")
+        self.at += count
+        return data
+
+    def _to(self, end: int) -> None:
+        if end < self.at:
+            raise ValueError("a variable is longer than declared")
+        skip(self.stream, end - self.at)
+        self.at = end
+
+
+def open_mat(path: Path) -> ArraysLog:
+    """The matrices of a file as a table; a struct's field is called `data.q`.
+
+    Raises:
+        LogError: Not there, not of MATLAB, or without a table.
+    """
+    require_file(path)
+    with path.open("rb") as file:
+        header = file.read(MAT5_HEADER)
+    if header[124:128] in (b"\x00\x02IM", b"\x02\x00MI"):
+        return open_hdf5(path, matlab=True)
+    try:
+        byte_order(header)
+    except ValueError:
+        raise LogError(
+            "the file is no MATLAB file of version 5 or later",
+            where=str(path),
+            fix="save it in MATLAB with save(..., '-v7') or '-v7.3'",
+        ) from None
+    with read_errors_as_log_errors(path):
+        arrays = list(mat5_arrays(path))
+    return packed_log(path, arrays)

@@ -1,0 +1,269 @@
+"""What every log can do, logs without a clock, and which part of a log is meant."""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import inf, isfinite
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import LogError, advice, listing, names_beside, nearest
+from steelyard.robot.file.signals import ROW
+from steelyard.robot.init.column_names import Column
+
+ROWS_OF_PART = 50_000
+"""Rows of a part. Twice as many need 15 MiB more, half as many take twice the time."""
+
+RowRange = tuple[int, int | None]
+"""First row and the row after the last one, counted from zero; `None` is the end of the log."""
+
+
+class Log(Protocol):
+    """A table of numbers on disk, read from front to back in constant memory."""
+
+    @property
+    def path(self) -> Path:
+        """Where it is."""
+        ...
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of its columns."""
+        ...
+
+    def parts(
+        self, columns: Sequence[str], rows: RowRange = (0, None), size: int = ROWS_OF_PART
+    ) -> Iterator[Array]:
+        """The requested rows, in arrays of shape `(at most size, len(columns))`.
+
+        A cell that is missing or not a number is NaN.
+
+        Raises:
+            LogError: A column does not exist, or the file cannot be read.
+        """
+        ...
+
+
+MOST_NAMED_COLUMNS = 4
+"""Most missing columns that are named."""
+
+
+TIME_COLUMN = re.compile("(^|_)(t|time|stamp|timestamp)(_|$)", re.IGNORECASE)
+"""Names of columns of time."""
+
+
+def require_columns(path: Path, known: Sequence[str], wanted: Sequence[str]) -> None:
+    """Check that a log has the columns wanted of it, each once.
+
+    Raises:
+        LogError: One is missing or ambiguous.
+    """
+    fix = "name the columns of the log under [signals] of the robot file"
+    missing = [column for column in dict.fromkeys(wanted) if column not in known]
+    free = [column for column in known if column not in wanted]
+    used = "all columns of the log are used: log this one too, or leave its joint out"
+    if any(TIME_COLUMN.search(column) for column in missing):
+        used = fix = (
+            "name the column of time, or state rate = HZ instead of time, if rows are evenly "
+            "spaced, under [signals] of the robot file"
+        )
+    for column in wanted:
+        count = list(known).count(column)
+        if count == 0:
+            raise LogError(
+                _missing_columns(missing, len(wanted)),
+                where=str(path),
+                fix=f"{_similar_columns(missing, free)}; {fix}" if free else used,
+            )
+        if count > 1:
+            raise LogError(
+                f"the log has {count} columns that are called '{column}'",
+                where=str(path),
+                fix=f"rename them in the log's header, then {fix}",
+            )
+
+
+def require_file(path: Path) -> None:
+    """Check that there is something to read.
+
+    Raises:
+        LogError: No such file, a folder, or an empty file.
+    """
+    if path.is_dir():
+        raise LogError(
+            "the log is a folder, not a file", where=str(path), fix="name one log file in it"
+        )
+    if not path.exists():
+        raise LogError("there is no such log file", where=str(path), fix=_similar_files(path))
+    if path.stat().st_size == 0:
+        raise LogError("the log file is empty", where=str(path), fix="record or copy it again")
+
+
+def _missing_columns(missing: Sequence[str], needed: int) -> str:
+    """Columns that are not in a log, the first ones by name."""
+    if len(missing) == 1:
+        return f"the log has no column '{missing[0]}'"
+    return (
+        f"{len(missing)} of the {needed} columns that are needed are not in the log: "
+        f"{_first_names(missing)}"
+    )
+
+
+def _first_names(columns: Sequence[str]) -> str:
+    """The first ones by name."""
+    return ", ".join(repr(name) for name in columns[:MOST_NAMED_COLUMNS]) + ", ..." * (
+        len(columns) > MOST_NAMED_COLUMNS
+    )
+
+
+def _similar_columns(missing: Sequence[str], free: Sequence[str]) -> str:
+    """Columns that may be meant, none of another quantity or unit: one for each that is missing."""
+    alike = {
+        column: [name for name in free if Column(name).may_stand_for(Column(column))]
+        for column in missing
+    }
+    found = [name for column in missing for name in nearest(column, alike[column], 1)]
+    if len(missing) > 1 and len(set(found)) == len(missing):
+        return f"did you mean {_first_names(found)}?"
+    near = nearest(missing[0], alike[missing[0]])
+    if near:
+        return advice(missing[0], near, "columns")
+    return listing(free, "other columns", like=missing[0])
+
+
+def _similar_files(path: Path) -> str:
+    """Files beside a missing one that may be meant: of a similar name, or of the same kind."""
+    if not path.parent.is_dir():
+        return f"check the path: there is no folder '{path.parent}'"
+    if "[" in path.name:
+        return "cut a log with LOG@START:STOP (seconds from its start) or LOG#START:STOP (rows)"
+    near, alike = names_beside(path)
+    if near or alike:
+        return advice(path.name, near or alike, "logs there")
+    if "*" in path.name or "?" in path.name:
+        return f"check the pattern: no file in '{path.parent}' matches it"
+    ending = f"ends in {path.suffix}" if path.suffix else "has no suffix either"
+    return f"check the path: no file in '{path.parent}' has a similar name or {ending}"
+
+
+@dataclass(frozen=True, eq=False)
+class Numbered:
+    """A log with the numbers of its rows, from zero, as one more column.
+
+    Attributes:
+        log: As it is on disk.
+    """
+
+    log: Log
+
+    @property
+    def path(self) -> Path:
+        """Where it is."""
+        return self.log.path
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of its columns, and `ROW`."""
+        return (*self.log.columns, ROW)
+
+    def parts(
+        self, columns: Sequence[str], rows: RowRange = (0, None), size: int = ROWS_OF_PART
+    ) -> Iterator[Array]:
+        """The requested rows; see `Log.parts`."""
+        logged = [column for column in columns if column != ROW]
+        start = rows[0]
+        for part in self.log.parts(logged or self.log.columns[:1], rows, size):
+            numbers = np.arange(start, start + len(part), dtype=np.float64)
+            start += len(part)
+            named = dict(zip(logged, part.T, strict=False)) | {ROW: numbers}
+            yield np.column_stack([named[column] for column in columns])
+
+
+SYNTAX = (
+    "write LOG@START:STOP with seconds from the log's start, or LOG#START:STOP with rows counted "
+    "from 0; either end may be left out"
+)
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A window of a log; the default is all of it. Both ends apply, stops are exclusive.
+
+    Attributes:
+        seconds: Start and stop, counted from the log's first good row [s].
+        rows: Start and stop row, counted from zero.
+    """
+
+    seconds: tuple[float, float] = (-inf, inf)
+    rows: RowRange = (0, None)
+
+    @property
+    def text(self) -> str:
+        """As written behind a log's name; empty for the whole log."""
+        if self.seconds != (-inf, inf):
+            ends = [f"{s:g}" if isfinite(s) else "" for s in self.seconds]
+            return f"@{ends[0]}:{ends[1]}"
+        if self.rows != (0, None):
+            return f"#{self.rows[0]}:{'' if self.rows[1] is None else self.rows[1]}"
+        return ""
+
+
+def parse_log_argument(argument: str) -> tuple[Path, Cut]:
+    """File and window of a log as named on the command line.
+
+    A file that really has `@` or `#` in its name is taken as it is.
+
+    Raises:
+        LogError: The window makes no sense.
+    """
+    if Path(argument).exists():
+        return Path(argument), Cut()
+    place = max(argument.rfind("@"), argument.rfind("#"))
+    name, mark, window = argument[:place], argument[place : place + 1], argument[place + 1 :]
+    if place < 0 or (":" not in window and not Path(name).exists()):
+        return Path(argument), Cut()
+    start, colon, stop = window.partition(":")
+    if not name or not colon:
+        raise LogError(f"'{mark}{window}' is not a window", where=argument, fix=SYNTAX)
+    if mark == "@":
+        seconds = _parsed_seconds(argument, start, 0.0), _parsed_seconds(argument, stop, inf)
+        _require_order(argument, seconds[0], seconds[1])
+        return Path(name), Cut(seconds=(-inf if seconds[0] == 0.0 else seconds[0], seconds[1]))
+    first, last = _parsed_row(argument, start), _parsed_row(argument, stop)
+    rows = (0 if first is None else first, last)
+    _require_order(argument, rows[0], inf if last is None else last)
+    return Path(name), Cut(rows=rows)
+
+
+def _parsed_seconds(argument: str, text: str, default: float) -> float:
+    try:
+        value = float(text) if text.strip() else default
+    except ValueError:
+        value = -1.0
+    if not value >= 0.0:
+        raise LogError(f"'{text}' is not a time from the log's start", where=argument, fix=SYNTAX)
+    return value
+
+
+def _parsed_row(argument: str, text: str) -> int | None:
+    try:
+        value = int(text) if text.strip() else None
+    except ValueError:
+        value = -1
+    if value is not None and value < 0:
+        raise LogError(f"'{text}' is not a row", where=argument, fix=SYNTAX)
+    return value
+
+
+def _require_order(argument: str, start: float, stop: float) -> None:
+    if start >= stop:
+        raise LogError(
+            f"the window ends ({stop:g}) before it starts ({start:g})"
+            if start > stop
+            else f"the window is empty: it starts and ends at {start:g}",
+            where=argument,
+            fix=SYNTAX,
+        )

@@ -1,0 +1,1 @@
+"""Logs of messages: MCAP and ROS bags."""

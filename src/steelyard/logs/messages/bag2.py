@@ -1,0 +1,285 @@
+"""Messages in ROS 2 bags: a folder with `metadata.yaml`, or one of its files alone.
+
+`rosbags.rosbag2.Reader` is not used for files of strangers: it unpacks whatever a file stands for
+(a bag of 16 kB to 500 MB on the disk, one of 0.4 MB to 0.9 GiB of memory), and refuses a bag that
+was cut off and a file whose folder has no `metadata.yaml`.
+"""
+
+import re
+import sqlite3
+import sys
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from steelyard.base.errors import LogError
+from steelyard.logs.log import require_file
+from steelyard.logs.messages.byte_streams import (
+    ZSTD_MAGIC,
+    Damaged,
+    ZstdFile,
+    unpacked_copy,
+    unpacked_whole,
+)
+from steelyard.logs.messages.mcap import MCAP_MAGIC, McapFile, unreadable
+from steelyard.logs.messages.messages import LARGEST_MESSAGE, Channel, Container, Message
+
+METADATA = "metadata.yaml"
+SQLITE_MAGIC = b"SQLite format 3\0"
+LONGEST_METADATA = 1 << 20
+"""Bytes of the longest metadata, text or definition that is read."""
+MOST_TOPICS = 10_000
+
+
+@dataclass(frozen=True)
+class SqliteFile:
+    """The storage file `.db3` of a ROS 2 bag. It is opened read-only and leaves nothing beside it.
+
+    Attributes:
+        path: Where it is.
+    """
+
+    path: Path
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Whether a journal beside it holds messages that are not yet in it."""
+        journal = self.path.with_name(f"{self.path.name}-wal")
+        if not journal.exists() or journal.stat().st_size == 0:
+            return ()
+        return (
+            f"the bag was not closed: {journal.name} holds messages that are not read (open a copy "
+            "of both files once with `sqlite3 COPY.db3 .tables` to take them in)",
+        )
+
+    def announced(self) -> frozenset[str] | None:
+        """Topics that have messages."""
+        with closing(self._connected()) as base:
+            try:
+                found = base.execute("SELECT DISTINCT topic_id FROM messages").fetchall()
+                channels = _channels(base)
+            except (sqlite3.Error, OverflowError, ValueError) as error:
+                raise _malformed(self.path, error) from error
+        return frozenset(channels[i].topic for (i,) in found if i in channels)
+
+    def messages(self, topics: frozenset[str] | None = None) -> Iterator[Message]:
+        """Messages of some topics, or of all, in the order in which they were received."""
+        with closing(self._connected()) as base:
+            try:
+                channels = {
+                    i: channel
+                    for i, channel in _channels(base).items()
+                    if topics is None or channel.topic in topics
+                }
+                last = None
+                for row, topic, time, data in base.execute(_select(channels), (LARGEST_MESSAGE,)):
+                    if last is not None and row <= last:
+                        raise sqlite3.DatabaseError("rows occur twice")
+                    last = row
+                    if isinstance(time, int) and topic in channels:
+                        whole = data if isinstance(data, bytes) else None
+                        yield Message(channels[topic], time, whole)
+            except (sqlite3.Error, OverflowError, ValueError) as error:
+                raise _malformed(self.path, error) from error
+
+    def _connected(self) -> sqlite3.Connection:
+        _require_whole(self.path)
+        address = f"{self.path.absolute().as_uri()}?mode=ro&immutable=1"
+        base = sqlite3.connect(address, uri=True)
+        try:
+            base.text_factory = lambda text: text.decode(errors="replace")
+            if sys.version_info >= (3, 11):  # Python 3.10 keeps SQLite's own limit of 1 GB
+                base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, 4 * LARGEST_MESSAGE)
+            base.execute("PRAGMA trusted_schema = OFF")
+            tables = base.execute(
+                "SELECT name FROM sqlite_master WHERE type = 'table' AND rootpage > 0 "
+                "AND name IN ('messages', 'topics')"
+            ).fetchall()
+        except (sqlite3.Error, ValueError) as error:
+            base.close()
+            raise _malformed(self.path, error) from error
+        if len(tables) != 2:
+            base.close()
+            raise LogError(
+                "the database is not a ROS 2 bag: it has no tables of topics and messages",
+                where=str(self.path),
+                fix="name the .db3 file of a bag; if it was not closed, copy its -wal file too",
+            )
+        return base
+
+
+def _require_whole(path: Path) -> None:
+    """Check the size of a database, as SQLite takes what is missing of its last page for zeros."""
+    require_file(path)
+    try:
+        with path.open("rb") as file:
+            head = file.read(100)
+    except OSError as error:
+        raise unreadable(path, error) from error
+    page = int.from_bytes(head[16:18], "big")
+    size = (65536 if page == 1 else page) * int.from_bytes(head[28:32], "big")
+    if len(head) < 100 or path.stat().st_size < size:
+        raise _malformed(path, ValueError(f"it has {path.stat().st_size:,} of {size:,} bytes"))
+
+
+def _select(channels: dict[int, Channel]) -> str:
+    wanted = ", ".join(str(i) for i in channels) or "NULL"
+    return (
+        "SELECT rowid, topic_id, timestamp, CASE WHEN length(data) <= ? THEN data END "
+        f"FROM messages NOT INDEXED WHERE topic_id IN ({wanted}) ORDER BY rowid"
+    )
+
+
+def _channels(base: sqlite3.Connection) -> dict[int, Channel]:
+    definitions: dict[str, tuple[str, str]] = {}
+    if base.execute("SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'").fetchall():
+        definitions = {
+            name: (dialect, text)
+            for name, dialect, text in base.execute(
+                "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions "
+                f"WHERE length(encoded_message_definition) <= {LONGEST_METADATA} LIMIT 1000"
+            )
+        }
+    channels = {}
+    query = f"SELECT id, name, type, serialization_format FROM topics LIMIT {MOST_TOPICS}"
+    for number, topic, kind, encoding in base.execute(query):
+        if isinstance(number, int):
+            dialect, text = definitions.get(kind, ("", ""))
+            channels[number] = Channel(*map(str, (topic, kind, encoding, text, dialect)))
+    return channels
+
+
+def _malformed(path: Path, error: Exception) -> LogError:
+    return LogError(
+        f"the bag is damaged: its database cannot be read ({error})",
+        where=str(path),
+        fix="copy it again, or save what is left of it: "
+        "`sqlite3 BAD.db3 .recover | sqlite3 GOOD.db3`",
+    )
+
+
+@dataclass(frozen=True)
+class Bag2:
+    """A ROS 2 bag: a folder whose `metadata.yaml` names its files, read one after the other.
+
+    Attributes:
+        path: The folder.
+        files: Its files, in order.
+        packed: Whether each message is compressed by itself.
+    """
+
+    path: Path
+    files: tuple[Container, ...]
+    packed: bool
+
+    @classmethod
+    def open(cls, path: Path) -> "Bag2":
+        """Read which files the bag has.
+
+        Raises:
+            LogError: The metadata cannot be understood, or a file is missing or of another kind.
+        """
+        metadata = path / METADATA
+        try:
+            with metadata.open(encoding="utf-8", errors="replace") as file:
+                text = file.read(LONGEST_METADATA)
+        except OSError as error:
+            raise _bad_metadata(metadata, error.strerror or str(error)) from error
+        names = _yaml_list(text, "relative_file_paths")
+        if not names:
+            raise _bad_metadata(metadata, "it lists no 'relative_file_paths'")
+        mode, form = (_yaml_value(text, f"compression_{key}").lower() for key in ("mode", "format"))
+        packed = mode == "message"
+        if mode in ("file", "message") and form != "zstd":
+            raise _compressed(path, names[0], form)
+        return cls(path, tuple(storage(path / Path(name).name) for name in names), packed)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Remarks of its files."""
+        return tuple(f"{f.path.name}: {remark}" for f in self.files for remark in f.remarks)
+
+    def announced(self) -> frozenset[str] | None:
+        """Topics that have messages; `None` if a file does not state them."""
+        found = [file.announced() for file in self.files]
+        if any(topics is None for topics in found):
+            return None
+        return frozenset[str]().union(*(topics or () for topics in found))
+
+    def messages(self, topics: frozenset[str] | None = None) -> Iterator[Message]:
+        """Messages of some topics, or of all, in the order of the files."""
+        for file in self.files:
+            for message in file.messages(topics):
+                yield message._replace(data=_unpacked(message.data)) if self.packed else message
+
+
+def _unpacked(data: bytes | None) -> bytes | None:
+    try:
+        return None if data is None else unpacked_whole("zstd", data, LARGEST_MESSAGE)
+    except Damaged:
+        return b""
+
+
+def storage(path: Path) -> Container:
+    """A file of a ROS 2 bag, whatever its suffix, packed or not.
+
+    Raises:
+        LogError: It is neither of the two kinds there are.
+    """
+    require_file(path)
+    if _start(path).startswith(ZSTD_MAGIC):
+        return ZstdFile(path, _plain_file(unpacked_copy(path), path))
+    return _plain_file(path, path)
+
+
+def _plain_file(path: Path, named: Path) -> Container:
+    """A file that is not packed, or the unpacked copy of the one `named`."""
+    start = _start(path)
+    if start.startswith(MCAP_MAGIC):
+        return McapFile.open(path)
+    if start == SQLITE_MAGIC:
+        return SqliteFile(path)
+    raise LogError(
+        "the file is neither an MCAP file nor the database of a ROS 2 bag",
+        where=str(named),
+        fix="copy it again; a text table needs the suffix .csv",
+    )
+
+
+def _start(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(len(SQLITE_MAGIC))
+
+
+def _yaml_value(text: str, key: str) -> str:
+    """The value of a key in the plain YAML that ROS 2 writes; empty without one."""
+    found = re.search(rf"(?m)^[ \t]*{key}:[ \t]*(.*?)[ \t\r]*$", text)
+    return found[1].strip("\"'") if found else ""
+
+
+def _yaml_list(text: str, key: str) -> tuple[str, ...]:
+    """The entries of a list in the plain YAML that ROS 2 writes."""
+    inline = _yaml_value(text, key)
+    if inline.startswith("["):
+        entries = inline.strip("[]").split(",")
+    else:
+        found = re.search(rf"(?m)^[ \t]*{key}:[ \t\r]*\n((?:[ \t]*-[ \t]+[^\n]*\n?)*)", text)
+        entries = re.findall(r"(?m)^[ \t]*-[ \t]+(.*)$", found[1]) if found else []
+    return tuple(name for entry in entries if (name := entry.strip().strip("\"'")))
+
+
+def _bad_metadata(path: Path, why: str) -> LogError:
+    return LogError(
+        f"the bag's {METADATA} cannot be understood: {why}",
+        where=str(path),
+        fix="name the bag's .db3 or .mcap file itself, or run `ros2 bag reindex` on a copy",
+    )
+
+
+def _compressed(folder: Path, name: str, form: str) -> LogError:
+    return LogError(
+        f"the bag's files are compressed ({form}), where zstd is read",
+        where=str(folder / name),
+        fix="convert it with `ros2 bag convert` to one that is not compressed",
+    )

@@ -1,0 +1,329 @@
+"""Recorded messages (MCAP, ROS 2 and ROS 1 bags) as a table, aligned to the rows of one topic.
+
+The columns are `<topic>/<path of a number in the message>`, for joint states
+`<topic>/position/<joint>`, and for every topic `<topic>/stamp` (when the message says that it was
+measured) and `<topic>/log_time` (when it was recorded) [s]. The rows are the messages of the topic
+of the first requested column, in the order of the file. Columns of other topics are interpolated at
+the stamps of these rows (`Track`), or at their log times if the first column is a log time.
+
+Every requested topic is a pass of its own over the file, so that memory does not grow however the
+topics are interleaved.
+"""
+
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from itertools import chain, islice, pairwise
+from math import isfinite, nan
+from pathlib import Path
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import LogError
+from steelyard.logs.log import ROWS_OF_PART, RowRange, require_columns, require_file
+from steelyard.logs.messages.bag1 import BAG1_MAGIC, Bag1
+from steelyard.logs.messages.bag2 import Bag2, storage
+from steelyard.logs.messages.messages import (
+    Channel,
+    Container,
+    Decoder,
+    Message,
+    Topic,
+    Unreadable,
+    decoder,
+    seconds,
+)
+from steelyard.logs.messages.topics import (
+    LOG_TIME,
+    STAMP,
+    Layout,
+    Picker,
+    count_topics,
+    scan_topics,
+    stamp_of,
+)
+
+SAMPLES_FOR_USUAL_STEP = 200
+"""Samples from which a topic's usual step is learnt."""
+FARTHEST_NEIGHBOUR = 10.0
+"""Usual steps between two samples beyond which nothing is known between them."""
+SAMPLES_KEPT_BEHIND = 64
+"""Samples behind the rows that are kept for rows a little out of order."""
+
+Sample = tuple[float, Array]
+"""A stamp [s] and values."""
+
+
+class Track:
+    r"""Values of one topic at the stamps of another, linearly interpolated.
+
+    $v(t) = v_k + (t - t_k)/(t_{k+1} - t_k)\,(v_{k+1} - v_k)$ for $t_k \le t \le t_{k+1}$; NaN
+    before the first sample, after the last, and between two that are further apart than ten of the
+    topic's usual steps. Samples that are not newer than the one before them, or newer than the one
+    after them, are passed over. At most `SAMPLES_KEPT_BEHIND` samples are in memory, however long
+    the topic pauses.
+
+    Args:
+        samples: The topic's samples as recorded.
+        width: Values of a sample.
+    """
+
+    def __init__(self, samples: Iterator[Sample], width: int) -> None:
+        forward = _forward(samples)
+        head = list(islice(forward, SAMPLES_FOR_USUAL_STEP))
+        steps = np.diff([t for t, _ in head])
+        self._far = FARTHEST_NEIGHBOUR * float(np.median(steps)) if len(steps) else 0.0
+        self._samples = chain(head, forward)
+        self._unknown = np.full(width, np.nan)
+        self._times: deque[float] = deque(maxlen=SAMPLES_KEPT_BEHIND)
+        self._values: deque[Array] = deque(maxlen=SAMPLES_KEPT_BEHIND)
+
+    def at(self, t: float, reach: float) -> Array:
+        """Values at one stamp, shape `(width,)`.
+
+        Args:
+            t: The stamp [s].
+            reach: The stamp that rows have reached [s], behind which samples may be forgotten.
+        """
+        times = self._times
+        while not times or times[-1] < reach:
+            sample = next(self._samples, None)
+            if sample is None:
+                break
+            times.append(sample[0])
+            self._values.append(sample[1])
+        if not times or not times[0] <= t <= times[-1]:
+            return self._unknown
+        k = bisect_left(times, t)
+        if times[k] == t:
+            return self._values[k]
+        step = times[k] - times[k - 1]
+        if step > self._far:
+            return self._unknown
+        before = self._values[k - 1]
+        return before + (t - times[k - 1]) / step * (self._values[k] - before)
+
+
+def _forward(samples: Iterator[Sample]) -> Iterator[Sample]:
+    """Samples whose stamps rise, without those that a later one contradicts."""
+    last = -np.inf
+    current = next(samples, None)
+    while current is not None:
+        following = next(samples, None)
+        if last < current[0] and (following is None or not current[0] > following[0]):
+            last = current[0]
+            yield current
+        current = following
+
+
+ROWS_OF_BLOCK = 1024
+"""Rows that are put together at a time."""
+_NOTHING = np.zeros(0)
+
+
+@dataclass(frozen=True)
+class MessageLog:
+    """A log of messages as a table; see the module.
+
+    A value that a message lacks is NaN. A message that cannot be decoded is a row of NaN. A joint
+    state with none of the requested joints, as of a gripper that shares the topic, is no row.
+
+    Attributes:
+        path: Where it is.
+        columns: Names of its columns, joint states first.
+        container: What hands out the messages.
+        layouts: What the messages of each topic hold.
+    """
+
+    path: Path
+    columns: tuple[str, ...]
+    container: Container = field(repr=False)
+    layouts: tuple[Layout, ...] = field(repr=False)
+
+    @classmethod
+    def open(cls, path: Path) -> "MessageLog":
+        """Look at the first messages of every topic.
+
+        Args:
+            path: An MCAP file, a ROS 1 bag, a ROS 2 bag's folder or one of its files.
+
+        Raises:
+            LogError: Not there, of another kind, damaged, or without numbers that can be read.
+        """
+        container = _container(path)
+        layouts = scan_topics(container)
+        columns = tuple(chain.from_iterable(layout.columns for layout in layouts))
+        if not columns:
+            raise LogError(
+                f"no topic of the log holds numbers that can be read: {_listing(layouts)}",
+                where=str(path),
+                fix="record sensor_msgs/msg/JointState, or another topic with numbers in it",
+            )
+        return cls(path, columns, container, layouts)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a user should know about the file's state, such as that its end is missing."""
+        return self.container.remarks
+
+    @cached_property
+    def topics(self) -> tuple[Topic, ...]:
+        """Its topics, by a pass over the whole file on first use."""
+        return count_topics(self.container, self.layouts)
+
+    def parts(
+        self, columns: Sequence[str], rows: RowRange = (0, None), size: int = ROWS_OF_PART
+    ) -> Iterator[Array]:
+        """The requested rows, in parts; see `Log`."""
+        self._require(columns)
+        blocks: list[Array] = []
+        for block in self._blocks(columns, rows, min(size, ROWS_OF_BLOCK)):
+            room = size - sum(len(b) for b in blocks)
+            blocks.append(block[:room])
+            if len(block) >= room:
+                yield np.concatenate(blocks)
+                blocks = [block[room:]] if len(block) > room else []
+        if blocks:
+            yield np.concatenate(blocks)
+
+    def _blocks(self, columns: Sequence[str], rows: RowRange, size: int) -> Iterator[Array]:
+        """Consecutive rows, `size` at a time."""
+        by_topic = _by_topic([self._place(column) for column in columns])
+        (base, places), *others = by_topic.items()
+        clock = LOG_TIME if self._place(columns[0])[1] == LOG_TIME else STAMP
+        read = partial(_samples, self.container, clock=clock)
+        samples = islice(read(base, [f for _, f in places]), *rows)
+        tracks = [
+            ([k for k, _ in wanted], Track(read(layout, [f for _, f in wanted]), len(wanted)))
+            for layout, wanted in others
+        ]
+        own = [k for k, _ in places]
+        reach = -np.inf
+        table, count = np.empty((size, len(columns))), 0
+        for (t, values), (later, _) in pairwise(chain(samples, ((nan, _NOTHING),))):
+            table[count, own] = values
+            reach = max(reach, min(t, later) if isfinite(later) else t)
+            for at, track in tracks:
+                table[count, at] = track.at(t, reach)
+            count += 1
+            if count == size:
+                yield table
+                table, count = np.empty_like(table), 0
+        if count:
+            yield table[:count]
+
+    def _place(self, column: str) -> tuple[Layout, str]:
+        return self._places[column]
+
+    @cached_property
+    def _places(self) -> dict[str, tuple[Layout, str]]:
+        return {
+            f"{layout.name}/{name}": (layout, name)
+            for layout in self.layouts
+            for name in layout.all_fields
+        }
+
+    def _require(self, columns: Sequence[str]) -> None:
+        """Check the columns, and say why a topic has none if one of it is requested."""
+        for column in set(columns).difference(self.columns):
+            for layout in self.layouts:
+                if layout.problem and column.startswith(f"{layout.name}/"):
+                    raise LogError(
+                        f"the topic '{layout.name}' cannot be read: {layout.problem}",
+                        where=str(self.path),
+                        fix="record it with its definition, or name columns of another topic",
+                    )
+        require_columns(self.path, self.columns, columns)
+
+
+def topics(path: str | Path) -> tuple[Topic, ...]:
+    """The topics of a log of messages: types, counts, times and rates.
+
+    Raises:
+        LogError: It cannot be read.
+    """
+    container = _container(Path(path))
+    return count_topics(container, scan_topics(container))
+
+
+def _container(path: Path) -> Container:
+    """The messages in a file or folder, by what it is and not by its suffix."""
+    if path.is_dir():
+        return Bag2.open(path)
+    require_file(path)
+    try:
+        with path.open("rb") as file:
+            start = file.read(len(BAG1_MAGIC))
+        return Bag1.open(path) if start == BAG1_MAGIC else storage(path)
+    except OSError as error:
+        raise LogError(
+            f"the log cannot be read ({error.strerror or error})",
+            where=str(path),
+            fix="check the file's permissions and the disk",
+        ) from error
+
+
+def _by_topic(places: Sequence[tuple[Layout, str]]) -> dict[Layout, list[tuple[int, str]]]:
+    """Column numbers and fields of each topic, the first column's topic first."""
+    by_layout: dict[Layout, list[tuple[int, str]]] = {}
+    for k, (layout, name) in enumerate(places):
+        by_layout.setdefault(layout, []).append((k, name))
+    return by_layout
+
+
+def _samples(
+    container: Container, layout: Layout, wanted: Sequence[str], *, clock: str
+) -> Iterator[Sample]:
+    """Stamp and values of a topic's messages, those of other joints aside."""
+    own = [k for k, name in enumerate(wanted) if name not in (STAMP, LOG_TIME)]
+    picker = Picker([wanted[k] for k in own])
+    decoded = _Decoded()
+    for message in container.messages(frozenset((layout.name,))):
+        times = {LOG_TIME: seconds(message.time), STAMP: nan}
+        values = np.full(len(wanted), nan)
+        try:
+            content = decoded(message)
+        except Unreadable:
+            content = None
+        if content is not None:
+            picked = picker.pick(content) if own else []
+            if picked is None:
+                continue
+            values[own] = picked
+            signature = stamp_of(content) if layout.stamped else times[LOG_TIME]
+            times[STAMP] = nan if signature is None else signature
+        for k, name in enumerate(wanted):
+            if name in times:
+                values[k] = times[name]
+        yield times[clock], values
+
+
+class _Decoded:
+    """Contents of messages; remembers how each channel's are decoded."""
+
+    def __init__(self) -> None:
+        self._decoders: dict[int, Decoder] = {}
+        self._channels: list[Channel] = []
+
+    def __call__(self, message: Message) -> object:
+        if message.data is None:
+            raise Unreadable("it is too long")
+        found = self._decoders.get(id(message.channel))
+        if found is None:
+            found = self._decoders[id(message.channel)] = decoder(message.channel)
+            self._channels.append(message.channel)  # so that no other gets its id
+        return found(message.data)
+
+
+def _listing(layouts: Sequence[Layout]) -> str:
+    shown = [
+        f"{layout.name} ({layout.type or 'no type'}{': ' if layout.problem else ''}"
+        f"{layout.problem})"
+        for layout in layouts[:12]
+    ]
+    if len(layouts) > 12:
+        shown.append(f"and {len(layouts) - 12} more")
+    return "; ".join(shown)

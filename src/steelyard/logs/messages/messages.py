@@ -1,0 +1,252 @@
+"""What a file of recorded messages can do, and how messages are decoded by their types."""
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+if TYPE_CHECKING:
+    from rosbags.interfaces.typing import Typesdict
+    from rosbags.typesys.store import Typestore
+
+
+LARGEST_MESSAGE = 1 << 20
+"""Bytes of the longest message that is read; images and point clouds are longer."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """What the messages of one publisher are.
+
+    Attributes:
+        topic: Where they were published.
+        type: Name of their type, `sensor_msgs/msg/JointState`.
+        encoding: How they were put into bytes: `cdr`, `ros1`, `json` or another name.
+        definition: The type's definition as found in the file; empty if it has none.
+        dialect: Language of the definition: `ros1msg`, `ros2msg`, `ros2idl`; empty if unknown.
+    """
+
+    topic: str
+    type: str
+    encoding: str
+    definition: str = ""
+    dialect: str = ""
+
+
+class Message(NamedTuple):
+    """One message as recorded.
+
+    Attributes:
+        channel: What it is.
+        time: When it was recorded [ns].
+        data: Its bytes; `None` if it is longer than `LARGEST_MESSAGE`.
+    """
+
+    channel: Channel
+    time: int
+    data: bytes | None
+
+
+class Container(Protocol):
+    """A file, or a folder of files, of recorded messages."""
+
+    @property
+    def path(self) -> Path:
+        """Where it is."""
+        ...
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a user should know about its state, such as that its end is missing."""
+        ...
+
+    def announced(self) -> frozenset[str] | None:
+        """Topics that have messages according to the file's index; `None` without one."""
+        ...
+
+    def messages(self, topics: frozenset[str] | None = None) -> Iterator[Message]:
+        """Messages of some topics, or of all, in the order of the file.
+
+        Raises:
+            LogError: The file is damaged.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic of a log of messages, for the user.
+
+    Attributes:
+        name: Its name.
+        type: Type of its messages.
+        count: Number of messages.
+        start: When the first was recorded [s].
+        stop: When the last was recorded [s].
+        problem: Why no columns are read from it; empty if some are.
+    """
+
+    name: str
+    type: str
+    count: int
+    start: float
+    stop: float
+    problem: str
+
+    @property
+    def rate(self) -> float:
+        """Mean rate of its messages [Hz]; zero for fewer than two."""
+        span = self.stop - self.start
+        return (self.count - 1) / span if span > 0.0 else 0.0
+
+
+def seconds(nanoseconds: int) -> float:
+    """The float nearest to so many nanoseconds [s].
+
+    Integers of any length are divided with a single rounding, so that a decimal time of up to nine
+    places comes back bit for bit.
+    """
+    return nanoseconds / 1_000_000_000
+
+
+DEEPEST_TYPE, LONGEST_TYPE_DEFINITION, LARGEST_TYPE = 64, 1 << 18, 1 << 16
+"""Types inside types, characters of a definition, and values that a type holds at least."""
+LONGEST_SEQUENCE = 1 << 16
+Decoder = Callable[[bytes], Any]
+
+
+class Unreadable(Exception):
+    """Bytes or a type that cannot be understood; says why."""
+
+
+@lru_cache(maxsize=64)
+def decoder(channel: Channel) -> Decoder:
+    """What turns the bytes of a channel's messages into messages with named fields.
+
+    Raises:
+        Unreadable: The encoding or the type is not known.
+    """
+    if channel.encoding == "json":
+        return _guarded(json.loads)
+    if channel.encoding not in ("cdr", "ros1"):
+        raise Unreadable(f"the encoding '{channel.encoding}' is not read; cdr, ros1 and json are")
+    store = _store(channel)
+    _require_small(store, channel)
+    name = channel.type
+    if channel.encoding == "ros1":
+        return _guarded(lambda data: store.deserialize_ros1(data, name))
+    return _guarded(lambda data: store.deserialize_cdr(data, name))
+
+
+def _guarded(decode: Decoder) -> Decoder:
+    def decoded(data: bytes) -> Any:
+        try:
+            return decode(data)
+        except Exception as error:  # foreign code on foreign bytes
+            raise Unreadable(_error_text(error)) from error
+
+    return decoded
+
+
+def _error_text(error: Exception) -> str:
+    return str(error).partition("\n")[0][:200] or type(error).__name__
+
+
+def _store(channel: Channel) -> "Typestore":
+    from rosbags.typesys import Stores, get_typestore
+
+    if not channel.definition.strip():
+        store = get_typestore(Stores.ROS1_NOETIC if channel.encoding == "ros1" else Stores.LATEST)
+        if channel.type not in store.fielddefs:
+            raise Unreadable(f"the type '{channel.type}' is not defined in the file")
+    else:
+        store = get_typestore(Stores.EMPTY)
+        try:
+            store.register(_parsed(channel))
+        except Exception as error:  # foreign code on foreign text
+            raise Unreadable(
+                f"its definition cannot be understood ({_error_text(error)})"
+            ) from error
+    store.max_sequence_length = LONGEST_SEQUENCE
+    return store
+
+
+def _parsed(channel: Channel) -> "Typesdict":
+    from rosbags.typesys import get_types_from_idl, get_types_from_msg
+
+    text = channel.definition.replace("\r\n", "\n")
+    if len(text) > LONGEST_TYPE_DEFINITION:
+        raise ValueError(f"it has {len(text):,} characters")
+    if channel.dialect in ("ros1msg", "ros2msg"):
+        return get_types_from_msg(text, channel.type)
+    if channel.dialect not in ("ros2idl", "omgidl"):
+        raise ValueError(f"its language '{channel.dialect}' is not read")
+    line = "=" * 80 + "\n"
+    if not text.startswith(f"{line}IDL: "):
+        return get_types_from_idl(text)
+    types: Typesdict = {}
+    for part in text.split(line)[1:]:
+        types.update(get_types_from_idl(part.partition("\n")[2]))
+    return types
+
+
+def _require_small(store: "Typestore", channel: Channel) -> None:
+    """Check a type before code is made for it.
+
+    Raises:
+        Unreadable: It lacks a part, holds itself, holds far too much, or holds any number of
+            things that need no bytes.
+    """
+    from rosbags.interfaces import Nodetype
+
+    sizes: dict[str, int] = {}
+
+    def size_of(name: str, depth: int) -> int:
+        if depth > DEEPEST_TYPE:
+            raise Unreadable(f"the type '{channel.type}' contains itself")
+        if name not in store.fielddefs:
+            raise Unreadable(f"the definition of '{channel.type}' lacks the type '{name}'")
+        if name not in sizes:
+            fields = store.fielddefs[name][1]
+            sizes[name] = sum(size_of_field(field, depth) for _, field in fields)
+            if sizes[name] > LARGEST_TYPE:
+                raise Unreadable(f"the type '{name}' holds more than {LARGEST_TYPE} values")
+        return sizes[name]
+
+    def size_of_field(field: Any, depth: int) -> int:
+        kind, content = field
+        if kind == Nodetype.BASE:
+            return 1
+        if kind == Nodetype.NAME:
+            return max(size_of(content, depth + 1), 1)
+        inner, length = content
+        size = size_of_field(inner, depth)
+        if kind == Nodetype.ARRAY:
+            return size * int(length)
+        if inner[0] == Nodetype.NAME and _is_empty(store, inner[1]):
+            raise Unreadable(f"the type '{channel.type}' has a sequence of nothing")
+        return 1
+
+    try:
+        size_of(channel.type, 0)
+    except RecursionError as error:
+        raise Unreadable(f"the type '{channel.type}' contains itself") from error
+
+
+def _is_empty(store: "Typestore", name: str) -> bool:
+    """Whether a type may need no bytes at all."""
+    from rosbags.interfaces import Nodetype
+
+    fields: Any = store.fielddefs[name][1]
+    for field, (kind, content) in fields:
+        if field == "structure_needs_at_least_one_member":
+            continue
+        if kind in (Nodetype.BASE, Nodetype.SEQUENCE):
+            return False
+        inner = content[0] if kind == Nodetype.ARRAY else (kind, content)
+        some = kind != Nodetype.ARRAY or int(content[1]) > 0
+        if some and (inner[0] == Nodetype.BASE or not _is_empty(store, inner[1])):
+            return False
+    return True

@@ -1,0 +1,376 @@
+"""Logs in Apache Parquet, through Polars: single files and folders of files, in bounded memory.
+
+A page is decoded whole, and a few bytes can stand for a page of any length. Files of ordinary row
+groups are known from their end alone; the pages of larger groups are walked through, header by
+header. The layout is that of apache/parquet-format, in Thrift's compact protocol.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+from io import BytesIO
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import LogError, require
+from steelyard.logs.log import ROWS_OF_PART, RowRange, require_columns, require_file
+
+if TYPE_CHECKING:
+    import polars
+
+
+ORDINARY_ROWS_OF_GROUP = 1 << 18
+"""Rows of a group up to which its pages are not looked at."""
+LONGEST_FOOTER = 1 << 26
+PAGE_HEADER_BYTES = 1 << 16
+DEEPEST_THRIFT = 16
+
+TRUE, FALSE, BYTE, I16, I32, I64, DOUBLE, BINARY, LIST, SET, MAP, STRUCT = range(1, 13)
+
+
+@lru_cache(maxsize=64)
+def longest_page(path: Path, changed: int, size: int) -> int:
+    """Values of the longest page of a file as it was at a time, or a bound on them.
+
+    Raises:
+        ValueError: The end of the file, or the header of a page, is broken.
+    """
+    try:
+        with path.open("rb") as file:
+            return _longest(file, size)
+    except (TypeError, AttributeError) as error:
+        raise ValueError("its description is not that of a table") from error
+
+
+def _longest(file: IO[bytes], size: int) -> int:
+    groups = _footer(file, size).get(4, ())
+    most = max((_number(group, 3) for group in groups), default=0)
+    if most <= ORDINARY_ROWS_OF_GROUP:
+        return most
+    chunks = (chunk.get(3, {}) for group in groups for chunk in group.get(1, ()))
+    return max((values for meta in chunks for values in _pages(file, meta, size)), default=0)
+
+
+def _footer(file: IO[bytes], size: int) -> dict[int, Any]:
+    file.seek(max(0, size - 8))
+    end = file.read(8)
+    length = int.from_bytes(end[:4], "little")
+    if end[4:] != b"PAR1" or not 0 < length <= min(size - 12, LONGEST_FOOTER):
+        raise ValueError("it does not end as Parquet does")
+    file.seek(size - 8 - length)
+    return _Thrift(BytesIO(file.read(length))).struct()
+
+
+def _pages(file: IO[bytes], meta: dict[int, Any], size: int) -> Iterator[int]:
+    """Values of each page of a column in a row group."""
+    left = _number(meta, 5)
+    offsets = [meta[key] for key in (9, 11) if meta.get(key)]
+    at = min(offsets, default=0)
+    while left > 0:
+        if not 0 < at < size:
+            raise ValueError("a page lies outside of it")
+        file.seek(at)
+        header = BytesIO(file.read(PAGE_HEADER_BYTES))
+        page = _Thrift(header).struct()
+        data = page.get(5) or page.get(8)
+        values = _number(data or page.get(7, {}), 1)
+        yield values
+        left -= values if data else 0
+        at += header.tell() + _number(page, 3)
+        if data and values == 0:
+            raise ValueError("a page holds no values")
+
+
+def _number(struct: dict[int, Any], field: int) -> int:
+    value = struct.get(field, 0)
+    if not isinstance(value, int) or value < 0:
+        raise ValueError("a number in its description makes no sense")
+    return value
+
+
+class _Thrift:
+    """Reads structs as dictionaries from field number to value."""
+
+    def __init__(self, stream: BytesIO) -> None:
+        self._stream = stream
+
+    def struct(self, depth: int = 0) -> dict[int, Any]:
+        """The struct that starts here."""
+        if depth > DEEPEST_THRIFT:
+            raise ValueError("its description is too deep")
+        fields: dict[int, Any] = {}
+        number = 0
+        while head := self._byte():
+            number = number + (head >> 4) if head >> 4 else self._signed()
+            kind = head & 15
+            fields[number] = kind == TRUE if kind <= FALSE else self._value(kind, depth)
+        return fields
+
+    def _value(self, kind: int, depth: int) -> Any:
+        if kind in (I16, I32, I64):
+            return self._signed()
+        if kind in (TRUE, FALSE, BYTE):
+            return self._byte()
+        if kind == DOUBLE:
+            return self._bytes(8)
+        if kind == BINARY:
+            return self._bytes(self._unsigned())
+        if kind in (LIST, SET):
+            head = self._byte()
+            count = head >> 4 if head >> 4 < 15 else self._unsigned()
+            return [self._value(head & 15, depth + 1) for _ in range(self._fits(count))]
+        if kind == STRUCT:
+            return self.struct(depth + 1)
+        raise ValueError("its description cannot be read")
+
+    def _fits(self, count: int) -> int:
+        """A count of things of a byte at least."""
+        if count > self._stream.getbuffer().nbytes - self._stream.tell():
+            raise ValueError("its description is longer than declared")
+        return count
+
+    def _signed(self) -> int:
+        value = self._unsigned()
+        return (value >> 1) ^ -(value & 1)
+
+    def _unsigned(self) -> int:
+        value = shift = 0
+        while True:
+            byte = self._byte()
+            value |= (byte & 127) << shift
+            shift += 7
+            if byte < 128:
+                return value
+            if shift > 63:
+                raise ValueError("a number in its description is too long")
+
+    def _byte(self) -> int:
+        return self._bytes(1)[0]
+
+    def _bytes(self, count: int) -> bytes:
+        return self._stream.read(self._fits(count))
+
+
+DECODED_VALUES = 1 << 21
+"""Values in pages that are decoded side by side."""
+LONGEST_PAGE = DECODED_VALUES
+"""Values of a page."""
+MOST_PARQUET_COLUMNS = 1 << 16
+
+
+@dataclass(frozen=True)
+class ParquetLog:
+    """A Parquet file; only the requested row groups and columns are read.
+
+    Attributes:
+        path: Where it is.
+        columns: Names of its columns.
+    """
+
+    path: Path
+    columns: tuple[str, ...]
+
+    @classmethod
+    def open(cls, path: Path) -> "ParquetLog":
+        """Read the names of the columns.
+
+        Raises:
+            LogError: Not there, or not Parquet.
+            PackageError: Polars is not installed.
+        """
+        require_file(path)
+        require_polars(path)
+        with _polars_errors_as_log_errors(path, "the file cannot be read as Parquet"):
+            _columns_at_once(path)
+            return cls(path, tuple(_scan(path).collect_schema().names()))
+
+    @property
+    def n_rows(self) -> int:
+        """Number of rows, as the file's end says it."""
+        import polars as pl
+
+        with _polars_errors_as_log_errors(self.path, "the file cannot be read as Parquet"):
+            return int(_scan(self.path).select(pl.len()).collect().item())
+
+    def parts(
+        self, columns: Sequence[str], rows: RowRange = (0, None), size: int = ROWS_OF_PART
+    ) -> Iterator[Array]:
+        """The requested rows, in parts; see `Log`."""
+        require_columns(self.path, self.columns, columns)
+        start, stop = rows
+        while stop is None or start < stop:
+            length = size if stop is None else min(size, stop - start)
+            part = self._read(columns, start, length)
+            height = len(part)
+            if height:
+                yield part
+            del part
+            if height < length:
+                return
+            start += length
+
+    def _read(self, columns: Sequence[str], start: int, length: int) -> Array:
+        import polars as pl
+
+        numbers = [pl.col(c).cast(pl.Float64, strict=False) for c in columns]
+        with _polars_errors_as_log_errors(
+            self.path, f"rows {start} to {start + length} cannot be read"
+        ):
+            width = _columns_at_once(self.path)
+            tables = [
+                _scan(self.path).select(numbers[at : at + width]).slice(start, length).collect()
+                for at in range(0, len(numbers), width)
+            ]
+            return tables[0].to_numpy() if len(tables) == 1 else np.hstack(tables)
+
+
+def require_polars(path: Path) -> None:
+    """Refuse a Parquet file without Polars.
+
+    Raises:
+        PackageError: Polars is not installed.
+    """
+    require("polars", "polars", "Parquet files", str(path))
+
+
+def _columns_at_once(path: Path) -> int:
+    """How many columns can be read side by side: their pages are decoded whole.
+
+    Raises:
+        ValueError: One is too many, or the file is broken.
+    """
+    stat = path.stat()
+    values = longest_page(path.resolve(), stat.st_mtime_ns, stat.st_size)
+    if values > LONGEST_PAGE:
+        raise ValueError(
+            f"one of its pages holds {values} values, where {LONGEST_PAGE} are as many as are read"
+        )
+    return (
+        DECODED_VALUES // max(1, values)
+        if values > ORDINARY_ROWS_OF_GROUP
+        else MOST_PARQUET_COLUMNS
+    )
+
+
+@contextmanager
+def _polars_errors_as_log_errors(path: Path, wrong: str) -> Iterator[None]:
+    """Turn what Polars raises into our errors, its panics at broken files too."""
+    from polars.exceptions import PanicException, PolarsError
+
+    try:
+        yield
+    except (PolarsError, OSError, PanicException, MemoryError, OverflowError, ValueError) as error:
+        raise LogError(
+            f"{wrong} ({_first_line(error)})",
+            where=str(path),
+            fix="copy or convert it again; columns must hold one number a row, and a log in text "
+            "form needs the suffix .csv",
+        ) from error
+
+
+def _scan(path: Path) -> "polars.LazyFrame":
+    import polars as pl
+
+    return pl.scan_parquet(path, glob=False, cache=False)
+
+
+def _first_line(error: BaseException) -> str:
+    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+
+
+@dataclass(frozen=True)
+class PartitionedParquet:
+    """Files of a folder and of those in it as one log, in the natural order of their names.
+
+    `part-2.parquet` comes before `part-10.parquet`; names that start with `.` or `_` are passed
+    over.
+
+    Attributes:
+        path: The folder.
+        columns: Names of the columns, the same in all files.
+        files: Its files, in order.
+    """
+
+    path: Path
+    columns: tuple[str, ...]
+    files: tuple[ParquetLog, ...]
+
+    @classmethod
+    def open(cls, path: Path) -> "PartitionedParquet":
+        """Find the files and compare their columns.
+
+        Raises:
+            LogError: There are none, one cannot be read, or two have other columns.
+        """
+        try:
+            found = [p for p in path.rglob("*") if p.suffix.lower() == ".parquet" and p.is_file()]
+        except OSError as error:
+            raise LogError(
+                f"the folder cannot be read ({error.strerror or error})",
+                where=str(path),
+                fix="check its permissions",
+            ) from error
+        names = {p: p.relative_to(path).parts for p in found}
+        named = [p for p in found if not any(part[0] in "._" for part in names[p])]
+        if not named:
+            raise LogError(
+                "the folder holds no log",
+                where=str(path),
+                fix="name a log file, a folder of .parquet files, or the folder of a ROS 2 bag, "
+                "which holds its metadata.yaml",
+            )
+
+        def order(file: Path) -> tuple[object, ...]:
+            return natural_order((*names[file][:-1], file.stem))
+
+        files = [ParquetLog.open(p) for p in sorted(named, key=order)]
+        for file in files[1:]:
+            _require_same(files[0], file)
+        return cls(path, files[0].columns, tuple(files))
+
+    @property
+    def n_rows(self) -> int:
+        """Number of rows of all files."""
+        return sum(file.n_rows for file in self.files)
+
+    def parts(
+        self, columns: Sequence[str], rows: RowRange = (0, None), size: int = ROWS_OF_PART
+    ) -> Iterator[Array]:
+        """The requested rows, in parts; see `Log`."""
+        require_columns(self.path, self.columns, columns)
+        start, stop = rows
+        for file in self.files:
+            height = file.n_rows if start > 0 or stop is not None else 0
+            yield from file.parts(columns, (start, stop), size)
+            start = max(0, start - height)
+            stop = None if stop is None else max(0, stop - height)
+            if stop == 0:
+                return
+
+
+def natural_order(names: Sequence[str]) -> tuple[tuple[tuple[int, int | str], ...], ...]:
+    """A key that sorts numbers in names as numbers."""
+    return tuple(
+        tuple(
+            (0, int(piece)) if piece.isdecimal() else (1, piece)
+            for piece in re.split(r"(\d+)", name)
+        )
+        for name in names
+    )
+
+
+def _require_same(first: ParquetLog, other: ParquetLog) -> None:
+    absent = [c for c in first.columns if c not in other.columns]
+    new = [c for c in other.columns if c not in first.columns]
+    if absent or new:
+        differ = [*(f"no '{c}'" for c in absent[:3]), *(f"also '{c}'" for c in new[:3])]
+        raise LogError(
+            f"two files of the log have other columns: the second has {', '.join(differ)}",
+            where=f"{first.path} and {other.path}",
+            fix="keep the files of one log in a folder of their own",
+        )

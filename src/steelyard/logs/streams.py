@@ -1,0 +1,273 @@
+"""Rows of a log while it is written: a text file, JSON lines, MCAP, or standard input."""
+
+import json
+import os
+import queue
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import LogError
+from steelyard.logs.log import require_columns
+from steelyard.logs.messages.mcap import McapFile
+from steelyard.logs.messages.message_log import MessageLog
+from steelyard.logs.text_table import (
+    HEADER_LINES,
+    Header,
+    by_numpy,
+    read_header,
+    rows_of_numbers,
+    tidied,
+)
+
+PIECE_BYTES = 1 << 16
+"""Bytes read at a time."""
+
+PENDING_PIECES = 64
+"""Pieces of a pipe that wait at most, before its writer has to."""
+
+Waiting = Callable[[], bool]
+"""Called whenever there is nothing new; it may pause, and ends the stream by `False`."""
+
+
+def file_pieces(path: Path, waiting: Waiting) -> Iterator[bytes]:
+    """What is in a file, and what is appended to it.
+
+    Raises:
+        LogError: It cannot be read, or is replaced or cut off meanwhile.
+    """
+    try:
+        with path.open("rb") as file:
+            while True:
+                if piece := file.read(PIECE_BYTES):
+                    yield piece
+                    continue
+                _refuse_replaced(path, file.fileno(), file.tell())
+                if not waiting():
+                    return
+    except OSError as error:
+        raise LogError(
+            f"the log cannot be read ({error.strerror or error})",
+            where=str(path),
+            fix="check the path and the file's permissions",
+        ) from error
+
+
+def _refuse_replaced(path: Path, number: int, at: int) -> None:
+    """The path still names the open file, which has all bytes that were read."""
+    named, opened = path.stat(), os.fstat(number)
+    if (named.st_ino, named.st_dev) != (opened.st_ino, opened.st_dev) or opened.st_size < at:
+        raise LogError(
+            "the log was replaced or cut off while it was read",
+            where=str(path),
+            fix="start again with the new file; a recorder has to append to its file",
+        )
+
+
+def pipe_pieces(read: Callable[[], bytes], waiting: Waiting) -> Iterator[bytes]:
+    """What a pipe hands out, until its writer closes it.
+
+    Args:
+        read: Waits for bytes and returns them, none at the end; called in a thread.
+        waiting: Called while there are none.
+    """
+    pieces: queue.Queue[bytes] = queue.Queue(PENDING_PIECES)
+
+    def fill() -> None:
+        piece = read()
+        while piece:
+            pieces.put(piece)
+            piece = read()
+        pieces.put(b"")
+
+    threading.Thread(target=fill, daemon=True).start()
+    while True:
+        try:
+            piece = pieces.get_nowait()
+        except queue.Empty:
+            if not waiting():
+                return
+            continue
+        if not piece:
+            return
+        yield piece
+
+
+ROWS_BELOW_HEADER = 2
+"""Rows of numbers below a header, with which it is known."""
+
+LONGEST_STREAM_LINE = 1 << 20
+"""Bytes of a line, at most."""
+
+
+class Lines:
+    """Turns pieces of bytes into rows of columns.
+
+    Lines before the header are passed over; it is known once two rows follow it. A table whose
+    first line is a JSON object has such objects in all lines, with the columns as their keys. A
+    cell that is missing or no number is NaN; a line that is no row, and a last line without its
+    end, are rows of NaN.
+    """
+
+    def __init__(self, path: Path, wanted: Sequence[str]) -> None:
+        """Begin.
+
+        Args:
+            path: Where the bytes come from, for messages.
+            wanted: Columns of the rows, in their order.
+        """
+        self._path, self._wanted = path, tuple(wanted)
+        self._rest = b""
+        self._header: Header | None = None
+        self._json = False
+
+    def rows(self, pieces: Iterable[bytes]) -> Iterator[Array]:
+        """Rows of every piece, shape `(N, len(wanted))` with N > 0.
+
+        Raises:
+            LogError: There is no table, it lacks a column, or a line does not end.
+        """
+        for piece in pieces:
+            self._rest += piece
+            end = self._rest.rfind(b"\n") + 1
+            if len(self._rest) - end > LONGEST_STREAM_LINE:
+                raise LogError(
+                    f"a line is longer than {LONGEST_STREAM_LINE >> 20} MiB",
+                    where=str(self._path),
+                    fix="give one line per sample",
+                )
+            if not end or not self._begun(self._rest[:end]):
+                continue
+            end = self._rest.rfind(b"\n") + 1
+            whole, self._rest = self._rest[:end], self._rest[end:]
+            lines = [line for line in whole.split(b"\n") if line.strip()]
+            if lines:
+                yield self._objects(lines) if self._json else self._cells(lines)
+        if self._header is None and not self._json:
+            raise self._no_table()
+        if self._rest.strip():
+            yield np.full((1, len(self._wanted)), np.nan)
+
+    def _begun(self, whole: bytes) -> bool:
+        """Whether the header is known; it is taken off when it becomes so."""
+        if self._json or self._header is not None:
+            return True
+        lines = whole.split(b"\n")[:-1]
+        text = [line.decode("utf-8", errors="replace").strip("\ufeff \r") for line in lines]
+        first = next((line for line in text if line), "")
+        if first.startswith("{"):
+            require_columns(self._path, tuple(self._object(first.encode())), self._wanted)
+            self._json = True
+            return True
+        header = read_header(text[:HEADER_LINES])
+        if header is None or rows_of_numbers(text[:HEADER_LINES], header) < ROWS_BELOW_HEADER:
+            if len(lines) > HEADER_LINES:
+                raise self._no_table()
+            return False
+        require_columns(self._path, header.columns, self._wanted)
+        self._header = header
+        self._rest = self._rest[sum(len(line) + 1 for line in lines[: header.body]) :]
+        return True
+
+    def _cells(self, lines: Sequence[bytes]) -> Array:
+        header = self._header
+        assert header is not None
+        places = [header.columns.index(name) for name in self._wanted]
+        chunk = tidied(b"\n".join(lines) + b"\n", header.separator)
+        return by_numpy(chunk, places, header.separator, header.decimal_comma)
+
+    def _objects(self, lines: Sequence[bytes]) -> Array:
+        found = (self._object(line) for line in lines)
+        rows = [[_json_number(one.get(name)) for name in self._wanted] for one in found]
+        return np.array(rows, dtype=np.float64)
+
+    def _object(self, line: bytes) -> dict[str, object]:
+        try:
+            found = json.loads(line)
+        except ValueError:
+            return {}
+        return found if isinstance(found, dict) else {}
+
+    def _no_table(self) -> LogError:
+        return LogError(
+            "there is no table: no header with two rows of numbers below it",
+            where=str(self._path),
+            fix="send a line of column names, then one line per sample; or one JSON object a line",
+        )
+
+
+def _json_number(value: object) -> float:
+    """A number of JSON; NaN if it is none."""
+    known = isinstance(value, int | float) and not isinstance(value, bool)
+    return float(value) if known else np.nan  # type: ignore[arg-type]
+
+
+STANDARD_INPUT = "-"
+"""Name of the source that is no file."""
+
+TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".jsonl", ".ndjson")
+"""Suffixes of files of lines."""
+
+BATCH_ROWS = 16
+"""Messages that are put together at a time."""
+
+
+def rows_of(
+    source: str, columns: Sequence[str], waiting: Waiting, read: Callable[[], bytes]
+) -> Iterator[Array]:
+    """Rows of some columns as they arrive, shape `(N, len(columns))`.
+
+    Args:
+        source: A file, or `-`.
+        columns: Their names.
+        waiting: Called while there is nothing new; the rows end when it returns `False`.
+        read: Reads from standard input: some bytes, none at its end.
+
+    Raises:
+        LogError: The source is not there, of a kind that cannot be read while it is written, or
+            lacks a column.
+    """
+    if source == STANDARD_INPUT:
+        return Lines(Path("standard input"), columns).rows(pipe_pieces(read, waiting))
+    path = Path(source)
+    if not path.is_file():
+        raise LogError(
+            "there is no such file",
+            where=source,
+            fix="start the recorder first, or send rows to standard input: --from -",
+        )
+    if path.suffix.lower() == ".mcap":
+        return _messages(path, columns, waiting)
+    if path.suffix.lower() in TEXT_SUFFIXES:
+        return Lines(path, columns).rows(file_pieces(path, waiting))
+    raise LogError(
+        f"a log of the kind '{path.suffix or path.name}' cannot be read while it is written",
+        where=source,
+        fix=f"record a file that ends in {', '.join(TEXT_SUFFIXES)} or .mcap, or send rows to "
+        "standard "
+        "input (--from -); steelyard contact and payload --when read finished logs of all kinds",
+    )
+
+
+def _messages(path: Path, columns: Sequence[str], waiting: Waiting) -> Iterator[Array]:
+    """Rows of an MCAP file, read from front to back without its index."""
+    log = _announced(path, columns, waiting)
+    growing = McapFile(path, complete=False, waiting=waiting)
+    yield from replace(log, container=growing).parts(columns, size=BATCH_ROWS)
+
+
+def _announced(path: Path, columns: Sequence[str], waiting: Waiting) -> MessageLog:
+    """The log once the first messages of all wanted topics are in it."""
+    while True:
+        try:
+            log = MessageLog.open(path)
+            require_columns(path, log.columns, columns)
+        except LogError:
+            if not waiting() or (path.stat().st_size and McapFile.open(path).complete):
+                raise
+        else:
+            return log

@@ -1,0 +1,456 @@
+"""Logs as text tables: their header lines, what divides their columns, and their numbers."""
+
+import csv
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import LogError, available
+from steelyard.logs.log import ROWS_OF_PART, RowRange, require_columns, require_file
+
+SEPARATORS = ",;\t| "
+
+COMMENT = ("#", "%")
+MISSING_CELLS = frozenset(("", "na", "n/a", "null", "none", "-"))
+UNITS = frozenset(
+    "s sec ms us µs ns min h hz rad deg ° m mm cm rad/s deg/s °/s rpm m/s mm/s rad/s2 rad/s^2 "
+    "rad/s² deg/s2 deg/s^2 m/s2 m/s^2 m/s² a ma v nm n*m n·m n.m n knm kn kg k c °c %".split()
+)
+_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
+_POINT = re.compile(r"[+-]?\d+\.\d*([eE][+-]?\d+)?")
+_BLANK = re.compile(r"\s+")
+_BRACKETED = re.compile(r"\[[^\]]*\]|\([^)]*\)")
+
+
+@dataclass(frozen=True)
+class Header:
+    """What the first lines of a text table say.
+
+    Attributes:
+        columns: Names of its columns: `column_1`, ... if no line names them.
+        separator: What divides the columns.
+        decimal_comma: Whether numbers are written `0,5`.
+        body: Number of the line that the rows start in.
+    """
+
+    columns: tuple[str, ...]
+    separator: str
+    decimal_comma: bool
+    body: int
+
+
+def read_header(lines: Sequence[str]) -> Header | None:
+    """The header in a table's first lines; `None` if they are blank or comments only.
+
+    The rows start at the first line that is mostly numbers, or rather behind the line of names
+    above it: the last one as wide as the rows, be it behind a comment sign. If that holds units
+    only, the names are in the line above it, and become `q1 [rad]`.
+    """
+    text = "".join(lines)
+    there = [s for s in SEPARATORS if (_BLANK.search(text) if s == " " else s in text)]
+    found = [view for view in (_seen(lines, s) for s in there) if view is not None]
+    if not any(divided for (divided, *_), _ in found):
+        # all that the lines do not contain divide nothing: one stands for them
+        absent = [s for s in SEPARATORS if s not in there][:1]
+        found += [view for s in absent if (view := _seen(lines, s)) is not None]
+    return max(found, key=lambda view: view[0])[1] if found else None
+
+
+def is_table(lines: Sequence[str], header: Header) -> bool:
+    """Whether some row below a header has numbers; without, whether the header is one of a table.
+
+    Words divided by blanks, with other words below them, are no names of columns; nor are names
+    that repeat.
+    """
+    names, below = header.columns, False
+    for row in _rows_below(lines, header):
+        if _is_row(row, ()) or (len(row) == len(names) and not all(map(_is_word, row))):
+            return True
+        below = True
+    return len(set(names)) == len(names) and not (below and header.separator == " ")
+
+
+def rows_of_numbers(lines: Sequence[str], header: Header) -> int:
+    """How many lines below a header are mostly numbers."""
+    return sum(_is_row(row, ()) for row in _rows_below(lines, header))
+
+
+def _rows_below(lines: Sequence[str], header: Header) -> Iterator[list[str]]:
+    return (
+        cells_of(line, header.separator)
+        for line in lines[header.body :]
+        if line.strip() and not line.startswith(COMMENT)
+    )
+
+
+class _RowsByWidth(dict[int, list[str]]):
+    """Cells of the lines, by number, each divided when it is looked at; comments without a sign."""
+
+    def __init__(self, lines: Sequence[str], separator: str) -> None:
+        super().__init__()
+        self._lines, self._separator = lines, separator
+
+    def __missing__(self, number: int) -> list[str]:
+        line = self._lines[number]
+        bare = line.lstrip("#% \t") if line.startswith(COMMENT) else line
+        self[number] = cells_of(bare, self._separator)
+        return self[number]
+
+
+def _seen(
+    lines: Sequence[str], separator: str
+) -> tuple[tuple[bool, bool, int, int, int], Header] | None:
+    """The header if columns were divided by a separator, and how well that fits."""
+    rows = _RowsByWidth(lines, separator)
+    plain = [i for i, line in enumerate(lines) if line.strip() and not line.startswith(COMMENT)]
+    pairs = zip(plain, [*plain[1:], -1], strict=False)
+    first = next((i for i, after in pairs if _is_row(rows[i], rows[after])), None)
+    width = 0 if first is None else len(rows[first])
+    above = [i for i in plain if (first is None or i < first) and any(map(_is_word, rows[i]))]
+    if not above:
+        above = _of_comments(lines, rows, first)
+    if not above and first is None:
+        return None
+    names, body = _names(rows, above, first)
+    kinds = [] if first is None else [_is_number(c) or _is_missing(c) for c in rows[first]]
+    fits = (
+        len(names) == width > 1,
+        bool(kinds) and all(kinds),
+        sum(kinds),
+        len(names),
+        -SEPARATORS.index(separator),
+    )
+    numbers = () if separator == "," else range(body, len(lines))
+    cells = [cell for number in numbers for cell in rows[number]]
+    comma = any(map(_COMMA.fullmatch, cells)) and not any(map(_POINT.fullmatch, cells))
+    return fits, Header(names, separator, comma, body)
+
+
+def _of_comments(
+    lines: Sequence[str], rows: Mapping[int, Sequence[str]], first: int | None
+) -> list[int]:
+    """The comment line that names the columns, if one does."""
+    comments = [i for i in range(len(lines) if first is None else first) if lines[i].strip(" \t#%")]
+    if first is not None:
+        comments = [i for i in comments if len(rows[i]) == len(rows[first]) > 1]
+    return comments[-1:]
+
+
+def _names(
+    rows: Mapping[int, Sequence[str]], above: Sequence[int], first: int | None
+) -> tuple[tuple[str, ...], int]:
+    """Names of the columns, and the line behind them."""
+    if first is None:
+        return tuple(rows[above[0]]), above[0] + 1
+    if not above:
+        return tuple(f"column_{number + 1}" for number in range(len(rows[first]))), first
+    fitting = [i for i in above if len(rows[i]) == len(rows[first])]
+    if not fitting:
+        widest = max(above, key=lambda i: len(rows[i]))
+        return tuple(rows[widest]), widest + 1
+    line = fitting[-1]
+    if len(fitting) > 1 and _is_units(rows[line]):
+        pairs = zip(rows[fitting[-2]], rows[line], strict=True)
+        return tuple(_with_unit(name, unit) for name, unit in pairs), line + 1
+    return tuple(rows[line]), line + 1
+
+
+def cells_of(line: str, separator: str) -> list[str]:
+    """The cells of a line, without quotes and blanks around them."""
+    if separator == " ":
+        line = _BLANK.sub(" ", line).strip()
+    row = line.split(separator) if line else []
+    if '"' in line:
+        with suppress(csv.Error):
+            row = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    return [cell.strip() for cell in row]
+
+
+def _is_row(row: Sequence[str], after: Sequence[str]) -> bool:
+    """Whether a line is mostly numbers, and not `time,0,1,2` above a line of more of them."""
+    numbers, words = [c for c in row if _is_number(c)], [c for c in row if _is_word(c)]
+    if words and all(map(str.isdecimal, numbers)) and sum(map(_is_number, after)) > len(numbers):
+        return False
+    return len(numbers) > len(words)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return _COMMA.fullmatch(cell) is not None
+    return "_" not in cell
+
+
+def _is_missing(cell: str) -> bool:
+    return cell.lower() in MISSING_CELLS
+
+
+def _is_word(cell: str) -> bool:
+    return not _is_number(cell) and not _is_missing(cell)
+
+
+def _is_units(row: Sequence[str]) -> bool:
+    """Whether a line below the names holds units only."""
+    filled = [cell for cell in row if not _is_missing(cell)]
+    return bool(filled) and all(_BRACKETED.fullmatch(c) or c.lower() in UNITS for c in filled)
+
+
+def _with_unit(name: str, unit: str) -> str:
+    bare = unit.strip("[]() ")
+    return name if _is_missing(bare) or bare in name else f"{name} [{bare}]"
+
+
+CHUNK = 1 << 22
+"""Bytes read at a time."""
+LONGEST_LINE = 1 << 24
+"""Bytes of a line, or of blank lines in a row."""
+HEADER_BYTES = 1 << 20
+"""Bytes in which the first row starts."""
+HEADER_LINES = 500
+"""Lines that are looked at for the header."""
+MOST_TEXT_COLUMNS = 10_000
+CELLS = 1 << 19
+"""Cells parsed at a time."""
+SMALL = 1 << 20
+"""Bytes of a file up to which its numbers are kept for the next pass."""
+FILES_KEPT = 16
+"""Small files that are kept."""
+
+
+@dataclass(frozen=True)
+class DelimitedLog:
+    """A text table with a line of names above its rows, or without; see `read_header`.
+
+    A cell that is not a number is NaN, as are the cells that a short row lacks; what a long row
+    has too many is left out. Quotes around cells and blanks beside them are taken off.
+
+    Attributes:
+        path: Where it is.
+        columns: Names of its columns.
+        separator: What divides the columns.
+        decimal_comma: Whether numbers are written `0,5`.
+        body: Byte at which the first row starts.
+    """
+
+    path: Path
+    columns: tuple[str, ...]
+    separator: str
+    decimal_comma: bool
+    body: int
+
+    @classmethod
+    def open(cls, path: Path) -> "DelimitedLog":
+        """Read the header and guess the separator.
+
+        Raises:
+            LogError: Not there, not text, or without a table.
+        """
+        require_file(path)
+        try:
+            with path.open("rb") as file:
+                head = file.read(HEADER_BYTES)
+        except OSError as error:
+            raise _unreadable(path, error) from error
+        lines = head.split(b"\n", HEADER_LINES)[:HEADER_LINES]
+        if len(lines) > 1 and len(head) == HEADER_BYTES:
+            lines.pop()
+        text = [line.decode("utf-8", errors="replace").strip("\ufeff \r") for line in lines]
+        _require_text(path, next((line for line in lines if line.strip()), b""))
+        header = read_header(text)
+        if header is None or not any(header.columns):
+            raise LogError(
+                "the file holds no table",
+                where=str(path),
+                fix="give a header and one row per sample",
+            )
+        _require_text(path, b"".join(lines[: header.body]))
+        _require_width(path, header.columns)
+        if not is_table(text, header):
+            raise LogError(
+                "the file does not look like a table: its lines hold no rows of numbers",
+                where=str(path),
+                fix="give a log: a header, and one row of numbers per sample",
+            )
+        body = sum(len(line) + 1 for line in lines[: header.body])
+        return cls(path, header.columns, header.separator, header.decimal_comma, body)
+
+    def parts(
+        self, columns: Sequence[str], rows: RowRange = (0, None), size: int = ROWS_OF_PART
+    ) -> Iterator[Array]:
+        """The requested rows, in parts; see `Log`."""
+        require_columns(self.path, self.columns, columns)
+        wanted = [self.columns.index(column) for column in columns]
+        if (stamp := self._stamp())[0] <= SMALL:
+            table = _kept(self, tuple(wanted), stamp)[slice(*rows)]
+            for i in range(0, len(table), size):
+                yield table[i : i + size]
+            return
+        start, stop = rows
+        row = 0
+        for chunk in self._pieces(max(wanted, default=0) + 1):
+            length = chunk.count(b"\n")
+            first = max(start - row, 0)
+            last = length if stop is None else min(stop - row, length)
+            if first < last:
+                table = self._numbers(chunk, wanted)[first:last]
+                for i in range(0, len(table), size):
+                    yield table[i : i + size]
+                del table
+            row += length
+            if stop is not None and row >= stop:
+                return
+
+    def _stamp(self) -> tuple[int, ...]:
+        """Size of the file, when it was changed, and which it is."""
+        try:
+            facts = self.path.stat()
+        except OSError as error:
+            raise _unreadable(self.path, error) from error
+        return facts.st_size, facts.st_mtime_ns, facts.st_ino, facts.st_dev
+
+    def _pieces(self, width: int) -> Iterator[bytes]:
+        """The chunks, divided where very short lines would make too many cells."""
+        limit = max(1, CELLS // width)
+        for chunk in self._chunks():
+            if chunk.count(b"\n") <= limit:
+                yield chunk
+                continue
+            ends = np.flatnonzero(np.frombuffer(chunk, np.uint8) == ord("\n")) + 1
+            start = 0
+            for end in [*ends[limit - 1 : -1 : limit].tolist(), len(chunk)]:
+                yield chunk[start:end]
+                start = end
+
+    def _endless(self) -> LogError:
+        return LogError(
+            f"more than {LONGEST_LINE >> 20} MiB of the log hold no ended row",
+            where=str(self.path),
+            fix="check that the file is a text table with one line per sample",
+        )
+
+    def _chunks(self) -> Iterator[bytes]:
+        """Whole lines, about `CHUNK` bytes at a time; the last is ended, blank ones after it go."""
+        try:
+            with self.path.open("rb") as file:
+                file.seek(self.body)
+                rest = b""
+                while block := file.read(CHUNK):
+                    rest += block
+                    end = rest.find(b"\n", len(rest.rstrip())) + 1 or rest.rfind(b"\n") + 1
+                    if rest[:end].strip():
+                        yield rest[:end]
+                        rest = rest[end:]
+                    elif len(rest) > LONGEST_LINE:
+                        raise self._endless()
+                if rest.strip():
+                    yield rest + b"\n"
+        except OSError as error:
+            raise _unreadable(self.path, error) from error
+
+    def _numbers(self, chunk: bytes, wanted: Sequence[int]) -> Array:
+        parsed = by_polars if available("polars") else by_numpy
+        return parsed(tidied(chunk, self.separator), wanted, self.separator, self.decimal_comma)
+
+
+@lru_cache(maxsize=FILES_KEPT)
+def _kept(log: DelimitedLog, wanted: tuple[int, ...], stamp: tuple[int, ...]) -> Array:
+    """Columns of all rows of a small file, shape `(N, len(wanted))`, read-only."""
+    pieces = log._pieces(max(wanted, default=0) + 1)
+    parts = [np.empty((0, len(wanted))), *(log._numbers(piece, wanted) for piece in pieces)]
+    table = np.concatenate(parts)
+    table.setflags(write=False)
+    return table
+
+
+def by_polars(chunk: bytes, wanted: Sequence[int], separator: str, decimal_comma: bool) -> Array:
+    """Columns of ended lines as floats, shape `(lines, len(wanted))`; other cells are NaN."""
+    import polars as pl
+
+    width = max(wanted, default=0) + 1
+    names = [f"column_{i}" for i in range(width)]
+    # A full first row keeps Polars from judging the table's width by a broken one.
+    full = separator.join(["0"] * width).encode() + b"\n"
+    table = pl.read_csv(
+        full + chunk,
+        has_header=False,
+        columns=list(dict.fromkeys(names[i] for i in wanted)),
+        separator=separator,
+        schema=dict.fromkeys(names, pl.Float64),
+        quote_char=None,
+        decimal_comma=decimal_comma,
+        ignore_errors=True,
+        truncate_ragged_lines=True,
+    )
+    return table.select(pl.col(names[i]).fill_null(np.nan) for i in wanted).to_numpy()[1:]
+
+
+def by_numpy(chunk: bytes, wanted: Sequence[int], separator: str, decimal_comma: bool) -> Array:
+    """The same as `by_polars` without Polars, about a tenth as fast."""
+    text = chunk.decode("latin-1")
+    lines = (text.replace(",", ".") if decimal_comma else text).split("\n")[:-1]
+    if wanted and all(lines):
+        try:
+            return np.loadtxt(lines, delimiter=separator, usecols=wanted, comments=None, ndmin=2)
+        except ValueError:
+            pass  # some cell is not a number
+    rows = [line.split(separator) for line in lines]
+    cells = [[_cell_number(row[i]) if i < len(row) else np.nan for i in wanted] for row in rows]
+    return np.array(cells, dtype=np.float64).reshape(len(lines), len(wanted))
+
+
+def _cell_number(cell: str) -> float:
+    """The number in a cell; NaN if it holds none."""
+    try:
+        return np.nan if "_" in cell else float(cell)
+    except ValueError:
+        return np.nan
+
+
+def tidied(chunk: bytes, separator: str) -> bytes:
+    """The lines with nothing in them that a number does not have: quotes, blanks, NUL bytes.
+
+    Separators inside quotes become part of the cell.
+    """
+    if b'"' in chunk:
+        quoted = re.compile(rb'"[^"\n]*"')
+        mark = separator.encode()
+        chunk = quoted.sub(lambda cell: cell[0].replace(mark, b"_"), chunk).replace(b'"', b"")
+    chunk = chunk.replace(b"\r", b"")
+    if separator == " ":
+        chunk = re.sub(rb"(?m)^ | $", b"", re.sub(rb"[ \t]+", b" ", chunk))
+    elif b" " in chunk:
+        chunk = chunk.replace(b" ", b"")
+    return chunk
+
+
+def _require_text(path: Path, line: bytes) -> None:
+    if line.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\x00" in line:
+        raise LogError(
+            "the file is not a text table in UTF-8",
+            where=str(path),
+            fix="save it as CSV in UTF-8; a Parquet file needs the suffix .parquet",
+        )
+
+
+def _require_width(path: Path, columns: Sequence[str]) -> None:
+    if len(columns) > MOST_TEXT_COLUMNS:
+        raise LogError(
+            f"the file's first lines name {len(columns)} columns; that is no table of a robot",
+            where=str(path),
+            fix="check that the file is the log, and that its lines are ended",
+        )
+
+
+def _unreadable(path: Path, error: OSError) -> LogError:
+    return LogError(
+        f"the log cannot be read ({error.strerror or error})",
+        where=str(path),
+        fix="check the file's permissions and the disk",
+    )

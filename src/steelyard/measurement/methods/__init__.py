@@ -1,1 +1,0 @@
-"""Methods from positions to motion, and smoothers of efforts."""

@@ -1,1 +1,0 @@
-"""Means over repetitions of one motion."""

@@ -1,1 +1,0 @@
-"""What is done with single rows: validity, clock, outliers, saturation, resampling."""

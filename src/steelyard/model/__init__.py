@@ -1,0 +1,1 @@
+"""A robot with its causes of torque: equations, laws, quantities, `Model`."""

@@ -1,0 +1,1 @@
+"""Rigid-body dynamics and closed chains, and functions compiled from them."""

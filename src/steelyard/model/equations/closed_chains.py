@@ -1,0 +1,311 @@
+r"""Closed chains: from independent joints to all joints and their torques back, by small systems.
+
+Up to three equations are solved by cofactors, more by $L D L^T$ of their normal equations: neither
+divides by a pivot that could vanish where the system itself is regular.
+
+With all positions known, pins give $H\,\dot q = 0$; split into independent and passive joints,
+$\dot q_p = G \dot q_a$ with $G = -H_p^{-1} H_a$, $\ddot q_p = G \ddot q_a + \dot G \dot q_a$, and
+the effort of the independent joints is $\tau_a + G^T \tau_p$ [Murray1994]. The rate is
+$\dot G \dot q_a = -H_p^{-1} b$, where $b = \dot H \dot q$ is how the pins' points accelerate apart
+while no joint accelerates.
+
+Which equations belong to which joints is known from `loop_equations`; blocks of them are solved one
+by one.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from steelyard.model.equations.inverse_dynamics import (
+    JointState,
+    Scalar,
+    Vector,
+    _constant,
+    _cross,
+    _dot,
+    _placement,
+    _times,
+)
+from steelyard.robot.loop_closures import LoopEquations, chains, loop_equations
+from steelyard.robot.robot import Body, Robot
+
+COFACTORS = 3
+"""Largest system that is solved by cofactors."""
+
+
+def solved(matrix: list[list[Scalar]], sides: Sequence[list[Scalar]]) -> list[list[Scalar]]:
+    """Solutions of a square system, one per right-hand side.
+
+    Args:
+        matrix: Rows.
+        sides: Right-hand sides.
+    """
+    if len(matrix) > COFACTORS:
+        return _by_normal_equations(matrix, sides)
+    size = range(len(matrix))
+    adjugate = [[_cofactor(matrix, row, column) for row in size] for column in size]
+    inverse = 1.0 / along(matrix[0], [adjugate[k][0] for k in size])
+    return [[inverse * along(adjugate[k], side) for k in size] for side in sides]
+
+
+def _cofactor(matrix: Sequence[Sequence[Scalar]], row: int, column: int) -> Scalar:
+    rest = [
+        [x for k, x in enumerate(line) if k != column] for j, line in enumerate(matrix) if j != row
+    ]
+    value = _determinant(rest)
+    return value if (row + column) % 2 == 0 else negative(value)
+
+
+def _determinant(matrix: Sequence[Sequence[Scalar]]) -> Scalar:
+    if not matrix:
+        return 1.0
+    return along(matrix[0], [_cofactor(matrix, 0, k) for k in range(len(matrix))])
+
+
+def _by_normal_equations(
+    matrix: list[list[Scalar]], sides: Sequence[list[Scalar]]
+) -> list[list[Scalar]]:
+    size = len(matrix)
+    columns = [[matrix[r][c] for r in range(size)] for c in range(size)]
+    lower, diagonal = _factors([[along(a, b) for b in columns] for a in columns])
+    solutions = []
+    for side in sides:
+        x = [along(column, side) for column in columns]
+        for i in range(size):
+            for k in range(i):
+                x[i] = x[i] - lower[i][k] * x[k]
+        x = [value / d for value, d in zip(x, diagonal, strict=True)]
+        for i in reversed(range(size)):
+            for k in range(i + 1, size):
+                x[i] = x[i] - lower[k][i] * x[k]
+        solutions.append(x)
+    return solutions
+
+
+def _factors(normal: Sequence[Sequence[Scalar]]) -> tuple[list[list[Scalar]], list[Scalar]]:
+    r"""$L$ and $D$ of a positive definite matrix $L D L^T$."""
+    size = len(normal)
+    lower: list[list[Scalar]] = [[0.0] * size for _ in range(size)]
+    diagonal: list[Scalar] = []
+    for i in range(size):
+        for j in range(i + 1):
+            value = normal[i][j]
+            for k in range(j):
+                value = value - lower[i][k] * diagonal[k] * lower[j][k]
+            if i == j:
+                diagonal.append(value)
+            else:
+                lower[i][j] = value / diagonal[j]
+    return lower, diagonal
+
+
+def along(row: Sequence[Scalar], values: Sequence[Scalar]) -> Scalar:
+    """Sum of products, leaving out what is zero by structure."""
+    total: Scalar = None
+    for factor, value in zip(row, values, strict=True):
+        if factor is not None:
+            total = factor * value if total is None else total + factor * value
+    return 0.0 if total is None else total
+
+
+def negative(scalar: Scalar) -> Scalar:
+    """The scalar with its sign changed."""
+    return -1.0 * scalar
+
+
+@dataclass(frozen=True)
+class _Hinge:
+    """A joint on the way to a pin, in the frame of the last body that carries both ends.
+
+    Attributes:
+        body: The body it carries.
+        axis: Unit vector along its axis.
+        origin: Origin of the body's frame.
+    """
+
+    body: Body
+    axis: Vector
+    origin: Vector
+
+
+@dataclass(frozen=True)
+class _Arm:
+    """One end of a pin: the joints on the way, and where its point is."""
+
+    hinges: tuple[_Hinge, ...]
+    tip: Vector
+
+
+def completed(robot: Robot, state: JointState) -> tuple[JointState, Any]:
+    """The state of all joints, and the map `G` by which passive torques load independent joints.
+
+    Args:
+        robot: The robot.
+        state: Independent joints; the first channels are the positions of the passive ones.
+
+    Returns:
+        All joints, with the other channels, and `G`, indexed `[passive][independent]`, `None`
+        where it is zero by structure; `None` as a whole for a tree.
+    """
+    if not robot.passive:
+        return state, None
+    count = len(robot.passive)
+    q = [*state.q, *state.channels[:count]]
+    equations = loop_equations(robot)
+    arms = _arms(robot, q)
+    slopes = _slopes(equations, arms)
+    torque_map: list[list[Scalar]] = [[None] * robot.n for _ in range(count)]
+    for rows, joints in _blocks(equations, robot.n):
+        active = [k for k in range(robot.n) if equations.depends[rows, k].any()]
+        sides = [[negative(slopes[r][k]) for r in rows] for k in active]
+        columns = solved([[slopes[r][j] for j in joints] for r in rows], sides)
+        for k, column in zip(active, columns, strict=True):
+            for joint, value in zip(joints, column, strict=True):
+                torque_map[joint - robot.n][k] = value
+    dq = [*state.dq, *(along(row, state.dq) for row in torque_map)]
+    drifts = [
+        negative(_dot(_constant(direction), _drift(arms[loop], dq)))
+        for loop, direction in zip(equations.loops, equations.directions, strict=True)
+    ]
+    ddq = [along(row, state.ddq) for row in torque_map]
+    for rows, joints in _blocks(equations, robot.n):
+        matrix = [[slopes[r][j] for j in joints] for r in rows]
+        (values,) = solved(matrix, [[drifts[r] for r in rows]])
+        for joint, value in zip(joints, values, strict=True):
+            ddq[joint - robot.n] = ddq[joint - robot.n] + value
+    return JointState(q, dq, [*state.ddq, *ddq], state.channels[count:]), torque_map
+
+
+def corrected(robot: Robot, q: Sequence[Scalar], passive: Sequence[Scalar]) -> list[Scalar]:
+    """One Newton step of the passive positions, and then the squared gap of every pin [m²].
+
+    Args:
+        robot: The robot.
+        q: Independent joints.
+        passive: Passive joints, where the squared gaps are taken.
+    """
+    equations = loop_equations(robot)
+    arms = _arms(robot, [*q, *passive])
+    slopes = _slopes(equations, arms)
+    lacks = [first.tip - second.tip for first, second in arms]
+    result = list(passive)
+    for rows, joints in _blocks(equations, robot.n):
+        side = [
+            negative(_dot(_constant(equations.directions[r]), lacks[equations.loops[r]]))
+            for r in rows
+        ]
+        (steps,) = solved([[slopes[r][j] for j in joints] for r in rows], [side])
+        for joint, step in zip(joints, steps, strict=True):
+            result[joint - robot.n] = result[joint - robot.n] + step
+    return [*result, *(_dot(lack, lack) for lack in lacks)]
+
+
+def projected(
+    robot: Robot, entries: Mapping[tuple[int, int], Scalar], torque_map: Any
+) -> Mapping[tuple[int, int], Scalar]:
+    """Rows of all joints as rows of the independent ones, `(row, column)` to scalar."""
+    if torque_map is None:
+        return entries
+    result: dict[tuple[int, int], Scalar] = {}
+    for (row, column), value in entries.items():
+        if row < robot.n:
+            targets = [(row, value)]
+        else:
+            gains = enumerate(torque_map[row - robot.n])
+            parts = [(k, g * value) for k, g in gains if g is not None]
+            targets = [(k, part) for k, part in parts if not _vanishes(part)]
+        for target, part in targets:
+            old = result.get((target, column))
+            result[target, column] = part if old is None else old + part
+    return result
+
+
+def _vanishes(scalar: Scalar) -> bool:
+    """Whether a symbol is zero by structure; arrays and numbers have none."""
+    test = getattr(scalar, "is_zero", None)
+    return test is not None and bool(test())
+
+
+def _arms(robot: Robot, q: Sequence[Scalar]) -> list[tuple[_Arm, _Arm]]:
+    """Both ends of every pin."""
+    found = []
+    for loop in robot.loops:
+        first, second = chains(robot, loop)
+        found.append(
+            (_arm(robot, first, loop.points[0], q), _arm(robot, second, loop.points[1], q))
+        )
+    return found
+
+
+def _arm(robot: Robot, chain: Sequence[int], point: Any, q: Sequence[Scalar]) -> _Arm:
+    rotation, position = _constant(np.eye(3)), _constant(np.zeros(3))
+    hinges = []
+    for body in (robot.bodies[k] for k in chain):
+        axis = rotation @ _constant(body.rotation @ body.axis)
+        turned, moved = _placement(body, body.ratio * q[body.coordinate] + body.offset)
+        position = position + rotation @ moved
+        rotation = rotation @ turned
+        hinges.append(_Hinge(body, axis, position))
+    return _Arm(tuple(hinges), position + rotation @ _constant(point))
+
+
+def _slopes(equations: LoopEquations, arms: Sequence[tuple[_Arm, _Arm]]) -> list[list[Scalar]]:
+    """$H$, one row per equation."""
+    rows: list[list[Scalar]] = []
+    for loop, direction, depends in zip(
+        equations.loops, equations.directions, equations.depends, strict=True
+    ):
+        row: list[Scalar] = [0.0] * len(depends)
+        for sign, arm in zip((1.0, -1.0), arms[loop], strict=True):
+            for hinge in arm.hinges:
+                joint = hinge.body.coordinate
+                if depends[joint]:
+                    slide = hinge.body.kind == "prismatic"
+                    lever = hinge.axis if slide else _cross(hinge.axis, arm.tip - hinge.origin)
+                    part = _dot(_constant(direction), lever)
+                    row[joint] = row[joint] + sign * hinge.body.ratio * part
+        rows.append(row)
+    return rows
+
+
+def _drift(arms: tuple[_Arm, _Arm], dq: Sequence[Scalar]) -> Vector:
+    """How the points of a pin accelerate apart while no joint accelerates."""
+    return _own_drift(arms[0], dq) - _own_drift(arms[1], dq)
+
+
+def _own_drift(arm: _Arm, dq: Sequence[Scalar]) -> Vector:
+    zero = _constant(np.zeros(3))
+    omega, alpha, acceleration, origin = zero, zero, zero, zero
+    for hinge in arm.hinges:
+        rate = _times(hinge.axis, hinge.body.ratio * dq[hinge.body.coordinate])
+        acceleration = acceleration + _carried(omega, alpha, hinge.origin - origin)
+        origin = hinge.origin
+        if hinge.body.kind == "prismatic":
+            acceleration = acceleration + _times(_cross(omega, rate), 2.0)
+        else:
+            alpha = alpha + _cross(omega, rate)
+            omega = omega + rate
+    return acceleration + _carried(omega, alpha, arm.tip - origin)
+
+
+def _carried(omega: Vector, alpha: Vector, arm: Vector) -> Vector:
+    return _cross(alpha, arm) + _cross(omega, _cross(omega, arm))
+
+
+def _blocks(equations: LoopEquations, n: int) -> list[tuple[list[int], list[int]]]:
+    """Equations and passive joints that hang together: rows of the equations, joints."""
+    left, blocks = set(range(len(equations.loops))), []
+    while left:
+        rows = {min(left)}
+        joints: set[int] = set()
+        grown = True
+        while grown:
+            joints = {n + int(j) for r in rows for j in np.flatnonzero(equations.depends[r, n:])}
+            more = {r for r in left if equations.depends[r, sorted(joints)].any()}
+            grown, rows = not more <= rows, rows | more
+        blocks.append((sorted(rows), sorted(joints)))
+        left -= rows
+    return blocks

@@ -1,0 +1,194 @@
+r"""Programs of how large joint efforts and powers may be, whichever way friction acts.
+
+Where a law takes the sign of a velocity, friction may act either way when the joint almost stands
+still, so a sign counts as any number from -1 to 1 and the effort of joint `j` is bounded by
+
+$$\tau_j^\pm = \tau_j(s = 0) + \sum_i \max_{s_i \in \{-1, 0, 1\}} \text{ or } \min \;
+  [\tau_j(s_i) - \tau_j(0)].$$
+
+Friction is a sum over its signs, each of which may be switched off at low speed; so the bounds
+hold for all signs together. They are continuous in the motion, as the effort itself is not.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from steelyard.model.equations.inverse_dynamics import Scalar
+from steelyard.symbolic.native.compiled import Code, compiled
+from steelyard.symbolic.program import InputArray, Program, Step, program_from_json, program_to_json
+
+Efforts = Callable[..., Sequence[Scalar]]
+"""Position, velocity, acceleration and parameters to the effort of every joint."""
+
+
+@dataclass(frozen=True, eq=False)
+class EffortBounds:
+    """Greatest and least efforts or powers, `K` of each.
+
+    Attributes:
+        code: Inputs position, velocity, acceleration and shared parameters; outputs the greatest,
+            the least, and their derivatives by position, velocity and acceleration, one by one.
+        values: Likewise inputs; outputs the greatest and the least.
+        rates: Inputs position, velocity, acceleration, jerk and parameters; outputs how fast the
+            greatest and the least change in time.
+    """
+
+    code: Code
+    values: Program
+    rates: Program
+
+
+def effort_bounds(
+    key: Sequence[Any], smooth: Efforts, rough: Efforts | None, n: int, parameters: int, power: bool
+) -> EffortBounds:
+    """Programs for a robot of `n` joints.
+
+    Args:
+        key: All that `smooth` and `rough` depend on, as JSON.
+        smooth: Efforts that have no sign in them.
+        rough: The others; `None` without.
+        n: Number of joints.
+        parameters: Number of parameters.
+        power: Whether the power of every joint and of all together is bounded, not the effort.
+    """
+
+    def build() -> tuple[Program, dict[str, Any]]:
+        from steelyard.model.equations.trace import carried_along, slopes_of, symbolic
+
+        state = [InputArray(name, n) for name in ("q", "dq", "ddq")]
+        shared = InputArray("parameters", parameters, shared=True)
+        law = None if rough is None else symbolic(rough, [*state, shared])
+
+        def values(*x: Sequence[Scalar]) -> list[Scalar]:
+            middle, most, least = _spread(smooth(*x), law, x)
+            if power:
+                return _powers(middle, most, least, x[1])
+            return [a + b for part in (most, least) for a, b in zip(middle, part, strict=True)]
+
+        def slopes(*x: Sequence[Scalar]) -> list[Scalar]:
+            found = values(*x)
+            return [*found, *slopes_of(found, [v for part in x[:3] for v in part])]
+
+        def rates(*x: Sequence[Scalar]) -> list[Scalar]:
+            found = values(*x[:3], x[4])
+            moving = [[v for part in x[k : k + 3] for v in part] for k in (0, 1)]
+            return carried_along(found, *moving)
+
+        about = {
+            "values": program_to_json(symbolic(values, [*state, shared])),
+            "rates": program_to_json(symbolic(rates, [*state, InputArray("jerk", n), shared])),
+        }
+        return symbolic(slopes, [*state, shared]), about
+
+    code = compiled(["effort bounds", power, *key], build)
+    programs = (program_from_json(code.about[name]) for name in ("values", "rates"))
+    return EffortBounds(code, *programs)
+
+
+def _spread(
+    efforts: Sequence[Scalar], law: Program | None, x: Sequence[Sequence[Scalar]]
+) -> tuple[list[Scalar], list[Scalar], list[Scalar]]:
+    """Efforts without signs, and the most and the least that signs add to them."""
+    n = len(efforts)
+    if law is None:
+        return list(efforts), [0.0] * n, [0.0] * n
+    from steelyard.model.equations.trace import replayed
+
+    freed, sees, count = _freed(law)
+
+    def at(signs: Sequence[float]) -> list[Scalar]:
+        return replayed(freed, [*x, signs])
+
+    still = at([0.0] * count)
+    most: list[Scalar] = [0.0] * n
+    least: list[Scalar] = [0.0] * n
+    for k in range(count):
+        ways = [at([way if i == k else 0.0 for i in range(count)]) for way in (1.0, -1.0)]
+        for j in (j for j, seen in enumerate(sees) if k in seen):
+            one, other = (way[j] - still[j] for way in ways)
+            most[j] = most[j] + _larger(_larger(one, other), 0.0)
+            least[j] = least[j] - _larger(_larger(-one, -other), 0.0)
+    return [a + b for a, b in zip(efforts, still, strict=True)], most, least
+
+
+def _larger(a: Scalar, b: Scalar) -> Scalar:
+    """The larger one; its derivative, unlike that of `maximum`, divides by nothing."""
+    return 0.5 * (a + b + np.abs(a - b))
+
+
+def _powers(
+    middle: Sequence[Scalar],
+    most: Sequence[Scalar],
+    least: Sequence[Scalar],
+    dq: Sequence[Scalar],
+) -> list[Scalar]:
+    """Greatest powers of the joints and of all together, then the least."""
+    own = [(m + 0.5 * (a + b)) * v for m, a, b, v in zip(middle, most, least, dq, strict=True)]
+    ways = [0.5 * (a - b) * np.abs(v) for a, b, v in zip(most, least, dq, strict=True)]
+    own, ways = [*own, sum(own[1:], own[0])], [*ways, sum(ways[1:], ways[0])]
+    return [
+        *(a + b for a, b in zip(own, ways, strict=True)),
+        *(a - b for a, b in zip(own, ways, strict=True)),
+    ]
+
+
+@dataclass(frozen=True)
+class _Freed:
+    """A program that is being written anew, with signs as inputs.
+
+    Attributes:
+        steps: Its steps so far.
+        sees: Per step the signs that it depends on.
+        array: Number of the input array of the signs.
+    """
+
+    steps: list[Step]
+    sees: list[set[int]]
+    array: int
+
+    def push(self, operation: str, *arguments: int, value: float = 0.0) -> int:
+        """Append a step and name its number."""
+        own = operation in ("constant", "input")
+        seen = [] if own else [self.sees[k] for k in arguments]
+        self.steps.append(Step(operation, arguments, value))
+        self.sees.append(set().union(*seen))
+        return len(self.steps) - 1
+
+    def extreme(self, a: int, b: int, operation: str) -> int:
+        """The larger or smaller of two; see `_larger`."""
+        apart = self.push("abs", self.push("sub", a, b))
+        total = self.push("add", a, b)
+        twice = self.push("add" if operation == "maximum" else "sub", total, apart)
+        return self.push("mul", twice, self.push("constant", value=0.5))
+
+
+def _freed(law: Program) -> tuple[Program, list[set[int]], int]:
+    """A program whose signs are inputs, and in which comparisons hold.
+
+    Returns:
+        The program, with the signs as its last input, the signs that every output depends on, and
+        how many there are.
+    """
+    new = _Freed([], [], len(law.inputs))
+    place: list[int] = []
+    count = 0
+    for step in law.steps:
+        if step.operation == "sign":
+            place.append(new.push("input", new.array, count))
+            new.sees[-1].add(count)
+            count += 1
+        elif step.operation in ("less", "less_equal"):
+            place.append(new.push("constant", value=1.0))
+        elif step.operation in ("maximum", "minimum"):
+            a, b = (place[k] for k in step.arguments)
+            place.append(new.extreme(a, b, step.operation))
+        elif step.operation in ("constant", "input"):
+            place.append(new.push(step.operation, *step.arguments, value=step.value))
+        else:
+            place.append(new.push(step.operation, *(place[k] for k in step.arguments)))
+    inputs = (*law.inputs, InputArray("signs", count))
+    outputs = tuple(place[k] for k in law.outputs)
+    return Program(inputs, tuple(new.steps), outputs), [new.sees[k] for k in outputs], count

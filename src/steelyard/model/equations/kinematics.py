@@ -1,0 +1,386 @@
+r"""Frames and points of a robot as machine code: poses, Jacobians, drift, on any chains.
+
+Everything is expressed in the base frame. The linear part of a Jacobian is the derivative of a
+point's position, the angular part maps joint speeds to the angular velocity:
+$\omega = J_\omega \dot q$.
+
+With the linear and the angular velocity $v = J \dot q$, the accelerations are
+$a = J \ddot q + \dot J \dot q$; the drift is $\dot J \dot q$. Passive joints follow the independent
+ones, so that $J$ and the drift are those of the independent joints alone.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import ModelError, advice
+from steelyard.model.equations.closed_chains import completed
+from steelyard.model.equations.inverse_dynamics import (
+    JointState,
+    Matrix,
+    Scalar,
+    Vector,
+    _constant,
+    _placement,
+    _times,
+    carried_point,
+)
+from steelyard.model.equations.passive_joints import passive_positions
+from steelyard.robot.robot import Frame, Robot, robot_to_dict
+from steelyard.symbolic.native.compiled import Code, compiled
+from steelyard.symbolic.program import InputArray as Input
+from steelyard.symbolic.program import Program, program_from_json, program_to_json, run
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Points that are fixed to bodies of a robot.
+
+    Attributes:
+        robot: The robot.
+        carriers: Per point the index of its body; -1 is the base.
+        places: Shape `(m, 3)` [m], each in its body's frame.
+        code: Input `q`; outputs the positions, then their derivatives, point by point.
+        flow: Inputs `q`, `dq`; outputs all positions, then all velocities.
+        bend: Inputs `q`, `dq`, `ddq`; outputs all accelerations.
+    """
+
+    robot: Robot
+    carriers: tuple[int, ...]
+    places: Array
+    code: Code
+    flow: Program
+    bend: Program
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What pickle keeps: compiled code is of one process."""
+        return points_on, (self.robot, self.carriers, self.places)
+
+    def __call__(self, q: Array) -> tuple[Array, Array]:
+        """Positions `(N, m, 3)` [m] and their derivatives `(N, m, 3, n)` at `q`, `(N, n)`."""
+        m, n = len(self.carriers), self.robot.n
+        values = self.code([q.T]).T
+        slopes = values[:, 3 * m :].reshape(len(q), m, 3, n)
+        return values[:, : 3 * m].reshape(len(q), m, 3), slopes
+
+    def positions(self, q: Array) -> Array:
+        """Positions at `q`, shape `(N, n)`: shape `(N, m, 3)` [m]."""
+        return self(q)[0]
+
+    def jacobian(self, q: Array) -> Array:
+        """Derivatives of the positions at `q`, shape `(N, n)`: shape `(N, m, 3, n)`."""
+        return self(q)[1]
+
+
+@dataclass(frozen=True, eq=False)
+class FrameKinematics:
+    """Pose and Jacobian of one frame.
+
+    Attributes:
+        robot: The robot.
+        frame: The frame.
+        code: Inputs `q` and the positions of passive joints; outputs as `frame_outputs`.
+    """
+
+    robot: Robot
+    frame: Frame
+    code: Code
+
+    def __call__(self, q: Array) -> tuple[Array, Array, Array]:
+        """Position `(N, 3)`, rotation `(N, 3, 3)` and Jacobian `(N, 6, n)` at `q`, `(N, n)`.
+
+        Raises:
+            DataError: A loop cannot close.
+        """
+        values = self.code([q.T, passive_positions(self.robot, q.T)]).T
+        count = len(q)
+        jacobian = values[:, 12:].reshape(count, 6, self.robot.n)
+        return values[:, :3], values[:, 3:12].reshape(count, 3, 3), jacobian
+
+    def pose(self, q: Array) -> tuple[Array, Array]:
+        """Where the frame is in the base frame.
+
+        Args:
+            q: Shape `(N, n)` [rad; m].
+
+        Returns:
+            Its origin, shape `(N, 3)` [m], and its axes, the columns of `(N, 3, 3)`.
+        """
+        return self(q)[:2]
+
+    def jacobian(self, q: Array) -> Array:
+        """Joint speeds to the origin's velocity and the angular velocity, shape `(N, 6, n)`.
+
+        Args:
+            q: Shape `(N, n)` [rad; m].
+        """
+        return self(q)[2]
+
+
+def last_frame(robot: Robot) -> str:
+    """Name of the frame at the robot's end: the last one on its last body, or that body's own."""
+    last = len(robot.bodies) - 1
+    on_it = [frame.name for frame in robot.frames if frame.body == last]
+    return on_it[-1] if on_it else robot.bodies[last].name
+
+
+def frame_of(robot: Robot, name: str) -> Frame:
+    """The frame of that name: of a moving link, or of one that is fixed to a link or the base.
+
+    Raises:
+        ModelError: The robot has none.
+    """
+    frames = {
+        body.name: Frame(body.name, k, np.eye(3), np.zeros(3))
+        for k, body in enumerate(robot.bodies)
+    } | {frame.name: frame for frame in robot.frames}
+    if name not in frames:
+        raise ModelError(
+            f"there is no frame '{name}'",
+            where=f"robot '{robot.name}'",
+            fix=advice(name, frames, "frames"),
+        )
+    return frames[name]
+
+
+def frame_kinematics(robot: Robot, frame: str | Frame) -> FrameKinematics:
+    """Pose and Jacobian of a frame.
+
+    Args:
+        robot: The robot.
+        frame: The frame, or its name.
+
+    Raises:
+        ModelError: There is none of that name.
+    """
+    chosen = frame_of(robot, frame) if isinstance(frame, str) else frame
+
+    def build() -> tuple[Program, dict[str, Any]]:
+        from steelyard.model.equations.trace import symbolic
+
+        inputs = [Input("q", robot.n), Input("passive", len(robot.passive))]
+        return symbolic(lambda *x: frame_outputs(robot, chosen, *x), inputs), {}
+
+    place = [chosen.body, chosen.rotation.tolist(), chosen.position.tolist()]
+    code = compiled(["frame", robot_to_dict(robot), place], build)
+    return FrameKinematics(robot, chosen, code)
+
+
+def frame_outputs(
+    robot: Robot, frame: Frame, q: Sequence[Scalar], passive: Sequence[Scalar]
+) -> list[Scalar]:
+    r"""Position, rotation and Jacobian of a frame, row by row.
+
+    Passive joints follow the independent ones with $\dot q_p = G \dot q_a$, so that a frame behind
+    them has the Jacobian $J_a + J_p G$.
+
+    Args:
+        robot: The robot.
+        frame: The frame.
+        q: Independent joints.
+        passive: Passive joints, where the loops are closed.
+    """
+    positions = [*q, *passive]
+    position, slopes = carried_point(robot, positions, frame.body, frame.position)
+    rotation, axes = _turned(robot, positions, frame)
+    outputs = [*position, *rotation.ravel()]
+    if max([*slopes, *axes], default=-1) >= robot.n:
+        rest = [0.0] * robot.n
+        _, torque_map = completed(robot, JointState(q, rest, rest, passive))
+        slopes, axes = (_followed(x, torque_map, robot.n) for x in (slopes, axes))
+    return [*outputs, *_rows(slopes, robot.n), *_rows(axes, robot.n)]
+
+
+def points_on(robot: Robot, carriers: Sequence[int], places: ArrayLike) -> Points:
+    """Points of bodies, for their positions and derivatives.
+
+    Args:
+        robot: The robot.
+        carriers: Per point the index of its body; -1 is the base.
+        places: Shape `(m, 3)` [m], each in its body's frame.
+
+    Raises:
+        ModelError: Loops decide where one is.
+    """
+    points = frozen(places, (len(carriers), 3))
+    for body in carriers:
+        refuse_passive(robot, body, robot.bodies[body].name if body >= 0 else "base")
+
+    def build() -> tuple[Program, dict[str, Any]]:
+        from steelyard.model.equations.trace import symbolic
+
+        def outputs(q: Sequence[Scalar]) -> list[Scalar]:
+            found = [
+                carried_point(robot, q, body, point)
+                for body, point in zip(carriers, points, strict=True)
+            ]
+            positions = [x for position, _ in found for x in position]
+            return [*positions, *(x for _, slopes in found for x in _rows(slopes, robot.n))]
+
+        programs = _moving_points(robot, carriers, points)
+        return symbolic(outputs, [Input("q", robot.n)]), programs
+
+    code = compiled(["points", robot_to_dict(robot), list(carriers), points.tolist()], build)
+    flow, bend = (program_from_json(code.about[name]) for name in ("flow", "bend"))
+    return Points(robot, tuple(carriers), points, code, flow, bend)
+
+
+def positions_of(robot: Robot, carriers: Sequence[int], places: ArrayLike, q: Array) -> Array:
+    """Positions of points along one motion, where compiling `points_on` would take longer.
+
+    Args:
+        robot: The robot.
+        carriers: Per point the index of its body; -1 is the base.
+        places: Shape `(m, 3)` [m], each in its body's frame.
+        q: Shape `(N, n)` [rad; m].
+
+    Returns:
+        Shape `(N, m, 3)` [m].
+    """
+    from steelyard.model.equations.trace import symbolic
+
+    points = frozen(places, (len(carriers), 3))
+
+    def outputs(q: Sequence[Scalar]) -> list[Scalar]:
+        found = zip(carriers, points, strict=True)
+        return [x for body, point in found for x in carried_point(robot, q, body, point)[0]]
+
+    program = symbolic(outputs, [Input("q", robot.n)])
+    return run(program, [q.T]).T.reshape(len(q), len(carriers), 3)
+
+
+def _moving_points(robot: Robot, carriers: Sequence[int], points: Array) -> dict[str, Any]:
+    """Programs of the points' positions and velocities, and of their accelerations."""
+    from steelyard.model.equations.trace import carried_along, symbolic
+
+    def flow(q: Sequence[Scalar], dq: Sequence[Scalar]) -> list[Scalar]:
+        found = zip(carriers, points, strict=True)
+        positions = [x for body, p in found for x in carried_point(robot, q, body, p)[0]]
+        return [*positions, *carried_along(positions, q, dq)]
+
+    def bend(q: Sequence[Scalar], dq: Sequence[Scalar], ddq: Sequence[Scalar]) -> list[Scalar]:
+        velocities = flow(q, dq)[3 * len(points) :]
+        return carried_along(velocities, [*q, *dq], [*dq, *ddq])
+
+    inputs = [Input(name, robot.n) for name in ("q", "dq", "ddq")]
+    return {
+        "flow": program_to_json(symbolic(flow, inputs[:2])),
+        "bend": program_to_json(symbolic(bend, inputs)),
+    }
+
+
+def refuse_passive(robot: Robot, body: int, name: str) -> None:
+    """Points with programs of their motion hang on independent joints only.
+
+    Raises:
+        ModelError: A joint that loops determine carries the body.
+    """
+    while body >= 0:
+        link = robot.bodies[body]
+        if link.coordinate >= robot.n:
+            raise ModelError(
+                f"frame '{name}' hangs on joint '{link.joint}', which a closed loop determines",
+                where=f"robot '{robot.name}'",
+                fix="name a frame that hangs on driven joints only: the motion of frames behind "
+                "passive joints has no bounds between samples",
+            )
+        body = link.parent
+
+
+def _turned(robot: Robot, q: Sequence[Scalar], frame: Frame) -> tuple[Matrix, dict[int, Vector]]:
+    """Axes of a frame in the base frame, and the angular velocity per joint speed."""
+    way: list[int] = []
+    body = frame.body
+    while body >= 0:
+        way.append(body)
+        body = robot.bodies[body].parent
+    rotation, axes = _constant(np.eye(3)), dict[int, Vector]()
+    for link in (robot.bodies[k] for k in reversed(way)):
+        if link.kind == "revolute":
+            axis = _times(rotation @ _constant(link.rotation @ link.axis), link.ratio)
+            axes[link.coordinate] = axis + axes.get(link.coordinate, 0.0)
+        turned, _ = _placement(link, link.ratio * q[link.coordinate] + link.offset)
+        rotation = rotation @ turned
+    return rotation @ _constant(frame.rotation), axes
+
+
+def _followed(columns: dict[int, Vector], torque_map: Any, n: int) -> dict[int, Vector]:
+    """Columns of all joints as columns of the independent ones, which the others follow."""
+    totals = {joint: column for joint, column in columns.items() if joint < n}
+    for joint in (joint for joint in columns if joint >= n):
+        for k, gain in enumerate(torque_map[joint - n]):
+            if gain is not None:
+                totals[k] = _times(columns[joint], gain) + totals.get(k, 0.0)
+    return totals
+
+
+def _rows(columns: dict[int, Vector], n: int) -> list[Scalar]:
+    """Three rows of `n` from the columns that are not zero."""
+    return [columns[j][axis] if j in columns else 0.0 for axis in range(3) for j in range(n)]
+
+
+@dataclass(frozen=True, eq=False)
+class FrameMotion:
+    """Kinematics of one frame up to accelerations.
+
+    Attributes:
+        robot: The robot.
+        frame: The frame.
+        code: Inputs `q`, positions of passive joints, `dq`; outputs as `frame_outputs`, then the
+            drift.
+    """
+
+    robot: Robot
+    frame: Frame
+    code: Code
+
+    def __call__(self, q: Array, passive: Array, dq: Array) -> tuple[Array, Array, Array, Array]:
+        """At one sample.
+
+        Args:
+            q: Independent joints, shape `(n,)` [rad; m].
+            passive: Passive joints, where the loops are closed, shape `(n_passive,)`.
+            dq: Velocities of the independent joints, shape `(n,)`.
+
+        Returns:
+            Origin `(3,)` [m], axes `(3, 3)`, Jacobian `(6, n)` and drift `(6,)`, in the base frame.
+        """
+        values = self.code([q[:, None], passive[:, None], dq[:, None]])[:, 0]
+        jacobian = values[12:-6].reshape(6, self.robot.n)
+        return values[:3], values[3:12].reshape(3, 3), jacobian, values[-6:]
+
+
+def frame_motion(robot: Robot, frame: Frame) -> FrameMotion:
+    """Kinematics of a frame up to accelerations."""
+
+    def build() -> tuple[Program, dict[str, Any]]:
+        from steelyard.model.equations.trace import symbolic
+
+        inputs = [
+            Input("q", robot.n), Input("passive", len(robot.passive)), Input("dq", robot.n)
+        ]  # fmt: skip
+        return symbolic(lambda *x: _frame_motion_outputs(robot, frame, *x), inputs), {}
+
+    place = [frame.body, frame.rotation.tolist(), frame.position.tolist()]
+    return FrameMotion(robot, frame, compiled(["frame motion", robot_to_dict(robot), place], build))
+
+
+def _frame_motion_outputs(
+    robot: Robot,
+    frame: Frame,
+    q: Sequence[Scalar],
+    passive: Sequence[Scalar],
+    dq: Sequence[Scalar],
+) -> list[Scalar]:
+    """Outputs of `frame_outputs`, and the drift: how the velocities grow while `dq` is constant."""
+    from steelyard.model.equations.trace import carried_along
+
+    found, n = frame_outputs(robot, frame, q, passive), robot.n
+    rows = np.array(found[12:], dtype=object).reshape(6, n)
+    velocities = [sum((x * rate for x, rate in zip(row, dq, strict=True)), 0.0) for row in rows]
+    state, _ = completed(robot, JointState(q, dq, [0.0] * n, passive))
+    return [*found, *carried_along(velocities, [*q, *passive], state.dq)]

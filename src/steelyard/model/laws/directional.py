@@ -1,0 +1,94 @@
+"""Friction that differs between the two directions of motion."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from steelyard.base.arrays import Parameter
+from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.terms.axes import (
+    DEFAULT_SHAPE,
+    Field,
+    directions,
+    each,
+    refuse_negative,
+    refuse_shape,
+    spread,
+)
+from steelyard.model.terms.model_files import Place, mean_of_directions
+from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation
+from steelyard.robot.robot import Robot
+
+
+@dataclass(frozen=True)
+class DirectionalCoulomb(ActsOnAxes):
+    r"""Coulomb friction of its own in each direction, $f = f_+ s_+(v) + f_- s_-(v)$.
+
+    $s_\pm = (s \pm |s|)/2$ with the sign $s$ of the velocity, or a smooth $s$ as of `Coulomb`.
+    Without smoothing it says what `coulomb` and `offset` say together: use it in their place.
+
+    Attributes:
+        smoothing: Speed $w$ of the smooth law, one for all or one per coordinate [rad/s; m/s];
+            zero for the sign.
+        shape: Which smooth law: `tanh`, `arctan` or `logistic`.
+    """
+
+    law: ClassVar[str] = "directional_coulomb"
+    dissipation: ClassVar[Dissipation] = "each"
+    cause: ClassVar[Cause] = "friction"
+    shown_by: ClassVar[str] = "motion in both directions of"
+    in_model_files: ClassVar[Place] = mean_of_directions("dry")
+    bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
+    smoothing: Field = 0.0
+    shape: str = DEFAULT_SHAPE
+
+    def __post_init__(self) -> None:
+        refuse_negative(self.law, smoothing=self.smoothing)
+        refuse_shape(self.law, self.shape, self.smoothing)
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Forward and backward per coordinate, not negative."""
+        axes = self.axes(robot)
+        return (
+            *each(axes, f"{self.law}_forward", lambda axis: axis.effort_unit, lower=0.0),
+            *each(axes, f"{self.law}_backward", lambda axis: axis.effort_unit, lower=0.0),
+        )
+
+    def columns(self, robot: Robot, state: JointState) -> Columns:
+        """The direction of motion, its positive and its negative part."""
+        axes = self.axes(robot)
+        sense = directions(axes, state.dq, self.smoothing, self.law, self.shape)
+        return {
+            **spread(axes, lambda k, _: 0.5 * (sense[k] + np.abs(sense[k]))),
+            **spread(axes, lambda k, _: 0.5 * (sense[k] - np.abs(sense[k])), len(axes)),
+        }
+
+
+@dataclass(frozen=True)
+class DirectionalViscous(ActsOnAxes):
+    r"""Viscous friction of its own in each direction, $f = f_+ \max(v, 0) + f_- \min(v, 0)$."""
+
+    law: ClassVar[str] = "directional_viscous"
+    dissipation: ClassVar[Dissipation] = "each"
+    cause: ClassVar[Cause] = "friction"
+    shown_by: ClassVar[str] = "motion at several speeds in both directions of"
+    in_model_files: ClassVar[Place] = mean_of_directions("viscous")
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Forward and backward per coordinate, not negative."""
+        axes = self.axes(robot)
+        return (
+            *each(axes, f"{self.law}_forward", lambda axis: axis.rate_unit, lower=0.0),
+            *each(axes, f"{self.law}_backward", lambda axis: axis.rate_unit, lower=0.0),
+        )
+
+    def columns(self, robot: Robot, state: JointState) -> Columns:
+        """The velocity, its positive and its negative part."""
+        axes = self.axes(robot)
+        speeds = [axis.of(state.dq) for axis in axes]
+        return {
+            **spread(axes, lambda k, _: np.maximum(speeds[k], 0.0)),
+            **spread(axes, lambda k, _: np.minimum(speeds[k], 0.0), len(axes)),
+        }

@@ -1,0 +1,146 @@
+"""A spring between two points of the mechanism, such as carries a heavy arm."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from steelyard.base.arrays import Parameter
+from steelyard.base.errors import ModelError, advice
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar, carried_point
+from steelyard.model.terms.model_files import Placed, Pull, Values
+from steelyard.model.terms.term import Cause, Columns, Dissipation, Term
+from steelyard.robot.robot import Robot
+
+SHORT = 1e-18
+"""Added to a squared length [m²], so that its root has a slope where the points meet."""
+
+EXAMPLE = """give the springs' ends in the frames of their links [m]: \
+{law = "gravity_compensator", links = ["base", "upper_arm"], \
+points = [[-0.2, 0.0, 0.4], [0.0, 0.0, 0.3]]}"""
+
+
+@dataclass(frozen=True)
+class GravityCompensator(Term):
+    r"""Spring between two points, $f = k\,L(q) - p$; a joint bears $f\,\partial L / \partial q_j$.
+
+    $L$ is the distance of the points; the spring is free at $L_0 = p/k$. It is the effort that
+    holds the mechanism against the spring.
+
+    Attributes:
+        name: Name, for the parameters; the links' names if left out.
+        links: The two links.
+        points: One point per link, in its frame [m].
+    """
+
+    law: ClassVar[str] = "gravity_compensator"
+    dissipation: ClassVar[Dissipation] = "none"
+    cause: ClassVar[Cause] = "spring"
+    shown_by: ClassVar[str] = "other configurations of the joints between the links of"
+    name: str = ""
+    links: tuple[str, ...] = ()
+    points: tuple[tuple[float, ...], ...] = ()
+
+    def __post_init__(self) -> None:
+        for key in ("links", "points"):
+            if not getattr(self, key):
+                raise _unusable(f"without its geometry: `{key}` is missing")
+        if not isinstance(self.name, str):
+            raise _unusable(f"with the name {self.name!r}")
+        if not _are_links(self.links):
+            raise _unusable(f"between the links {self.links!r}")
+        if not _are_points(self.points):
+            raise _unusable(f"between the points {self.points!r}")
+
+    @property
+    def _name(self) -> str:
+        return self.name or "-".join(self.links)
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Stiffness, not negative, and preload."""
+        return (
+            Parameter(f"{self.law}.{self._name}", "N/m", lower=0.0),
+            Parameter(f"{self.law}_preload.{self._name}", "N"),
+        )
+
+    def columns(self, robot: Robot, state: JointState) -> Columns:
+        """The slopes of half the squared length, and minus those of the length."""
+        length, slopes = self.length(robot, state.q)
+        return {
+            **{(joint, 0): length * slope for joint, slope in slopes.items()},
+            **{(joint, 1): -slope for joint, slope in slopes.items()},
+        }
+
+    def in_model_files(self, robot: Robot, values: Values) -> Placed:
+        """A spring between points."""
+        stiffness, preload = (values[p.name] for p in self.parameters(robot))
+        return Placed(pulls=(Pull(self._name, self.links, self.points, stiffness, preload),))
+
+    def length(self, robot: Robot, q: Any) -> tuple[Scalar, dict[int, Scalar]]:
+        """The spring's length [m] and its derivatives by the joints that stretch it.
+
+        Args:
+            robot: The robot.
+            q: All joints' positions [rad; m].
+
+        Raises:
+            ModelError: The robot has no such link, or both move as one.
+        """
+        (first, near), (second, far) = (
+            _on_body(robot, *end) for end in zip(self.links, self.points, strict=True)
+        )
+        if first == second:
+            raise _unusable(f"between '{self.links[0]}' and '{self.links[1]}', which move as one")
+        fork = _fork(robot, first, second)
+        start, start_slopes = carried_point(robot, q, first, near, fork)
+        end, end_slopes = carried_point(robot, q, second, far, fork)
+        line = end - start
+        length = np.sqrt(line[0] * line[0] + line[1] * line[1] + line[2] * line[2] + SHORT)
+        slopes: dict[int, Scalar] = {}
+        for joint in sorted({*start_slopes, *end_slopes}):
+            rate = end_slopes.get(joint, 0.0) - start_slopes.get(joint, 0.0)
+            along = line[0] * rate[0] + line[1] * rate[1] + line[2] * rate[2]
+            slopes[joint] = along / length
+        return length, slopes
+
+
+def _on_body(robot: Robot, link: str, point: tuple[float, ...]) -> tuple[int, Any]:
+    """The body that carries a link, and the point in the body's frame."""
+    for frame in robot.frames:
+        if frame.name == link:
+            return frame.body, frame.rotation @ np.array(point) + frame.position
+    bodies = [body.name for body in robot.bodies]
+    if link in bodies:
+        return bodies.index(link), np.array(point)
+    known = dict.fromkeys([*(frame.name for frame in robot.frames), *bodies])
+    raise ModelError(
+        f"a gravity compensator is fixed to link '{link}', which the robot does not have",
+        where=f"robot '{robot.name}', list of terms",
+        fix=advice(link, known, "links"),
+    )
+
+
+def _fork(robot: Robot, first: int, second: int) -> int:
+    """The last body that carries both."""
+    while first != second:
+        if first > second:
+            first = robot.bodies[first].parent
+        else:
+            second = robot.bodies[second].parent
+    return first
+
+
+def _are_links(links: Any) -> bool:
+    return isinstance(links, tuple) and len(links) == 2 and all(isinstance(x, str) for x in links)
+
+
+def _are_points(points: Any) -> bool:
+    try:
+        values = np.array(points, dtype=np.float64)
+    except (TypeError, ValueError):
+        return False
+    return values.shape == (2, 3) and bool(np.isfinite(values).all())
+
+
+def _unusable(what: str) -> ModelError:
+    return ModelError(f"a gravity compensator {what}", where="list of terms", fix=EXAMPLE)

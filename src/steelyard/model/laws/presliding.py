@@ -1,0 +1,256 @@
+r"""Friction with memory: what a contact does before it slides, and how it gives way.
+
+All laws here follow states $s$ along the position, exactly over every monotone step $\Delta$
+between samples. Where a motion is sampled more finely, states at the old samples stay as they were;
+only LuGre, whose steady state depends on the velocity, takes the velocity of a step's end for the
+whole step.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from steelyard.base.arrays import Array, Parameter
+from steelyard.base.errors import ModelError
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar
+from steelyard.model.terms.axes import Axis, Field, each, per_axis, refuse_not_positive, spread
+from steelyard.model.terms.memory import Presliding, RigidTorque, StateStep, relaxed
+from steelyard.model.terms.model_files import Place, full_sliding
+from steelyard.model.terms.term import INVENTED_TORQUE_SHARE, Cause, Columns, Dissipation
+from steelyard.robot.robot import Robot
+
+REVERSALS = "reversals of"
+PRESLIDING_DISPLACEMENT = "presliding displacement"
+
+
+@dataclass(frozen=True)
+class OneState(Presliding):
+    """A law whose torque is one channel per coordinate, which a presliding state makes.
+
+    Attributes:
+        length: Presliding length, one for all or one per coordinate [rad; m].
+    """
+
+    cause: ClassVar[Cause] = "friction"
+    shown_by: ClassVar[str] = REVERSALS
+    state_only_fields: ClassVar[tuple[str, ...]] = ("length",)
+    bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"length": (1e-5, 3e-2)}
+    length: Field = 3e-4
+
+    def __post_init__(self) -> None:
+        refuse_not_positive(self.law, length=self.length)
+
+    def columns(self, robot: Robot, state: JointState) -> Columns:
+        """The channel."""
+        return spread(self.axes(robot), lambda k, _: state.channels[k])
+
+    def lengths_of(self, axes: Sequence[Axis]) -> list[float]:
+        """One per coordinate."""
+        return per_axis(self.length, axes, self.law)
+
+    def steps(
+        self, axes: Sequence[Axis], moved: Sequence[Scalar], speeds: Sequence[Scalar]
+    ) -> list[StateStep]:
+        """A Dahl state each [Dahl1968]."""
+        return [relaxed(*x) for x in zip(moved, self.lengths_of(axes), strict=True)]
+
+
+@dataclass(frozen=True)
+class Dahl(OneState):
+    r"""Dahl friction, $f = f_c\,s$ with $ds/dq = (1 - s\,\mathrm{sign}\,\dot q)/\delta$ [Dahl1968].
+
+    A reversal turns the friction round within some lengths $\delta$; a resting joint keeps what it
+    had. Over a step $\Delta$, $s \leftarrow \pm 1 + (s \mp 1)\,e^{-|\Delta|/\delta}$.
+
+    Attributes:
+        length: Presliding length $\delta$, one for all or one per coordinate [rad; m].
+    """
+
+    law: ClassVar[str] = "dahl"
+    dissipation: ClassVar[Dissipation] = "each"
+    in_model_files: ClassVar[Place] = full_sliding("dahl", unsupported=PRESLIDING_DISPLACEMENT)
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """One per coordinate, not negative."""
+        return each(self.axes(robot), self.law, lambda axis: axis.effort_unit, lower=0.0)
+
+
+@dataclass(frozen=True)
+class MaxwellSlip(Presliding):
+    r"""Generalised Maxwell slip, $f = \sum_i f_i\,s_i$: elastic elements that slip [AlBender2005].
+
+    An element stretches by the position and slips at the end of its length,
+    $s_i \leftarrow \operatorname{clip}(s_i + \Delta/\delta_i, \pm 1)$; with `relaxing` it gives way
+    gradually, as a Dahl state of length $\delta_i$ does.
+
+    Attributes:
+        lengths: Lengths $\delta_i$ of the elements [rad; m].
+        relaxing: Whether elements give way gradually.
+    """
+
+    law: ClassVar[str] = "maxwell_slip"
+    dissipation: ClassVar[Dissipation] = "together"
+    cause: ClassVar[Cause] = "friction"
+    shown_by: ClassVar[str] = REVERSALS
+    in_model_files: ClassVar[Place] = full_sliding(unsupported=PRESLIDING_DISPLACEMENT)
+    state_only_fields: ClassVar[tuple[str, ...]] = ("lengths", "relaxing")
+    lengths: tuple[float, ...] = (3e-4, 1e-3, 3e-3, 1e-2)
+    relaxing: bool = False
+
+    def __post_init__(self) -> None:
+        if not _are_lengths(self.lengths):
+            raise ModelError(
+                f"Maxwell slip with lengths {self.lengths!r}",
+                where="list of terms",
+                fix="give one length above zero per element: lengths = [3e-4, 1e-3]",
+            )
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """One per coordinate and element, not negative."""
+        return tuple(
+            parameter
+            for k in range(len(self.lengths))
+            for parameter in each(
+                self.axes(robot), f"{self.law}{k + 1}", lambda axis: axis.effort_unit, lower=0.0
+            )
+        )
+
+    def columns(self, robot: Robot, state: JointState) -> Columns:
+        """The states of the elements."""
+        axes = self.axes(robot) * len(self.lengths)
+        return spread(axes, lambda k, _: state.channels[k])
+
+    def lengths_of(self, axes: Sequence[Axis]) -> list[float]:
+        """One per element and coordinate."""
+        return [length for length in self.lengths for _ in axes]
+
+    def steps(
+        self, axes: Sequence[Axis], moved: Sequence[Scalar], speeds: Sequence[Scalar]
+    ) -> list[StateStep]:
+        """Elements stretch, and slip at one or give way."""
+        pairs = [(x, length) for length in self.lengths for x in moved]
+        if self.relaxing:
+            return [relaxed(x, length) for x, length in pairs]
+        return [(1.0, x / length, 1.0) for x, length in pairs]
+
+    def typical_values(
+        self, robot: Robot, at_torque: Array, inertia: Callable[[Axis], float]
+    ) -> Array:
+        """Friction is shared among the elements."""
+        return at_torque / len(self.lengths)
+
+
+@dataclass(frozen=True)
+class LuGre(Presliding):
+    r"""LuGre friction, $f = f_c\,s + f_1\,\dot s$ with bristles bent by $s$ [CanudasDeWit1995].
+
+    $$ \dot s = \frac{v}{\delta} - \frac{|v|}{\delta\,g(v)}\,s, \qquad
+       g = 1 + (r - 1)\,e^{-(v / v_s)^2} $$
+
+    In the customary form $\sigma_0 = f_c/\delta$ and $\sigma_1 = f_1/\delta$; its viscous part is
+    the term `viscous`. $|s|$ never exceeds $r$. The velocity at a sample holds for the step into
+    it: sample so that it changes by little, against $v_s$, from sample to sample.
+
+    Attributes:
+        length: Bristle deflection $\delta$ at which Coulomb friction is reached [rad; m].
+        breakaway: Ratio $r$ of breakaway to Coulomb friction, at least 1.
+        speed: Stribeck speed $v_s$ [rad/s; m/s].
+    """
+
+    law: ClassVar[str] = "lugre"
+    dissipation: ClassVar[Dissipation] = "each"
+    cause: ClassVar[Cause] = "friction"
+    shown_by: ClassVar[str] = REVERSALS
+    in_model_files: ClassVar[Place] = full_sliding(
+        "lugre", unsupported=f"{PRESLIDING_DISPLACEMENT} and breakaway"
+    )
+    shares: ClassVar[Mapping[str, tuple[float, float]]] = {"lugre_damping": (0.3, 0.8)}
+    state_only_fields: ClassVar[tuple[str, ...]] = ("length", "breakaway", "speed")
+    bounds: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "length": (1e-5, 3e-2),
+        "speed": (1e-3, 1.0),
+    }
+    length: Field = 3e-4
+    breakaway: float | tuple[float, ...] = 1.3
+    speed: Field = 0.02
+
+    def __post_init__(self) -> None:
+        refuse_not_positive(
+            self.law, length=self.length, breakaway=self.breakaway, speed=self.speed
+        )
+        ratios = self.breakaway if isinstance(self.breakaway, tuple) else (self.breakaway,)
+        if min(ratios, default=1.0) < 1.0:
+            raise ModelError(
+                f"LuGre friction breaks away at {min(ratios):g} times its Coulomb friction",
+                where="list of terms",
+                fix="give `breakaway` as a ratio of at least 1, one for all or a list",
+            )
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Coulomb friction and bristle damping per coordinate."""
+        axes = self.axes(robot)
+        return (
+            *each(axes, self.law, lambda axis: axis.effort_unit, lower=0.0),
+            *each(axes, f"{self.law}_damping", lambda axis: axis.effort_per("Hz"), lower=0.0),
+        )
+
+    def columns(self, robot: Robot, state: JointState) -> Columns:
+        """The state and its rate."""
+        axes = self.axes(robot)
+        count = len(axes)
+        return {
+            **spread(axes, lambda k, _: state.channels[k]),
+            **spread(axes, lambda k, _: state.channels[count + k], count),
+        }
+
+    def n_channels(self, robot: Robot) -> int:
+        """State and rate per coordinate."""
+        return 2 * len(self.axes(robot))
+
+    def lengths_of(self, axes: Sequence[Axis]) -> list[float]:
+        """One per coordinate."""
+        return per_axis(self.length, axes, self.law)
+
+    def steps(
+        self, axes: Sequence[Axis], moved: Sequence[Scalar], speeds: Sequence[Scalar]
+    ) -> list[StateStep]:
+        """Bristles bend towards the level of their speed."""
+        ratios = (max(x, 1.0) for x in per_axis(self.breakaway, axes, self.law))
+        parts = zip(moved, self.lengths_of(axes), self._levels(axes, speeds), ratios, strict=True)
+        return [relaxed(*x) for x in parts]
+
+    def channels(
+        self, robot: Robot, state: JointState, states: Sequence[Scalar], torque: RigidTorque
+    ) -> list[Scalar]:
+        """The states and their rates."""
+        axes = self.axes(robot)
+        speeds = [axis.of(state.dq) for axis in axes]
+        parts = zip(states, speeds, self._levels(axes, speeds), self.lengths_of(axes), strict=True)
+        return [*states, *((v - np.abs(v) * s / level) / length for s, v, level, length in parts)]
+
+    def _levels(self, axes: Sequence[Axis], speeds: Sequence[Scalar]) -> list[Scalar]:
+        """Steady states $g$ at speeds."""
+        ratios, scales = (per_axis(x, axes, self.law) for x in (self.breakaway, self.speed))
+        relative = [v / scale for v, scale in zip(speeds, scales, strict=True)]
+        pairs = zip(relative, ratios, strict=True)
+        return [1.0 + (ratio - 1.0) * np.exp(-(x * x)) for x, ratio in pairs]
+
+    def typical_values(
+        self, robot: Robot, at_torque: Array, inertia: Callable[[Axis], float]
+    ) -> Array:
+        r"""Dampings at which sticking is critically damped, $2 \sqrt{f_c\,\delta\,m}$."""
+        axes = self.axes(robot)
+        friction, lengths = at_torque[: len(axes)], self.lengths_of(axes)
+        moved = np.array([inertia(axis) for axis in axes])
+        damping = 2.0 * np.sqrt(np.mean(INVENTED_TORQUE_SHARE) * friction * lengths * moved)
+        return np.concatenate((friction, damping))
+
+
+def _are_lengths(values: Any) -> bool:
+    return (
+        isinstance(values, tuple)
+        and bool(values)
+        and all(isinstance(x, float | int) and 0.0 < x < float("inf") for x in values)
+    )

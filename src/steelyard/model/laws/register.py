@@ -1,0 +1,213 @@
+"""All terms by the names they have in files."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any, cast
+
+import numpy as np
+
+from steelyard.base.errors import ModelError
+from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.laws.coulomb import Coulomb
+from steelyard.model.laws.coupled import Coupled
+from steelyard.model.laws.directional import DirectionalCoulomb, DirectionalViscous
+from steelyard.model.laws.directional_stribeck import DirectionalStribeck
+from steelyard.model.laws.gravity_compensator import GravityCompensator
+from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.model.laws.offset import Offset
+from steelyard.model.laws.powers import Cubic, Quadratic, Root
+from steelyard.model.laws.presliding import Dahl, LuGre, MaxwellSlip
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.laws.rotor_inertia import RotorInertia
+from steelyard.model.laws.spring import Spring
+from steelyard.model.laws.stribeck import Stribeck
+from steelyard.model.laws.viscous import Viscous
+from steelyard.model.terms.memory import Presliding
+from steelyard.model.terms.open_fields import Find, finds_of, is_search, search_of
+from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, Term, channels_of
+from steelyard.robot.file.kinds import Kinds
+from steelyard.robot.rigid_body import INERTIAL_NAMES
+from steelyard.robot.robot import Robot
+
+REQUIRED = ("dissipation", "cause", "shown_by", "in_model_files")
+"""What has no default, as any default would be wrong for some law."""
+
+
+def complete(law: type[Term]) -> type[Term]:
+    """The law, if all is known of it that other rooms ask for.
+
+    Raises:
+        TypeError: Something is missing, or does not fit the rest.
+    """
+    names = {field.name for field in dataclasses.fields(cast(Any, law))}
+    flaws = [] if "law" in vars(law) else ["lacks 'law'"]
+    flaws += [f"lacks '{name}'" for name in REQUIRED if not hasattr(law, name)]
+    flaws += [f"lacks '{name}'" for name in sorted(law.__abstractmethods__)]
+    flaws += [f"'{name}' of `bounds` is no field" for name in law.bounds if name not in names]
+    if issubclass(law, StatefulTerm):
+        state_only_fields = getattr(law, "state_only_fields", None)
+        flaws += ["lacks 'aside'"] if state_only_fields is None else []
+        flaws += [
+            f"'{name}' of `state_only_fields` is no field"
+            for name in state_only_fields or ()
+            if name not in names
+        ]
+    elif hasattr(law, "remember"):
+        flaws.append("has memory, but is no `StatefulTerm`")
+    if law.needs_reference != ("reference" in names):
+        flaws.append("has a field 'reference' without `needs_reference`, or the other way round")
+    if getattr(law, "dissipation", "none") != "none":
+        if getattr(law, "cause", "friction") != "friction":
+            flaws.append("dissipates, but is no friction")
+        if not issubclass(law, ActsOnAxes):
+            flaws.append("is friction, but does not act along coordinates (`ActsOnAxes`)")
+        elif issubclass(law, StatefulTerm) and not issubclass(law, Presliding):
+            flaws.append("is friction with memory, but no `Presliding`")
+    if flaws:
+        raise TypeError(f"law {law.__name__}: {'; '.join(flaws)}")
+    return law
+
+
+TERMS: dict[str, type[Any]] = {
+    law.law: complete(law)
+    for law in (
+        RigidBody,
+        RotorInertia,
+        Coulomb,
+        Viscous,
+        Offset,
+        DirectionalCoulomb,
+        DirectionalViscous,
+        Quadratic,
+        Cubic,
+        Root,
+        Stribeck,
+        DirectionalStribeck,
+        Coupled,
+        LoadDependent,
+        Dahl,
+        MaxwellSlip,
+        LuGre,
+        Spring,
+        GravityCompensator,
+    )
+}
+
+_KINDS = Kinds(TERMS, "law", "torque term", "term")
+
+DEFAULT_TERMS: tuple[Term, ...] = (RigidBody(), RotorInertia(), Coulomb(), Viscous(), Offset())
+
+
+def term_of(description: str | Mapping[str, Any], where: str) -> Term:
+    """A term from its name, or from a table with its name under `law` and its fields.
+
+    Raises:
+        ModelError: There is no such law, or it has no such field or value.
+    """
+    law, given = _KINDS.fields(description, where)
+    try:
+        return cast(Term, law(**{key: _field(law, key, x, where) for key, x in given.items()}))
+    except TypeError:
+        raise ModelError(
+            f"the value of a key of term '{law.law}' is of another type",
+            where=where,
+            fix=f"its keys are: {', '.join(_names(law)) or 'none'}",
+        ) from None
+    except ModelError as error:
+        raise ModelError(error.wrong, where=where, fix=error.fix) from None
+
+
+def refuse_unfit(term: Term, robot: Robot, where: str) -> None:
+    """Refuse a term that does not fit a robot, with its place in a file.
+
+    Raises:
+        ModelError: The robot lacks a joint, motor or link, or a list has another length.
+    """
+    try:
+        term.parameters(robot)
+        if isinstance(term, StatefulTerm) and not finds_of(term):
+            term.warm_up(robot)
+        if term.role != "body" and not finds_of(term):
+            still = [np.zeros(1)] * robot.n_joints
+            channels = [np.zeros(1)] * channels_of(term, robot)
+            term.columns(robot, JointState(still, still, still, channels))
+    except ModelError as error:
+        raise ModelError(error.wrong, where=where, fix=error.fix) from None
+
+
+def description_of(term: Term) -> dict[str, Any]:
+    """The table that `term_of` turns back into the term."""
+    return {"law": term.law, **{x: _plain(getattr(term, x)) for x in _names(type(term))}}
+
+
+def _names(law: type[Any]) -> tuple[str, ...]:
+    """Names of a law's fields."""
+    return tuple(field.name for field in dataclasses.fields(law))
+
+
+def _field(law: type[Any], name: str, given: Any, where: str) -> Any:
+    """What a file says of one field: its value, or that it is to be found."""
+    if is_search(given):
+        return search_of(law, name, given, where)
+    value = _value(given)
+    _refuse_mistaken_switch(law, name, value, where)
+    return value
+
+
+def _refuse_mistaken_switch(law: type[Any], name: str, value: Any, where: str) -> None:
+    """Switches are true or false, and nothing else is: to Python, true is the number 1.
+
+    Raises:
+        ModelError: A switch has another value, or a number is true or false.
+    """
+    defaults = {field.name: field.default for field in dataclasses.fields(law)}
+    switch = isinstance(defaults.get(name), bool)
+    parts = value if isinstance(value, tuple) else (value,)
+    if isinstance(value, bool) if switch else not any(isinstance(x, bool) for x in parts):
+        return
+    raise ModelError(
+        f"term '{law.law}' has {name} = {value!r}",
+        where=where,
+        fix=f"'{name}' is true or false" if switch else f"'{name}' is neither true nor false",
+    )
+
+
+def _value(given: Any) -> Any:
+    """What a file says, as a value that cannot be changed: lists to tuples, tables to pairs."""
+    if isinstance(given, Mapping):
+        return tuple((key, _value(x)) for key, x in given.items())
+    return tuple(_value(x) for x in given) if isinstance(given, list | tuple) else given
+
+
+def _plain(value: Any) -> Any:
+    """The inverse: tuples of named pairs to tables, other tuples to lists, terms to theirs."""
+    if isinstance(value, Find):
+        return value.description
+    if dataclasses.is_dataclass(value):
+        return description_of(cast(Term, value))
+    if not isinstance(value, tuple):
+        return value
+    if value and all(isinstance(x, tuple) and len(x) == 2 and isinstance(x[0], str) for x in value):
+        return {key: _plain(x) for key, x in value}
+    return [_plain(x) for x in value]
+
+
+def law_of(parameter: str) -> type[Term]:
+    """The law that a standard parameter belongs to, by its name.
+
+    Raises:
+        KeyError: It belongs to none.
+    """
+    kind = parameter.partition(".")[0]
+    if kind in INERTIAL_NAMES:
+        return RigidBody
+    return TERMS[max((law for law in TERMS if kind.startswith(law)), key=len, default=kind)]
+
+
+def terms_of(
+    descriptions: Sequence[str | Mapping[str, Any]] | None, where: str
+) -> tuple[Term, ...]:
+    """The terms of a list from a file; the customary five where there is none."""
+    if descriptions is None:
+        return DEFAULT_TERMS
+    return tuple(term_of(description, where) for description in descriptions)

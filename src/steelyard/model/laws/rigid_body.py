@@ -1,0 +1,57 @@
+"""The rigid bodies themselves: gravity, inertia, Coriolis and centrifugal torques."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from steelyard.base.arrays import Parameter
+from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.terms.model_files import Placed, Values
+from steelyard.model.terms.term import Cause, Columns, Dissipation, Role, Term
+from steelyard.robot.rigid_body import INERTIAL_NAMES, INERTIAL_UNITS
+from steelyard.robot.robot import Robot
+
+
+@dataclass(frozen=True)
+class RigidBody(Term):
+    r"""Newton-Euler torques of all bodies, $\tau = Y(q, \dot q, \ddot q)\,\phi$.
+
+    Ten numbers per body, about the origin of its link frame, in Pinocchio's order; those of a frame
+    between the joints of one body are zero and have no columns. The columns are
+    the reverse derivative of the inverse dynamics, so they exist over symbols only; arrays go
+    through the traced program.
+    """
+
+    law: ClassVar[str] = "rigid_body"
+    dissipation: ClassVar[Dissipation] = "none"
+    cause: ClassVar[Cause] = "inertia"
+    shown_by: ClassVar[str] = "acceleration, one by one and together, of the joints up to"
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Ten per body, named like `Izz.forearm`."""
+        return tuple(
+            Parameter(
+                f"{name}.{body.name}",
+                unit,
+                lower=0.0 if name in ("m", "Ixx", "Iyy", "Izz") else float("-inf"),
+                prior=float(value) if body.known else None,
+            )
+            for body in robot.bodies
+            for name, unit, value in zip(
+                INERTIAL_NAMES, INERTIAL_UNITS, body.inertia.ten, strict=True
+            )
+        )
+
+    def columns(self, robot: Robot, state: JointState) -> Columns:
+        """Regressor of the bodies."""
+        from steelyard.model.equations.trace import rigid_columns
+
+        return rigid_columns(robot, state)
+
+    @property
+    def role(self) -> Role:
+        """The bodies."""
+        return "body"
+
+    def in_model_files(self, robot: Robot, values: Values) -> Placed:
+        """Nothing beside the bodies, which every format holds."""
+        return Placed()

@@ -1,0 +1,55 @@
+"""Inertia of rotors and gears."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from steelyard.base.arrays import Array, Parameter
+from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.terms.axes import Axis, each, spread
+from steelyard.model.terms.model_files import Place, as_one
+from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation, Role
+from steelyard.robot.robot import Robot
+
+
+@dataclass(frozen=True)
+class RotorInertia(ActsOnAxes):
+    r"""Rotor inertia, $f = I_a\,a$ with the coordinate's acceleration $a$ [kg m²; kg].
+
+    On a joint it is the inertia reflected through the gear. Gyroscopic effects of the spinning
+    rotors are neglected, as is customary above a gear ratio of about 30 [Khalil2002, ch. 9].
+    """
+
+    law: ClassVar[str] = "rotor_inertia"
+    dissipation: ClassVar[Dissipation] = "none"
+    cause: ClassVar[Cause] = "inertia"
+    shown_by: ClassVar[str] = "stronger acceleration of"
+    in_model_files: ClassVar[Place] = as_one("rotor")
+    symbol: ClassVar[str] = "IA"
+    shares: ClassVar[Mapping[str, tuple[float, float]]] = {"rotor_inertia": (0.2, 0.6)}
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """One per coordinate, not negative."""
+        return each(self.axes(robot), self.law, lambda axis: axis.inertia_unit, lower=0.0)
+
+    def columns(self, robot: Robot, state: JointState) -> Columns:
+        """The coordinate's acceleration."""
+        return spread(self.axes(robot), lambda _, axis: axis.of(state.ddq))
+
+    @property
+    def role(self) -> Role:
+        """A rotor."""
+        return "rotor"
+
+    @property
+    def on_motors(self) -> bool:
+        """Rotors turn before the gears, whatever coordinates they are given along."""
+        return True
+
+    def typical_values(
+        self, robot: Robot, at_torque: Array, inertia: Callable[[Axis], float]
+    ) -> Array:
+        """The inertia that each coordinate moves."""
+        return np.array([inertia(axis) for axis in self.axes(robot)])

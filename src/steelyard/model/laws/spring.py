@@ -1,0 +1,82 @@
+"""Springs on the coordinates themselves."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from steelyard.base.arrays import Parameter
+from steelyard.base.errors import ModelError
+from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.terms.axes import Axis, each, spread
+from steelyard.model.terms.model_files import AxisPart, Placed, Values, under
+from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation
+from steelyard.robot.robot import Robot
+
+
+@dataclass(frozen=True)
+class Spring(ActsOnAxes):
+    r"""Spring along a coordinate, $f = k\,(x - x_0)$, the effort that holds it [N m/rad; N/m].
+
+    With `free = "unknown"` the torque is $f = k\,x - p$ with a preload $p = k\,x_0$, a parameter of
+    its own. A preload and the term `offset` on one coordinate cannot be distinguished.
+
+    Attributes:
+        free: Position $x_0$ where the spring is free, one for all or one per coordinate [rad; m],
+            or `unknown`.
+    """
+
+    law: ClassVar[str] = "spring"
+    dissipation: ClassVar[Dissipation] = "none"
+    cause: ClassVar[Cause] = "spring"
+    shown_by: ClassVar[str] = "other configurations of"
+    free: float | tuple[float, ...] | str = 0.0
+
+    def __post_init__(self) -> None:
+        numbers = self.free if isinstance(self.free, tuple) else (self.free,)
+        known = all(isinstance(x, float | int) and abs(x) < float("inf") for x in numbers)
+        if self.free != "unknown" and not known:
+            raise ModelError(
+                f"term 'spring' has free = {self.free!r}",
+                where="list of terms",
+                fix="give the position where the spring is free [rad; m], one for all or a list, "
+                'or free = "unknown"',
+            )
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Stiffness per coordinate, not negative; then the preloads, where they are unknown."""
+        axes = self.axes(robot)
+        stiffness = each(axes, self.law, lambda axis: axis.stiffness_unit, lower=0.0)
+        if self.free != "unknown":
+            return stiffness
+        return (*stiffness, *each(axes, f"{self.law}_preload", lambda axis: axis.effort_unit))
+
+    def columns(self, robot: Robot, state: JointState) -> Columns:
+        """The stretch; with unknown free positions, the position and minus one."""
+        axes = self.axes(robot)
+        if self.free == "unknown":
+            return {
+                **spread(axes, lambda _, axis: axis.of(state.q)),
+                **spread(axes, lambda _, axis: 0.0 * axis.of(state.q) - 1.0, len(axes)),
+            }
+        free = self._free(axes)
+        return spread(axes, lambda k, axis: axis.of(state.q) - free[k])
+
+    def in_model_files(self, robot: Robot, values: Values) -> Placed:
+        """Stiffness and preload."""
+        stiffness = under(self, robot, values, self.law, "stiffness")
+        if self.free == "unknown":
+            preload = under(self, robot, values, f"{self.law}_preload", "preload")
+            return Placed((*stiffness, *preload))
+        free = self._free(self.axes(robot))
+        pairs = zip(stiffness, free, strict=True)
+        return Placed((*stiffness, *(AxisPart(p.axis, "preload", p.value * x) for p, x in pairs)))
+
+    def _free(self, axes: tuple[Axis, ...]) -> tuple[float, ...]:
+        if not isinstance(self.free, tuple):
+            return (float(self.free),) * len(axes)
+        if len(self.free) != len(axes):
+            raise ModelError(
+                f"term 'spring' has {len(self.free)} free positions for {len(axes)} coordinates",
+                where="list of terms",
+                fix="give one position for all, or a list with one per coordinate",
+            )
+        return self.free

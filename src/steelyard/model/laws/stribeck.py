@@ -1,0 +1,78 @@
+"""Friction that falls when motion begins."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from steelyard.base.arrays import Parameter
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar
+from steelyard.model.terms.axes import (
+    DEFAULT_SHAPE,
+    Field,
+    directions,
+    each,
+    per_axis,
+    refuse_negative,
+    refuse_not_positive,
+    refuse_shape,
+    refuse_unknown,
+    spread,
+)
+from steelyard.model.terms.model_files import Place, curve_over_speed
+from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation
+from steelyard.robot.robot import Robot
+
+
+@dataclass(frozen=True)
+class Stribeck(ActsOnAxes):
+    r"""Stribeck friction, the excess of breakaway over Coulomb friction.
+
+    $$ f = (f_s - f_c)\,e^{-|v/v_s|^\beta}\,s(v) $$
+
+    The Coulomb part is the term `coulomb`, the viscous one `viscous`.
+
+    Attributes:
+        speed: Stribeck speed $v_s$, one for all or one per coordinate [rad/s; m/s].
+        exponent: $\beta$, 1 or 2.
+        smoothing: Speed $w$ of a smooth $s$ as of `Coulomb`, one for all or one per coordinate
+            [rad/s; m/s]; zero for the sign.
+        shape: Which smooth $s$: `tanh`, `arctan` (p3, eq 6) or `logistic`.
+    """
+
+    law: ClassVar[str] = "stribeck"
+    dissipation: ClassVar[Dissipation] = "together"
+    cause: ClassVar[Cause] = "friction"
+    shown_by: ClassVar[str] = "slow motion in both directions of"
+    in_model_files: ClassVar[Place] = curve_over_speed("excess of friction at breakaway")
+    bounds: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "speed": (1e-3, 1.0),
+        "smoothing": (1e-3, 1.0),
+    }
+    speed: Field = 0.1
+    exponent: int = 1
+    smoothing: Field = 0.0
+    shape: str = DEFAULT_SHAPE
+
+    def __post_init__(self) -> None:
+        refuse_unknown(self.law, "exponent", self.exponent, (1, 2))
+        refuse_not_positive(self.law, speed=self.speed)
+        refuse_negative(self.law, smoothing=self.smoothing)
+        refuse_shape(self.law, self.shape, self.smoothing)
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """The excess per coordinate, not negative."""
+        return each(self.axes(robot), self.law, lambda axis: axis.effort_unit, lower=0.0)
+
+    def columns(self, robot: Robot, state: JointState) -> Columns:
+        """The direction of motion, fading with speed."""
+        axes = self.axes(robot)
+        sense = directions(axes, state.dq, self.smoothing, self.law, self.shape)
+        scales = per_axis(self.speed, axes, self.law)
+
+        def value(k: int, relative: Scalar) -> Scalar:
+            power = np.abs(relative) if self.exponent == 1 else relative * relative
+            return sense[k] * np.exp(-power)
+
+        return spread(axes, lambda k, axis: value(k, axis.of(state.dq) / scales[k]))

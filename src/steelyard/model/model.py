@@ -1,0 +1,156 @@
+"""A model: a robot and the causes of its torque, linear in named parameters."""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.base.arrays import Array, Parameters
+from steelyard.base.errors import DataError, ModelError
+from steelyard.model.dynamics import Dynamics
+from steelyard.model.evaluation import CompiledQuantity, Stepper
+from steelyard.model.laws.register import DEFAULT_TERMS, term_of
+from steelyard.model.quantity import Quantity
+from steelyard.model.terms.term import Term
+from steelyard.model.torque_equations import Equations
+from steelyard.robot.robot import Robot, robot_from_dict
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Model(Equations):
+    """A robot and its terms; values of the parameters are not part of it.
+
+    Attributes:
+        robot: The robot.
+        terms: Causes of torque; their columns stand side by side in this order.
+
+    Example:
+        >>> arm = load_robot("arm.toml").robot
+        >>> Model(arm, (terms.RigidBody(), terms.Viscous()))
+        Model(Robot('arm', 2 joints), rigid_body, viscous: 22 parameters)
+    """
+
+    robot: Robot
+    terms: tuple[Term, ...] = DEFAULT_TERMS
+
+    def __repr__(self) -> str:
+        laws = ", ".join(term.law for term in self.terms)
+        return f"Model({self.robot!r}, {laws}: {len(self.parameters)} parameters)"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "terms", tuple(self.terms))
+        strange = [term for term in self.terms if not isinstance(term, Term)]
+        if strange or not isinstance(self.robot, Robot):
+            wrong, kind = (strange[0], "term") if strange else (self.robot, "robot")
+            raise ModelError(
+                f"{wrong!r} is no {kind}",
+                where="robot and terms of a model",
+                fix="give a Robot, such as load_robot(FILE).robot, and terms such as "
+                "terms.Viscous()",
+            )
+        names = [parameter.name for parameter in self.parameters]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ModelError(
+                f"two terms have the same parameter '{twice[0]}'",
+                where=f"list of terms of robot '{self.robot.name}'",
+                fix="give each joint each law once (see the terms' `joints`)",
+            )
+
+    @property
+    def has_bodies(self) -> bool:
+        """Whether rigid bodies are among the terms."""
+        return any(term.role == "body" for term in self.terms)
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> "Model":
+        """The model that `to_dict` wrote."""
+        terms = tuple(term_of(t, "list of terms of a saved model") for t in data["terms"])
+        return cls(robot_from_dict(data["robot"]), terms)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Hash of everything the model's columns depend on."""
+        return hashlib.sha256(json.dumps(self.to_dict(), sort_keys=True).encode()).hexdigest()
+
+    def compiled(self, quantity: Quantity) -> CompiledQuantity:
+        """A quantity's machine code, kept."""
+        found = self._compiled.get(quantity)
+        if found is None:
+            found = self._compiled[quantity] = CompiledQuantity.of(quantity, self)
+        return found
+
+    @cached_property
+    def _compiled(self) -> dict[Quantity, CompiledQuantity]:
+        return {}
+
+    def at(self, values: Parameters) -> "ValuedModel":
+        """The model with values; standard parameters that are not named are zero.
+
+        Raises:
+            DataError: A value belongs to no parameter of the model.
+        """
+        known = values.as_dict()
+        strange = [name for name in known if name not in self.names]
+        if strange:
+            raise DataError(
+                f"the model of '{self.robot.name}' has no parameter '{strange[0]}'",
+                where="values of the parameters",
+                fix=f"its parameters are {', '.join(self.names[:12])}, ...",
+            )
+        full = [known.get(name, 0.0) for name in self.names]
+        return ValuedModel(self, Parameters(self.names, self.units, full))
+
+    @property
+    def prior(self) -> "ValuedModel | None":
+        """The nominal model of the robot's file: its bodies, no friction; `None` if unknown."""
+        if not all(body.known for body in self.robot.bodies):
+            return None
+        values = [p.prior if p.prior is not None else 0.0 for p in self.parameters]
+        return ValuedModel(self, Parameters(self.names, self.units, values))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ValuedModel(Dynamics):
+    """A model with values for its standard parameters.
+
+    Base parameters come as standard ones with the others of each group at zero: the torque is the
+    same.
+    """
+
+    model: Model
+    values: Parameters
+
+    def __repr__(self) -> str:
+        return f"ValuedModel({self.model!r})"
+
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self.model.robot
+
+    def evaluate(self, quantity: Quantity, *arguments: ArrayLike, t: Array | None = None) -> Array:
+        """A quantity at one configuration or along samples; see `Dynamics.evaluate`."""
+        return self.model.compiled(quantity).along(self.values.values, arguments, t)
+
+    def block(self, q: Array, dq: Array, ddq: Array, channels: Array | None = None) -> Array:
+        """Efforts of one block, joint-major.
+
+        Args:
+            q: Positions, shape `(n, B)`.
+            dq: Velocities, shape `(n, B)`.
+            ddq: Accelerations, shape `(n, B)`.
+            channels: Shape `(n_channels, B)`, see `Scan`; `None` for a model without.
+        """
+        channels = np.empty((0, q.shape[1])) if channels is None else channels
+        code = self.model.torque_code
+        shared = [False, False, False, False, True]
+        return code([q, dq, ddq, channels, self.values.values], shared)
+
+    def start(self) -> Stepper:
+        """Begin to evaluate sample by sample, for controllers and streams."""
+        return Stepper(self.model.robot, self.model.compiled, self.values.values)

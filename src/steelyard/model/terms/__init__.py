@@ -1,0 +1,1 @@
+"""What a cause of torque is, and the coordinates that it acts along."""

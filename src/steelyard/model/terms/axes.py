@@ -1,0 +1,346 @@
+r"""Coordinates that terms act along, and the direction of motion along them, sharp or smooth.
+
+Along the row $c$ the velocity is $c \cdot \dot q$, and an effort $f$ loads the joints with
+$c^T f$: the motor behind a differential that turns with $q_5 + q_6$ brakes both joints.
+"""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from steelyard.base.arrays import Parameter
+from steelyard.base.errors import ModelError
+from steelyard.model.equations.inverse_dynamics import Scalar
+from steelyard.model.terms.open_fields import Find
+from steelyard.robot.robot import JointKind, Robot
+
+Along = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
+"""Named coordinates, each the joints it is made of with their coefficients."""
+
+
+COEFFICIENTS = (1e-6, 1e6)
+"""Sizes that coefficients of a joint in a coordinate may have, if they are not zero."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A coordinate along which a term acts.
+
+    Attributes:
+        name: Name, for the parameters.
+        row: Coefficients `c`, one per joint of `robot.joints`.
+        kind: Its kind, which gives the units.
+    """
+
+    name: str
+    row: tuple[float, ...]
+    kind: JointKind
+
+    def of(self, values: Sequence[Scalar]) -> Scalar:
+        """`c` times the joints' positions, velocities or accelerations."""
+        total: Scalar = None
+        for coefficient, value in zip(self.row, values, strict=True):
+            if coefficient:
+                part = value if coefficient == 1.0 else coefficient * value
+                total = part if total is None else total + part
+        return total
+
+    @property
+    def effort_unit(self) -> str:
+        """Unit of effort."""
+        return "N" if self.kind == "prismatic" else "Nm"
+
+    @property
+    def speed_unit(self) -> str:
+        """Unit of velocity."""
+        return "m/s" if self.kind == "prismatic" else "rad/s"
+
+    @property
+    def rate_unit(self) -> str:
+        """Unit of effort per velocity."""
+        return "N s/m" if self.kind == "prismatic" else "N m s/rad"
+
+    @property
+    def inertia_unit(self) -> str:
+        """Unit of effort per acceleration."""
+        return "kg" if self.kind == "prismatic" else "kg m²"
+
+    @property
+    def stiffness_unit(self) -> str:
+        """Unit of effort per position."""
+        return "N/m" if self.kind == "prismatic" else "N m/rad"
+
+    def effort_per(self, unit: str) -> str:
+        """Unit of effort per something of another unit."""
+        return f"{'N' if self.kind == 'prismatic' else 'N m'}/{unit}"
+
+
+def coordinates(
+    robot: Robot, joints: Any = None, motors: Any = None, along: Any = None
+) -> tuple[Axis, ...]:
+    """Coordinates by the names of joints and motors, and as sums; all joints if nothing is named.
+
+    Raises:
+        ModelError: The robot has no joint or motor of a name, or a coordinate is none.
+    """
+    if joints is None and motors is None and along is None:
+        return tuple(_joint(robot, c.name) for c in robot.coordinates)
+    named = [_joint(robot, name) for name in _listed(joints, "joints")]
+    named += [_motor(robot, name) for name in _listed(motors, "motors")]
+    named += [_combined(robot, name, parts) for name, parts in _sums(along)]
+    return tuple(named)
+
+
+def each(
+    axes: Sequence[Axis], law: str, unit: Callable[[Axis], str], lower: float = float("-inf")
+) -> tuple[Parameter, ...]:
+    """One parameter named `law.axis` for every axis."""
+    return tuple(Parameter(f"{law}.{axis.name}", unit(axis), lower=lower) for axis in axes)
+
+
+def spread(
+    axes: Sequence[Axis], value: Callable[[int, Axis], Scalar], first: int = 0
+) -> dict[tuple[int, int], Scalar]:
+    """Columns of one parameter per axis: an effort of `value` along it, per unit.
+
+    Args:
+        axes: The coordinates.
+        value: Effort along the axis of a number.
+        first: Number of the first parameter.
+    """
+    columns: dict[tuple[int, int], Scalar] = {}
+    for k, axis in enumerate(axes):
+        effort = value(k, axis)
+        for joint, coefficient in enumerate(axis.row):
+            if coefficient:
+                columns[joint, first + k] = effort if coefficient == 1.0 else coefficient * effort
+    return columns
+
+
+def per_axis(values: float | tuple[float, ...], axes: Sequence[Axis], law: str) -> list[float]:
+    """One value of a field for every axis, from one for all or a list.
+
+    Raises:
+        ModelError: Their number does not fit, one is not above zero, or they are not known yet.
+    """
+    if isinstance(values, Find):
+        raise ModelError(
+            f"a nonlinear parameter of term '{law}' is not estimated yet",
+            where="list of terms",
+            fix="estimate it from logs first, with `steelyard identify` or `find_fields`, or give "
+            "a number",
+        )
+    given = values if isinstance(values, tuple) else (values,) * len(axes)
+    if len(given) != len(axes) or not all(value > 0.0 for value in given):
+        raise ModelError(
+            f"term '{law}' has {values} for {len(axes)} coordinates",
+            where="list of terms",
+            fix="give one value above zero for all, or a list with one per coordinate",
+        )
+    return list(given)
+
+
+def named_axis(robot: Robot, name: str) -> Axis:
+    """The coordinate of a joint or, where no joint has the name, of a motor.
+
+    Raises:
+        ModelError: The robot has neither.
+    """
+    gears = robot.transmission
+    if gears is not None and name in gears.motors and name not in (c.name for c in robot.joints):
+        return _motor(robot, name)
+    return _joint(robot, name)
+
+
+def _listed(names: Any, what: str) -> tuple[str, ...]:
+    """Names, none if nothing is given; one alone may come without a list."""
+    listed = (names,) if isinstance(names, str) else () if names is None else names
+    if (
+        not isinstance(listed, tuple | list)
+        or (names is not None and not listed)
+        or not all(isinstance(name, str) for name in listed)
+    ):
+        raise ModelError(
+            f"a term acts on {what} = {names!r}",
+            where="list of terms",
+            fix=f'list names: {what} = ["...", "..."], or leave `{what}` out',
+        )
+    return tuple(listed)
+
+
+def _sums(along: Any) -> Along:
+    """Coordinates of a term's own, none if nothing is given; their form is checked."""
+    if along is None:
+        return ()
+    sums: Along = ()
+    with suppress(TypeError, ValueError):
+        sums = tuple((str(n), tuple((str(j), float(c)) for j, c in p)) for n, p in along)
+    if not sums or not all(isfinite(c) for _, parts in sums for _, c in parts):
+        raise ModelError(
+            f"a term acts along {along!r}",
+            where="list of terms",
+            fix="give every coordinate the joints it is made of: "
+            "along = {wrist = {joint_5 = 1.0, joint_6 = 1.0}}",
+        )
+    return sums
+
+
+def _joint(robot: Robot, name: str) -> Axis:
+    names = [c.name for c in robot.joints]
+    if name not in names:
+        raise ModelError(
+            f"a term acts on joint '{name}', which is not identified",
+            where=f"robot '{robot.name}', list of terms",
+            fix=f"use names of {', '.join(names)}",
+        )
+    k = names.index(name)
+    return Axis(name, tuple(float(j == k) for j in range(len(names))), robot.joints[k].kind)
+
+
+def _motor(robot: Robot, name: str) -> Axis:
+    gears = robot.transmission
+    if gears is None or name not in gears.motors:
+        raise ModelError(
+            f"a term acts on motor '{name}', which the robot does not have",
+            where=f"robot '{robot.name}', list of terms",
+            fix="give the robot a [robot.transmission]"
+            if gears is None
+            else f"use names of {', '.join(gears.motors)}",
+        )
+    row = gears.matrix[gears.motors.index(name)].tolist()
+    return Axis(name, (*row, *(0.0 for _ in robot.passive)), "revolute")
+
+
+def _combined(robot: Robot, name: str, parts: tuple[tuple[str, float], ...]) -> Axis:
+    total = [0.0] * robot.n_joints
+    kinds = set()
+    for joint, coefficient in parts:
+        axis = _joint(robot, joint)
+        kinds.add(axis.kind)
+        total[axis.row.index(1.0)] += coefficient
+    wrong = None
+    least, most = COEFFICIENTS
+    if len(kinds) != 1:
+        wrong = f"coordinate '{name}' mixes kinds of joints" if kinds else f"'{name}' has no joint"
+    elif not any(total):
+        wrong = f"coordinate '{name}' does not move: all its coefficients are zero"
+    elif beyond := [c for c in total if c and not least <= abs(c) <= most]:
+        wrong = f"coordinate '{name}' has a coefficient of {beyond[0]:g}"
+    if wrong is not None:
+        raise ModelError(
+            wrong,
+            where=f"robot '{robot.name}', list of terms",
+            fix=f"combine joints of one kind, with coefficients of sizes from {least:g} to "
+            f"{most:g}: {{wrist = {{joint_5 = 1.0, joint_6 = 1.0}}}}",
+        )
+    return Axis(name, tuple(total), kinds.pop())
+
+
+SHAPES: dict[str, Callable[[Scalar], Scalar]] = {
+    "tanh": np.tanh,
+    "arctan": lambda x: 2.0 / np.pi * np.arctan(x),
+    # 2 / (1 + exp(-x)) - 1, without overflow
+    "logistic": lambda x: np.tanh(0.5 * x),
+}
+"""Smooth laws over the velocity in units of the smoothing speed; from -1 to 1, odd."""
+
+DEFAULT_SHAPE = "tanh"
+
+Field = float | tuple[float, ...]
+"""One value for all coordinates of a term, or one per coordinate."""
+
+
+def directions(
+    axes: Sequence[Axis],
+    dq: Sequence[Scalar],
+    smoothing: Field,
+    law: str,
+    shape: str = DEFAULT_SHAPE,
+) -> list[Scalar]:
+    r"""Direction of motion along every axis, from -1 to 1.
+
+    Args:
+        axes: The coordinates.
+        dq: All joints' velocities [rad/s; m/s].
+        smoothing: Speed $w$ of the smooth law $s(v/w)$; zero for the sign.
+        law: Name of the term, for messages.
+        shape: A name of `SHAPES`.
+    """
+    speeds = [axis.of(dq) for axis in axes]
+    if is_zero(smoothing):
+        return [np.sign(speed) for speed in speeds]
+    widths = per_axis(smoothing, axes, law)
+    return [SHAPES[shape](v / w) for v, w in zip(speeds, widths, strict=True)]
+
+
+def is_zero(value: Any) -> bool:
+    """Whether a field is the number zero, which switches it off."""
+    return isinstance(value, float | int) and value == 0.0
+
+
+def refuse_shape(law: str, shape: str, smoothing: Field) -> None:
+    """The name of a smooth law goes with a speed within which it turns.
+
+    Raises:
+        ModelError: There is no such law, or no such speed.
+    """
+    refuse_unknown(law, "shape", shape, tuple(SHAPES))
+    if is_zero(smoothing) and shape != DEFAULT_SHAPE:
+        raise ModelError(
+            f"term '{law}' has shape = {shape!r}, but its direction is the plain sign",
+            where="list of terms",
+            fix="give `smoothing`, the speed within which it turns, or leave out `shape`",
+        )
+
+
+def refuse_negative(law: str, **fields: Any) -> None:
+    """Fields that are speeds or lengths are finite numbers, not negative; or still to be found.
+
+    Raises:
+        ModelError: One is not.
+    """
+    for name, value in fields.items():
+        for number in value if isinstance(value, tuple) else (value,):
+            if isinstance(number, Find):
+                continue
+            if not isinstance(number, float | int) or not 0.0 <= number < float("inf"):
+                raise ModelError(
+                    f"term '{law}' has {name} = {number!r}",
+                    where="list of terms",
+                    fix=f"give '{name}' as a positive number, one for all or a list with one per "
+                    "coordinate",
+                )
+
+
+def refuse_not_positive(law: str, **fields: Any) -> None:
+    """Fields that a law divides by are finite numbers above zero; or still to be found.
+
+    Raises:
+        ModelError: One is not.
+    """
+    refuse_negative(law, **fields)
+    for name, value in fields.items():
+        if 0.0 in (value if isinstance(value, tuple) else (value,)):
+            raise ModelError(
+                f"term '{law}' has {name} = {value!r}",
+                where="list of terms",
+                fix=f"give '{name}' above zero; to leave the effect out, leave out the term",
+            )
+
+
+def refuse_unknown(law: str, name: str, value: Any, known: Sequence[Any]) -> None:
+    """A field with a choice has one of its values.
+
+    Raises:
+        ModelError: It has another.
+    """
+    if value not in known:
+        raise ModelError(
+            f"term '{law}' has {name} = {value!r}",
+            where="list of terms",
+            fix=f"give '{name}' one of {', '.join(repr(x) for x in known)}",
+        )

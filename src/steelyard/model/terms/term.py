@@ -1,0 +1,280 @@
+"""A cause of torque, linear in its parameters: alone, along coordinates, or with several fields.
+
+The columns of all candidates are computed along the motion, as channels: programs over them do not
+know the values, so the next set of candidates needs no new machine code.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from typing_extensions import Self
+
+from steelyard.base.arrays import Array, Parameter
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar
+from steelyard.model.terms.axes import Along, Axis, coordinates
+from steelyard.model.terms.model_files import Place
+from steelyard.robot.robot import Robot
+
+Columns = Mapping[tuple[int, int], Scalar]
+"""`(joint, parameter)` to the torque per unit of that parameter; absent entries are zero."""
+
+Dissipation = Literal["none", "each", "together"]
+"""What a law knows of energy: nothing; that each of its coefficients takes some; or that it takes
+some together with all others along the same coordinate, whatever the signs of its coefficients."""
+
+Cause = Literal["inertia", "spring", "friction", "offset"]
+"""What a law is about. Inertia and springs last; friction and offsets change from day to day."""
+
+Role = Literal["body", "rotor", "brake", "effort"]
+"""How a simulation has a law: as mass of the bodies, as inertia of a rotor, as friction that sticks
+and slips, or as an effort that is computed from the state."""
+
+INVENTED_TORQUE_SHARE = (0.1, 0.25)
+"""Least and largest share of a joint's typical torque that an invented law takes."""
+
+
+class Term(ABC):
+    """A cause of torque, and all that is known of it: no other file lists laws.
+
+    A term is a frozen dataclass. What the torque is linear in are its parameters; what it is not
+    linear in are its fields. Parameters are named `law.coordinate`, or with more behind the law's
+    name. What has no default here, the register requires of every law.
+    """
+
+    law: ClassVar[str]
+    """The term's name in files."""
+    dissipation: ClassVar[Dissipation]
+    """How the consistent estimate bounds it."""
+    cause: ClassVar[Cause]
+    """What kind of thing it is."""
+    shown_by: ClassVar[str]
+    """The motion that shows its parameters, to be followed by names of joints."""
+    in_model_files: ClassVar[Place]
+    """What of it model files have a place for: one of the functions of `model_files`."""
+    bounds: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    """Fields that can be found from data, all speeds or lengths, to their least and greatest."""
+    symbol: ClassVar[str] = ""
+    """Customary letters of the parameters named `law.coordinate`; empty where none are."""
+    unnamed: ClassVar[tuple[str, ...]] = ("joints", "per_run")
+    """Fields that are left out where a mix of laws is named for people."""
+    shares: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    """Shares of `typical_values` of invented parameters, by their name up to the dot, if others
+    than `INVENTED_TORQUE_SHARE`, of either sign where the parameter may have either."""
+    needs_reference: ClassVar[bool] = False
+    """Whether its columns need a reference model, see `with_reference`."""
+    per_run: bool = False
+    """Whether every run has parameters of its own."""
+
+    @abstractmethod
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Names, units and bounds, in the order of the columns."""
+
+    @abstractmethod
+    def columns(self, robot: Robot, state: JointState) -> Columns:
+        """Torque per unit of each parameter; a state of symbols or of arrays over samples.
+
+        The state and the rows are those of all joints, `robot.joints`.
+        """
+
+    @classmethod
+    def drifts(cls) -> bool:
+        """Whether its parameters change from day to day."""
+        return cls.cause in ("friction", "offset")
+
+    @property
+    def role(self) -> Role:
+        """How a simulation has it."""
+        return "effort"
+
+    @property
+    def on_motors(self) -> bool:
+        """Whether it acts before the gears, so that a sensor behind them does not feel it."""
+        return False
+
+    def with_reference(self, values: Mapping[str, float]) -> Self:
+        """The same term with another reference model, the numbers of its bodies by name."""
+        return self
+
+    def typical_values(
+        self, robot: Robot, at_torque: Array, inertia: Callable[[Axis], float]
+    ) -> Array:
+        """What invented parameters are measured by, shape `(parameters,)`.
+
+        Args:
+            robot: The robot.
+            at_torque: Value at which each parameter alone loads a joint with its typical torque,
+                shape `(parameters,)`.
+            inertia: Typical inertia that a coordinate moves [kg m²; kg].
+        """
+        return at_torque
+
+
+@dataclass(frozen=True, eq=False)
+class TermSamples:
+    """Consecutive samples of a motion, as a term with channels sees them.
+
+    Attributes:
+        q: All joints' positions, shape `(n_joints, N)`; likewise `dq` and `ddq`.
+        rigid_torque: Torques of the rigid bodies, shape `(n_joints, N)`, for ten numbers per body,
+            shape `(10 n_bodies,)`.
+    """
+
+    q: Array
+    dq: Array
+    ddq: Array
+    rigid_torque: Callable[[Array], Array]
+
+
+class StatefulTerm(Term):
+    """A term whose columns need more than one sample's state: a scan along the motion.
+
+    Its channels enter `columns` as `state.channels`. Friction with memory is a `Presliding`.
+    """
+
+    state_only_fields: ClassVar[tuple[str, ...]]
+    """Fields that act on the channels alone; the columns over the channels do not know them."""
+
+    @abstractmethod
+    def n_channels(self, robot: Robot) -> int:
+        """Number of channels."""
+
+    @abstractmethod
+    def warm_up(self, robot: Robot) -> Array:
+        """Travel of each joint after which the unknown start is forgotten, `(n_joints,)`."""
+
+    @abstractmethod
+    def remember(self, robot: Robot, samples: TermSamples, memory: Any) -> tuple[Array, Any]:
+        """Channels `(n_channels, N)` of consecutive samples, and the memory at their end.
+
+        Args:
+            robot: The robot.
+            samples: The samples.
+            memory: What the call before returned; `None` at the start of a motion.
+        """
+
+
+def channels_of(term: Term, robot: Robot) -> int:
+    """Number of channels of any term."""
+    return term.n_channels(robot) if isinstance(term, StatefulTerm) else 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActsOnAxes(Term):
+    """Where a term acts; every law that acts along coordinates has these fields.
+
+    Attributes:
+        joints: Names of the joints it acts on, or one name; all independent ones if nothing is
+            named.
+        motors: Names of motors of the robot's transmission, or one name.
+        along: Coordinates of its own, by name: `{wrist = {joint_5 = 1.0, joint_6 = 1.0}}`; sizes of
+            coefficients from 1e-6 to 1e6.
+        per_run: Whether every run has parameters of its own.
+    """
+
+    joints: tuple[str, ...] | str | None = None
+    motors: tuple[str, ...] | str | None = None
+    along: Along | None = None
+    per_run: bool = False
+
+    def axes(self, robot: Robot) -> tuple[Axis, ...]:
+        """The coordinates it acts along.
+
+        Raises:
+            ModelError: The robot has no joint or motor of a name, or a coordinate is none.
+        """
+        return coordinates(robot, self.joints, self.motors, self.along)
+
+    @property
+    def on_motors(self) -> bool:
+        """Whether it names motors."""
+        return self.motors is not None
+
+
+@dataclass(frozen=True)
+class CandidateTerms(StatefulTerm):
+    """Candidates for one term side by side; the parameters of number `c` are named `name@c`.
+
+    Attributes:
+        candidates: The term, with one set of values each.
+        longest: The term with the longest memory of all that will be compared, so that the same
+            samples count for all.
+        names: Names of one candidate's parameters.
+        places: Rows and parameters of the entries that one candidate's columns have.
+    """
+
+    law: ClassVar[str] = "dictionary"
+    dissipation: ClassVar[Dissipation] = "none"
+    state_only_fields: ClassVar[tuple[str, ...]] = ("candidates", "longest")
+    candidates: tuple[Term, ...]
+    longest: Term
+    names: tuple[str, ...]
+    places: tuple[tuple[int, int], ...]
+
+    @classmethod
+    def of(cls, robot: Robot, candidates: Sequence[Term], longest: Term) -> "CandidateTerms":
+        """A dictionary of at least one candidate."""
+        first, still = candidates[0], [np.zeros(1)] * robot.n_joints
+        channels = [np.zeros(1)] * channels_of(first, robot)
+        columns = first.columns(robot, JointState(still, still, still, channels))
+        names = tuple(p.name for p in first.parameters(robot))
+        return cls(tuple(candidates), longest, names, tuple(columns))
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Those of all candidates."""
+        one = self.longest.parameters(robot)
+        return tuple(
+            replace(p, name=f"{p.name}@{c}") for c in range(len(self.candidates)) for p in one
+        )
+
+    def columns(self, robot: Robot, state: JointState) -> Columns:
+        """The channels."""
+        size, width = len(self.places), len(self.names)
+        return {
+            (row, c * width + column): state.channels[c * size + k]
+            for c in range(len(self.candidates))
+            for k, (row, column) in enumerate(self.places)
+        }
+
+    def n_channels(self, robot: Robot) -> int:
+        """One per candidate and entry."""
+        return len(self.candidates) * len(self.places)
+
+    def warm_up(self, robot: Robot) -> Array:
+        """That of the longest memory."""
+        if isinstance(self.longest, StatefulTerm):
+            return self.longest.warm_up(robot)
+        return np.zeros(robot.n_joints)
+
+    def remember(self, robot: Robot, samples: TermSamples, memory: Any) -> tuple[Array, Any]:
+        """All candidates' columns along the motion."""
+        count = samples.q.shape[1]
+        memories = list(memory or [None] * len(self.candidates))
+        result = np.empty((self.n_channels(robot), count))
+        samples = replace(samples, rigid_torque=_evaluated_once(samples.rigid_torque))
+        row = 0
+        for c, term in enumerate(self.candidates):
+            channels = np.empty((0, count))
+            if isinstance(term, StatefulTerm):
+                channels, memories[c] = term.remember(robot, samples, memories[c])
+            seen = (list(x) for x in (samples.q, samples.dq, samples.ddq, channels))
+            columns = term.columns(robot, JointState(*seen))
+            for place in self.places:
+                result[row] = columns[place]
+                row += 1
+        return result, memories
+
+
+def _evaluated_once(torque: Callable[[Array], Array]) -> Callable[[Array], Array]:
+    """The same function, called once for the same ten numbers."""
+    known: dict[bytes, Array] = {}
+
+    def remembered(tens: Array) -> Array:
+        key = tens.tobytes()
+        if key not in known:
+            known[key] = torque(tens)
+        return known[key]
+
+    return remembered

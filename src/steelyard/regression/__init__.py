@@ -1,1 +1,0 @@
-"""What the data say about the parameters: base parameters, information, the pass."""

@@ -1,1 +1,0 @@
-"""Motions replayed in a browser."""

@@ -1,0 +1,79 @@
+"""What the results of all jobs have in common: a page, a text, files, and a view in notebooks."""
+
+import io
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from steelyard.base.errors import require
+from steelyard.base.files import whole_folder
+
+if TYPE_CHECKING:
+    from polars import DataFrame
+
+
+TEXT_WIDTH = 120
+"""Columns of the text that `print` shows."""
+
+
+class Result(ABC):
+    """A result: `print` it, `save` it, or look at it in a notebook."""
+
+    @abstractmethod
+    def report(self) -> str:
+        """The report as one self-contained HTML page."""
+
+    @abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers as JSON values, as the command's `--json` prints them."""
+
+    @abstractmethod
+    def write(self, folder: Path) -> None:
+        """Write the result's files into a folder that is there."""
+
+    @abstractmethod
+    def show(self, console: Console) -> None:
+        """Print the result for people."""
+
+    def save(self, folder: str | Path) -> Path:
+        """Make a folder with the page and the numbers, whole or not at all.
+
+        Args:
+            folder: Where; it must not exist yet, or be empty.
+
+        Returns:
+            The folder.
+
+        Raises:
+            OutputError: It is there and not empty, or cannot be written.
+        """
+        with whole_folder(Path(folder)) as part:
+            self.write(part)
+        return Path(folder)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}(print it, or write its files with save(FOLDER))"
+
+    def __str__(self) -> str:
+        text = io.StringIO()
+        self.show(Console(file=text, width=TEXT_WIDTH))
+        return text.getvalue()
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(str(self))}</pre>"
+
+
+def frame(records: Sequence[Mapping[str, Any]] | Mapping[str, Any], where: str) -> "DataFrame":
+    """A data frame of rows that have the same keys, or of columns by name.
+
+    Raises:
+        PackageError: Polars is not installed.
+    """
+    require("polars", "polars", "data frames", where)
+    from polars import DataFrame
+
+    return DataFrame(records, infer_schema_length=None)

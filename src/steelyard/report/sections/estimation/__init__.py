@@ -1,1 +1,0 @@
-"""Sections about how well logs determine a model."""

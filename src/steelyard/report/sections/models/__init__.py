@@ -1,1 +1,0 @@
-"""Sections about several identified models side by side."""

@@ -1,1 +1,0 @@
-"""Sections about a motion run under several controllers."""

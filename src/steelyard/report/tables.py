@@ -1,0 +1,118 @@
+"""Plain tables in sections: headings, rows of words, one of them marked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+COLUMNS_OF_DENSE_TABLE = 7
+"""Columns from which on a table is set smaller, so that it fits on a screen."""
+
+LETTERS_OF_LONG_NAME = 30
+"""Letters of a name or of words in a cell that are more than a narrow column takes."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """Cells, ready to be read; the first one names the row.
+
+    Attributes:
+        cells: One per column.
+        marked: Whether the row stands out.
+        total: Whether it sums the rows above up: it stays last where the others are sorted.
+    """
+
+    cells: Sequence[str]
+    marked: bool = False
+    total: bool = False
+
+
+@dataclass(frozen=True)
+class PlainTable:
+    """One table.
+
+    Attributes:
+        caption: Heading above it; empty for none.
+        words: What to know before reading it.
+        headings: One per column.
+        rows: The rows.
+        text: Columns that hold words, not numbers.
+        note: What the terminal says below it, in the place of `words`.
+        folded: Summary on the page that opens the table; empty shows the table at once.
+    """
+
+    caption: str
+    words: str
+    headings: Sequence[str]
+    rows: Sequence[Row]
+    text: Sequence[int] = (0,)
+    note: str = ""
+    folded: str = ""
+
+    @property
+    def dense(self) -> bool:
+        """Whether it has many columns."""
+        return len(self.headings) >= COLUMNS_OF_DENSE_TABLE
+
+    @property
+    def long_names(self) -> bool:
+        """Whether some name of a row takes a line of its own on a phone."""
+        return any(len(row.cells[0]) > LETTERS_OF_LONG_NAME for row in self.rows)
+
+
+def light_table(
+    headings: Sequence[str], left: Sequence[int] = (0,), *, whole: bool = True
+) -> Table:
+    """An empty table of the terminal without frame.
+
+    Args:
+        headings: One per column.
+        left: Columns of words, aligned to the left.
+        whole: In a narrow terminal words are broken, and numbers are not: for short headings.
+    """
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    table = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    for number, heading in enumerate(headings):
+        side: Literal["left", "right"] = "left" if number in left else "right"
+        unbroken = whole and number not in left
+        overflow: Literal["ellipsis", "fold"] = "ellipsis" if unbroken else "fold"
+        table.add_column(heading, justify=side, overflow=overflow, no_wrap=unbroken)
+    return table
+
+
+def text_table(table: PlainTable, title: str) -> Table:
+    """The table for the terminal, under its caption, or under `title` if it has none."""
+    from rich.text import Text
+
+    shown = light_table(table.headings, table.text, whole=False)
+    shown.title, shown.title_justify = Text(table.caption or title), "left"
+    if table.note:
+        shown.caption, shown.caption_justify = Text(table.note), "left"
+    for row in table.rows:
+        cells = (Text(cell) for cell in row.cells)
+        shown.add_row(*cells, style="bold" if row.marked or row.total else None)
+    return shown
+
+
+def narrow_table(table: PlainTable, columns: Sequence[int] | None = None) -> Table:
+    """Some columns of a table for the terminal, or all, without lines between them."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+    from rich.text import Text
+
+    chosen = range(len(table.headings)) if columns is None else columns
+    shown = Table(box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
+    for number in chosen:
+        side: Literal["left", "right"] = "left" if number in table.text else "right"
+        shown.add_column(table.headings[number], justify=side, overflow="fold")
+    for row in table.rows:
+        cells = (Text(row.cells[number]) for number in chosen)
+        shown.add_row(*cells, style="bold" if row.marked or row.total else None)
+    return shown

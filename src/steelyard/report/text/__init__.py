@@ -1,1 +1,0 @@
-"""Numbers and sentences that pages and terminal share."""

@@ -1,0 +1,1 @@
+"""Robot files (TOML): sections, signals, gears, checks and edits."""

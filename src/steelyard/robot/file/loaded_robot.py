@@ -1,0 +1,218 @@
+"""A robot with all that its files say, also read from a model file alone."""
+
+import copyreg
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from steelyard.base.errors import ModelError, OpenModelError
+from steelyard.robot.file.efforts import Locate
+from steelyard.robot.file.excitation_sections import ExcitationSection
+from steelyard.robot.file.model_source import read_mechanism
+from steelyard.robot.file.sections import (
+    EstimationSection,
+    FrictionSelection,
+    PriorSection,
+    ProcessingSection,
+    ValidationSection,
+)
+from steelyard.robot.file.signals import Signals
+from steelyard.robot.from_mechanism import ignored_statements, reduced, springs_along
+from steelyard.robot.joint_reduction import floating_base
+from steelyard.robot.mechanism import JointSpring, Mechanism
+from steelyard.robot.models.xacro import expand, joined_reference, stem_of
+from steelyard.robot.models.xml_reader import read_bytes
+from steelyard.robot.robot import Robot
+
+
+def _proxy(table: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    return MappingProxyType(table)
+
+
+copyreg.pickle(MappingProxyType, lambda table: (_proxy, (dict(table),)))
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """A file that was read, and what was in it."""
+
+    path: Path
+    sha256: str
+
+
+@dataclass(frozen=True)
+class TermSpec:
+    """A cause of torque as the robot file names it: a law's name, or a table with `law`."""
+
+    description: str | Mapping[str, Any]
+    where: str
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LoadedRobot:
+    """A robot and all that its file says.
+
+    Attributes:
+        robot: The robot, with the joints to identify.
+        notes: What was assumed, one sentence each, for the user.
+        signals: Columns of its logs; `None` if the file does not say.
+        terms: Causes of torque; `None` if the file does not say.
+        friction: How the friction laws are to be chosen from the data; `None` if they are not.
+        processing: Filter settings; what is `None` is chosen from the data.
+        estimation: How parameters are estimated.
+        validation: Score settings.
+        sources: The file given, then the model file it names, if any.
+        where: Places in the file, for messages about what later rooms make of it.
+        prior: What is known of links before the data, beside the model file.
+        knowledge: Prior constraints, a table with its `kind` each.
+        excitation: Which motion is wanted, and what it must keep.
+        arguments: Of a xacro file that was given itself; those of a robot file stand there.
+        springs: Springs of the model file along its coordinates, by name; no term has them unless
+            it is listed.
+        ignored: What the model file states of forces that the model ignores, a sentence
+            for each kind.
+        base: The link that is fixed to the world; `None` if it is the model's root.
+        floats: Whether that link floats in the model: its being at rest is an assumption.
+        couplings_stated: Whether the file states couplings of motors, or that there are none.
+
+    Example:
+        >>> load_robot("arm.urdf").robot
+        Robot('arm', 2 joints)
+    """
+
+    robot: Robot
+    notes: tuple[str, ...]
+    signals: Signals | None
+    terms: tuple[TermSpec, ...] | None
+    friction: FrictionSelection | None
+    processing: ProcessingSection
+    estimation: EstimationSection
+    validation: ValidationSection
+    sources: tuple[SourceFile, ...]
+    where: Locate
+    prior: PriorSection = PriorSection()
+    knowledge: tuple[Mapping[str, Any], ...] = ()
+    excitation: ExcitationSection = ExcitationSection()
+    springs: Mapping[str, JointSpring] = field(default_factory=dict)
+    ignored: Mapping[str, str] = field(default_factory=dict)
+    arguments: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    base: str | None = None
+    floats: bool = False
+    couplings_stated: bool = True
+
+    def __repr__(self) -> str:
+        return f"LoadedRobot('{self.reference}', {self.robot!r})"
+
+    @property
+    def reference(self) -> str:
+        """What `load_robot` takes for the same robot."""
+        return joined_reference(self.sources[0].path, self.arguments)
+
+    @property
+    def model_given(self) -> Path:
+        """The model file as it was given, before a xacro file is expanded."""
+        models = (s.path for s in self.sources if s.path.suffix.lower() != ".toml")
+        return next(models, self.sources[-1].path)
+
+    @property
+    def stem(self) -> str:
+        """The name of the file given, without its endings."""
+        return stem_of(self.sources[0].path)
+
+
+@dataclass(frozen=True, eq=False)
+class ModelFile:
+    """A model file that was read.
+
+    Attributes:
+        mechanism: What it describes.
+        sources: The file given, then what it was expanded to, if it is a xacro file.
+        arguments: Of a xacro file.
+        notes: How it was read, for the user.
+    """
+
+    mechanism: Mechanism
+    sources: tuple[SourceFile, ...]
+    arguments: Mapping[str, str]
+    notes: tuple[str, ...]
+
+
+def read_model(path: Path, arguments: Mapping[str, str]) -> ModelFile:
+    """A URDF, a xacro file with its arguments, or an MJCF."""
+    sources, notes = model_sources(path, arguments, ())
+    mechanism = read_mechanism(sources[-1].path)
+    return ModelFile(mechanism, sources, MappingProxyType(dict(arguments)), notes)
+
+
+def robot_of_model(
+    model: ModelFile, *, base: str | None = None, locked: Mapping[str, float] | None = None
+) -> LoadedRobot:
+    """The robot of a model file alone.
+
+    Args:
+        model: The file.
+        base: The link that is fixed to the world; `None` is its root.
+        locked: Positions of joints that do not move [rad; m].
+
+    Raises:
+        ModelError: The file leaves open what a robot is, such as the base of one that floats.
+    """
+    mechanism, path = model.mechanism, model.sources[0].path
+    robot, notes = _whole(mechanism, base, locked)
+    ignored = ignored_statements(mechanism, robot, (), ())
+    return LoadedRobot(
+        robot,
+        (*model.notes, *notes, *ignored.values()),
+        None,
+        None,
+        None,
+        ProcessingSection(),
+        EstimationSection(),
+        ValidationSection(),
+        model.sources,
+        lambda *key: str(path),
+        arguments=model.arguments,
+        springs=springs_along(mechanism, robot),
+        ignored=ignored,
+        base=base,
+        floats=floating_base(mechanism, base) is not None,
+    )
+
+
+def _whole(
+    mechanism: Mechanism, base: str | None, locked: Mapping[str, float] | None
+) -> tuple[Robot, tuple[str, ...]]:
+    """The robot of a model file alone, with the advice that `init` locks what cannot move."""
+    try:
+        return reduced(mechanism, base=base, locked=locked)
+    except OpenModelError:
+        raise
+    except ModelError as error:
+        if locked is not None or not mechanism.pins:
+            raise
+        fix = f"{error.fix}; `steelyard init` writes a robot file that locks the loops of hands"
+        raise ModelError(error.wrong, where=error.where, fix=fix) from None
+
+
+def source_of(path: Path) -> SourceFile:
+    """A file as it is now."""
+    return SourceFile(path, sha256_of(read_bytes(path, "a robot model")))
+
+
+def model_sources(
+    path: Path, arguments: Mapping[str, str], packages: Sequence[Path]
+) -> tuple[tuple[SourceFile, ...], tuple[str, ...]]:
+    """A model file, behind it what a xacro file is expanded to; and a note on that."""
+    source = source_of(path)
+    expansion = expand(path, arguments, packages)
+    if expansion is None:
+        return (source,), ()
+    return (source, SourceFile(expansion.path, expansion.sha256)), (expansion.note,)
+
+
+def sha256_of(data: bytes) -> str:
+    """What identifies the content of a file."""
+    return hashlib.sha256(data).hexdigest()

@@ -1,0 +1,324 @@
+"""Robot files: a model in any format, and with TOML all that a model file cannot say."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from steelyard.base.arguments import checked as checked_arguments
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import ModelError, advice
+from steelyard.robot.file.efforts import WITHOUT_TORQUE, build_transmission
+from steelyard.robot.file.loaded_robot import LoadedRobot as LoadedRobot
+from steelyard.robot.file.loaded_robot import (
+    SourceFile,
+    TermSpec,
+    model_sources,
+    read_model,
+    robot_of_model,
+    sha256_of,
+    source_of,
+)
+from steelyard.robot.file.model_source import dh_table, model_path_of, xacro_settings
+from steelyard.robot.file.model_source import read_mechanism as read_mechanism
+from steelyard.robot.file.sections import RobotFile, RobotSection
+from steelyard.robot.file.signals import build_signals
+from steelyard.robot.file.toml import Places, checked
+from steelyard.robot.from_mechanism import ignored_statements, reduced, springs_along
+from steelyard.robot.joint_reduction import floating_base, unlimited_if_empty
+from steelyard.robot.loop_closures import Closing
+from steelyard.robot.mechanism import Answer, Mechanism, Pin
+from steelyard.robot.models.xacro import joined_reference, split_reference
+from steelyard.robot.models.xml_reader import read_bytes
+from steelyard.robot.rigid_body import clean_rotation, rpy_rotation
+from steelyard.robot.robot import Limits, Robot
+
+
+def closing_of(section: RobotSection, mechanism: Mechanism, places: Places) -> Closing:
+    """The closed chains of a robot file.
+
+    Raises:
+        ModelError: A loop is between links that do not exist, or two loops have one name.
+    """
+    names = [link.name for link in mechanism.links]
+    pins: list[Pin] = []
+    for index, loop in enumerate(section.loops):
+        for end, link in enumerate(loop.links):
+            if link not in names:
+                raise ModelError(
+                    f"the model has no link '{link}'",
+                    where=places.where("robot", "loops", index, "links", end),
+                    fix=advice(link, names, "links"),
+                )
+        name, where = loop.name or f"loop{index + 1}", places.where("robot", "loops", index)
+        if any(pin.name == name for pin in (*mechanism.pins, *pins)):
+            raise ModelError(
+                f"two loops have the name '{name}'",
+                where=where,
+                fix="give every loop a name of its own",
+            )
+        pins.append(Pin(name, loop.links, loop.points, where))
+    return Closing(
+        tuple(pins), section.passive, section.assembly, section.open_loops, places.where("robot")
+    )
+
+
+STANDARD_GRAVITY = 9.81
+LEAST_GRAVITY, LARGEST_GRAVITY = 1.0, 30.0
+"""Sizes of gravity [m/s²] between which it may be that of a planet or a moon."""
+
+
+@checked_arguments()
+def load_robot(
+    path: str | Path | LoadedRobot, text: str | None = None, *, base: str | None = None
+) -> LoadedRobot:
+    """The robot of a URDF, a xacro file, an MJCF or a robot file (TOML), distinguished by content.
+
+    Args:
+        path: The file; of a xacro file with its arguments: `arm.urdf.xacro name:=left`. A robot
+            that is loaded already is returned as it is.
+        text: What a robot file at `path` would hold; that file is then not read, and need not be
+            there.
+        base: The link of a URDF or MJCF that is fixed to the world; `None` is its root. A robot
+            file says so itself.
+
+    Raises:
+        ModelError: The file cannot be used.
+
+    Example:
+        >>> load_robot("arm.toml").stem
+        'arm'
+    """
+    if isinstance(path, LoadedRobot):
+        if text is None and base is None:
+            return path
+        path = path.reference
+    if base is not None and Path(path).suffix.lower() == ".toml":
+        raise ModelError(
+            f"the base '{base}' is given beside a robot file",
+            where=str(path),
+            fix=f'write base = "{base}" under [robot] there',
+        )
+    if text is not None:
+        return _from_toml(Path(path), text, sha256_of(text.encode()))
+    path, arguments = split_reference(path)
+    if path.suffix.lower() == ".toml":
+        if arguments:
+            raise ModelError(
+                "arguments stand behind a robot file",
+                where=joined_reference(path, arguments),
+                fix="write them into it: [robot.xacro] arguments = {NAME = VALUE}",
+            )
+        return _from_toml(path, robot_text(path), source_of(path).sha256)
+    return robot_of_model(read_model(path, arguments), base=base)
+
+
+def load_robot_file(path: str | Path) -> RobotFile:
+    """The checked sections of a robot file (TOML), as written there."""
+    return checked(Path(path), robot_text(Path(path)), RobotFile)[0]
+
+
+def robot_text(path: Path) -> str:
+    """The text of a robot file, its lines ended by newlines.
+
+    Raises:
+        ModelError: It cannot be read, or is no text.
+    """
+    try:
+        text = read_bytes(path, "a robot file (.toml), a URDF or an MJCF").decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ModelError(
+            f"the robot file is not UTF-8 text: {error.reason} at byte {error.start}",
+            where=str(path),
+            fix="save it as UTF-8",
+        ) from None
+    return text.replace("\r\n", "\n")
+
+
+def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
+    file, places = checked(path, text, RobotFile)
+    sources, read_from = [SourceFile(path, sha256)], tuple[str, ...]()
+    if model_path := model_path_of(file.robot, path, places):
+        arguments, packages = xacro_settings(file.robot, path, places)
+        files, read_from = model_sources(model_path, arguments, packages)
+        sources += files
+        mechanism = read_mechanism(sources[-1].path)
+    else:
+        mechanism = dh_table(file.robot, places)
+    robot, notes = _reduced(mechanism, file.robot, places)
+    notes = read_from + notes
+    if file.robot.transmission is not None:
+        gears = build_transmission(file.robot.transmission, robot.joint_names, places.where)
+        robot = robot.changed(transmission=gears)
+    signals = None
+    if file.signals is not None:
+        signals = build_signals(file.signals, robot.coordinates, places.where, robot.transmission)
+    ignored = ignored_statements(mechanism, robot, _answers(file), _limited(file.robot))
+    notes += tuple(ignored.values())
+    if signals is not None and signals.effort_kind == "gravity_compensated_torque":
+        robot = robot.changed(gravity=np.zeros(3))
+        notes += ("efforts are gravity compensated: the model has none either",)
+    if (
+        signals is not None
+        and any(unit in WITHOUT_TORQUE for unit in signals.effort_units)
+        and np.all(signals.gains == 1.0)
+        and signals.effort_map is None
+        and not any(signals.unknown_gains)
+    ):
+        unit = next(unit for unit in signals.effort_units if unit in WITHOUT_TORQUE)
+        notes += (
+            f"all drive gains are 1: parameters are correct only if 1 {unit} corresponds to 1 Nm",
+        )
+    return LoadedRobot(
+        robot,
+        notes,
+        signals,
+        _terms(file, places),
+        None if file.model is None else file.model.friction,
+        file.processing,
+        file.estimation,
+        file.validation,
+        tuple(sources),
+        places.where,
+        file.prior,
+        file.knowledge,
+        file.excitation,
+        springs_along(mechanism, robot),
+        ignored,
+        base=file.robot.base,
+        floats=floating_base(mechanism, file.robot.base) is not None,
+        couplings_stated=file.robot.transmission is None
+        or file.robot.transmission.couplings_stated,
+    )
+
+
+def _answers(file: RobotFile) -> set[Answer]:
+    """What the robot file says where the model file is not followed."""
+    answers: set[Answer] = set()
+    if file.robot.gravity is not None or file.robot.mounting is not None:
+        answers.add("gravity")
+    if file.signals is not None and file.signals.effort.kind == "gravity_compensated_torque":
+        answers |= {"gravity", "weight"}
+    terms = () if file.model is None or file.model.terms is None else file.model.terms
+    if "spring" in [term if isinstance(term, str) else term.get("law") for term in terms]:
+        answers.add("springs")
+    return answers
+
+
+def _limited(section: RobotSection) -> set[str]:
+    """Joints whose limit of effort the robot file gives."""
+    return {name for name, limits in section.limits.items() if limits.effort is not None}
+
+
+def _reduced(
+    mechanism: Mechanism, section: RobotSection, places: Places
+) -> tuple[Robot, tuple[str, ...]]:
+    movable = [j.name for j in mechanism.movable]
+    balls = [j.name for j in mechanism.joints if j.kind == "ball"]
+    for table in ("locked", "limits", "assembly"):
+        known = [*movable, *balls] if table == "locked" else movable
+        for name in getattr(section, table):
+            _check_name("joint", name, known, places.where("robot", table, name))
+    for key in ("joints", "passive"):
+        for index, name in enumerate(getattr(section, key) or ()):
+            _check_name("joint", name, movable, places.where("robot", key, index))
+            _check_once(name, index, key, section, places)
+    links = [link.name for link in mechanism.links]
+    tips = (section.tip,) if isinstance(section.tip, str) else section.tip or ()
+    for key, name in [("tip", t) for t in tips] + [("base", section.base or mechanism.root)]:
+        _check_name("link", name, links, places.where("robot", key))
+    robot, notes = reduced(
+        mechanism,
+        section.joints,
+        locked=section.locked,
+        base=section.base,
+        tip=section.tip,
+        gravity=_gravity(section, places),
+        limits={n: _limits(n, mechanism, section, places) for n in section.limits},
+        closing=closing_of(section, mechanism, places),
+        snap=section.snap_angles,
+    )
+    if section.name is not None:
+        robot = robot.changed(name=section.name)
+    return robot, notes
+
+
+def _check_once(name: str, index: int, key: str, section: RobotSection, places: Places) -> None:
+    """A joint is in one list, once."""
+    again = name in (getattr(section, key) or ())[:index]
+    if again or name in section.locked:
+        how = f"listed twice under {key}" if again else f"locked, but also listed under {key}"
+        raise ModelError(
+            f"joint '{name}' is {how}",
+            where=places.where("robot", key, index),
+            fix="list every joint once: under joints, passive or locked",
+        )
+
+
+def _check_name(kind: str, name: str, names: list[str], where: str) -> None:
+    if name not in names:
+        moving = " that moves on its own" if kind == "joint" else ""
+        raise ModelError(
+            f"the model has no {kind} '{name}'{moving}",
+            where=where,
+            fix=advice(name, names, f"{kind}s"),
+        )
+
+
+def _limits(name: str, mechanism: Mechanism, section: RobotSection, places: Places) -> Limits:
+    given = section.limits[name].model_dump(exclude_none=True)
+    limits = replace(unlimited_if_empty(mechanism.joint(name).limits), **given)
+    if limits.lower >= limits.upper:
+        raise ModelError(
+            f"joint '{name}' has a lower limit of {limits.lower:g} and an upper one of "
+            f"{limits.upper:g}",
+            where=places.where("robot", "limits", name),
+            fix="the upper limit must be above the lower one",
+        )
+    return limits
+
+
+def _gravity(section: RobotSection, places: Places) -> Array | None:
+    """Gravity in the base frame, if the file says anything about it."""
+    if section.mounting is None:
+        return None if section.gravity is None else _of_a_planet(section.gravity, places)
+    if section.gravity is not None:
+        raise ModelError(
+            "gravity and mounting are both given",
+            where=places.where("robot", "gravity"),
+            fix="keep one of them: gravity is the vector in the base frame, mounting its rotation",
+        )
+    mounting = section.mounting
+    rotation = rpy_rotation(*np.deg2rad([mounting.roll, mounting.pitch, mounting.yaw]))
+    return frozen(clean_rotation(rotation)[2] * -STANDARD_GRAVITY + 0.0)
+
+
+def _of_a_planet(gravity: Sequence[float], places: Places) -> Array:
+    """The vector, unless its size shows another unit."""
+    size = float(np.linalg.norm(gravity))
+    if size > 0.0 and not LEAST_GRAVITY <= size <= LARGEST_GRAVITY:
+        raise ModelError(
+            f"gravity has a size of {size:.4g} m/s²",
+            where=places.where("robot", "gravity"),
+            fix="give it in m/s² along the axes of the base frame, such as [0.0, 0.0, -9.81]; "
+            "[0.0, 0.0, 0.0] for none",
+        )
+    return np.array(gravity)
+
+
+def _terms(file: RobotFile, places: Places) -> tuple[TermSpec, ...] | None:
+    if file.model is None or file.model.terms is None:
+        return None
+    specs = []
+    for index, term in enumerate(file.model.terms):
+        where = places.where("model", "terms", index)
+        if not isinstance(term, str) and not isinstance(term.get("law"), str):
+            raise ModelError(
+                "a term's table does not name its law",
+                where=where,
+                fix='write {law = "coulomb", ...}',
+            )
+        specs.append(TermSpec(term if isinstance(term, str) else MappingProxyType(term), where))
+    return tuple(specs)

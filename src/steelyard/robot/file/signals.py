@@ -1,0 +1,438 @@
+"""Which columns of a log hold what, resolved to SI units and joint order."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import pi
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import ModelError
+from steelyard.robot.file.efforts import (
+    Locate,
+    check_count,
+    check_sides,
+    coupled_map,
+    effort_units_of,
+    gains_of,
+)
+from steelyard.robot.robot import Coordinate, Transmission
+
+if TYPE_CHECKING:
+    from steelyard.robot.file.sections import EffortKind, SignalsSection
+
+
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+POSITION_UNITS = {
+    "revolute": {"rad": 1.0, "deg": pi / 180.0},
+    "prismatic": {"m": 1.0, "mm": 1e-3},
+}
+VELOCITY_UNITS = {
+    "revolute": {"rad/s": 1.0, "deg/s": pi / 180.0, "rpm": pi / 30.0},
+    "prismatic": {"m/s": 1.0, "mm/s": 1e-3},
+}
+
+
+ROW = "row number"
+"""Column that a log without a clock is read with: the numbers of its rows, from zero."""
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """Columns of a log and how to read them; entries are in the order of the coordinates.
+
+    Attributes:
+        time: Time column; `ROW` where a rate is declared instead.
+        time_scale: Seconds per logged unit.
+        position: Position columns.
+        position_scale: rad or m per logged unit, negative where a column counts the other way,
+            shape `(n,)`.
+        velocity: Velocity columns; `None` if positions are to be differentiated.
+        velocity_scale: rad/s or m/s per logged unit, of either sign too, shape `(n,)`; `None`
+            without velocities.
+        effort: Effort columns.
+        effort_scale: Base unit per logged unit, shape `(n,)`.
+        effort_kind: One of `schema.EffortKind`.
+        effort_units: Base unit per joint: `A`, `Nm`, `N` or `%`.
+        gains: Joint torque [Nm; N on a prismatic joint] per base unit, shape `(n,)`; 1 where it is
+            unknown.
+        unknown_gains: Whether each gain is to be identified.
+        position_map: Logged positions and velocities to joints', shape `(n, n)`; `None` if they
+            are the joints' already.
+        position_offset: Joint positions where the log says zero, shape `(n,)` [rad; m]; 0 where
+            that is to be identified.
+        unknown_offsets: Whether each is to be identified.
+        effort_map: Logged efforts to joint efforts, shape `(n, n)`, behind which `effort_units`
+            and `gains` count; `None` if efforts stay as logged.
+        velocity_delay: How late velocities are logged, against positions [s].
+        effort_delay: How late efforts are logged, against positions [s].
+        commanded_position: Columns of commanded positions, scaled like the positions; `None` if
+            none are known. They are read by the signals `of_commanded` only.
+        commanded_velocity: Columns of commanded velocities; `None` to differentiate positions.
+        commanded_velocity_scale: rad/s or m/s per logged unit of them, shape `(n,)`.
+    """
+
+    time: str
+    time_scale: float
+    position: tuple[str, ...]
+    position_scale: Array
+    velocity: tuple[str, ...] | None
+    velocity_scale: Array | None
+    effort: tuple[str, ...]
+    effort_scale: Array
+    effort_kind: EffortKind
+    effort_units: tuple[str, ...]
+    gains: Array
+    unknown_gains: tuple[bool, ...] = ()
+    position_map: Array | None = None
+    position_offset: Array | None = None
+    effort_map: Array | None = None
+    velocity_delay: float = 0.0
+    effort_delay: float = 0.0
+    unknown_offsets: tuple[bool, ...] = ()
+    commanded_position: tuple[str, ...] | None = None
+    commanded_velocity: tuple[str, ...] | None = None
+    commanded_velocity_scale: Array | None = None
+
+    def of_commanded(self) -> Signals:
+        """The same efforts beside the commanded motion instead of the measured one.
+
+        Raises:
+            ModelError: The columns of the commanded motion are not known.
+        """
+        if self.commanded_position is None:
+            raise ModelError(
+                "the columns of the commanded motion are not known",
+                where="[signals] of the robot file",
+                fix='add commanded_position = "...", and commanded_velocity = "..." if it is '
+                "logged; a model keeps those of the robot file that it was identified with",
+            )
+        return replace(
+            self,
+            position=self.commanded_position,
+            velocity=self.commanded_velocity,
+            velocity_scale=self.commanded_velocity_scale,
+            velocity_delay=0.0,
+        )
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """All columns that are read."""
+        return (self.time, *self.position, *(self.velocity or ()), *self.effort)
+
+    @property
+    def time_units(self) -> Mapping[str, float]:
+        """Seconds per unit that time may be logged in; rows come at the rate that is declared."""
+        return {"row": self.time_scale} if self.time == ROW else TIME_UNITS
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.position)
+
+    def logged_efforts(self, torque: Array) -> Array:
+        r"""Effort columns of joint torques, $y = S^{-1} E^{-1} \operatorname{diag}(k)^{-1} \tau$.
+
+        Args:
+            torque: Joint torques, shape `(..., n)` [Nm; N].
+
+        Returns:
+            Shape of `torque`, in the units, with the signs and on the side of `effort`.
+        """
+        base = torque / self.gains
+        if self.effort_map is not None:
+            base = base @ np.linalg.inv(self.effort_map).T
+        return np.asarray(base / self.effort_scale)
+
+
+def build_signals(
+    section: SignalsSection,
+    coordinates: Sequence[Coordinate],
+    locate: Locate,
+    gears: Transmission | None = None,
+) -> Signals:
+    """The signals a robot file declares, for the joints it identifies.
+
+    Args:
+        section: What the file says.
+        coordinates: The joints.
+        locate: Places in the file, for messages.
+        gears: Gears between motors and joints, for signals of the motors' side.
+
+    Raises:
+        ModelError: Columns, units or gains do not fit the joints.
+    """
+    check_sides(section, gears, locate)
+    position = _columns(section.position, coordinates, locate("signals", "position"))
+    effort = _columns(section.effort.columns, coordinates, locate("signals", "effort", "columns"))
+    velocity = None
+    if section.velocity is not None:
+        velocity = _columns(section.velocity, coordinates, locate("signals", "velocity"))
+    elif section.commanded_velocity is None:
+        _refuse_without_velocity(section, locate)
+    commanded = _commanded(section, coordinates, locate)
+    time, time_scale = _clock(section, locate)
+    clock, efforts = (("signals", "time"), (time,)), (("signals", "effort", "columns"), effort)
+    names = ("position", "velocity"), ("commanded_position", "commanded_velocity")
+    for keys, lists in zip(names, ((position, velocity), commanded), strict=True):
+        moved = [(("signals", key), one or ()) for key, one in zip(keys, lists, strict=True)]
+        _check_distinct([clock, *moved, efforts], locate)
+    position_scale, velocity_scale = _motion_scales(section, coordinates, locate)
+    units, effort_scale = effort_units_of(section.effort, coordinates, locate)
+    gains, unknown = gains_of(section.effort, effort, units, coordinates, locate)
+    effort_map = None
+    if gears is not None and section.effort.side == "motor":
+        if gears.coupled:
+            effort_map = coupled_map(gears, gains, unknown, locate)
+            units = tuple(c.effort_unit for c in coordinates)
+            gains = frozen(np.ones(len(coordinates)))
+        else:
+            gains = frozen(gains * np.diag(gears.matrix))
+    turned = gears is not None and section.coordinates == "motor"
+    position_offset, unknown_offsets = _position_offset(section, coordinates, locate)
+    return Signals(
+        time=time,
+        time_scale=time_scale,
+        position=position,
+        position_scale=position_scale,
+        velocity=velocity,
+        velocity_scale=None if velocity is None else velocity_scale,
+        effort=effort,
+        effort_scale=effort_scale,
+        effort_kind=section.effort.kind,
+        effort_units=units,
+        gains=gains,
+        unknown_gains=unknown,
+        position_map=frozen(np.linalg.inv(gears.matrix)) if gears is not None and turned else None,
+        position_offset=position_offset,
+        effort_map=effort_map,
+        velocity_delay=section.velocity_delay,
+        effort_delay=section.effort.delay,
+        unknown_offsets=unknown_offsets,
+        commanded_position=commanded[0],
+        commanded_velocity=commanded[1],
+        commanded_velocity_scale=None if commanded[1] is None else velocity_scale,
+    )
+
+
+def _commanded(
+    section: SignalsSection, coordinates: Sequence[Coordinate], locate: Locate
+) -> tuple[tuple[str, ...] | None, tuple[str, ...] | None]:
+    """Columns of commanded positions and velocities, as far as they are declared.
+
+    Raises:
+        ModelError: There are velocities without positions, or columns do not fit the joints.
+    """
+    if section.commanded_position is None and section.commanded_velocity is not None:
+        raise ModelError(
+            "commanded_velocity is given, but no commanded_position",
+            where=locate("signals", "commanded_velocity"),
+            fix="add commanded_position = ..., or remove commanded_velocity",
+        )
+    position, velocity = (
+        None if given is None else _columns(given, coordinates, locate("signals", key))
+        for key, given in (
+            ("commanded_position", section.commanded_position),
+            ("commanded_velocity", section.commanded_velocity),
+        )
+    )
+    return position, velocity
+
+
+def _clock(section: SignalsSection, locate: Locate) -> tuple[str, float]:
+    """Column of time and seconds per its unit: of the rows' numbers, if only their rate is given.
+
+    Raises:
+        ModelError: There are both, or none.
+    """
+    if section.rate is None and section.time is not None:
+        return section.time, TIME_UNITS[section.time_unit]
+    if section.rate is not None and section.time is None:
+        return ROW, 1.0 / section.rate
+    wrong = (
+        "both a column of time and a rate"
+        if section.rate
+        else "neither a column of time nor a rate"
+    )
+    raise ModelError(
+        f"there is {wrong}",
+        where=locate("signals"),
+        fix='set time = "..." for the log\'s clock, or rate = ... [Hz] if it has none',
+    )
+
+
+def _motion_scales(
+    section: SignalsSection, coordinates: Sequence[Coordinate], locate: Locate
+) -> tuple[Array, Array]:
+    """SI per logged unit of positions and velocities, of joints or of motors."""
+    position_units, velocity_units = POSITION_UNITS, VELOCITY_UNITS
+    if section.coordinates == "motor":
+        position_units, velocity_units = _of_motors(POSITION_UNITS), _of_motors(VELOCITY_UNITS)
+    where = locate("signals", "position_unit"), locate("signals", "velocity_unit")
+    position_scale = _scales(section.position_unit, position_units, coordinates, where[0])
+    velocity_scale = _scales(section.velocity_unit, velocity_units, coordinates, where[1])
+    return (
+        position_scale * _signs(section, "position_sign", coordinates, locate),
+        velocity_scale * _signs(section, "velocity_sign", coordinates, locate),
+    )
+
+
+def _signs(
+    section: SignalsSection, key: str, coordinates: Sequence[Coordinate], locate: Locate
+) -> Array:
+    """1 or -1 per column: -1 where it counts the other way."""
+    given = getattr(section, key)
+    if given is None:
+        return np.ones(len(coordinates))
+    check_count(len(given), "signs", coordinates, locate("signals", key))
+    return np.array(given, dtype=np.float64)
+
+
+def _refuse_without_velocity(section: SignalsSection, locate: Locate) -> None:
+    for key in ("velocity_unit", "velocity_sign", "velocity_delay"):
+        if getattr(section, key):
+            raise ModelError(
+                f"{key} is given, but no velocity columns",
+                where=locate("signals", key),
+                fix=f"add velocity = ..., or remove {key}",
+            )
+
+
+LEAST_DEGREES = 15.0
+"""Offset from which on a multiple of five is taken for degrees."""
+
+
+def looks_like_degrees(offset: float, coordinate: Coordinate) -> bool:
+    """Whether a position offset in rad was most likely given in degrees."""
+    return coordinate.kind == "revolute" and abs(offset) >= LEAST_DEGREES and offset % 5.0 == 0.0
+
+
+def _position_offset(
+    section: SignalsSection, coordinates: Sequence[Coordinate], locate: Locate
+) -> tuple[Array | None, tuple[bool, ...]]:
+    """Offsets, 0 where they are to be identified, and where they are; `None` if none is given."""
+    given = section.position_offset
+    if given is None:
+        return None, ()
+    offsets = given if isinstance(given, tuple) else (given,) * len(coordinates)
+    check_count(len(offsets), "offsets", coordinates, locate("signals", "position_offset"))
+    unknown = tuple(offset == "identify" for offset in offsets)
+    for offset, coordinate in zip(offsets, coordinates, strict=True):
+        if offset != "identify" and looks_like_degrees(offset, coordinate):
+            raise ModelError(
+                f"position_offset is in rad: {offset:g} of '{coordinate.name}' looks like degrees",
+                where=locate("signals", "position_offset"),
+                fix=f"write {np.deg2rad(offset):.6g}",
+            )
+    return frozen([0.0 if x == "identify" else float(x) for x in offsets]), unknown
+
+
+def expanded(pattern: str, coordinates: Sequence[Coordinate]) -> tuple[str, ...]:
+    """Columns of a pattern: `{}` stands for 1, 2, ..., `{joint}` for the joint's name."""
+    return tuple(
+        pattern.replace("{}", str(number)).replace("{joint}", coordinate.name)
+        for number, coordinate in enumerate(coordinates, start=1)
+    )
+
+
+def _columns(
+    given: str | tuple[str, ...], coordinates: Sequence[Coordinate], where: str
+) -> tuple[str, ...]:
+    if isinstance(given, str):
+        if "{}" not in given and "{joint}" not in given and len(coordinates) > 1:
+            raise ModelError(
+                f"'{given}' is one column, but {len(coordinates)} joints are identified",
+                where=where,
+                fix='list one column per joint, or give a pattern: "q{}" for q1, q2, ..., '
+                'or "{joint}_position"',
+            )
+        given = expanded(given, coordinates)
+    check_count(len(given), f"columns ({', '.join(given)})", coordinates, where)
+    return given
+
+
+def _check_distinct(lists: Sequence[tuple[tuple[str, ...], Sequence[str]]], locate: Locate) -> None:
+    """No column is in two of the lists, each with its key, or twice in one."""
+    known: dict[str, str] = {}
+    for key, columns in lists:
+        name = ".".join(key)
+        for column in columns:
+            if column in known:
+                places = " and ".join(dict.fromkeys((known[column], name)))
+                raise ModelError(
+                    f"column '{column}' is used twice, in {places}",
+                    where=locate(*key),
+                    fix="give every signal a column of its own",
+                )
+            known[column] = name
+
+
+def _of_motors(units: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
+    """Units in which motors are logged: one that turns may drive a prismatic joint."""
+    every = {unit: scale for of_kind in units.values() for unit, scale in of_kind.items()}
+    return {kind: every for kind in units}
+
+
+def _scales(
+    given: str | tuple[str, ...] | None,
+    units: Mapping[str, Mapping[str, float]],
+    coordinates: Sequence[Coordinate],
+    where: str,
+) -> Array:
+    """SI per logged unit. One unit for all means those joints that it can measure."""
+    if isinstance(given, tuple):
+        check_count(len(given), "units", coordinates, where)
+        wanted: list[str | None] = list(given)
+    else:
+        wanted = [given if given in units[c.kind] else None for c in coordinates]
+        if given is not None and not any(wanted):
+            wanted = [given] * len(coordinates)
+    scales = []
+    for coordinate, unit in zip(coordinates, wanted, strict=True):
+        fitting = units[coordinate.kind]
+        if unit is not None and unit not in fitting:
+            raise ModelError(
+                f"unit '{unit}' does not fit joint '{coordinate.name}', which is {coordinate.kind}",
+                where=where,
+                fix=f"use one of {', '.join(fitting)}",
+            )
+        scales.append(1.0 if unit is None else fitting[unit])
+    return frozen(scales)
+
+
+def signals_to_dict(signals: Signals) -> dict[str, Any]:
+    """As JSON values; exact."""
+    return {
+        name: value.tolist() if isinstance(value, np.ndarray) else value
+        for name, value in vars(signals).items()
+    }
+
+
+def signals_from_dict(data: Mapping[str, Any]) -> Signals:
+    """The signals that `signals_to_dict` wrote."""
+    fields = dict(data)
+    for name in ("position", "velocity", "effort", "effort_units"):
+        fields[name] = None if fields[name] is None else tuple(fields[name])
+    for name in ("commanded_position", "commanded_velocity"):
+        fields[name] = None if fields.get(name) is None else tuple(fields[name])
+    fields.setdefault("commanded_velocity_scale", None)
+    fields["unknown_gains"] = tuple(fields["unknown_gains"])
+    fields["unknown_offsets"] = tuple(fields.get("unknown_offsets", ()))
+    n = len(fields["position"])
+    for name, shape in (
+        ("position_map", (n, n)),
+        ("position_offset", (n,)),
+        ("effort_map", (n, n)),
+    ):
+        fields[name] = None if fields[name] is None else frozen(fields[name], shape)
+    scales = ("position_scale", "velocity_scale", "effort_scale", "gains")
+    for name in (*scales, "commanded_velocity_scale"):
+        fields[name] = None if fields[name] is None else frozen(fields[name], (n,))
+        if fields[name] is not None and not (np.isfinite(fields[name]) & (fields[name] != 0)).all():
+            raise ValueError(f"'{name}' of the signals holds a value that cannot be used")
+    if len(fields["effort"]) != n or len(fields["effort_units"]) != n:
+        raise ValueError("the signals' lists differ in length")
+    return Signals(**fields)

@@ -1,0 +1,324 @@
+"""TOML text checked against its schema: lines of the keys, messages, the base of all sections."""
+
+import re
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, TypeVar, get_args
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from steelyard.base.errors import ModelError, advice
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+__all__ = ["tomllib"]
+
+
+Positive = Annotated[float, Field(gt=0.0)]
+Name = Annotated[str, Field(min_length=1)]
+Vector = Annotated[tuple[float, float, float], Field(strict=False)]
+Names = Annotated[tuple[Name, ...], Field(strict=False)]
+Numbers = Annotated[tuple[float, ...], Field(strict=False)]
+
+
+ADVICE = "advice"
+"""Type of an error of a check whose message is the whole advice."""
+
+
+class Section(BaseModel):
+    """A table of the robot file: no unknown keys, no silent conversions."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+KeyPath = tuple[str | int, ...]
+
+_BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
+_SPACE = re.compile(r"[ \t]*")
+_STRING = re.compile(
+    r'"""(?:\\.|[^\\])*?"{3,5}' r"|'''.*?'{3,5}" r'|"(?:\\.|[^"\\\n])*"' r"|'[^'\n]*'", re.S
+)
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+_SCALAR = re.compile(r"[^,\]}#\n]+")
+
+
+@dataclass(frozen=True)
+class Written:
+    """A key of a table, or a table's header.
+
+    Attributes:
+        header: Whether it is a header; `path` is then the table's.
+        table: The table under whose header it stands.
+        path: The key from the root.
+        end: Offset in the text behind its value, or behind the header.
+    """
+
+    header: bool
+    table: KeyPath
+    path: KeyPath
+    end: int
+
+
+class _Scanner:
+    """One walk over a text that `tomllib` has already accepted."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self.at = 0
+        self.lines: dict[KeyPath, int] = {}
+        self.counts: dict[KeyPath, int] = {}
+        self.written: list[Written] = []
+
+    def run(self) -> "_Scanner":
+        table: KeyPath = ()
+        self.skip(_BLANK)
+        while self.at < len(self.text):
+            header = self.text[self.at] == "["
+            if header:
+                table = self.header()
+            path = table if header else self.pair(table)
+            self.written.append(Written(header, table, path, self.at))
+            self.skip(_BLANK)
+        return self
+
+    def skip(self, pattern: re.Pattern[str]) -> str:
+        match = pattern.match(self.text, self.at)
+        found = match.group() if match else ""
+        self.at += len(found)
+        return found
+
+    def note(self, path: KeyPath) -> None:
+        """The path and every table above it are on this line, unless seen before."""
+        line = self.text.count("\n", 0, self.at) + 1
+        for end in range(1, len(path) + 1):
+            self.lines.setdefault(path[:end], line)
+
+    def header(self) -> KeyPath:
+        several = self.text.startswith("[[", self.at)
+        self.at += 2 if several else 1
+        start = self.at
+        *above, last = self.key()
+        end, self.at = self.at, start
+        path: KeyPath = ()
+        for part in above:
+            path = (*path, part)
+            if path in self.counts:
+                path = (*path, self.counts[path] - 1)
+        path = (*path, last)
+        if several:
+            self.counts[path] = self.counts.get(path, 0) + 1
+            path = (*path, self.counts[path] - 1)
+        self.note(path)
+        self.at = end + (2 if several else 1)
+        return path
+
+    def key(self) -> list[str]:
+        parts = []
+        while True:
+            self.skip(_SPACE)
+            quoted = self.skip(_STRING)
+            parts.append(quoted[1:-1] if quoted else self.skip(_BARE))
+            self.skip(_SPACE)
+            if not self.text.startswith(".", self.at):
+                return parts
+            self.at += 1
+
+    def pair(self, table: KeyPath) -> KeyPath:
+        start = self.at
+        path = (*table, *self.key())
+        end, self.at = self.at, start
+        self.note(path)
+        self.at = end + 1  # the equals sign
+        self.skip(_SPACE)
+        self.value(path)
+        return path
+
+    def value(self, path: KeyPath) -> None:
+        opening = self.text[self.at]
+        if opening in "\"'":
+            self.skip(_STRING)
+        elif opening == "[":
+            self.items(path, "]")
+        elif opening == "{":
+            self.items(path, "}")
+        else:
+            self.skip(_SCALAR)
+
+    def items(self, path: KeyPath, closing: str) -> None:
+        self.at += 1
+        index = 0
+        self.skip(_BLANK)
+        while self.text[self.at] != closing:
+            if closing == "}":
+                self.pair(path)
+            else:
+                self.note((*path, index))
+                self.value((*path, index))
+            index += 1
+            self.skip(_BLANK)
+            if self.text[self.at] == ",":
+                self.at += 1
+                self.skip(_BLANK)
+        self.at += 1
+
+
+def toml_lines(text: str) -> dict[KeyPath, int]:
+    """The line, from 1, of every table, key and array item of a valid TOML text.
+
+    Paths are keys and indices from the root: `("robot", "dh", "links", 0, "alpha")`.
+    """
+    return _Scanner(text).run().lines
+
+
+def toml_written(text: str) -> list[Written]:
+    """Headers and keys of a valid TOML text in their order, without those in inline tables."""
+    return _Scanner(text).run().written
+
+
+Schema = TypeVar("Schema", bound=BaseModel)
+
+
+class Places:
+    """Where the keys of one TOML file are."""
+
+    def __init__(self, path: Path, text: str) -> None:
+        self.path = path
+        self._lines = toml_lines(text)
+
+    def where(self, *key: str | int) -> str:
+        """File, line and key, for messages; the nearest table above if the key is not given."""
+        given: KeyPath = key
+        while given and given not in self._lines:
+            given = given[:-1]
+        line = f", line {self._lines[given]}" if given else ""
+        return f"{self.path}{line}" + (f", {shown(key)}" if key else "")
+
+
+def shown(key: KeyPath) -> str:
+    """A key path as users write it: `[signals.effort] gain`, `[model] terms[2]`."""
+    names: list[str] = []
+    for part in key:
+        if isinstance(part, str):
+            names.append(part)
+        else:
+            names[-1] += f"[{part + 1}]"
+    table = ".".join(names[:-1])
+    return f"[{table}] {names[-1]}" if table else f"[{names[0]}]"
+
+
+def checked(path: Path, text: str, schema: type[Schema]) -> tuple[Schema, Places]:
+    """The text as a value of the schema, and where its keys are.
+
+    Raises:
+        ModelError: The text is not TOML, or a key is unknown, missing or of the wrong type.
+    """
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ModelError(
+            f"the robot file is not valid TOML: {error}",
+            where=str(path),
+            fix="correct that line, or a bracket or quote left open above it: text in quotes, "
+            "lists in [ ], each key once",
+        ) from None
+    places = Places(path, text)
+    try:
+        return schema.model_validate(data), places
+    except ValidationError as error:
+        raise _explained(error, data, schema, places) from None
+
+
+def _explained(
+    error: ValidationError, data: Any, schema: type[BaseModel], places: Places
+) -> ModelError:
+    """The first flaw, in the users' words."""
+    flaws = error.errors(include_url=False)
+    first = min(flaws, key=lambda f: (f["type"] != "extra_forbidden", -len(_path(data, f["loc"]))))
+    path = _path(data, first["loc"])
+    if first["type"] == "extra_forbidden":
+        known = _known_keys(schema, path[:-1], data)
+        return ModelError(
+            f"unknown key '{path[-1]}'",
+            where=places.where(*path),
+            fix=advice(str(path[-1]), known, "keys there"),
+        )
+    if first["type"] == "union_tag_invalid":
+        kind, kinds = first["ctx"]["tag"], first["ctx"]["expected_tags"]
+        return ModelError(
+            f"there is no kind '{kind}' of '{path[-1]}'",
+            where=places.where(*path, "kind"),
+            fix=advice(str(kind), [one.strip("' ") for one in kinds.split(",")], "kinds"),
+        )
+    last = first["loc"][-1]
+    if first["type"] == "missing" and isinstance(last, int):
+        same = [flaw["loc"][-1] for flaw in flaws if flaw["loc"][:-1] == first["loc"][:-1]]
+        return ModelError(
+            f"the list '{path[-1]}' is too short",
+            where=places.where(*path),
+            fix=f"give it {1 + max(k for k in same if isinstance(k, int))} entries",
+        )
+    if first["type"] == "missing":
+        missing = str(last)
+        return ModelError(
+            f"key '{missing}' is missing",
+            where=places.where(*path),
+            fix=f"add {missing} = ... to {shown(path)}" if path else f"add a [{missing}] table",
+        )
+    words = dict.fromkeys(
+        _wanted(flaw["msg"]) for flaw in flaws if _path(data, flaw["loc"]) == path
+    )
+    return ModelError(
+        f"{first['input']!r} cannot be used for '{path[-1] if path else 'the file'}'",
+        where=places.where(*path),
+        fix=first["msg"] if first["type"] == ADVICE else "it should be " + ", or ".join(words),
+    )
+
+
+def _wanted(message: str) -> str:
+    """What pydantic asks for, in the words of TOML."""
+    message = re.sub("valid dictionary( or (instance of|object to) .+)?", "table", message)
+    return message.replace("Input should be", "").replace("tuple", "list in [ ]").strip()
+
+
+def _path(data: Any, loc: tuple[str | int, ...]) -> KeyPath:
+    """The part of pydantic's location that is in the data: without names of union members."""
+    path: list[str | int] = []
+    for part in loc:
+        inside = isinstance(data, dict) and part in data
+        if inside or (isinstance(data, list) and isinstance(part, int) and part < len(data)):
+            path.append(part)
+            data = data[part]
+    return tuple(path)
+
+
+def _known_keys(schema: type[BaseModel], path: KeyPath, data: Any) -> list[str]:
+    """Keys that the table at `path` may have."""
+    for part in path:
+        data = data[part]
+        field = schema.model_fields.get(str(part))
+        inner = list(_schemas(field.annotation)) if field else []
+        schema = next((one for one in inner if _is_of(one, data)), inner[0] if inner else schema)
+    return list(schema.model_fields)
+
+
+def _is_of(schema: type[BaseModel], table: Any) -> bool:
+    """Whether a table says that it is of a schema's kind."""
+    kind = schema.model_fields.get("kind")
+    return (
+        kind is not None
+        and isinstance(table, dict)
+        and table.get("kind") in get_args(kind.annotation)
+    )
+
+
+def _schemas(annotation: Any) -> Iterator[type[BaseModel]]:
+    """The pydantic models inside a type annotation."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for argument in get_args(annotation):
+        yield from _schemas(argument)

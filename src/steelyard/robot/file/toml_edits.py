@@ -1,0 +1,171 @@
+"""Keys of a robot file set and removed; values, keys and comments written as TOML."""
+
+import json
+import re
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from steelyard.base.errors import ModelError
+from steelyard.robot.file.toml import shown, toml_written
+
+
+def toml_text(value: Any) -> str:
+    """A value in TOML."""
+    if isinstance(value, tuple | list):
+        return "[" + ", ".join(toml_text(v) for v in value) + "]"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return repr(float(value))
+
+
+def comment(text: str, start: str = "# ") -> str:
+    """The text as comment lines, whatever characters are in it."""
+    printable = "".join(c if c.isprintable() else " " for c in text)
+    again = start[: len(start) - len(start.lstrip())] + "#   "
+    return textwrap.fill(printable, 98, initial_indent=start, subsequent_indent=again)
+
+
+def toml_key(name: str) -> str:
+    """A key in TOML, in quotes where it needs them."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_text(name)
+
+
+class KeyChange(Protocol):
+    """A key and its new value."""
+
+    @property
+    def path(self) -> tuple[str, ...]:
+        """Tables and key, such as `("signals", "effort", "unit")`."""
+        ...
+
+    @property
+    def value(self) -> Any:
+        """A TOML value; `None` takes the key out."""
+        ...
+
+
+def edited(text: str, changes: Sequence[KeyChange]) -> str:
+    """A TOML text with some keys changed, one after the other.
+
+    A new key goes behind the last one of its table, a new table to the end of the text.
+
+    Raises:
+        ModelError: The text is not TOML, or a path leads through what is no table.
+    """
+    for change in changes:
+        text = _changed(text, change.path, plain(change.value))
+    return text
+
+
+def lines_of(changes: Sequence[KeyChange]) -> str:
+    """The changes as lines of a robot file, by table; a key that goes is a comment."""
+    tables: dict[tuple[str, ...], list[str]] = {}
+    for change in changes:
+        name, value = _key(change.path[-1]), plain(change.value)
+        line = f"# remove {name}" if value is None else f"{name} = {_value(value)}"
+        tables.setdefault(change.path[:-1], []).append(line)
+    return "\n\n".join("\n".join([_header(path), *lines]) for path, lines in tables.items())
+
+
+def _changed(text: str, path: tuple[str, ...], value: Any) -> str:
+    """The text with one key changed."""
+    import tomlkit
+    from tomlkit.exceptions import TOMLKitError
+    from tomlkit.items import InlineTable
+
+    try:
+        document = tomlkit.parse(text)
+    except TOMLKitError as error:
+        raise _unfit(f"the text is not TOML: {error}", path) from None
+    above: Any = document
+    table: Any = document
+    for depth, name in enumerate(path):
+        if not isinstance(table, Mapping):
+            raise _unfit(f"'{shown(path[:depth])}' is no table", path)
+        if isinstance(table, InlineTable):
+            return _changed(text, path[:depth], _set(table.unwrap(), path[depth:], value))
+        if name not in table:
+            return (
+                text if value is None else _added(text, path[: depth + 1], path[depth + 1 :], value)
+            )
+        above, table = table, table[name]
+    if value is None:
+        del above[path[-1]]
+    else:
+        above[path[-1]] = _item(value)
+    return tomlkit.dumps(document)
+
+
+def _set(table: dict[str, Any], path: Sequence[str], value: Any) -> dict[str, Any]:
+    """A table of plain values with one key changed."""
+    name, *inside = path
+    inner = table.get(name)
+    if inside:
+        if value is None and inner is None:
+            return table
+        if not isinstance(inner, dict | None):
+            raise _unfit(f"'{name}' is no table", (*path,))
+        value = _set(inner or {}, inside, value)
+    whole = {**table, name: value}
+    return {k: v for k, v in whole.items() if v is not None}
+
+
+def _added(text: str, path: tuple[str, ...], inside: Sequence[str], value: Any) -> str:
+    """The text with a key at `path`, whose tables are there; `inside` it are tables of its own."""
+    for name in reversed(inside):
+        value = {name: value}
+    above = path[:-1]
+    if not above and isinstance(value, Mapping):
+        lines = [f"{_key(name)} = {_value(inner)}" for name, inner in value.items()]
+        return "\n".join([f"{text.rstrip()}\n\n{_header(path)}", *lines]).lstrip() + "\n"
+    beside = [w for w in toml_written(text) if above == (w.path if w.header else w.path[:-1])]
+    if not beside:
+        line = f"{_key(path[-1])} = {_value(value)}\n"
+        return f"{text.rstrip()}\n\n{_header(above)}\n{line}" if above else f"{line}{text}"
+    last = beside[-1]
+    name = ".".join(_key(part) for part in path[len(last.table) :])
+    end = text.find("\n", last.end)
+    end = len(text) if end < 0 else end
+    return f"{text[:end]}\n{name} = {_value(value)}{text[end:]}"
+
+
+def _unfit(wrong: str, path: tuple[str, ...]) -> ModelError:
+    return ModelError(wrong, where=f"robot file, {shown(path)}", fix="change it by hand")
+
+
+def _header(path: Sequence[str]) -> str:
+    return f"[{'.'.join(_key(name) for name in path)}]"
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _value(name)
+
+
+def _value(value: Any) -> str:
+    """A value in TOML."""
+    text: str = _item(value).as_string()
+    return text
+
+
+def _item(value: Any) -> Any:
+    """A value of tomlkit's; a table is one in line."""
+    import tomlkit
+
+    if not isinstance(value, Mapping):
+        return tomlkit.item(value)
+    table = tomlkit.inline_table()
+    for name, inner in value.items():
+        table[name] = _item(inner)
+    return table
+
+
+def plain(value: Any) -> Any:
+    """The value without arrays and tuples."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {name: plain(inner) for name, inner in value.items()}
+    return [plain(inner) for inner in value] if isinstance(value, tuple | list) else value

@@ -1,0 +1,347 @@
+"""A guess of which columns of a log are what, by their names and their values."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import LogError
+from steelyard.robot.file.sections import SignalsSection
+from steelyard.robot.file.signals import Signals, build_signals, expanded
+from steelyard.robot.init.column_names import (
+    OF_MOTORS,
+    Column,
+    Quantity,
+    by_name,
+    by_number,
+    finite,
+    give_up,
+    like_finger,
+    listed,
+    partly_by_number,
+)
+from steelyard.robot.init.guess_efforts import (
+    COUNTS,
+    Gears,
+    beyond_effort,
+    changes,
+    effort_units,
+    others,
+    regressed,
+)
+from steelyard.robot.init.guess_motion import beside, clock_of, guess_positions, judged
+from steelyard.robot.robot import Coordinate, Robot
+
+Sample = Mapping[str, ArrayLike]
+_BY_NAME = "by the joints' names"
+
+
+@dataclass(frozen=True)
+class Guess:
+    """What a log's columns seem to be.
+
+    Attributes:
+        section: As the robot file would say it; a current's gain is left open.
+        joints: Joints that the log has positions and efforts of, in the order of the columns.
+        velocity: Velocity columns that were seen, and left out.
+        reasons: Why, one sentence each, for the user.
+        contradictions: Values that contradict the model file, one sentence each.
+        gears: Gears between motors and joints, where the log has positions of both.
+        velocity_unit: Unit of all velocity columns, or one per joint; `None` for rad/s and m/s.
+    """
+
+    section: SignalsSection
+    joints: tuple[str, ...]
+    velocity: tuple[str, ...]
+    reasons: tuple[str, ...]
+    contradictions: tuple[str, ...] = ()
+    gears: Gears | None = None
+    velocity_unit: Any = None
+
+    @property
+    def motor_side(self) -> bool:
+        """Whether a transmission is needed."""
+        return "motor" in (self.section.coordinates, self.section.effort.side)
+
+
+def guess_signals(
+    robot: Robot, columns: Sequence[str], sample: Sample | None = None
+) -> tuple[Signals, tuple[str, ...]]:
+    """Signals of a log for a robot without a robot file, and the reasons.
+
+    Args:
+        robot: The robot; the log must cover all its joints.
+        columns: Names of the log's columns.
+        sample: Some values of columns, for units that names do not state.
+
+    Raises:
+        LogError: The columns cannot be assigned, or do not cover the joints.
+        ModelError: The columns hold motor current: gains are needed, which a log cannot give.
+    """
+    guess = guess_columns(robot.coordinates, columns, sample)
+    refuse_motors(guess, columns)
+    if missing := [name for name in robot.joint_names if name not in guess.joints]:
+        raise LogError(
+            f"the log has columns for {len(guess.joints)} joints of {robot.n}; "
+            f"none for {', '.join(missing)}",
+            where=f"columns {', '.join(columns)}",
+            fix="write a robot file with `steelyard init` and set there which joints are "
+            "identified, and where the others are locked",
+        )
+
+    def where(*key: str | int) -> str:
+        return "the log's columns as guessed (`steelyard init` writes the guess to a robot file)"
+
+    return build_signals(guess.section, robot.coordinates, where), guess.reasons
+
+
+def guess_columns(
+    coordinates: Sequence[Coordinate],
+    columns: Sequence[str],
+    sample: Sample | None = None,
+    rate: float | None = None,
+    geared: bool = False,
+) -> Guess:
+    """The columns of time, positions and efforts, and their units.
+
+    Columns are matched by the joints' names if they carry them, else by their numbers. Columns of
+    targets and commands are passed over; velocities are used if the sample shows that they are
+    worth it.
+
+    Args:
+        coordinates: The joints.
+        columns: Names of the log's columns.
+        sample: Some values of columns.
+        rate: Of the log's rows [Hz], if it has no column of time.
+        geared: Whether gear ratios are given: positions far beyond the limits are of motors then.
+
+    Raises:
+        LogError: They cannot be assigned.
+    """
+    values = {name: finite(values) for name, values in (sample or {}).items()}
+    kinds: dict[Quantity, list[Column]] = {}
+    for column in map(Column, columns):
+        if column.quantity is not None:
+            kinds.setdefault(column.quantity, []).append(column)
+    joints, position, effort, how = _matched(coordinates, kinds, columns, values)
+    clock, time_reason = clock_of(beside(position, kinds.get("time", [])), columns, values, rate)
+    if counted := [c.name for c in effort if c.has(*COUNTS)]:
+        give_up(f"efforts are in counts, which have no unit: {', '.join(counted)}", columns)
+    effort_words, units = effort_units(effort, joints, values)
+    geared = geared or all(c.of_motor for c in effort)
+    where = guess_positions(position, joints, values, columns, geared)
+    velocity = _velocity(joints, kinds.get("velocity", []), how)
+    rates = judged(velocity, position, joints, where.unit, clock, sample or {})
+    used = rates.columns
+    kind, side = _kind(effort, units)
+    section = SignalsSection.model_validate(
+        {
+            **clock,
+            "coordinates": "motor" if where.motors else "joint",
+            "position": _short(position, joints),
+            "position_unit": where.unit,
+            **({"velocity": _short(used, joints)} if used else {}),
+            **({"velocity_unit": rates.unit} if used and rates.unit else {}),
+            "effort": {
+                "columns": _short(effort, joints),
+                "kind": kind,
+                "side": side,
+                "unit": units[0] if len(set(units)) == 1 else units,
+            },
+        }
+    )
+    reasons = [
+        time_reason,
+        f"positions are {listed(position)}, assigned {how}; {where.reason}",
+        f"efforts are {listed(effort)}, assigned {how}; {effort_words}"
+        + others(effort, kinds.get("effort", [])),
+    ]
+    if velocity:
+        reasons.append(rates.reason)
+    left = () if used else tuple(c.name for c in velocity)
+    contradictions = where.contradictions + rates.contradictions
+    if kind != "motor_current" and side == "joint":
+        contradictions += beyond_effort(effort, joints, values)
+    gears = None if where.motors else _gears(joints, position, kinds.get("position", ()), sample)
+    names = tuple(c.name for c in joints)
+    return Guess(section, names, left, tuple(reasons), contradictions, gears, rates.unit)
+
+
+def _kind(effort: Sequence[Column], units: Sequence[str]) -> tuple[str, str]:
+    """Kind of the efforts, and side of the gears; a gain takes currents to the joints' side."""
+    if {"A", "mA"} & set(units):
+        return "motor_current", "joint"
+    return (
+        ("motor_torque", "motor") if all(c.of_motor for c in effort) else ("joint_torque", "joint")
+    )
+
+
+def _gears(
+    joints: Sequence[Coordinate],
+    position: Sequence[Column],
+    every: Sequence[Column],
+    sample: Sample | None,
+) -> Gears | None:
+    """Gears from a log that has positions of joints and of motors."""
+    motors = [column for column in every if column.of_motor]
+    named = by_name(joints, motors)
+    groups = by_number(len(joints), motors)
+    if len(named) == len(joints):
+        found = [named[joint.name] for joint in joints]
+    elif groups:
+        found = list(groups[0])
+    else:
+        return None
+    columns = [*found, *position]
+    if sample is None or any(column.name not in sample for column in columns):
+        return None
+    sides = [np.asarray(sample[column.name], dtype=np.float64) for column in columns]
+    return regressed(sides[: len(joints)], sides[len(joints) :])
+
+
+def velocities_beside(position: Sequence[str], columns: Sequence[str]) -> tuple[str, ...]:
+    """Velocity columns that are called as the position columns are; none if one lacks its own.
+
+    Args:
+        position: The position columns, in the joints' order.
+        columns: All columns of the log.
+    """
+    found: dict[tuple[str, ...], list[str]] = {}
+    for column in map(Column, columns):
+        if column.quantity == "velocity":
+            found.setdefault(column.stem, []).append(column.name)
+    beside = [found.get(Column(name).stem, []) for name in position]
+    return tuple(names[0] for names in beside) if all(len(n) == 1 for n in beside) else ()
+
+
+def refuse_motors(guess: Guess, columns: Sequence[str]) -> None:
+    """Signals of motors need gear ratios, which a model file alone does not give.
+
+    Raises:
+        LogError: The guess has such signals.
+    """
+    section = guess.section
+    if section.coordinates == "motor":
+        named = _names(section.position)
+        give_up(f"positions are of motors, not of joints: {named}", columns, OF_MOTORS)
+    if guess.motor_side:
+        named = _names(section.effort.columns)
+        give_up(f"efforts are of motors, not of joints: {named}", columns, OF_MOTORS)
+
+
+def _names(given: str | Sequence[str]) -> str:
+    return given if isinstance(given, str) else ", ".join(given)
+
+
+def recognised(
+    quantity: Quantity, coordinates: Sequence[Coordinate], columns: Sequence[str]
+) -> tuple[Column | None, ...]:
+    """Columns of a quantity in a log that cannot be assigned as a whole.
+
+    A column or `None` for each joint, where more than half of the joints have one; else nothing.
+    """
+    named = [c for c in map(Column, columns) if c.quantity == quantity]
+    by_joint, count = by_name(coordinates, named), len(coordinates)
+    groups = by_number(count, named, [c.kind for c in coordinates])
+    if groups and len(by_joint) < count:
+        return groups[0]
+    if 2 * len(by_joint) > count:
+        return tuple(by_joint.get(c.name) for c in coordinates)
+    return partly_by_number(count, named)
+
+
+def _matched(
+    coordinates: Sequence[Coordinate],
+    kinds: Mapping[Quantity, Sequence[Column]],
+    columns: Sequence[str],
+    values: Mapping[str, Array],
+) -> tuple[list[Coordinate], list[Column], list[Column], str]:
+    """Joints, their position and effort columns, and how they were assigned."""
+    position, effort = kinds.get("position", ()), kinds.get("effort", ())
+    likes: tuple[tuple[str, Quantity], ...] = (("positions", "position"), ("efforts", "effort"))
+    named_q, named_tau = by_name(coordinates, position), by_name(coordinates, effort)
+    if joints := [c for c in coordinates if c.name in named_q and c.name in named_tau]:
+        found_q, found_tau = ([named[c.name] for c in joints] for named in (named_q, named_tau))
+        return joints, found_q, found_tau, _BY_NAME
+    joints = [c for c in coordinates if not like_finger(c.name)]
+    kinds_of = [c.kind for c in joints]
+    numbered_q, numbered_tau = (by_number(len(joints), x, kinds_of) for x in (position, effort))
+    for (what, quantity), groups in zip(likes, (numbered_q, numbered_tau), strict=True):
+        if not groups:
+            odd = _odd(what, recognised(quantity, joints, columns), joints, columns)
+            give_up(odd or _unlike(what, kinds.get(quantity, ()), joints, columns), columns)
+    alive = [g for g in numbered_tau if any(changes(c.name, values) for c in g)] or numbered_tau
+    return joints, list(numbered_q[0]), list(alive[0]), "by their numbers"
+
+
+def _odd(
+    what: str,
+    found: Sequence[Column | None],
+    joints: Sequence[Coordinate],
+    columns: Sequence[str],
+) -> str:
+    """Joints that have no column beside those that have one, and columns that may be theirs."""
+    beside = [column for column in found if column is not None]
+    missing = [j.name for j, column in zip(joints, found, strict=False) if column is None]
+    if not missing:
+        return ""
+    quantity = beside[0].quantity
+    left = [c for c in map(Column, columns) if c not in beside and c.quantity in (None, quantity)]
+    perhaps = f" (perhaps {listed(left)})" if left else ""
+    return (
+        f"{what} are {listed(beside)}, but no column is recognised as that of "
+        f"{', '.join(missing)}{perhaps}"
+    )
+
+
+def _unlike(
+    what: str, like: Sequence[Column], joints: Sequence[Coordinate], columns: Sequence[str]
+) -> str:
+    """Why no columns are assigned: none like them, or not one for each joint."""
+    if not like:
+        lines = _candidates(what, joints, columns)
+        return f"none look like the {what} of {len(joints)} joints" + (
+            f"; if these are, write {' or '.join(lines)}" if lines else ""
+        )
+    names = ", ".join(joint.name for joint in joints)
+    return (
+        f"{len(like)} columns look like {what} ({listed(like)}), but the robot model has "
+        f"{len(joints)} joints ({names}): log or model file of another robot, or joints that are "
+        "not logged"
+    )
+
+
+def _candidates(what: str, joints: Sequence[Coordinate], columns: Sequence[str]) -> tuple[str, ...]:
+    """Lines of the robot file with unknown columns that are numbered, one per joint."""
+    unknown = [column for column in map(Column, columns) if column.quantity is None]
+    groups = by_number(len(joints), unknown)
+    key = "[signals] position" if what == "positions" else "[signals.effort] columns"
+    return tuple(f"{key} = {json.dumps(_short(group, joints))}" for group in groups)
+
+
+def _velocity(
+    joints: Sequence[Coordinate], columns: Sequence[Column], how: str
+) -> tuple[Column, ...]:
+    if how == _BY_NAME:
+        named = by_name(joints, columns)
+        found = tuple(named[c.name] for c in joints if c.name in named)
+        return found if len(found) == len(joints) else ()
+    groups = by_number(len(joints), columns, [c.kind for c in joints])
+    return groups[0] if groups else ()
+
+
+def _short(columns: Sequence[Column], joints: Sequence[Coordinate]) -> Any:
+    """One pattern for all columns if there is one, else the list."""
+    names = tuple(c.name for c in columns)
+    if len(names) < 2:
+        return names
+    first = names[0]
+    for at in (k for k, letter in enumerate(first) if letter == "1"):
+        pattern = f"{first[:at]}{{}}{first[at + 1 :]}"
+        if expanded(pattern, joints) == names:
+            return pattern
+    return names

@@ -1,0 +1,245 @@
+"""A guess of what effort columns hold, and of the gears between motors and joints."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.robot.init.column_names import CURRENTS, TORQUES, Column
+from steelyard.robot.models.xml_reader import Element
+from steelyard.robot.robot import Coordinate
+
+TORQUE = (
+    "torque by their names, which do not state the side of the gears: assumed joint torque "
+    "including rotor inertia; for sensors on the link side (Franka, KUKA iiwa, Kinova Gen3, Rokae "
+    'xMate) set kind = "link_torque" and remove rotor_inertia from [model] terms'
+)
+LINK_SIDE_TORQUE = (
+    "torque of sensors on the link side of the gears, by the names of robot and joints ({}): it "
+    "contains no rotor inertia, and little friction of gears. If it is computed from motor "
+    "currents, set "
+    'kind = "joint_torque" and add "rotor_inertia" to [model] terms'
+)
+"""Why efforts of a known robot are those of sensors on the link side."""
+LINK_SIDE = re.compile(r"(?<![a-z])(panda|fr3|franka|iiwa|lbr|gen3(?!_?lite))(?![a-z])")
+"""Names of robots with torque sensors on the link side: Franka, KUKA iiwa, Kinova Gen3."""
+LEAST_EFFORT_BEYOND_LIMIT = 3.0
+"""Reach of torques over the joint's limit from which on their unit is another one."""
+UNSTATED = (
+    "their names state neither torque nor current: assumed joint torque in Nm or N; some drivers "
+    "(Universal Robots' for ROS) log A, which `steelyard check` finds out"
+)
+OF_MOTORS = "torque of motors by their names: joint torque through the gears"
+MOST_OTHER_COLUMNS = 6
+"""Effort-like columns that were not chosen and are listed."""
+COUNTS = ("count", "counts", "ticks", "adc", "lsb")
+"""Words of columns without a physical unit."""
+
+AMPERES = ("a", "amp", "amps")
+"""Words of columns in ampere."""
+
+
+def effort_units(
+    columns: Sequence[Column], joints: Sequence[Coordinate], values: Mapping[str, Array]
+) -> tuple[str, list[str]]:
+    """Why, and the unit of each effort column."""
+    units, unsaid = [], []
+    for column, joint in zip(columns, joints, strict=True):
+        if _is_current(column) or stated_current(column):
+            far = reach(column.name, values) > 200.0
+            units.append(stated_current(column) or ("mA" if far else "A"))
+        else:
+            units.append(joint.effort_unit)
+            unsaid.append(column)
+    if len(unsaid) == len(columns):
+        return _torque_words(columns), units
+    return "motor current by their names" + _unsaid(unsaid, units), units
+
+
+def stated_current(column: Column) -> str:
+    """`A` or `mA`, where the column's name says so; else empty."""
+    return "mA" if column.has("ma") else "A" if column.has(*AMPERES) else ""
+
+
+def _torque_words(columns: Sequence[Column]) -> str:
+    """What columns without currents hold, in words."""
+    if all(column.of_motor for column in columns):
+        return OF_MOTORS
+    stated = any(column.has(*TORQUES, "moment", "nm", "n", "force", "forces") for column in columns)
+    return TORQUE if stated else UNSTATED
+
+
+def _unsaid(columns: Sequence[Column], units: Sequence[str]) -> str:
+    """Columns beside currents whose names speak of none, in words; empty if there are none."""
+    if not columns:
+        return ""
+    names, taken = ", ".join(c.name for c in columns), set(units) - {"A", "mA"}
+    return f", but not of {names}: assumed in {' and '.join(sorted(taken))}; check unit and gain"
+
+
+def _is_current(column: Column) -> bool:
+    """Whether a name speaks of amperes: `TorqueCur1` is a torque."""
+    if column.has(*AMPERES):
+        return True
+    return column.has(*CURRENTS) and not column.has(*TORQUES)
+
+
+def link_side(robot: str, joints: Sequence[str]) -> str:
+    """What in the names of a robot and its joints says that torques are those on the link side.
+
+    Empty if nothing does.
+    """
+    found = (LINK_SIDE.search(name.lower()) for name in (robot, *joints))
+    return next((match.group() for match in found if match), "")
+
+
+def beyond_effort(
+    columns: Sequence[Column], joints: Sequence[Coordinate], values: Mapping[str, Array]
+) -> tuple[str, ...]:
+    """That torques go far beyond the joints' limits, in one sentence: their unit is another one."""
+    found = []
+    for column, joint in zip(columns, joints, strict=True):
+        far, limit = reach(column.name, values), joint.limits.effort
+        if np.isfinite(limit) and limit > 0.0 and far > LEAST_EFFORT_BEYOND_LIMIT * limit:
+            line = f"{far:.0f} for {joint.name} ({column.name}) with {limit:g} {joint.effort_unit}"
+            found.append((far / limit, line))
+    if not found:
+        return ()
+    more = f" (and {len(found) - 1} more joints)" * (len(found) > 1)
+    return (
+        f"efforts go beyond the limits of the model, up to {max(found)[1]}{more}: they are in "
+        "another unit (gain = 0.001 for mNm, a current, counts), or other columns",
+    )
+
+
+def changes(name: str, values: Mapping[str, Array]) -> bool:
+    """Whether a column changes in the sample, as measured efforts do; without one nobody knows."""
+    sampled = values.get(name)
+    return sampled is None or len(sampled) == 0 or bool(np.ptp(sampled) > 0.0)
+
+
+def others(effort: Sequence[Column], every: Sequence[Column]) -> str:
+    """Effort-like columns that were not chosen, by pattern; empty if there are none."""
+    patterns: dict[str, list[str]] = {}
+    for name in (c.name for c in every if c not in effort):
+        patterns.setdefault(re.sub(r"\d+(?=\D*$)", "{}", name), []).append(name)
+    left = [x for p, names in patterns.items() for x in ([p] if len(names) > 1 else names)]
+    if not left:
+        return ""
+    shown = ", ".join(left[:MOST_OTHER_COLUMNS]) + f" and {len(left) - MOST_OTHER_COLUMNS} more" * (
+        len(left) > MOST_OTHER_COLUMNS
+    )
+    return f"; other columns that may be efforts: {shown}: use them instead if they are measured"
+
+
+def reach(name: str, values: Mapping[str, Array]) -> float:
+    """How far from zero a column goes, a few broken values aside; zero if not sampled."""
+    sampled = values.get(name)
+    if sampled is None or not len(sampled):
+        return 0.0
+    return float(np.quantile(np.abs(sampled), 0.98))
+
+
+LEAST_POSITION_BEYOND_LIMIT, LEAST_MOTOR_BEYOND_LIMIT = 1.5, 3.0
+"""Reach of positions over the joint's limits: from which on they contradict them, and from which on
+those of most joints are the motors'."""
+MISFIT = 1e-3
+"""Residual of motor positions behind gears found by regression, relative to their deviation."""
+SMALL = 1e-3
+"""Entry of a transmission's row, relative to the largest, below which it is zero."""
+LEAST_MOTION = 0.05
+"""Standard deviation of a joint from which on its gear is determined [rad; m]."""
+
+
+@dataclass(frozen=True)
+class Gears:
+    """Gears between motors and joints.
+
+    Attributes:
+        ratios: Turns of each motor per turn of its joint.
+        coupling: Motor, joint and ratio of motors that turn with a second joint; both by number.
+        source: Where they come from, in words.
+    """
+
+    ratios: tuple[float, ...]
+    coupling: tuple[tuple[int, int, float], ...]
+    source: str
+
+
+def beyond_limits(
+    positions: Sequence[Column],
+    joints: Sequence[Coordinate],
+    scales: Sequence[float],
+    values: Mapping[str, Array],
+) -> list[float]:
+    """Reach of each position over its joint's limit; zero where there is no limit."""
+    limits = [max(abs(j.limits.lower), abs(j.limits.upper)) for j in joints]
+    return [
+        scale * reach(column.name, values) / limit if np.isfinite(limit) and limit > 0.0 else 0.0
+        for column, limit, scale in zip(positions, limits, scales, strict=True)
+    ]
+
+
+def whole_numbers(columns: Sequence[Column], values: Mapping[str, Array]) -> bool:
+    """Whether all columns hold whole numbers that change, as counts of encoders do."""
+    sampled = [values.get(c.name, np.zeros(0)) for c in columns]
+    return all(len(x) > 0 and bool(np.all(x == np.round(x)) and np.ptp(x) > 1.0) for x in sampled)
+
+
+def regressed(motors: Sequence[Array], joints: Sequence[Array]) -> Gears | None:
+    r"""Gears from positions of both sides, $q_m = R\,q + c$; `None` where they do not fit.
+
+    Args:
+        motors: Positions of the motors, one array `(N,)` each, NaN where broken.
+        joints: Positions of the joints, likewise [rad; m].
+    """
+    sides = np.array([*motors, *joints], dtype=np.float64)
+    rows = sides[:, np.isfinite(sides).all(axis=0)]
+    n = len(joints)
+    if rows.shape[1] < 10 * n or np.any(rows[n:].std(axis=1) < LEAST_MOTION):
+        return None
+    centred = rows - rows.mean(axis=1, keepdims=True)
+    matrix = np.linalg.lstsq(centred[n:].T, centred[:n].T, rcond=1e-10)[0].T
+    left = centred[:n] - matrix @ centred[n:]
+    if np.any(left.std(axis=1) > MISFIT * centred[:n].std(axis=1)):
+        return None
+    largest = np.abs(matrix).max(axis=1, keepdims=True)
+    matrix = np.where(np.abs(matrix) > SMALL * largest, matrix, 0.0)
+    if not np.diag(matrix).all():
+        return None
+    ratios = tuple(_rounded(x) for x in np.diag(matrix))
+    coupling = tuple(
+        (i, j, _rounded(matrix[i, j])) for i, j in np.argwhere(matrix).tolist() if i != j
+    )
+    return Gears(ratios, coupling, "by regression of the logged motor positions on the joints'")
+
+
+def reductions(model: Element, joints: Sequence[str]) -> Gears | None:
+    """Gears from `<transmission>` of a URDF; `None` unless each joint has one other than 1."""
+    found: dict[str, float] = {}
+    for element in (e for e in model.walk() if e.tag == "transmission"):
+        named = [e.attributes.get("name", "") for e in element.walk() if e.tag == "joint"]
+        texts = ["".join(e.texts) for e in element.walk() if e.tag == "mechanicalReduction"]
+        values = {value for text in texts if (value := _number(text)) is not None}
+        if len(named) == 1 and len(values) == 1:
+            found[named[0]] = values.pop()
+    ratios = tuple(found.get(name, 0.0) for name in joints)
+    if not all(ratios) or all(ratio == 1.0 for ratio in ratios):
+        return None
+    return Gears(ratios, (), "from <transmission> of the model file")
+
+
+def _number(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if np.isfinite(value) else None
+
+
+def _rounded(value: float) -> float:
+    """The whole number if the value is within the regression's accuracy of it."""
+    whole = round(float(value))
+    return float(whole) if abs(value - whole) <= 1e-3 * abs(value) else float(f"{value:.6g}")

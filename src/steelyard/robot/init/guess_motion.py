@@ -1,0 +1,449 @@
+r"""A guess of the columns of time, positions and velocities, their units and their gear side.
+
+If velocities $v$ have a scale $1/a$ and come late by $\delta$, positions are
+$q = c_0 + c_1 t + a \int v + a \delta v$, a linear fit that needs no derivative. They are used if
+they agree in every joint, are not late, and have less noise than differences of positions.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import LogError
+from steelyard.robot.file.signals import TIME_UNITS, VELOCITY_UNITS
+from steelyard.robot.init.column_names import IN_FILE, Column, finite, give_up, listed
+from steelyard.robot.init.guess_efforts import (
+    LEAST_MOTOR_BEYOND_LIMIT,
+    LEAST_POSITION_BEYOND_LIMIT,
+    beyond_limits,
+    reach,
+    whole_numbers,
+)
+from steelyard.robot.robot import Coordinate
+
+
+def guess_time(columns: Sequence[str], sample: Mapping[str, ArrayLike]) -> tuple[str, str] | None:
+    """The column of time and its unit; `None` if no column looks like time."""
+    values = {name: finite(values) for name, values in sample.items()}
+    candidates = [c for c in map(Column, columns) if c.quantity == "time"]
+    try:
+        time = _time(candidates, columns, values)
+    except LogError:
+        return None
+    return time.name, _time_unit(time, values)[0]
+
+
+def clock_of(
+    candidates: Sequence[Column],
+    columns: Sequence[str],
+    values: Mapping[str, Array],
+    rate: float | None,
+) -> tuple[dict[str, Any], str]:
+    """What the robot file says of time, and why."""
+    if rate is not None:
+        reason_given = f"time is the number of the row at the {rate:g} Hz that were given"
+        beside = f", not {listed(candidates)}" if candidates else ""
+        return {"rate": rate}, reason_given + beside
+    time = _time(candidates, columns, values)
+    unit, reason = _time_unit(time, values)
+    reason_given = f"time is '{time.name}' in {unit}, {reason}"
+    return {"time": time.name, "time_unit": unit}, reason_given
+
+
+def _time(
+    candidates: Sequence[Column], columns: Sequence[str], values: Mapping[str, Array]
+) -> Column:
+    def rises(column: Column) -> bool:
+        steps = np.diff(values.get(column.name, np.zeros(0)))
+        return bool(len(steps) == 0 or np.mean(steps >= 0.0) > 0.9)
+
+    rising = [c for c in candidates if rises(c)]
+    if not rising:
+        give_up(
+            "no column looks like time",
+            columns,
+            "give the log's rate: `steelyard init URDF LOG --rate HZ` writes a robot file with "
+            f'[signals] rate = HZ instead of time = "..."; or {IN_FILE}',
+        )
+    return min(rising, key=lambda c: (_topic(c) != _topic(rising[0]), len(c.words)))
+
+
+def beside(position: Sequence[Column], candidates: Sequence[Column]) -> Sequence[Column]:
+    """Times of the topic that positions are of, if the log is of messages."""
+    topic = position[0].name.rpartition("/position/")[0]
+    return [c for c in candidates if topic and _topic(c) == topic] or candidates
+
+
+def _topic(time: Column) -> str:
+    return time.name.rpartition("/")[0]
+
+
+def _time_unit(time: Column, values: Mapping[str, Array]) -> tuple[str, str]:
+    for unit, words in (
+        ("ms", ("ms", "msec", "millis")),
+        ("us", ("us", "usec", "micros")),
+        ("ns", ("ns", "nsec", "nanos")),
+        ("s", ("s", "sec", "seconds")),
+    ):
+        if time.has(*words):
+            return unit, "by its name"
+    steps = np.diff(values.get(time.name, np.zeros(0)))
+    step = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
+    if step == 0.0:
+        return "s", "by default"
+    unit = "s" if step < 0.5 else "ms" if step < 500.0 else "us" if step < 5e5 else "ns"
+    return unit, f"as its steps are {step:.4g}"
+
+
+LEAST_ROWS, LEAST_SECONDS, LEAST_RANGE = 200, 0.5, 0.05
+"""Rows and length of a sample [s], and range of a joint [rad; m], from which on velocities can be
+judged."""
+SCALE, OF_JOINT, STEPS, SECONDS, NOISE = 0.02, 0.1, 1.0, 0.01, 0.5
+"""Most that the median scale and that of any joint differ from 1, most steps of the clock and
+seconds that velocities are late, and most noise over that of differences of positions: with as
+much noise they are worth nothing."""
+ABSURD = 1e6
+"""Values that no sensor has."""
+SMOOTHED = 0.1
+"""Moving average before noises are compared [s]: about what later filters leave."""
+
+SMALL_UNITS = {"deg": np.pi / 180.0, "mm": 1e-3}
+"""Units of positions that are not rad or m."""
+RATES = {"rad": "rad/s", "deg": "deg/s", "m": "m/s", "mm": "mm/s"}
+"""Units of velocities by those of positions."""
+
+
+@dataclass(frozen=True)
+class VelocityGuess:
+    """Velocity columns that are used, all or none, their unit, and why.
+
+    Attributes:
+        columns: The columns; none if they are left out.
+        unit: One for all, one per joint, or `None` for rad/s and m/s; also of those left out.
+        reason: For the user, in words.
+        contradictions: What they say against a rate that is given, in one sentence.
+    """
+
+    columns: tuple[Column, ...]
+    unit: Any
+    reason: str
+    contradictions: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Velocities of a log against its positions, medians over the joints that move.
+
+    Attributes:
+        scale: Of the positions over the integrated velocities.
+        late: How late velocities come [s].
+        step: Of the clock [s].
+        noise: Of the velocities over that of differences of positions.
+        farthest: The scale that differs most from 1, of any joint that moves.
+    """
+
+    scale: float
+    late: float
+    step: float
+    noise: float
+    farthest: float
+
+    @property
+    def delay(self) -> str:
+        """How late or early they are, in words."""
+        return f"{_figures(abs(1e3 * self.late))} ms {'late' if self.late >= 0.0 else 'early'}"
+
+    @property
+    def scaled(self) -> bool:
+        """Whether they are not the derivative, but a multiple of it."""
+        return abs(self.scale - 1.0) > SCALE
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Why they are not to be used, in words; empty if they are."""
+        found = []
+        if self.scaled:
+            found.append(f"they are {_figures(1.0 / self.scale, 3)} times the derivative")
+        elif abs(self.farthest - 1.0) > OF_JOINT:
+            found.append("one joint's are not the derivative of its position")
+        if abs(self.late) > min(STEPS * self.step, SECONDS):
+            found.append(f"they are {self.delay}")
+        if self.noise > NOISE:
+            found.append(
+                f"they are hardly less noisy than differentiated positions (noise "
+                f"{_figures(self.noise)} times as large, at most {NOISE:g} allowed)"
+                if self.noise < 1.0
+                else f"they are noisier than differentiated positions "
+                f"({_figures(self.noise)} times)"
+            )
+        return tuple(found)
+
+
+def judged(
+    velocity: Sequence[Column],
+    position: Sequence[Column],
+    joints: Sequence[Coordinate],
+    unit: Any,
+    clock: Mapping[str, Any],
+    sample: Mapping[str, ArrayLike],
+) -> VelocityGuess:
+    """Velocity columns that are used, all or none, their unit, and why.
+
+    Args:
+        velocity: Columns that look like velocities, joint by joint.
+        position: The position columns.
+        joints: Their joints.
+        unit: Of the positions: one, one per joint, or `None` for rad and m.
+        clock: What the robot file says of time.
+        sample: Values of columns from the first row on.
+    """
+    names = [c.name for c in (*position, *velocity)]
+    shown = listed(velocity)
+    if not velocity or not sample.keys() >= {*names, *([clock["time"]] if "time" in clock else [])}:
+        return VelocityGuess((), None, f"velocities ({shown}) are left out, as they are often late")
+    values = [np.asarray(sample[name], dtype=np.float64) for name in names]
+    rows = np.arange(len(values[0]), dtype=np.float64)
+    t = rows / clock["rate"] if "rate" in clock else np.asarray(sample[clock["time"]], np.float64)
+    t = t * TIME_UNITS[str(clock.get("time_unit", "s"))]
+    given = [unit] * len(position) if unit is None or isinstance(unit, str) else unit
+    units = [str(one or joint.unit) for one, joint in zip(given, joints, strict=True)]
+    q = [x * SMALL_UNITS.get(one, 1.0) for x, one in zip(values, units, strict=False)]
+    own = [RATES[one] for one in units]
+    found, rates = _in_unit(t, q, values[len(q) :], own, joints)
+    unit_words = f"in {' and '.join(dict.fromkeys(rates))}" if rates != own else ""
+    if found is None:
+        why = f"left out, as the first {len(rows)} rows do not show whether they are good"
+    elif found.faults:
+        why = f"left out, as {' and '.join(found.faults)}"
+        why += f"; they are {unit_words}" if unit_words else ""
+    else:
+        why = (
+            f"used{f', {unit_words}' if unit_words else ''}: they are the derivative of the "
+            f"positions, {found.delay}, with {found.noise:.2g} times the noise of differences of "
+            "positions"
+        )
+    used = tuple(velocity) if found is not None and not found.faults else ()
+    usual = rates == [RATES[joint.unit] for joint in joints]
+    one = None if usual else rates[0] if len(set(rates)) == 1 else rates
+    against = () if found is None or "rate" not in clock else _other_rate(found, clock["rate"])
+    return VelocityGuess(used, one, f"velocities ({shown}) are {why}", against)
+
+
+def _other_rate(found: Comparison, rate: float) -> tuple[str, ...]:
+    """That velocities show another rate than the given one, if they do, in one sentence."""
+    uneven = abs(found.farthest / found.scale - 1.0) > OF_JOINT
+    if uneven or found.scale < 0.0 or abs(found.scale - 1.0) < OF_JOINT:
+        return ()
+    return (
+        f"at the {rate:g} Hz that were given, velocities are {_figures(1.0 / found.scale, 3)} "
+        f"times the derivative of the positions: the rate is {_figures(rate / found.scale, 3)} Hz",
+    )
+
+
+def _in_unit(
+    t: Array,
+    q: Sequence[Array],
+    logged: Sequence[Array],
+    own: Sequence[str],
+    joints: Sequence[Coordinate],
+) -> tuple[Comparison | None, list[str]]:
+    """Velocities in the positions' unit per second, or in the one in which they are the derivative.
+
+    Args:
+        t: Time, shape `(N,)` [s].
+        q: Positions, joint by joint, each `(N,)` [rad; m].
+        logged: Velocities as logged, likewise.
+        own: Units of the positions, per second.
+        joints: Their joints.
+    """
+
+    def read(units: Sequence[str]) -> Comparison | None:
+        scales = [VELOCITY_UNITS[j.kind][unit] for unit, j in zip(units, joints, strict=True)]
+        return compared(t, q, [scale * v for scale, v in zip(scales, logged, strict=True)])
+
+    first = read(own)
+    if first is None or not first.scaled:
+        return first, list(own)
+    for other in VELOCITY_UNITS["revolute"]:
+        units = [other if j.kind == "revolute" else u for u, j in zip(own, joints, strict=True)]
+        found = read(units)
+        if found is not None and not found.scaled:
+            return found, units
+    return first, list(own)
+
+
+def compared(t: Array, q: Sequence[Array], v: Sequence[Array]) -> Comparison | None:
+    """Compare velocities with positions; `None` where too little moves.
+
+    Args:
+        t: Time, shape `(N,)` [s].
+        q: Positions, joint by joint, each `(N,)`.
+        v: Velocities in the same units per second, likewise.
+    """
+    rows = np.array([*q, *v])
+    with np.errstate(invalid="ignore"):
+        fine = np.isfinite(t) & (np.abs(rows) < ABSURD).all(axis=0)
+    t = t[fine]
+    if len(t) < LEAST_ROWS or not (np.diff(t) >= 0.0).all():
+        return None
+    step = float(np.median(np.diff(t)))
+    length = t[-1] - t[0]
+    if step <= 0.0 or not LEAST_SECONDS <= length <= 2.0 * step * len(t):
+        return None
+    even = np.arange(t[0], t[-1], step)
+    found = []
+    for position, velocity in zip(q, v, strict=True):
+        if np.ptp(position[fine]) >= LEAST_RANGE:
+            x, y = (np.interp(even, t, values[fine]) for values in (position, velocity))
+            found.append(_of_joint(even, x, y))
+    if not found:
+        return None
+    scale, late, noise = (float(x) for x in np.median(found, axis=0))
+    farthest = max((one[0] for one in found), key=lambda scale: abs(scale - 1.0))
+    return Comparison(scale, late, step, noise, farthest)
+
+
+def _of_joint(t: Array, q: Array, v: Array) -> tuple[float, float, float]:
+    """Scale, delay [s] and noise of one joint's velocities."""
+    step = t[1] - t[0]
+    way = np.concatenate(([0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * step)))
+    columns = np.column_stack((np.ones_like(t), t - t[0], way, v))
+    fit = np.linalg.lstsq(columns, q, rcond=None)[0]
+    width = max(1, round(SMOOTHED / step))
+    scale = float(fit[2]) or 1e-300
+    noise = _noise(v, width) / _noise(np.gradient(q, step), width)
+    return scale, float(fit[3]) / scale, noise
+
+
+def _noise(x: Array, width: int) -> float:
+    smooth = np.convolve(x, np.full(width, 1.0 / width), "valid")
+    return max(float(np.sqrt(np.mean(np.square(np.diff(smooth, 2))))), 1e-300)
+
+
+def _figures(value: float, digits: int = 2) -> str:
+    """A number to so many figures, never in the form `2e+02`."""
+    return np.format_float_positional(value, digits, unique=True, fractional=False, trim="-")
+
+
+@dataclass(frozen=True)
+class PositionGuess:
+    """Unit and side of the position columns, why, and what contradicts the model's limits."""
+
+    unit: Any
+    reason: str
+    motors: bool = False
+    contradictions: tuple[str, ...] = ()
+
+
+def guess_positions(
+    columns: Sequence[Column],
+    joints: Sequence[Coordinate],
+    values: Mapping[str, Array],
+    every: Sequence[str],
+    geared: bool = False,
+) -> PositionGuess:
+    """Unit and side of position columns, by their names and by the joints' limits.
+
+    Positions far beyond the limits in rad, but within them in deg, are in deg whatever their names
+    say, unless they are known to be behind gears.
+
+    Args:
+        columns: The position columns.
+        joints: Their joints.
+        values: Finite values of columns.
+        every: All columns of the log, for messages.
+        geared: Whether gear ratios are given, or efforts are of motors by their names.
+
+    Raises:
+        LogError: They are counts, which have no unit.
+    """
+    if all(column.of_motor for column in columns):
+        unit, reason = _motor_unit(columns)
+        return PositionGuess(
+            unit, f"of motors, not of joints, by their names; {reason}", motors=True
+        )
+    unit, reason = _position_unit(columns, joints, values)
+    units = [unit] * len(columns) if unit is None or isinstance(unit, str) else unit
+    scales = [SMALL_UNITS.get(str(one), 1.0) for one in units]
+    beyond = beyond_limits(columns, joints, scales, values)
+    limited = sum(x > 0.0 for x in beyond)
+    if limited and 2 * sum(x > LEAST_MOTOR_BEYOND_LIMIT for x in beyond) > limited:
+        if whole_numbers(columns, values):
+            give_up(
+                f"positions are whole numbers far beyond the joints' limits, such as counts of "
+                f"encoders, which have no unit: {listed(columns)}",
+                every,
+                "convert them to rad or m in the log: counts per turn (data sheet) and, if they "
+                f"are the motors', gear ratios; then {IN_FILE}",
+            )
+        degrees = None if geared else _degrees(columns, joints, units, values)
+        if degrees is not None:
+            return PositionGuess(
+                degrees,
+                f"in deg though their names say rad, in which they would be up to "
+                f"{max(beyond):.3g} times the joints' limits (if they are of motors: --ratios)",
+            )
+        unit, unit_reason = _motor_unit(columns)
+        why = f"up to {max(beyond):.3g} times the joints' limits: of motors, not of joints"
+        return PositionGuess(unit, f"{why}; {unit_reason}", motors=True)
+    far = [(x, f"{j.name} ({c.name})") for c, j, x in zip(columns, joints, beyond, strict=True)]
+    far = [(x, name) for x, name in far if x > LEAST_POSITION_BEYOND_LIMIT]
+    if not far:
+        return PositionGuess(unit, reason)
+    more = f" (and {len(far) - 1} more joints)" * (len(far) > 1)
+    contradiction = (
+        f"positions go beyond the limits of the model, up to {max(far)[0]:.2g} times for "
+        f"{max(far)[1]}{more}: unit, columns or joint order are wrong, or the limits"
+    )
+    return PositionGuess(unit, reason, contradictions=(contradiction,))
+
+
+def _degrees(
+    columns: Sequence[Column],
+    joints: Sequence[Coordinate],
+    units: Sequence[str | None],
+    values: Mapping[str, Array],
+) -> Any:
+    """Units with deg for rad, if all positions are within the joints' limits then; else `None`."""
+    own = [unit or joint.unit for unit, joint in zip(units, joints, strict=True)]
+    other = ["deg" if unit == "rad" else unit for unit in own]
+    scales = [SMALL_UNITS.get(unit, 1.0) for unit in other]
+    if (
+        own == other
+        or max(beyond_limits(columns, joints, scales, values)) > LEAST_POSITION_BEYOND_LIMIT
+    ):
+        return None
+    return other[0] if len(set(other)) == 1 else other
+
+
+def _motor_unit(columns: Sequence[Column]) -> tuple[str | None, str]:
+    """The unit of motor positions: ranges do not determine it."""
+    degrees = all(column.has("deg", "degs", "degree", "degrees") for column in columns)
+    named = degrees or all(column.has("rad", "rads") for column in columns)
+    unit = "deg" if degrees else "rad"
+    return unit, f"in {unit} by their names" if named else "in rad, by default"
+
+
+def _position_unit(
+    columns: Sequence[Column], joints: Sequence[Coordinate], values: Mapping[str, Array]
+) -> tuple[Any, str]:
+    units, why = [], "in rad or m, by default"
+    for column, joint in zip(columns, joints, strict=True):
+        most = reach(column.name, values)
+        si, other = ("rad", "deg") if joint.kind == "revolute" else ("m", "mm")
+        if column.has(si, other, "degree", "degrees"):
+            units.append(si if column.has(si) else other)
+            why = "units by their names"
+        else:
+            limit = max(abs(joint.limits.lower), abs(joint.limits.upper))
+            far = 4.0 * np.pi if joint.kind == "revolute" else 10.0 * min(limit, 1.0)
+            units.append(other if most > far else si)
+            if most > 0.0:
+                why = f"in {units[-1]} by their range (up to {most:.3g})"
+    if set(units) <= {"rad", "m"}:
+        return None, why
+    return (units[0] if len(set(units)) == 1 else units), why

@@ -1,0 +1,278 @@
+"""Joints that are not coordinates of a robot: free, ball, coupled and mimic joints.
+
+A robot here stands on a base at rest, and each of its joints has one degree of freedom. A floating
+body with joints beyond it is a robot once it is the base; one without is a loose object.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from steelyard.base.errors import ModelError, OpenModelError
+from steelyard.robot.mechanism import Joint, Listed, Mechanism
+from steelyard.robot.robot import Limits, Robot
+
+
+@dataclass(frozen=True, eq=False)
+class FixedJoints:
+    """A mechanism in which no joint beyond the base is free.
+
+    Attributes:
+        mechanism: Without the floating trees beyond the base, ball joints fixed.
+        locked: Positions of locked joints, those of ball joints taken out [rad; m].
+        notes: What was left out or assumed, one sentence each.
+    """
+
+    mechanism: Mechanism
+    locked: Mapping[str, float]
+    notes: tuple[str, ...]
+
+
+def floating_trees(mechanism: Mechanism, base: str) -> dict[Joint, int]:
+    """The floating joints next to a link, each with the count of joints that move beyond it."""
+    trees = dict[Joint, int]()
+    for joint in mechanism.from_link(base):
+        if joint.kind in ("floating", "planar"):
+            before = mechanism.to_link(joint.parent)
+            if not any(tree in before for tree in trees):
+                trees[joint] = _moving(mechanism.from_link(joint.child))
+    return trees
+
+
+def carried_joints(mechanism: Mechanism, base: str) -> int:
+    """How many joints move on their own beyond a link, floating trees left out."""
+    beyond = _moving(mechanism.from_link(base))
+    return beyond - sum(floating_trees(mechanism, base).values())
+
+
+def floating_base(mechanism: Mechanism, base: str | None) -> Joint | None:
+    """The floating joint before a base, which is taken to be at rest; `None` if there is none."""
+    before = mechanism.to_link(mechanism.root if base is None else base)
+    floating = [joint for joint in before if joint.kind in ("floating", "planar")]
+    return floating[-1] if floating else None
+
+
+def without_free_joints(
+    mechanism: Mechanism,
+    base: str | None,
+    joints: Sequence[str] | None,
+    locked: Mapping[str, float],
+) -> FixedJoints:
+    """The mechanism without free joints beyond the base.
+
+    Loose bodies are left out, and so is what floats beside a base that is given. A ball joint
+    stays where the model file has it, if it is locked or other joints are listed.
+
+    Raises:
+        ModelError: A robot floats and no base is given, or a ball joint is not locked.
+    """
+    root = mechanism.root if base is None else base
+    trees = floating_trees(mechanism, root)
+    if base is None and any(trees.values()):
+        raise _floats(mechanism, trees)
+    kept, notes = mechanism, list(mechanism.notes)
+    if joint := floating_base(mechanism, base):
+        rests = f"base '{root}' is assumed to be at rest, in the orientation of the model file"
+        notes.append(Listed(rests, f"the {_word(joint)} joint of '{joint.child}' is left out"))
+        others = floating_trees(mechanism, mechanism.root)
+        trees = trees | {j: n for j, n in others.items() if j not in mechanism.to_link(root)}
+        kept = _without(mechanism, trees, root)
+    if trees:
+        names = ", ".join(tree.child for tree in trees)
+        notes.append(Listed("left out, as it is not part of the robot", names))
+        kept = _without(mechanism, trees, root)
+    beyond = kept.from_link(root)
+    aside = [joint.name for joint in kept.joints if joint.movable and joint not in beyond]
+    if aside and joints is None:
+        notes.append(
+            Listed(f"left out, as the base '{root}' does not carry them", ", ".join(aside))
+        )
+    balls = [joint for joint in beyond if joint.kind == "ball"]
+    _check_balls(kept, balls, joints, locked)
+    if assumed := [ball.name for ball in balls if ball.name not in locked]:
+        ball_joints = f"ball joint {', '.join(assumed)}"
+        notes.append(Listed("locked at its position in the model file", ball_joints))
+    names_of_balls = {ball.name for ball in balls}
+    return FixedJoints(
+        kept, {n: x for n, x in locked.items() if n not in names_of_balls}, tuple(notes)
+    )
+
+
+def _moving(joints: Collection[Joint]) -> int:
+    return sum(joint.movable and joint.mimic is None for joint in joints)
+
+
+def _word(joint: Joint) -> str:
+    return "free" if joint.kind == "floating" else joint.kind
+
+
+def _floats(mechanism: Mechanism, trees: Mapping[Joint, int]) -> ModelError:
+    """A robot floats, and nobody says what is its base."""
+    most = max(trees, key=lambda joint: trees[joint])
+    choices = {joint.child: count for joint, count in trees.items() if count}
+    if fixed := carried_joints(mechanism, mechanism.root):
+        choices = {mechanism.root: fixed} | choices
+    listed = " or ".join(f'base = "{name}" ({count} joints)' for name, count in choices.items())
+    return OpenModelError(
+        f"link '{most.child}' floats: its joint '{most.name}' is a {_word(most)} joint, and a "
+        "base at rest is needed",
+        where=most.where,
+        fix=f"say which link is fixed to the world: {listed} under [robot] in a robot file, "
+        f"as `steelyard init` writes it, or --fixed-base {most.child} on the command line",
+    )
+
+
+def _check_balls(
+    mechanism: Mechanism,
+    balls: Sequence[Joint],
+    joints: Sequence[str] | None,
+    locked: Mapping[str, float],
+) -> None:
+    for ball in balls:
+        if locked.get(ball.name, 0.0) != 0.0:
+            raise ModelError(
+                f"ball joint '{ball.name}' is locked at {locked[ball.name]:g}, but has no such "
+                "position",
+                where=ball.where,
+                fix=f"write {ball.name} = 0.0: it is locked at its position in the model file",
+            )
+        if ball.name not in locked and joints is None:
+            raise OpenModelError(
+                f"joint '{ball.name}' is a ball joint, which has three degrees of freedom",
+                where=ball.where,
+                fix=f"lock it at its position in the model file: {ball.name} = 0.0 under "
+                "[robot.locked] in a robot file, as `steelyard init` writes it",
+            )
+
+
+def _without(mechanism: Mechanism, trees: Collection[Joint], base: str) -> Mechanism:
+    """The mechanism without what hangs on some joints, and without pins beside the robot."""
+    gone = {*trees, *(j for tree in trees for j in mechanism.from_link(tree.child))}
+    links, names = {joint.child for joint in gone}, {joint.name for joint in gone}
+    robot = {base, *(joint.child for joint in mechanism.from_link(base))}
+    couplings = (
+        replace(c, joints=tuple(n for n in c.joints if n not in names)) for c in mechanism.couplings
+    )
+    return mechanism.changed(
+        links=[link for link in mechanism.links if link.name not in links],
+        joints=[joint for joint in mechanism.joints if joint not in gone],
+        pins=[pin for pin in mechanism.pins if not links & {*pin.links} and robot & {*pin.links}],
+        driven=[name for name in mechanism.driven if name not in names],
+        pulled=[name for name in mechanism.pulled if name not in names],
+        rest={name: x for name, x in mechanism.rest.items() if name not in names},
+        couplings=[coupling for coupling in couplings if coupling.joints],
+    )
+
+
+def refuse_coupled(
+    mechanism: Mechanism, masters: Mapping[str, str], moving: Collection[str]
+) -> None:
+    """Raise if a joint moves that a coupling ties.
+
+    Args:
+        mechanism: The mechanism.
+        masters: By joint, the joint that it follows, or itself.
+        moving: Names of the joints that move.
+    """
+    for coupling in mechanism.couplings:
+        tied = dict.fromkeys(masters[name] for name in coupling.joints if name in masters)
+        if not any(name in moving for name in tied):
+            continue
+        lines = ", ".join(f"{name} = {mechanism.rest.get(name, 0.0):.6g}" for name in tied)
+        raise OpenModelError(
+            f"joints are tied by {coupling.what}, which is not supported: "
+            + ", ".join(coupling.joints),
+            where=coupling.where,
+            fix=f"lock them: {lines} under [robot.locked] in a robot file, as `steelyard init` "
+            "writes it",
+        )
+
+
+@dataclass(frozen=True)
+class Drive:
+    """How a joint's position comes from a master joint's: `ratio * master + offset`."""
+
+    master: str
+    ratio: float
+    offset: float
+
+
+def drive_of(mechanism: Mechanism, joint: Joint) -> Drive:
+    """The independent joint behind a joint, mimic chains resolved."""
+    ratio, offset = 1.0, 0.0
+    while joint.mimic is not None:
+        offset += ratio * joint.mimic.offset
+        ratio *= joint.mimic.ratio
+        joint = mechanism.joint(joint.mimic.master)
+    return Drive(joint.name, ratio, offset)
+
+
+def followers_of(
+    mechanism: Mechanism, drives: Mapping[str, Drive], master: str
+) -> list[tuple[Drive, Limits]]:
+    """The mimic joints behind an independent joint, with their own limits."""
+    following = [n for n, drive in drives.items() if drive.master == master and n != master]
+    return [(drives[name], mechanism.joint(name).limits) for name in following]
+
+
+def narrowed(limits: Limits, followers: Sequence[tuple[Drive, Limits]]) -> tuple[Limits, bool]:
+    """Limits that keep the followers of a joint within theirs as well.
+
+    A follower at `x = ratio * q + offset` within `[lower, upper]` keeps `q` between
+    `(lower - offset) / ratio` and `(upper - offset) / ratio`, and its speed limit counts as
+    `velocity / |ratio|`. A follower with an empty range is taken as unlimited.
+
+    Args:
+        limits: The joint's own.
+        followers: How each follows, and its limits.
+
+    Returns:
+        The limits, the effort as it was, and whether a range is left; if not, it is the joint's.
+    """
+    lower, upper, velocity = limits.lower, limits.upper, limits.velocity
+    for drive, own in followers:
+        ratio, offset = drive.ratio, drive.offset
+        if ratio == 0.0:
+            continue
+        velocity = min(velocity, own.velocity / abs(ratio))
+        if own.lower < own.upper:
+            ends = sorted(((own.lower - offset) / ratio, (own.upper - offset) / ratio))
+            lower, upper = max(lower, ends[0]), min(upper, ends[1])
+    if left := not followers or lower < upper:
+        return replace(limits, lower=lower, upper=upper, velocity=velocity), left
+    return replace(limits, velocity=velocity), left
+
+
+def merged(given: Limits, model: Limits, narrow: Limits) -> Limits:
+    """Limits that a user gave; those left as the model has them are the narrowed ones."""
+    lower, upper, velocity = (
+        getattr(narrow if getattr(given, side) == getattr(model, side) else given, side)
+        for side in ("lower", "upper", "velocity")
+    )
+    if not lower < upper:
+        lower, upper = given.lower, given.upper
+    return replace(given, lower=lower, upper=upper, velocity=velocity)
+
+
+def unlimited_if_empty(limits: Limits) -> Limits:
+    """A range of one point says nothing."""
+    if limits.lower == limits.upper:
+        return replace(limits, lower=-np.inf, upper=np.inf)
+    return limits
+
+
+def limit_notes(mechanism: Mechanism, drives: Mapping[str, Drive], robot: Robot) -> list[str]:
+    """What was assumed of the coordinates' limits, a sentence each."""
+    notes = []
+    for c in robot.joints:
+        limits = mechanism.joint(c.name).limits
+        if limits.lower == limits.upper and np.isinf(c.limits.lower):
+            notes.append(f"joint '{c.name}' has an empty range in the model: taken as unlimited")
+        followers = followers_of(mechanism, drives, c.name)
+        if not narrowed(unlimited_if_empty(limits), followers)[1]:
+            notes.append(
+                f"no position of '{c.name}' satisfies the ranges of its mimic joints: "
+                "these are ignored"
+            )
+    return notes

@@ -1,1 +1,0 @@
-"""MJCF files, compiled by MuJoCo, as mechanisms."""

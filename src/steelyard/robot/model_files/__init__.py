@@ -1,1 +1,0 @@
-"""URDF files and Denavit-Hartenberg tables as mechanisms."""

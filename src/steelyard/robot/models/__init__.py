@@ -1,0 +1,1 @@
+"""Readers of model files: URDF, MJCF, xacro, Denavit-Hartenberg tables."""

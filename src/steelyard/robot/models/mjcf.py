@@ -1,0 +1,393 @@
+"""MJCF files, compiled by MuJoCo, also where the meshes and images that they name are absent."""
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import ModelError
+from steelyard.robot.mechanism import Joint, Link, Mechanism, Mimic
+from steelyard.robot.models.mjcf_equalities import WORLD, Equalities, name_of, reference
+from steelyard.robot.models.mjcf_forces import Actuators, passive_notes, springs_of
+from steelyard.robot.models.xml_reader import read_xml
+from steelyard.robot.rigid_body import Inertia, Placement, turn
+from steelyard.robot.robot import Limits
+
+_POINTER = b"version https://git-lfs"
+
+
+@dataclass(frozen=True, eq=False)
+class Compiled:
+    """MuJoCo's model of a file.
+
+    Attributes:
+        model: The compiled model (`mujoco.MjModel`).
+        stand_ins: Geoms whose mesh is absent, by number, and its name: small spheres stand there.
+        without_inertia: Bodies whose inertia is computed from an absent mesh, by number, and its
+            name: their inertia in `model` means nothing.
+    """
+
+    model: Any
+    stand_ins: Mapping[int, str] = field(default_factory=dict)
+    without_inertia: Mapping[int, str] = field(default_factory=dict)
+
+
+def compiled(path: Path) -> Compiled:
+    """MuJoCo's model of an MJCF, absent meshes, height fields and images replaced.
+
+    The inertia of every other body is the one that MuJoCo computes with all files there.
+
+    Raises:
+        ModelError: MuJoCo cannot compile the file for another reason.
+    """
+    import mujoco
+
+    _refuse_circle(path, (), set())
+    try:
+        return Compiled(mujoco.MjModel.from_xml_path(str(path)))
+    except (ValueError, mujoco.FatalError) as error:
+        first = error
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except (ValueError, mujoco.FatalError):
+        raise _refused(path, first) from None
+    absent = _absent_meshes(spec, path.parent)
+    replaced = _without_pictures(spec, path.parent)
+    if not absent and not replaced:
+        raise _refused(path, first)
+    stand_ins, bodies = _replace_absent_meshes(spec, absent)
+    if bodies and spec.compiler.settotalmass > 0.0:
+        raise ModelError(
+            f"the masses are scaled to a total (settotalmass), and body '{bodies[0][0].name}' has "
+            f"no <inertial>, while its mesh '{bodies[0][1]}' is absent",
+            where=str(path),
+            fix="put the mesh where the MJCF looks for it (see its meshdir)",
+        )
+    try:
+        model = spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise _refused(path, error) from None
+    return Compiled(
+        model,
+        {int(geom.id): mesh for geom, mesh in stand_ins},
+        {int(body.id): mesh for body, mesh in bodies},
+    )
+
+
+def _refuse_circle(path: Path, above: tuple[Path, ...], fine: set[Path]) -> None:
+    """Raise if a file attaches itself, or one that does: MuJoCo recurses until the process dies.
+
+    Files that are absent, or no XML, are left to MuJoCo.
+
+    Args:
+        path: The file.
+        above: The files that it is in.
+        fine: Files that need no second look; those found here are added.
+    """
+    resolved = Path(os.path.realpath(path))
+    if resolved in above:
+        raise ModelError(
+            "the file includes itself, or attaches itself as a model",
+            where=str(above[-1]),
+            fix=f"remove the element that names '{path.name}'",
+        )
+    if resolved in fine:
+        return
+    try:
+        elements = list(read_xml(path).walk())
+    except ModelError:
+        return
+    folders = {"", *(e.attributes["assetdir"] for e in elements if "assetdir" in e.attributes)}
+    for element in elements:
+        if element.tag in ("model", "include") and "file" in element.attributes:
+            for folder in sorted(folders):
+                inside = path.parent / folder / element.attributes["file"]
+                _refuse_circle(inside, (*above, resolved), fine)
+    fine.add(resolved)
+
+
+def _refused(path: Path, error: Exception) -> ModelError:
+    text = " ".join(str(error).split())
+    return ModelError(
+        f"MuJoCo cannot compile the file: {text}",
+        where=str(path),
+        fix="put the missing file where the MJCF looks for it"
+        if "opening file" in text
+        else "correct the MJCF there until `python -m mujoco.viewer --mjcf=FILE` shows it; a part "
+        "that other files include cannot be read alone: give the file that includes it",
+    )
+
+
+def _there(file: str, folder: Path, below: str, strip: bool) -> bool:
+    """Whether a file that the MJCF names is there, and not a pointer of git-lfs to it."""
+    name = Path(file.replace("\\", "/"))
+    names = [name, Path(name.name)] if strip else [name]
+    for place in (base / one for base in (folder / below, folder) for one in names):
+        if os.path.isfile(place):
+            with place.open("rb") as content:
+                return content.read(len(_POINTER)) != _POINTER
+    return False
+
+
+def _absent_meshes(spec: Any, folder: Path) -> dict[str, str]:
+    """Meshes whose files are absent: name to file. They are removed."""
+    absent = {}
+    for mesh in list(spec.meshes):
+        if mesh.file and not _there(mesh.file, folder, spec.meshdir, spec.strippath):
+            absent[mesh.name or Path(mesh.file).stem] = mesh.file
+            spec.delete(mesh)
+    return absent
+
+
+def _without_pictures(spec: Any, folder: Path) -> bool:
+    """Replace absent textures and height fields, remove absent skins; whether any was absent."""
+    import mujoco
+
+    replaced = False
+    for texture in spec.textures:
+        files = [f for f in (texture.file, *texture.cubefiles) if f]
+        if not all(_there(f, folder, spec.texturedir, spec.strippath) for f in files):
+            texture.file, texture.cubefiles = "", [""] * 6
+            texture.builtin = mujoco.mjtBuiltin.mjBUILTIN_FLAT
+            texture.width, texture.height, replaced = 1, 1, True
+    for field_ in spec.hfields:
+        if field_.file and not _there(field_.file, folder, spec.meshdir, spec.strippath):
+            field_.file, field_.nrow, field_.ncol, replaced = "", 2, 2, True
+            field_.userdata = np.zeros(4)
+    for skin in list(spec.skins):
+        if skin.file and not _there(skin.file, folder, spec.meshdir, spec.strippath):
+            spec.delete(skin)
+            replaced = True
+    return replaced
+
+
+def _replace_absent_meshes(
+    spec: Any, absent: Mapping[str, str]
+) -> tuple[list[tuple[Any, str]], list[tuple[Any, str]]]:
+    """Put spheres for the geoms of absent meshes.
+
+    Returns:
+        The geoms, and the bodies whose inertia needs them, each with the mesh's name.
+    """
+    import mujoco
+
+    geoms, bodies = [], []
+    for body in spec.bodies:
+        needed = False
+        for geom in body.geoms:
+            if (mesh := geom.meshname) not in absent:
+                continue
+            geoms.append((geom, mesh))
+            if not needed and _counts(spec, body, geom):
+                bodies.append((body, mesh))
+                needed = True
+            geom.type, geom.size, geom.meshname = mujoco.mjtGeom.mjGEOM_SPHERE, (0.01, 0, 0), ""
+            geom.mass = 1.0 if needed else 0.0
+    return geoms, bodies
+
+
+def _counts(spec: Any, body: Any, geom: Any) -> bool:
+    """Whether a body's inertia is computed from a geom of it."""
+    import mujoco
+
+    kind, (first, last) = spec.compiler.inertiafromgeom, spec.compiler.inertiagrouprange
+    always = kind == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    never = kind == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+    if body.name == "world" or never or (body.explicitinertial and not always):
+        return False
+    weightless = geom.density == 0.0 if np.isnan(geom.mass) else geom.mass == 0.0
+    return first <= geom.group <= last and not weightless
+
+
+def read_mjcf(path: Path) -> Mechanism:
+    """The mechanism of an MJCF file.
+
+    The world is the root link. A body with several joints becomes a chain with frames without
+    mass between; a link's frame has the body's axes and its origin at the joint's anchor. Joint
+    equalities of first order become mimics, `connect` becomes a pin, `ref` is kept (positions are
+    MuJoCo's `qpos`). Limits of effort are those of the actuators. Armature, damping and friction
+    are no part of the mechanism: they are identified. Springs are listed, and whatever else the
+    mechanism is without (gravity that is switched off or compensated, tendons, fluids) is noted.
+
+    Free and ball joints are kept as such, and equalities that are neither of these as couplings:
+    a robot has neither. A body whose inertia is computed from a mesh that is absent has none.
+
+    Raises:
+        ModelError: MuJoCo cannot compile the file.
+    """
+    root = read_xml(path)
+    if root.tag != "mujoco":
+        raise ModelError(
+            f"the file is not an MJCF: its outermost element is <{root.tag}>",
+            where=root.where,
+            fix="give an MJCF (<mujoco>), a URDF (<robot>) or a robot file (.toml)",
+        )
+    given = compiled(path)
+    if given.model.nbody == 1 and root.all("body"):
+        raise ModelError(
+            "its bodies stand outside <worldbody>: a part of a model, not a robot",
+            where=str(path),
+            fix="give the file that includes it, often in the same folder",
+        )
+    name = root.attributes.get("model") or path.stem
+    return _Reading(path, given, Actuators.of(given.model)).mechanism(name)
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """One pass over the bodies of a compiled model."""
+
+    path: Path
+    compiled: Compiled
+    actuators: Actuators
+    links: list[Link] = field(default_factory=list)
+    joints: list[Joint] = field(default_factory=list)
+
+    @property
+    def model(self) -> Any:
+        """MuJoCo's model."""
+        return self.compiled.model
+
+    def mechanism(self, name: str) -> Mechanism:
+        self.links.append(Link(WORLD, None, str(self.path)))
+        equalities = Equalities(self.path, self.model)
+        mimics = equalities.mimics()
+        origins = {0: Placement()}
+        for body in range(1, self.model.nbody):
+            origins[body] = self._body(body, origins[int(self.model.body_parentid[body])], mimics)
+        pins, (couplings, notes) = equalities.pins(origins), equalities.couplings()
+        return Mechanism(
+            name,
+            self.links,
+            self.joints,
+            self.model.opt.gravity,
+            str(self.path),
+            pins=pins,
+            driven=self._driven(),
+            pulled=self._pulled(),
+            rest=self._rest(equalities.offsets()) if pins or couplings else {},
+            springs=springs_of(self.model, self._name),
+            statements=[*self.actuators.notes(self._name), *passive_notes(self.model, self._name)],
+            couplings=couplings,
+            notes=notes,
+        )
+
+    def _rest(self, offsets: Mapping[str, float]) -> dict[str, float]:
+        """Reference positions of the joints of one degree of freedom, where equalities hold."""
+        numbers = {self._name("joint", k): k for k in range(self.model.njnt)}
+        return {
+            j.name: reference(self.model, numbers[j.name]) + offsets.get(j.name, 0.0)
+            for j in self.joints
+            if j.movable
+        }
+
+    def _pulled(self) -> list[str]:
+        """Joints that the fixed tendons of actuators run over."""
+        import mujoco
+
+        model, joints = self.model, list[int]()
+        for k in range(model.nactuator):
+            if int(model.actuator_trntype[k]) != int(mujoco.mjtTrn.mjTRN_TENDON):
+                continue
+            tendon = int(model.actuator_trnid[k][0])
+            first = int(model.tendon_adr[tendon])
+            for wrap in range(first, first + int(model.tendon_num[tendon])):
+                if int(model.wrap_type[wrap]) == int(mujoco.mjtWrap.mjWRAP_JOINT):
+                    joints.append(int(model.wrap_objid[wrap]))
+        return [self._name("joint", k) for k in dict.fromkeys(joints)]
+
+    def _driven(self) -> list[str]:
+        """Joints with an actuator of their own."""
+        import mujoco
+
+        kinds = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+        model = self.model
+        return [
+            self._name("joint", int(model.actuator_trnid[k][0]))
+            for k in range(model.nactuator)
+            if mujoco.mjtTrn(int(model.actuator_trntype[k])) in kinds
+        ]
+
+    def _body(self, body: int, parent_origin: Placement, mimics: dict[int, Mimic]) -> Placement:
+        """Adds the body and its joints; returns the body's frame in its link's frame."""
+        model = self.model
+        name, where = self._name("body", body), f"{self.path}, body '{self._name('body', body)}'"
+        parent_body = int(model.body_parentid[body])
+        parent = self._name("body", parent_body) if parent_body else WORLD
+        start = parent_origin @ Placement(_rotation(model.body_quat[body]), model.body_pos[body])
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        if count == 0:
+            self.joints.append(Joint(f"{name}_fixed", "fixed", parent, name, start, where=where))
+            anchor = np.zeros(3)
+        for joint in range(first, first + count):
+            anchor = frozen(model.jnt_pos[joint])
+            last = joint == first + count - 1
+            child = name if last else f"{name}/{self._name('joint', joint)}"
+            placement = start @ Placement(position=anchor)
+            self.joints.append(self._joint(joint, parent, child, placement, mimics))
+            if not last:
+                self.links.append(Link(child, Inertia.zero(), where, massless=True))
+            parent, start = child, Placement(position=-anchor)
+        origin = Placement(position=-anchor)
+        lacks = self.compiled.without_inertia.get(body, "")
+        inertia = None if lacks else self._inertia(body, origin)
+        self.links.append(Link(name, inertia, where, lacks=lacks))
+        return origin
+
+    def _inertia(self, body: int, origin: Placement) -> Inertia | None:
+        model = self.model
+        mass = float(model.body_mass[body])
+        if mass == 0.0 and not np.any(model.body_inertia[body]):
+            return None
+        principal = Inertia.about_com(mass, (0.0, 0.0, 0.0), np.diag(model.body_inertia[body]))
+        in_body = principal.moved(_rotation(model.body_iquat[body]), model.body_ipos[body])
+        return in_body.moved(origin.rotation, origin.position)
+
+    def _joint(
+        self, joint: int, parent: str, child: str, placement: Placement, mimics: dict[int, Mimic]
+    ) -> Joint:
+        import mujoco
+
+        model = self.model
+        name, kind = self._name("joint", joint), mujoco.mjtJoint(int(model.jnt_type[joint]))
+        where = f"{self.path}, joint '{name}'"
+        if kind == mujoco.mjtJoint.mjJNT_FREE:
+            return Joint(name, "floating", parent, child, placement, where=where)
+        if kind == mujoco.mjtJoint.mjJNT_BALL:
+            return Joint(name, "ball", parent, child, placement, where=where)
+        axis, ref = frozen(model.jnt_axis[joint]), reference(model, joint)
+        slide = kind == mujoco.mjtJoint.mjJNT_SLIDE
+        at_zero = Placement(position=-ref * axis) if slide else Placement(turn(axis, -ref))
+        limited = bool(model.jnt_limited[joint])
+        lower, upper = model.jnt_range[joint] if limited else (-math.inf, math.inf)
+        return Joint(
+            name,
+            "prismatic" if slide else "revolute" if limited else "continuous",
+            parent,
+            child,
+            placement @ at_zero,
+            axis,
+            Limits(float(lower), float(upper), effort=float(self.actuators.limits[joint])),
+            mimics.get(joint),
+            where,
+        )
+
+    def _name(self, kind: str, index: int) -> str:
+        return name_of(self.model, kind, index)
+
+
+def _rotation(quaternion: Array) -> Array:
+    """The rotation matrix of a unit quaternion `w, x, y, z`."""
+    w, x, y, z = (float(v) for v in quaternion)
+    return np.array(
+        [
+            [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+        ]
+    )

@@ -1,0 +1,260 @@
+"""Equality constraints of a compiled MJCF: mimics, pins, and what only locked joints satisfy."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from steelyard.robot.mechanism import Coupling, Mimic, Pin
+from steelyard.robot.rigid_body import Placement
+
+WORLD = "world"
+
+
+def name_of(model: Any, kind: str, index: int) -> str:
+    """The name of an element of MuJoCo's model, or one made of its kind and number."""
+    return str(getattr(model, kind)(index).name) or f"{kind}_{index}"
+
+
+def reference(model: Any, joint: int) -> float:
+    """The reference position of a hinge or slide joint [rad; m]."""
+    return float(model.qpos0[int(model.jnt_qposadr[joint])])
+
+
+@dataclass(frozen=True)
+class _Proportion:
+    r"""$q - r = c_0 + c_1 (q_m - r_m)$ of a joint and its master, by their numbers."""
+
+    joint: int
+    master: int
+    offset: float
+    ratio: float
+
+
+def _leads(masters: Mapping[int, int], joint: int, to: int) -> bool:
+    """Whether a joint is `to`, or follows it over others."""
+    while joint != to and joint in masters:
+        joint = masters[joint]
+    return joint == to
+
+
+@dataclass(frozen=True)
+class Equalities:
+    """The active equality constraints of a file."""
+
+    path: Path
+    model: Any
+
+    def mimics(self) -> dict[int, Mimic]:
+        r"""Joints in proportion to another, $q_1 - r_1 = c_0 + c_1 (q_2 - r_2)$, $r$ references.
+
+        A fixed tendon of two joints that keeps its length, $a_1 (q_1 - r_1) + a_2 (q_2 - r_2) = d$,
+        is one as well: its second joint follows the first, or where that follows already, the first
+        the second.
+        """
+        mimics = dict[int, Mimic]()
+        for tie in self._proportions().values():
+            own, other = reference(self.model, tie.joint), reference(self.model, tie.master)
+            offset = tie.offset + own - tie.ratio * other
+            mimics[tie.joint] = Mimic(self._joint(tie.master), tie.ratio, offset)
+        return mimics
+
+    def pins(self, origins: Mapping[int, Placement]) -> list[Pin]:
+        """`connect` equalities between bodies or sites.
+
+        Args:
+            origins: Frame of every body in that of its link.
+        """
+        import mujoco
+
+        model, pins = self.model, []
+        for index in self._active(mujoco.mjtEq.mjEQ_CONNECT):
+            ends = self._ends(index)
+            points = np.reshape(model.eq_data[index][:6], (2, 3))
+            if mujoco.mjtObj(int(model.eq_objtype[index])) == mujoco.mjtObj.mjOBJ_SITE:
+                points = model.site_pos[[int(model.eq_obj1id[index]), int(model.eq_obj2id[index])]]
+            placed = [
+                origins[body].position + origins[body].rotation @ point
+                for body, point in zip(ends, points, strict=True)
+            ]
+            links = (self._link(ends[0]), self._link(ends[1]))
+            pins.append(Pin(self._name(index), links, np.array(placed), self._where(index)))
+        return pins
+
+    def couplings(self) -> tuple[list[Coupling], list[str]]:
+        """All other equalities with the joints that they tie, and notes on those left out.
+
+        A weld that holds a body to a mocap body is a controller, and one at a free body holds that
+        where it is: both are left out.
+        """
+        import mujoco
+
+        kinds, couplings, notes = mujoco.mjtEq, list[Coupling](), list[str]()
+        proportional = self._proportions()
+        for index in self._active():
+            kind = kinds(int(self.model.eq_type[index]))
+            if kind == kinds.mjEQ_CONNECT or index in proportional:
+                continue
+            if kind == kinds.mjEQ_WELD:
+                ends = self._ends(index)
+                joints = self._between(ends)
+                what = "a weld"
+                if any(self.model.body_mocapid[b] >= 0 or self._floats(b) for b in ends):
+                    both = " and ".join(f"'{self._link(body)}'" for body in ends)
+                    notes.append(f"the weld of {both} is left out")
+                    continue
+            elif kind == kinds.mjEQ_JOINT:
+                numbers = (int(self.model.eq_obj1id[index]), int(self.model.eq_obj2id[index]))
+                joints = [k for k in numbers if k >= 0]
+                second = self._proportional(index)
+                what = (
+                    f"a joint equality that is {'one too many' if second else 'not proportional'}"
+                )
+            elif kind == kinds.mjEQ_TENDON:
+                joints, what = self._of_tendons(index), "a tendon equality"
+            else:
+                joints, what = self._of_flex(index), "a flex equality"
+            named = tuple(dict.fromkeys(self._joint(k) for k in joints if self._single(k)))
+            if named:
+                couplings.append(Coupling(self._name(index), what, named, self._where(index)))
+        return couplings, notes
+
+    def offsets(self) -> dict[str, float]:
+        """Joints that an equality holds off their reference while the other is at its own."""
+        import mujoco
+
+        model = self.model
+        found = {
+            self._joint(int(model.eq_obj1id[index])): float(model.eq_data[index][0])
+            for index in self._active(mujoco.mjtEq.mjEQ_JOINT)
+        }
+        return found | {self._joint(t.joint): t.offset for t in self._proportions().values()}
+
+    def _active(self, kind: Any = None) -> list[int]:
+        model = self.model
+        wanted = range(model.neq) if kind is None else np.flatnonzero(model.eq_type == int(kind))
+        return [int(k) for k in wanted if model.eq_active0[k]]
+
+    def _proportions(self) -> dict[int, "_Proportion"]:
+        """Equalities that are one joint following another in proportion, by their numbers."""
+        import mujoco
+
+        model, found, masters = self.model, dict[int, _Proportion](), dict[int, int]()
+        for index in self._active(mujoco.mjtEq.mjEQ_JOINT):
+            joint, master = int(model.eq_obj1id[index]), int(model.eq_obj2id[index])
+            if self._proportional(index) and joint not in masters:
+                offset, ratio = (float(term) for term in model.eq_data[index][:2])
+                found[index] = _Proportion(joint, master, offset, ratio)
+                masters[joint] = master
+        for index in self._active(mujoco.mjtEq.mjEQ_TENDON):
+            if (pair := self._pair(index)) is None:
+                continue
+            (first, a), (second, b) = pair.items()
+            if second in masters:
+                first, a, second, b = second, b, first, a
+            if second not in masters and not _leads(masters, first, second):
+                offset = float(model.eq_data[index][0]) / b
+                found[index] = _Proportion(second, first, offset, -a / b)
+                masters[second] = first
+        return found
+
+    def _proportional(self, index: int) -> bool:
+        """Whether a joint equality is one joint following another in proportion."""
+        return bool(self.model.eq_obj2id[index] >= 0 and not self.model.eq_data[index][2:5].any())
+
+    def _pair(self, index: int) -> dict[int, float] | None:
+        """The two joints of an equality's fixed tendon with their coefficients, if it is such."""
+        import mujoco
+
+        model, tendon = self.model, int(self.model.eq_obj1id[index])
+        wraps = slice(int(model.tendon_adr[tendon]), model.tendon_adr[tendon] + 2)
+        joints = [int(k) for k in model.wrap_objid[wraps]]
+        kinds = {int(kind) for kind in model.wrap_type[wraps]}
+        if (
+            model.eq_obj2id[index] >= 0
+            or int(model.tendon_num[tendon]) != 2
+            or kinds != {int(mujoco.mjtWrap.mjWRAP_JOINT)}
+            or not np.all(model.wrap_prm[wraps])
+            or len(set(joints)) != 2
+        ):
+            return None
+        return dict(zip(joints, map(float, model.wrap_prm[wraps]), strict=True))
+
+    def _name(self, index: int) -> str:
+        return name_of(self.model, "eq", index)
+
+    def _joint(self, index: int) -> str:
+        return name_of(self.model, "joint", index)
+
+    def _link(self, body: int) -> str:
+        return name_of(self.model, "body", body) if body else WORLD
+
+    def _where(self, index: int) -> str:
+        return f"{self.path}, equality '{self._name(index)}'"
+
+    def _ends(self, index: int) -> tuple[int, int]:
+        """The bodies that an equality is between."""
+        import mujoco
+
+        first, second = int(self.model.eq_obj1id[index]), int(self.model.eq_obj2id[index])
+        if mujoco.mjtObj(int(self.model.eq_objtype[index])) == mujoco.mjtObj.mjOBJ_SITE:
+            return int(self.model.site_bodyid[first]), int(self.model.site_bodyid[second])
+        return first, second
+
+    def _single(self, joint: int) -> bool:
+        """Whether a joint has one degree of freedom."""
+        import mujoco
+
+        return int(self.model.jnt_type[joint]) in (
+            int(mujoco.mjtJoint.mjJNT_HINGE),
+            int(mujoco.mjtJoint.mjJNT_SLIDE),
+        )
+
+    def _floats(self, body: int) -> bool:
+        """Whether a body hangs on a free joint."""
+        import mujoco
+
+        first, count = int(self.model.body_jntadr[body]), int(self.model.body_jntnum[body])
+        return count == 1 and int(self.model.jnt_type[first]) == int(mujoco.mjtJoint.mjJNT_FREE)
+
+    def _between(self, bodies: Sequence[int]) -> list[int]:
+        """Joints that move some of the bodies against the others."""
+        lines = [self._carrying(body) for body in bodies]
+        moving = {joint for line in lines for joint in line}
+        return sorted(k for k in moving if not all(k in line for line in lines))
+
+    def _carrying(self, body: int) -> list[int]:
+        """Joints from the world to a body."""
+        joints = list[int]()
+        while body > 0:
+            first = int(self.model.body_jntadr[body])
+            joints += range(first, first + int(self.model.body_jntnum[body]))
+            body = int(self.model.body_parentid[body])
+        return joints
+
+    def _of_tendons(self, index: int) -> list[int]:
+        """Joints that change the length of an equality's tendons."""
+        import mujoco
+
+        model, joints = self.model, list[int]()
+        for tendon in (int(model.eq_obj1id[index]), int(model.eq_obj2id[index])):
+            if tendon < 0:
+                continue
+            first, sites = int(model.tendon_adr[tendon]), []
+            for wrap in range(first, first + int(model.tendon_num[tendon])):
+                kind, number = mujoco.mjtWrap(int(model.wrap_type[wrap])), model.wrap_objid[wrap]
+                if kind == mujoco.mjtWrap.mjWRAP_JOINT:
+                    joints.append(int(number))
+                elif kind == mujoco.mjtWrap.mjWRAP_SITE:
+                    sites.append(int(model.site_bodyid[number]))
+            joints += self._between(sites)
+        return joints
+
+    def _of_flex(self, index: int) -> list[int]:
+        """Joints that move the points of an equality's flexible body."""
+        flex = int(self.model.eq_obj1id[index])
+        first = int(self.model.flex_vertadr[flex])
+        bodies = self.model.flex_vertbodyid[first : first + int(self.model.flex_vertnum[flex])]
+        return self._between([int(body) for body in bodies])

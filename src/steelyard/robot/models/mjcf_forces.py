@@ -1,0 +1,297 @@
+r"""Forces in a compiled MJCF: efforts of actuators, springs and other passive forces.
+
+MuJoCo clamps the force of every actuator, maps it to the joints by the moments of its transmission
+and clamps the joint's sum once more: `actuatorfrcrange` of the joint, `forcerange` of its
+actuators and `ctrlrange` of plain motors all count. A sum within $[a, b]$ is a limit of
+$\min(-a, b)$: limits are the same both ways here.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.robot.mechanism import JointSpring, ModelNote, Naming
+
+_FOLLOWING = (
+    mujoco.mjtDyn.mjDYN_NONE,
+    mujoco.mjtDyn.mjDYN_FILTER,
+    mujoco.mjtDyn.mjDYN_FILTEREXACT,
+)
+"""Activations that stay within the range of the control."""
+
+_GENERIC = 0.3
+"""Distance from the reference at which no moment is zero by chance [rad; m]."""
+
+
+def posed(model: Any) -> Any:
+    """The data of a compiled model at a posture of no symmetry, with all lengths and moments."""
+    data = mujoco.MjData(model)
+    for joint in single_joints(model):
+        data.qpos[model.jnt_qposadr[joint]] += _GENERIC + 0.01 * joint
+    for step in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_transmission):
+        step(model, data)
+    return data
+
+
+def single_joints(model: Any) -> list[int]:
+    """Numbers of the joints of one degree of freedom."""
+    kinds = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+    return [k for k in range(model.njnt) if mujoco.mjtJoint(int(model.jnt_type[k])) in kinds]
+
+
+@dataclass(frozen=True, eq=False)
+class Actuators:
+    """The actuators of a compiled model.
+
+    Attributes:
+        model: The `mujoco.MjModel`.
+        moments: Efforts per force, shape `(nactuator, nv)`; of several outputs the sizes. Those
+            through joints and fixed tendons are the same at every posture.
+    """
+
+    model: Any
+    moments: Array
+
+    @classmethod
+    def of(cls, model: Any) -> "Actuators":
+        """Those of a compiled model."""
+        data, outputs = posed(model), np.zeros((model.nout, model.nv))
+        if outputs.size:
+            where = (data.moment_rownnz, data.moment_rowadr, data.moment_colind)
+            mujoco.mju_sparse2dense(outputs, data.actuator_moment, *where)
+        moments = np.zeros((model.nactuator, model.nv))
+        for actuator, (first, count) in enumerate(
+            zip(model.actuator_outadr, model.actuator_outnum, strict=True)
+        ):
+            rows = outputs[first : first + count]
+            moments[actuator] = rows[0] if count == 1 else np.abs(rows).sum(axis=0)
+        return cls(model, frozen(moments))
+
+    @cached_property
+    def limits(self) -> Array:
+        """The greatest effort either way that the file lets every joint have, `(njnt,)` [Nm; N].
+
+        Infinite where it states none, not positive where actuators push one way only. The limit of
+        an actuator that acts on several joints at once is that of none.
+        """
+        limits = np.full(self.model.njnt, np.inf)
+        for joint in single_joints(self.model):
+            lower, upper = self._joint_range(joint)
+            limits[joint] = min(-lower, upper)
+        return frozen(limits)
+
+    def notes(self, name: Naming) -> list[ModelNote]:
+        """Limits that are not limits of one joint."""
+        notes = []
+        for actuator in range(self.model.nactuator):
+            dofs = np.flatnonzero(self.moments[actuator])
+            touched = [k for k in single_joints(self.model) if self._dof(k) in dofs]
+            joints = tuple(name("joint", k) for k in touched)
+            limited = np.isfinite(self._force_range(actuator)).any()
+            if limited and joints and not self._of_one_joint(actuator):
+                what = (
+                    "limits of actuators that act through tendons or sites are no limits of one "
+                    "joint (state [robot.limits.JOINT] effort): "
+                )
+                item = f"'{name('actuator', actuator)}'"
+                notes.append(ModelNote(what, item, joints, "efforts"))
+        for joint in np.flatnonzero(self.limits <= 0.0):
+            what = (
+                "actuators with one direction of force are not a limit (state [robot.limits.JOINT] "
+                "effort): "
+            )
+            named = name("joint", int(joint))
+            notes.append(ModelNote(what, named, (named,), "efforts"))
+        return notes
+
+    def _dof(self, joint: int) -> int:
+        return int(self.model.jnt_dofadr[joint])
+
+    def _joint_range(self, joint: int) -> tuple[float, float]:
+        """Least and greatest `qfrc_actuator` of a joint; unbounded if nothing bounds it."""
+        model, moments = self.model, self.moments[:, self._dof(joint)]
+        acting = [int(k) for k in np.flatnonzero(moments) if not self._disabled(int(k))]
+        lower, upper = -np.inf, np.inf
+        if acting and all(map(self._of_one_joint, acting)) and not model.jnt_actgravcomp[joint]:
+            ends = np.array([moments[k] * self._force_range(k) for k in acting])
+            lower, upper = ends.min(axis=1).sum(), ends.max(axis=1).sum()
+        if model.jnt_actfrclimited[joint]:
+            lower, upper = np.clip([lower, upper], *model.jnt_actfrcrange[joint])
+        return float(lower), float(upper)
+
+    def _of_one_joint(self, actuator: int) -> bool:
+        """Whether the actuator acts on one joint alone, alike at every posture."""
+        model, kind = self.model, mujoco.mjtTrn(int(self.model.actuator_trntype[actuator]))
+        if kind == mujoco.mjtTrn.mjTRN_TENDON:
+            wrapped = model.wrap_type[model.tendon_adr[model.actuator_trnid[actuator, 0]]]
+            constant = mujoco.mjtWrap(int(wrapped)) == mujoco.mjtWrap.mjWRAP_JOINT
+        else:
+            constant = kind in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+        return bool(constant and np.count_nonzero(self.moments[actuator]) == 1)
+
+    def _disabled(self, actuator: int) -> bool:
+        """Whether the actuator's group is switched off."""
+        group = int(self.model.actuator_group[actuator])
+        return 0 <= group <= 30 and bool(int(self.model.opt.disableactuator) >> group & 1)
+
+    def _force_range(self, actuator: int) -> Array:
+        """Least and greatest force of one actuator, `(2,)`."""
+        model, ends = self.model, self._motor_range(actuator)
+        if mujoco.mjtTrn(int(model.actuator_trntype[actuator])) == mujoco.mjtTrn.mjTRN_TENDON:
+            tendon = model.actuator_trnid[actuator, 0]
+            if model.tendon_actfrclimited[tendon] and self._pulls_alone(tendon):
+                ends = np.clip(ends, *model.tendon_actfrcrange[tendon])
+        if model.actuator_forcelimited[actuator]:
+            ends = np.clip(ends, *model.actuator_forcerange[actuator])
+        return ends
+
+    def _pulls_alone(self, tendon: int) -> bool:
+        """Whether a tendon has one actuator; MuJoCo limits only the sum of several."""
+        through = self.model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON)
+        return int(np.sum(through & (self.model.actuator_trnid[:, 0] == tendon))) == 1
+
+    def _motor_range(self, actuator: int) -> Array:
+        """Gain times the range of the control, for motors without feedback; else unbounded."""
+        model, control = self.model, int(self.model.actuator_ctrladr[actuator])
+        bias = mujoco.mjtBias(int(model.actuator_biastype[actuator]))
+        constants = model.actuator_biasprm[actuator, :3]
+        known = bias == mujoco.mjtBias.mjBIAS_NONE or (
+            bias == mujoco.mjtBias.mjBIAS_AFFINE and not np.any(constants[1:])
+        )
+        gain = mujoco.mjtGain(int(model.actuator_gaintype[actuator]))
+        plain = (
+            model.actuator_plugin[actuator] < 0
+            and gain == mujoco.mjtGain.mjGAIN_FIXED
+            and mujoco.mjtDyn(int(model.actuator_dyntype[actuator])) in _FOLLOWING
+            and model.actuator_ctrllimited[control]
+            and not int(model.opt.disableflags) & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL.value
+        )
+        if not (plain and known):
+            return np.array([-np.inf, np.inf])
+        ends = model.actuator_ctrlrange[control]
+        if model.actuator_actlimited[actuator]:
+            ends = np.clip(ends, *model.actuator_actrange[actuator])
+        ends = model.actuator_gainprm[actuator, 0] * ends
+        if bias == mujoco.mjtBias.mjBIAS_AFFINE:
+            ends = ends + constants[0]
+        return np.sort(ends)
+
+
+def springs_of(model: Any, name: Naming) -> dict[str, JointSpring]:
+    """Springs of the joints, by joint, unless the file switches springs off.
+
+    Args:
+        model: A compiled model (`mujoco.MjModel`).
+        name: Names of its objects.
+    """
+    if _off(model, mujoco.mjtDisableBit.mjDSBL_SPRING):
+        return {}
+    springs = {}
+    for joint in single_joints(model):
+        free = float(model.qpos_spring[model.jnt_qposadr[joint]])
+        stiffness = float(model.jnt_stiffness[joint])
+        linear = not np.any(model.jnt_stiffnesspoly[joint])
+        if stiffness or not linear:
+            springs[name("joint", joint)] = JointSpring(stiffness, free, linear)
+    return springs
+
+
+def passive_notes(model: Any, name: Naming) -> list[ModelNote]:
+    """What the file says of gravity, tendons and fluids that the robot is without."""
+    return [
+        *_gravity_notes(model),
+        *_compensation_notes(model, name),
+        *_tendon_notes(model, name),
+        *_fluid_notes(model),
+    ]
+
+
+def _off(model: Any, bit: Any) -> bool:
+    """Whether a part of the simulation is switched off."""
+    return bool(int(model.opt.disableflags) & bit.value)
+
+
+def _weightless(model: Any) -> bool:
+    return not np.any(model.opt.gravity)
+
+
+def _gravity_notes(model: Any) -> list[ModelNote]:
+    shown = "[" + ", ".join(f"{g:g}" for g in model.opt.gravity) + "] m/s²"
+    if _weightless(model):
+        what = "the MJCF has no gravity, so the robot has none: state it as gravity under [robot]"
+    elif _off(model, mujoco.mjtDisableBit.mjDSBL_GRAVITY):
+        what = (
+            f"the MJCF disables gravity; the robot has {shown} anyway: state gravity "
+            "under [robot], [0.0, 0.0, 0.0] for none"
+        )
+    else:
+        return []
+    return [ModelNote(what, answer="gravity")]
+
+
+def _compensation_notes(model: Any, name: Naming) -> list[ModelNote]:
+    """Joints that do not carry in simulation what they carry here.
+
+    Where a joint's actuators compensate (`actuatorgravcomp`), its efforts hold the weight.
+    """
+    off = _weightless(model) or _off(model, mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+    relieved = set[int]()
+    for compensated in [] if off else np.flatnonzero(model.body_gravcomp):
+        body = int(compensated)
+        while body:
+            first = int(model.body_jntadr[body])
+            relieved |= set(range(first, first + int(model.body_jntnum[body])))
+            body = int(model.body_parentid[body])
+    what = (
+        "gravity compensation of bodies in the MJCF (gravcomp) is not in the robot; efforts logged "
+        'without weight have kind = "gravity_compensated_torque": '
+    )
+    return [
+        ModelNote(what, name("joint", joint), (name("joint", joint),), "weight")
+        for joint in single_joints(model)
+        if joint in relieved and not model.jnt_actgravcomp[joint]
+    ]
+
+
+def _tendon_notes(model: Any, name: Naming) -> list[ModelNote]:
+    """Tendons that pull, brake or carry inertia."""
+    lengths = np.zeros((model.ntendon, model.nv))
+    if lengths.size:
+        where = (model.ten_J_rownnz, model.ten_J_rowadr, model.ten_J_colind)
+        mujoco.mju_sparse2dense(lengths, posed(model).ten_J, *where)
+    springy = not _off(model, mujoco.mjtDisableBit.mjDSBL_SPRING)
+    notes = []
+    for tendon in range(model.ntendon):
+        causes = {
+            "stiffness": springy
+            and (model.tendon_stiffness[tendon] or np.any(model.tendon_stiffnesspoly[tendon])),
+            "damping": model.tendon_damping[tendon] or np.any(model.tendon_dampingpoly[tendon]),
+            "friction": model.tendon_frictionloss[tendon],
+            "armature": model.tendon_armature[tendon],
+        }
+        acting = [cause for cause, there in causes.items() if there]
+        dofs = np.flatnonzero(lengths[tendon])
+        joints = [name("joint", k) for k in single_joints(model) if model.jnt_dofadr[k] in dofs]
+        if acting and joints:
+            what = (
+                "forces of tendons in the MJCF are not in the model unless a term represents them "
+            )
+            item = f"'{name('tendon', tendon)}' on {', '.join(joints)} ({', '.join(acting)})"
+            notes.append(ModelNote(what + "(along = {...}): ", item, tuple(joints)))
+    return notes
+
+
+def _fluid_notes(model: Any) -> list[ModelNote]:
+    density, viscosity = float(model.opt.density), float(model.opt.viscosity)
+    if density == 0.0 and viscosity == 0.0:
+        return []
+    return [
+        ModelNote(
+            f"forces of a fluid in the MJCF (density {density:g} kg/m³, viscosity {viscosity:g} "
+            "Pa s) are not in the model"
+        )
+    ]

@@ -1,0 +1,210 @@
+"""URDF files: a small reader that needs no meshes and no ROS."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+from steelyard.base.arrays import frozen
+from steelyard.base.errors import ModelError, advice
+from steelyard.robot.mechanism import Joint, Link, Mechanism, MechanismJointKind, Mimic
+from steelyard.robot.models.xml_reader import Element, read_xml, xacro_name
+from steelyard.robot.rigid_body import Inertia, Placement, rpy_rotation, symmetric
+from steelyard.robot.robot import Limits
+
+_KINDS: dict[str, MechanismJointKind] = {
+    "fixed": "fixed",
+    "revolute": "revolute",
+    "continuous": "continuous",
+    "prismatic": "prismatic",
+    "floating": "floating",
+    "planar": "planar",
+}
+_SINGLE = ("revolute", "continuous", "prismatic")
+_SIX = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")
+
+
+def read_urdf(path: Path) -> Mechanism:
+    r"""The mechanism of a URDF file.
+
+    Visuals, collisions and unknown elements are passed over. `rpy` is
+    $R_z(y) R_y(p) R_x(r)$; the rotation of an inertial's origin turns its tensor; a joint
+    without `<axis>` moves about x; a mass without `<inertia>` is a point. A speed limit of zero
+    means that it is unknown.
+
+    Raises:
+        ModelError: The file is not a URDF of a tree of joints; it names file, line and element.
+    """
+    root = read_xml(path)
+    if root.tag != "robot":
+        raise ModelError(
+            f"the file is not a URDF: its outermost element is <{root.tag}>",
+            where=root.where,
+            fix="give a URDF (<robot>), an MJCF (<mujoco>) or a robot file (.toml)",
+        )
+    _refuse_xacro(root)
+    return Mechanism(
+        root.attributes.get("name") or path.stem,
+        [_link(element) for element in root.all("link")],
+        [_joint(element) for element in root.all("joint")],
+        where=str(path),
+    )
+
+
+def _used(root: Element) -> Iterator[Element]:
+    """Elements that are read here: not those of visuals, collisions and plug-ins."""
+    for element in root.children:
+        if element.tag == "link":
+            yield element
+            yield from (part for inertial in element.all("inertial") for part in inertial.walk())
+        elif element.tag == "joint":
+            yield from element.walk()
+        elif xacro_name(element.tag) is not None:
+            yield element
+
+
+def of_xacro(root: Element) -> Element | None:
+    """The first element that xacro has to expand, among those that are read."""
+    for element in _used(root):
+        values = element.attributes.values()
+        if xacro_name(element.tag) is not None or any("${" in v or "$(" in v for v in values):
+            return element
+    return None
+
+
+def _refuse_xacro(root: Element) -> None:
+    if (element := of_xacro(root)) is not None:
+        raise ModelError(
+            "the file is a xacro template, not a URDF",
+            where=f"{element.path}, line {element.line}",
+            fix="give the whole xacro file, which is expanded here, or expand it first: "
+            f"xacro {element.path.name} > robot.urdf",
+        )
+
+
+def _text(element: Element, attribute: str) -> str:
+    value = element.attributes.get(attribute, "").strip()
+    if not value:
+        raise ModelError(
+            f"<{element.tag}> has no attribute '{attribute}'",
+            where=element.where,
+            fix=f'write <{element.tag} {attribute}="...">',
+        )
+    return value
+
+
+def _numbers(element: Element, attribute: str, count: int, infinite: bool = False) -> list[float]:
+    text = _text(element, attribute)
+    try:
+        values = [float(word) for word in text.split()]
+    except ValueError:
+        values = []
+    good = [not math.isnan(v) and (infinite or math.isfinite(v)) for v in values]
+    if len(values) != count or not all(good):
+        wanted = "a finite number" if count == 1 else f"{count} finite numbers"
+        raise ModelError(
+            f'{attribute}="{text}" of <{element.tag}> is not {wanted}',
+            where=element.where,
+            fix=f'write {attribute}="' + " ".join(["0.0"] * count) + '" with your values',
+        )
+    return values
+
+
+def _number(element: Element, attribute: str, infinite: bool = False) -> float:
+    return _numbers(element, attribute, 1, infinite)[0]
+
+
+def _only(parent: Element, tag: str) -> Element | None:
+    """The one child of that tag, or none."""
+    found = parent.all(tag)
+    if len(found) > 1:
+        raise ModelError(
+            f"<{parent.tag}> has {len(found)} <{tag}> elements",
+            where=found[1].where + f" in {parent.where.rsplit(', ', 1)[1]}",
+            fix="keep one of them",
+        )
+    return found[0] if found else None
+
+
+def _needed(parent: Element, tag: str) -> Element:
+    child = _only(parent, tag)
+    if child is None:
+        raise ModelError(
+            f"<{parent.tag}> has no <{tag}> element",
+            where=parent.where,
+            fix=f"add a <{tag}> to it",
+        )
+    return child
+
+
+def _placement(parent: Element) -> Placement:
+    origin = _only(parent, "origin")
+    if origin is None:
+        return Placement()
+    xyz = _numbers(origin, "xyz", 3) if "xyz" in origin.attributes else (0.0, 0.0, 0.0)
+    if "rpy" not in origin.attributes:
+        return Placement(position=xyz)
+    roll, pitch, yaw = _numbers(origin, "rpy", 3)
+    return Placement(rpy_rotation(roll, pitch, yaw), xyz)
+
+
+def _link(element: Element) -> Link:
+    name = _text(element, "name")
+    inertial = _only(element, "inertial")
+    if inertial is None:
+        return Link(name, None, element.where)
+    mass = _number(_needed(inertial, "mass"), "value")
+    tensor = _only(inertial, "inertia")
+    about_com = symmetric([0.0 if tensor is None else _number(tensor, six) for six in _SIX])
+    placement = _placement(inertial)
+    inertia = Inertia.about_com(mass, (0.0, 0.0, 0.0), about_com)
+    return Link(name, inertia.moved(placement.rotation, placement.position), element.where)
+
+
+def _joint(element: Element) -> Joint:
+    name, kind = _text(element, "name"), _text(element, "type")
+    if kind not in _KINDS:
+        raise ModelError(
+            f"joint '{name}' is of type '{kind}', which is not known",
+            where=element.where,
+            fix=advice(kind, _KINDS, "joint types"),
+        )
+    axis = _only(element, "axis")
+    moves = kind in _SINGLE
+    xyz = _numbers(axis, "xyz", 3) if axis is not None and moves else (1.0, 0.0, 0.0)
+    return Joint(
+        name,
+        _KINDS[kind],
+        _text(_needed(element, "parent"), "link"),
+        _text(_needed(element, "child"), "link"),
+        _placement(element),
+        frozen(xyz),
+        limits=_limits(element, kind) if moves else Limits(),
+        mimic=_mimic(element) if moves else None,
+        where=element.where,
+    )
+
+
+def _limits(joint: Element, kind: str) -> Limits:
+    limit = _only(joint, "limit")
+    if limit is None:
+        return Limits()
+
+    def value(name: str, default: float) -> float:
+        return _number(limit, name, infinite=True) if name in limit.attributes else default
+
+    lower, upper = -math.inf, math.inf
+    if kind != "continuous" and {"lower", "upper"} & set(limit.attributes):
+        lower, upper = value("lower", 0.0), value("upper", 0.0)
+    return Limits(lower, upper, value("velocity", 0.0) or math.inf, value("effort", math.inf))
+
+
+def _mimic(joint: Element) -> Mimic | None:
+    mimic = _only(joint, "mimic")
+    if mimic is None:
+        return None
+    given = mimic.attributes
+    return Mimic(
+        _text(mimic, "joint"),
+        _number(mimic, "multiplier") if "multiplier" in given else 1.0,
+        _number(mimic, "offset") if "offset" in given else 0.0,
+    )

@@ -1,0 +1,302 @@
+"""Commands `$(...)` of xacro files, with the ROS packages and YAML files that they read.
+
+The environment is not read, so a file means the same on every computer: `$(optenv NAME VALUE)` is
+the value, and `$(env NAME)` an argument of that name.
+"""
+
+import math
+import os
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+from steelyard.base.errors import ModelError
+from steelyard.robot.models.xacro_expression import Names, evaluate
+from steelyard.robot.models.xacro_values import Budget, XacroError, literal
+from steelyard.robot.models.xml_reader import read_bytes, read_xml
+
+
+@dataclass(frozen=True)
+class Packages:
+    """Where packages are looked for.
+
+    Attributes:
+        given: Folders of packages, or packages themselves, that are named in the robot file.
+        model: The model file: a package may be a folder above it, or lie in one.
+    """
+
+    given: tuple[Path, ...]
+    model: Path
+
+    def find(self, name: str) -> Path:
+        """The folder of a package.
+
+        Raises:
+            XacroError: There is none.
+        """
+        if re.fullmatch(r"[\w-][\w.-]*", name):
+            for place in self._places():
+                for folder in (place / name, place):
+                    if os.path.isdir(folder) and (
+                        folder.name == name or package_name(folder) == name
+                    ):
+                        return folder
+            for place in self.given:
+                for manifest in sorted(place.glob("*/package.xml")):
+                    if package_name(manifest.parent) == name:
+                        return manifest.parent
+        places = [str(place) for place in (*self.given, *self._environment())]
+        looked = ", ".join(["the folders above the file", *places])
+        raise XacroError(
+            f"the package '{name}' is not found; looked in {looked}",
+            'name the folder that holds it: [robot.xacro] packages = ["FOLDER"] in the robot file, '
+            "or ROS_PACKAGE_PATH=FOLDER in the environment",
+        )
+
+    def named(self, text: str, folder: Path) -> Path:
+        """A file as models name it: `package://...`, absolute, or relative to a folder.
+
+        A file of a package that is not found may lie below a folder above the model all the same:
+        copies of packages often have other names.
+
+        Raises:
+            XacroError: The package is not found, and the file neither.
+        """
+        text = text.removeprefix("file://")
+        if not text.startswith("package://"):
+            return folder / text
+        name, _, rest = text.removeprefix("package://").partition("/")
+        try:
+            return self.find(name) / rest
+        except XacroError:
+            for above in self.model.resolve().parents:
+                if os.path.isfile(above / rest):
+                    return above / rest
+            raise
+
+    def _places(self) -> Iterator[Path]:
+        yield from self.given
+        yield from self.model.resolve().parents
+        yield from self._environment()
+
+    def _environment(self) -> list[Path]:
+        """`ROS_PACKAGE_PATH` of ROS 1, `AMENT_PREFIX_PATH` of ROS 2."""
+        ros1 = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
+        ros2 = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+        return [Path(p) for p in ros1 if p] + [Path(p) / "share" for p in ros2 if p]
+
+
+def package_name(folder: Path) -> str | None:
+    """The name in a folder's `package.xml`; `None` where there is none."""
+    manifest = folder / "package.xml"
+    if not os.path.isfile(manifest):
+        return None
+    try:
+        names = read_xml(manifest).all("name")
+    except ModelError:
+        return None
+    return "".join(names[0].texts).strip() if names else None
+
+
+UNITS = {
+    "!radians": 1.0,
+    "!degrees": math.pi / 180.0,
+    "!meters": 1.0,
+    "!millimeters": 0.001,
+    "!foot": 0.3048,
+    "!inches": 0.0254,
+}
+TRUTHS = {
+    word: truth
+    for truth, words in (("true", "yes on"), ("false", "no off"))
+    for one in words.split()
+    for word in (one, one.capitalize(), one.upper())
+}
+"""Truth values of YAML 1.1, which xacro reads; `y` and `n` are names there, as of coordinates."""
+LARGEST = 20_000
+"""Values in a file, with those that are repeated by reference."""
+
+
+def load_yaml(path: Path, number: Callable[[str], Any]) -> Any:
+    """Tables, lists and scalars of a YAML file; nothing else is constructed.
+
+    Args:
+        path: The file.
+        number: Evaluates the expression of a value with a unit, `!degrees 90`.
+
+    Raises:
+        XacroError: It is missing, no YAML, too large, or asks for other objects.
+    """
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    fix = "give the YAML file that the xacro file came with"
+    if path.suffix.lower() not in (".yaml", ".yml") or not os.path.isfile(path):
+        raise XacroError(f"there is no YAML file '{path}'", fix)
+    yaml = YAML(typ="safe", pure=True)
+    try:
+        content = read_bytes(path, "a YAML file")
+        if len(content) > 1_000_000:
+            raise XacroError(f"'{path}' is larger than 1 MB", fix)
+        node = yaml.compose(content.decode("utf-8-sig"))
+        if node is None:
+            return {}
+        _prepare(node, number, {}, ())
+        return yaml.constructor.construct_document(node)
+    except ModelError as error:
+        raise XacroError(f"'{path}': {error.wrong}", fix) from None
+    except (YAMLError, ValueError, TypeError, RecursionError) as error:
+        words = " ".join(str(error).split())[:200]
+        raise XacroError(f"'{path}' is not plain YAML: {words}", fix) from None
+
+
+def _prepare(
+    node: Any, number: Callable[[str], Any], sizes: dict[int, int], above: tuple[int, ...]
+) -> int:
+    """Turn values with units into numbers, words into truths; how many values there are."""
+    if id(node) in above:
+        raise ValueError("a value contains itself")
+    if id(node) in sizes:
+        return sizes[id(node)]
+    if node.tag == "tag:yaml.org,2002:str" and node.style is None and node.value in TRUTHS:
+        node.tag, node.value = "tag:yaml.org,2002:bool", TRUTHS[node.value]
+    if node.tag in UNITS:
+        value = float(number(str(node.value))) * UNITS[node.tag]
+        node.tag = "tag:yaml.org,2002:float"
+        node.value = repr(value)
+    parts = node.value if isinstance(node.value, list) else []
+    inside = [part for entry in parts for part in (entry if isinstance(entry, tuple) else (entry,))]
+    size = 1 + sum(_prepare(part, number, sizes, (*above, id(node))) for part in inside)
+    if size > LARGEST:
+        raise ValueError(f"there are more than {LARGEST} values")
+    sizes[id(node)] = size
+    return size
+
+
+GIVE = (
+    "give it behind the file, {name}:=VALUE, or in the robot file: "
+    "[robot.xacro] arguments = {{{name} = VALUE}}"
+)
+
+
+class _Arguments(Names):
+    """Names in `$(eval ...)`: the arguments, beside the functions."""
+
+    def __init__(self, commands: "Commands") -> None:
+        self.commands = commands
+
+    def value(self, name: str) -> Any:
+        if name in self.commands.arguments:
+            return literal(self.commands.argument(name))
+        if name in ("arg", "find"):
+            return {"arg": self.commands.literal, "find": self.commands.find}[name]
+        return super().value(name)
+
+
+class Commands:
+    """Arguments of the file, and what it may ask for.
+
+    Attributes:
+        arguments: Those given, and the defaults of those declared so far.
+        declared: Names that the file declares or uses.
+        functions: By name, those that expressions know as `xacro.*`.
+    """
+
+    def __init__(
+        self, packages: Packages, arguments: dict[str, str], files: list[Path], budget: Budget
+    ) -> None:
+        self.packages = packages
+        self.arguments = arguments
+        self.declared: set[str] = set()
+        self.files = files
+        self.budget = budget
+        self.found: dict[str, str] = {}
+        self.functions: dict[str, Callable[..., Any]] = {
+            "arg": self.argument,
+            "abs_filename": lambda name: str(self._path(name)),
+            "dotify": dict,
+            "error": lambda *words: "",
+            "fatal": _fatal,
+            "load_yaml": self._yaml,
+            "message": lambda *words: "",
+            "tokenize": _tokens,
+            "warning": lambda *words: "",
+        }
+
+    def of(self, command: str, scope: Names) -> Any:
+        """What stands for `$(command)`.
+
+        Raises:
+            XacroError: It is not known, or cannot be had.
+        """
+        name, _, rest = command.strip().partition(" ")
+        words = rest.split()
+        if name == "eval":
+            return evaluate(rest, _Arguments(self), self.budget)
+        if name == "optenv" and words:
+            return " ".join(words[1:])
+        if name == "dirname" and not words:
+            return str(self.files[-1].resolve().parent)
+        if name in ("arg", "find", "env") and len(words) == 1:
+            return self.find(words[0]) if name == "find" else self.argument(words[0])
+        raise XacroError(
+            f"$({command[:80]}) is not supported",
+            "$(arg NAME), $(find PACKAGE), $(eval ...), $(dirname), $(env NAME) and "
+            "$(optenv NAME VALUE) are",
+        )
+
+    def argument(self, name: str) -> str:
+        """The text of an argument."""
+        self.declared.add(name)
+        if name not in self.arguments:
+            raise XacroError(f"the argument '{name}' is not given", GIVE.format(name=name))
+        return self.arguments[name]
+
+    def literal(self, name: str) -> Any:
+        """The value of an argument."""
+        return literal(self.argument(name))
+
+    def find(self, package: str) -> str:
+        """The folder of a package; `package://NAME` where it is not found.
+
+        So a package that only holds meshes may be missing, and a file of it is requested by name.
+        """
+        if package not in self.found:
+            try:
+                self.found[package] = str(self.packages.find(package))
+            except XacroError:
+                self.found[package] = f"package://{package}"
+        return self.found[package]
+
+    def included(self, name: str, optional: bool) -> list[Path]:
+        """The files that an include names; several where the last part is a pattern."""
+        path = self._path(name)
+        if re.search(r"[*?\[]", path.name) and os.path.isdir(path.parent):
+            return sorted(p for p in path.parent.glob(path.name.replace("**", "*")) if p.is_file())
+        if os.path.isfile(path):
+            return [path]
+        if optional:
+            return []
+        raise XacroError(
+            f"the file '{path}' to be included does not exist",
+            "keep the folders as the package has them, or correct the path",
+        )
+
+    def _path(self, name: str) -> Path:
+        return self.packages.named(name, self.files[-1].parent)
+
+    def _yaml(self, name: str) -> Any:
+        return load_yaml(self._path(name), lambda text: evaluate(text, Names(), self.budget))
+
+
+def _fatal(*words: Any) -> NoReturn:
+    raise XacroError(
+        f"the file raised an error: {' '.join(map(str, words))[:300]}", "change its arguments"
+    )
+
+
+def _tokens(text: str, sep: str = ",; ", skip_empty: bool = True) -> list[str]:
+    parts = re.split(f"[{re.escape(sep)}]", text) if sep else [text]
+    return [part for part in parts if part] if skip_empty else parts

@@ -1,0 +1,296 @@
+"""Expansion of xacro files: macros, properties, conditions and includes become plain elements.
+
+As the program `xacro` 2 does it, but for what a file from a stranger must not do: see
+`expression` for expressions, `command` for `$(...)`. Files are only read.
+"""
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any
+
+from steelyard.base.errors import ModelError
+from steelyard.robot.models.xacro_commands import Commands, Packages
+from steelyard.robot.models.xacro_expression import Macro, Reading, Scope
+from steelyard.robot.models.xacro_values import Budget, XacroError, as_truth
+from steelyard.robot.models.xml_reader import Element, read_xml, xacro_name
+
+DEPTH = 100
+"""Elements, macros and files inside each other."""
+FILES = 1000
+"""Files that one expansion may include."""
+_PARAMETER = re.compile(
+    r"^\s*([^\s:=]+?)\s*:?=\s*(\^\|?)?"
+    r"(\$\{.*?\}|\$\(.*?\)|(?:'[^']*'|\"[^\"]*\"|[^\s'\"])+|)(?:\s+|$)(.*)",
+    re.DOTALL,
+)
+
+
+class Expander:
+    """One expansion.
+
+    Attributes:
+        commands: Arguments, and what `$(...)` stands for.
+        macros: Names of all macros that were defined.
+    """
+
+    def __init__(self, packages: Packages, arguments: Mapping[str, str]) -> None:
+        self.files = [packages.model]
+        budget = Budget()
+        self.commands = Commands(packages, dict(arguments), self.files, budget)
+        self.scope = Scope(Reading(budget, self.commands.of, self.commands.functions))
+        self.macros: set[str] = set()
+        self.included = 0
+        self.depth = 0
+        self.calls: list[str] = []
+
+    def root(self) -> Element:
+        """The outermost element of the file, expanded.
+
+        Its own attributes come last: its name is often an argument that is declared inside.
+
+        Raises:
+            ModelError: A file cannot be read, or not be expanded.
+        """
+        root = read_xml(self.files[0])
+        try:
+            with self._place(root):
+                changed = dict[str, str]()
+                children = self._inside(root, self.scope, changed)
+                attributes = self._attributes(root, self.scope) | changed
+                return replace(
+                    root, attributes=MappingProxyType(attributes), children=children, texts=[]
+                )
+        except RecursionError:
+            raise ModelError(
+                "macros or elements are nested too deeply",
+                where=str(self.files[0]),
+                fix="look for a macro that calls itself without end",
+            ) from None
+
+    @contextmanager
+    def _place(self, element: Element) -> Iterator[None]:
+        """One level further in; errors there state their place."""
+        self.depth += 1
+        try:
+            self.scope.reading.budget.spend(1)
+            if self.depth > DEPTH:
+                raise XacroError(
+                    f"macros, includes and elements are nested more than {DEPTH} times",
+                    "look for a macro that calls itself, or a file that includes itself",
+                )
+            yield
+        except XacroError as error:
+            where = f"{element.path}, line {element.line}"
+            calls = "".join(f", called in {call}" for call in self.calls[:-4:-1])
+            raise ModelError(error.wrong, where=where + calls, fix=error.fix) from None
+        finally:
+            self.depth -= 1
+
+    def _plain(self, element: Element, scope: Scope, tag: str | None = None) -> Element:
+        """An element that is not of xacro: its attributes and what is inside are expanded."""
+        attributes = self._attributes(element, scope)
+        children = self._inside(element, scope, attributes)
+        texts = [str(scope.text("".join(element.texts)))] if element.texts else []
+        return Element(
+            tag or element.tag,
+            MappingProxyType(attributes),
+            element.path,
+            element.line,
+            children,
+            texts,
+        )
+
+    def _attributes(self, element: Element, scope: Scope) -> dict[str, str]:
+        return {
+            name: str(scope.text(text))
+            for name, text in element.attributes.items()
+            if xacro_name(name) is None
+        }
+
+    def _inside(
+        self, element: Element, scope: Scope, attributes: dict[str, str] | None = None
+    ) -> list[Element]:
+        """What is inside an element, expanded; `<xacro:attribute>` changes the attributes."""
+        made = list[Element]()
+        for child in element.children:
+            with self._place(child):
+                made += self._element(child, scope, {} if attributes is None else attributes)
+        return made
+
+    def _element(self, element: Element, scope: Scope, attributes: dict[str, str]) -> list[Element]:
+        name = xacro_name(element.tag)
+        if name is None:
+            return [self._plain(element, scope)]
+        if name == "attribute":
+            key = str(scope.text(_needed(element, "name")))
+            attributes[key] = str(scope.text(_needed(element, "value")))
+            return []
+        if name in ("if", "unless"):
+            text = _needed(element, "value")
+            wanted = as_truth(scope.text(text), text) is (name == "if")
+            return self._inside(element, scope, attributes) if wanted else []
+        if name in _STATEMENTS:
+            return _STATEMENTS[name](self, element, scope)
+        return self._called(element, name, scope)
+
+    def _property(self, element: Element, scope: Scope) -> list[Element]:
+        given = element.attributes
+        name = str(scope.text(_needed(element, "name")))
+        if not name.isidentifier() or name.startswith("__"):
+            raise XacroError(f"'{name[:80]}' cannot be the name of a property", "rename it")
+        if as_truth(scope.text(given.get("remove", "false")), "remove"):
+            scope.remove(name)
+            return []
+        value = given.get("value")
+        if "default" in given and value is None:
+            if scope.holder(name) is not None:
+                return []
+            value = given["default"]
+        lazy = as_truth(scope.text(given.get("lazy_eval", "true")), "lazy_eval")
+        target = scope
+        if given.get("scope") == "global":
+            target, lazy = [*scope.above()][-1], False
+        elif given.get("scope") == "parent" and scope.parent is not None:
+            target, lazy = scope.parent, False
+            while not scope.namespace and target.namespace and target.parent is not None:
+                target = target.parent
+        if value is None:
+            target.blocks[f"**{name}"] = element
+        else:
+            target.set(name, value if lazy else scope.text(value), lazy)
+        return []
+
+    def _argument(self, element: Element, scope: Scope) -> list[Element]:
+        name, default = _needed(element, "name"), element.attributes.get("default")
+        self.commands.declared.add(name)
+        if name not in self.commands.arguments and default is not None:
+            self.commands.arguments[name] = str(scope.text(default))
+        return []
+
+    def _include(self, element: Element, scope: Scope) -> list[Element]:
+        given, inner = element.attributes, scope
+        if "ns" in given:
+            inner = Scope(scope.reading, scope, namespace=True)
+            scope.set(str(scope.text(given["ns"])), inner)
+        optional = as_truth(given.get("optional", "false"), "optional")
+        made = list[Element]()
+        for path in self.commands.included(str(scope.text(_needed(element, "filename"))), optional):
+            self.included += 1
+            if self.included > FILES:
+                raise XacroError(
+                    f"more than {FILES} files are included", "look for a circular include"
+                )
+            self.files.append(path)
+            try:
+                made += self._inside(read_xml(path), inner)
+            finally:
+                self.files.pop()
+        return made
+
+    def _macro(self, element: Element, scope: Scope) -> list[Element]:
+        name = _needed(element, "name").removeprefix("xacro:")
+        if name in ("", "call") or "." in name:
+            raise XacroError(f"'{name}' cannot be the name of a macro", "rename it")
+        names, defaults, left = list[str](), {}, element.attributes.get("params", "").strip()
+        if len(left) > 10_000:
+            raise XacroError(f"macro '{name[:80]}' has too many parameters", "divide the macro")
+        while left:
+            if match := _PARAMETER.match(left):
+                parameter, forward, default, left = match.groups()
+                defaults[parameter] = (parameter if forward else None, default or None)
+            else:
+                parameter, _, left = left.partition(" ") if " " in left else (left, "", "")
+            names.append(parameter.strip())
+            left = left.strip()
+        scope.macros[name] = Macro(element, tuple(names), defaults)
+        self.macros.add(name)
+        return []
+
+    def _inserted(self, element: Element, scope: Scope) -> list[Element]:
+        made = list[Element]()
+        for inside in scope.block(str(scope.text(_needed(element, "name")))):
+            with self._place(inside):
+                made += self._element(inside, scope, {})
+        return made
+
+    def _named(self, element: Element, scope: Scope) -> list[Element]:
+        """`<xacro:element xacro:name="...">`: an element whose name is computed."""
+        names = [v for k, v in element.attributes.items() if xacro_name(k) == "name"]
+        tag = str(scope.text(names[0])).strip() if names else ""
+        if not re.fullmatch(r"[A-Za-z_][\w.-]*", tag):
+            raise XacroError("<xacro:element> has no name", 'write xacro:name="..."')
+        return [self._plain(element, scope, tag)]
+
+    def _dynamic(self, element: Element, scope: Scope) -> list[Element]:
+        """`<xacro:call macro="...">`."""
+        return self._called(element, str(scope.text(_needed(element, "macro"))), scope, "macro")
+
+    def _called(
+        self, element: Element, name: str, scope: Scope, without: str = ""
+    ) -> list[Element]:
+        scope.reading.budget.spend(20)
+        macro, around = scope.macro(name)
+        inner = Scope(scope.reading, around)
+        for parameter, text in element.attributes.items():
+            if parameter == without or xacro_name(parameter) is not None:
+                continue
+            if parameter not in macro.parameters:
+                listed = ", ".join(macro.parameters) or "none"
+                raise XacroError(
+                    f"macro '{name}' has no parameter '{parameter}'", f"its parameters: {listed}"
+                )
+            inner.set(parameter, scope.text(text))
+        self._give_blocks(element, name, macro, inner, scope)
+        for parameter in macro.parameters:
+            if not parameter.startswith("*") and parameter not in inner.values:
+                inner.set(parameter, _default(macro, parameter, name, scope))
+        self.calls.append(f"{element.path}, line {element.line}")
+        try:
+            return self._inside(macro.body, inner)
+        finally:
+            self.calls.pop()
+
+    def _give_blocks(
+        self, element: Element, name: str, macro: Macro, inner: Scope, scope: Scope
+    ) -> None:
+        wanted = [p for p in macro.parameters if p.startswith("*")]
+        given = self._inside(element, scope)
+        if len(wanted) != len(given):
+            raise XacroError(
+                f"macro '{name}' takes {len(wanted)} blocks, and is given {len(given)}",
+                "put as many elements into the call as it has parameters with '*'",
+            )
+        inner.blocks |= dict(zip(wanted, given, strict=True))
+
+
+def _default(macro: Macro, parameter: str, name: str, scope: Scope) -> Any:
+    forwarded, text = macro.defaults.get(parameter, (None, None))
+    if forwarded is not None and scope.holder(forwarded) is not None:
+        return scope.value(forwarded)
+    if text is None:
+        raise XacroError(
+            f"macro '{name}' is not given its parameter '{parameter}'",
+            f'write {parameter}="..." into the call',
+        )
+    return scope.text(text)
+
+
+def _needed(element: Element, attribute: str) -> str:
+    if attribute not in element.attributes:
+        name = xacro_name(element.tag)
+        raise XacroError(f"<xacro:{name}> has no attribute '{attribute}'", "add it")
+    return element.attributes[attribute]
+
+
+_STATEMENTS: dict[str, Callable[[Expander, Element, Scope], list[Element]]] = {
+    "property": Expander._property,
+    "arg": Expander._argument,
+    "include": Expander._include,
+    "macro": Expander._macro,
+    "insert_block": Expander._inserted,
+    "element": Expander._named,
+    "call": Expander._dynamic,
+}

@@ -1,1 +1,0 @@
-"""Xacro files, expanded in this process."""

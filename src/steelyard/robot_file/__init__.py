@@ -1,1 +1,0 @@
-"""Robot files: a model in any format, its signals, and all settings of an identification."""

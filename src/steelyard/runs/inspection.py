@@ -1,0 +1,259 @@
+"""The first pass over a recording: what is in it, before anything is filtered."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import LogError
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import Channels, Recording
+from steelyard.runs.rows.clock import (
+    SHORTEST_CHAIN,
+    Clock,
+    RowPiece,
+    RowScan,
+    learn_clock,
+    nice_rate,
+    not_followed,
+    nothing_left,
+)
+from steelyard.runs.rows.faulty_rows import Extremes, RowVerdict
+from steelyard.runs.rows.resampling import sample_count, uniform
+from steelyard.runs.rows.row_checks import Marking, RowChecks, Segment, row_checks
+from steelyard.runs.spectrum import Band, motion_band
+
+EXCERPT_ROWS = 100_000
+"""Rows from which the motion's band is learnt."""
+MOST_RATE_FACTOR = 4.0
+"""Highest rate that can be requested, over the log's: more adds samples, but nothing to them."""
+DEPARTURE_OF_MOTION = 0.01
+"""How far a joint must be from where it started for the excerpt to begin [rad; m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """What the first pass found.
+
+    Attributes:
+        clock: The log's clock.
+        logged_rate: Rate of the log, rounded [Hz].
+        rate: Of the uniform clock [Hz].
+        segments: In order of time.
+        counts: Rows per `RowVerdict`.
+        steps: Mean, standard deviation, minimum and maximum of the log's steps [s].
+        resolution: Smallest step of each channel that is not zero, shape `(C,)`.
+        band: Band of the motion and noise of the positions.
+        velocity_noise: Noise density of logged velocities, shape `(n,)`; `None` without them.
+        row_checks: What is known of rows that are not to be believed.
+        even: Positions, and velocities if logged, of a stretch at the log's rate, `(n or 2n, N)`.
+    """
+
+    clock: Clock
+    logged_rate: float
+    rate: float
+    segments: tuple[Segment, ...]
+    counts: tuple[int, ...]
+    steps: tuple[float, float, float, float]
+    resolution: Array
+    band: Band
+    velocity_noise: Array | None
+    row_checks: RowChecks
+    even: Array
+
+    @property
+    def duration(self) -> float:
+        """From the first row to the last [s]."""
+        return self.segments[-1].stop - self.segments[0].start
+
+
+def survey(recording: Recording, processing: Processing | None = None) -> Survey:
+    """Read a recording once.
+
+    Args:
+        recording: Raw rows.
+        processing: How rows are judged, and the rate of the uniform clock.
+
+    Raises:
+        LogError: Nothing in it can be used, or time does not increase.
+    """
+    wanted = Processing() if processing is None else processing
+    clock = learn_clock(recording)
+    scan = RowScan(clock, recording)
+    tally = _Tally(recording.channels.count, recording.channels.effort)
+    excerpt = _Excerpt(recording)
+    for piece in scan.pieces():
+        tally.add(piece)
+        excerpt.add(piece)
+    counts = scan.counts
+    if counts[RowVerdict.KEPT] == 0:
+        raise nothing_left(recording, counts)
+    if (
+        counts[[RowVerdict.REPEATED, RowVerdict.BACKWARD, RowVerdict.JUMP]].sum()
+        > counts[RowVerdict.KEPT]
+    ):
+        raise not_followed(recording, counts)
+    if tally.count < SHORTEST_CHAIN:
+        raise LogError(
+            f"the log is shorter than any filter: {counts[RowVerdict.KEPT]} rows can be used",
+            where=recording.where,
+            fix="record for longer, or widen the window",
+        )
+    logged = nice_rate(tally.total / tally.count)
+    rate = logged if wanted.rate is None else wanted.rate
+    _refuse_faster(rate, logged, recording)
+    resolution = np.where(np.isfinite(tally.resolution), tally.resolution, 0.0)
+    limits = tally.limits(resolution[recording.channels.effort])
+    if not wanted.leave_out_saturated:
+        limits = np.full_like(limits, np.nan)
+    checks = row_checks(
+        recording.channels, excerpt.rows, limits, wanted.outliers, wanted.bridge_repeats
+    )
+    even = excerpt.even(logged, checks)
+    band, velocity_noise = _spectra(even, logged, recording.channels)
+    return Survey(
+        clock=clock,
+        logged_rate=logged,
+        rate=rate,
+        segments=tuple(
+            Segment(number, start, stop, sample_count(start, stop, rate))
+            for number, (start, stop) in sorted(tally.spans.items())
+        ),
+        counts=tuple(counts.tolist()),
+        steps=tally.steps,
+        resolution=frozen(resolution),
+        band=band,
+        velocity_noise=velocity_noise,
+        row_checks=checks,
+        even=even,
+    )
+
+
+def _spectra(even: Array, rate: float, channels: Channels) -> tuple[Band, Array | None]:
+    """Band of the motion, and the noise density of logged velocities."""
+    n = channels.joints
+    if even.shape[1] < SHORTEST_CHAIN:
+        return Band(0.0, np.zeros(n)), np.zeros(n) if channels.velocities else None
+    if not channels.velocities:
+        return motion_band(even[channels.q], rate), None
+    band = motion_band(even[channels.q], rate, even[channels.dq])
+    return band, motion_band(even[channels.dq], rate).noise
+
+
+def _refuse_faster(rate: float, logged: float, recording: Recording) -> None:
+    if rate > MOST_RATE_FACTOR * logged:
+        raise LogError(
+            f"a rate of {rate:g} Hz is far above the log's {logged:g} Hz",
+            where=recording.where,
+            fix=f"choose a rate up to {MOST_RATE_FACTOR * logged:g} Hz in [processing], or "
+            "leave it out",
+        )
+
+
+class _Tally:
+    """Steps of the clock and of the channels, and where segments start and stop."""
+
+    def __init__(self, channels: int, effort: slice) -> None:
+        self._effort, self._extremes = effort, Extremes(effort.stop - effort.start)
+        self.resolution = np.full(channels, np.inf)
+        self.spans: dict[int, tuple[float, float]] = {}
+        self.count, self.total = 0, 0.0
+        self._squares, self._least, self._most = 0.0, np.inf, 0.0
+        self._last: RowPiece | None = None
+
+    def add(self, piece: RowPiece) -> None:
+        t, x = piece.t, piece.x
+        if self._last is not None and self._last.segment != piece.segment:
+            self._extremes.end_segment()
+        self._extremes.add(np.ascontiguousarray(x[:, self._effort].T))
+        if self._last is not None and self._last.segment == piece.segment:
+            t = np.concatenate((self._last.t, t))
+            x = np.concatenate((self._last.x, x))
+        self._last = RowPiece(piece.segment, t[-1:].copy(), x[-1:].copy())
+        start = self.spans.get(piece.segment, (float(t[0]), 0.0))[0]
+        self.spans[piece.segment] = start, float(t[-1])
+        if len(t) < 2:
+            return
+        step = np.diff(t)
+        self.count += len(step)
+        self.total += float(step.sum())
+        self._squares += float(step @ step)
+        self._least = min(self._least, float(step.min()))
+        self._most = max(self._most, float(step.max()))
+        change = np.abs(np.diff(x, axis=0))
+        change[change == 0.0] = np.inf
+        self.resolution = np.minimum(self.resolution, change.min(axis=0))
+
+    def limits(self, resolution: Array) -> Array:
+        """Values at which efforts are cut off, see `Extremes`."""
+        return self._extremes.limits(resolution)
+
+    @property
+    def steps(self) -> tuple[float, float, float, float]:
+        mean = self.total / self.count
+        spread = np.sqrt(max(self._squares / self.count - mean * mean, 0.0))
+        return mean, float(spread), self._least, self._most
+
+
+class _Excerpt:
+    """Rows of one segment, from the first departure on: the longest of the first segments.
+
+    If no joint ever departs, these are the first rows, which hold the noise.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self._channels = recording.channels
+        self._longest: list[RowPiece] = []
+        self._current: list[RowPiece] = []
+        self._still: list[RowPiece] = []
+        self._origin: Array | None = None
+
+    def add(self, piece: RowPiece) -> None:
+        if _length(self._longest) >= EXCERPT_ROWS:
+            return
+        if self._current and self._current[0].segment != piece.segment:
+            self._current = []
+        x = piece.x
+        if self._origin is None:
+            self._origin = x[0, self._channels.q].copy()
+        start = 0
+        if not self._current:
+            gone = (np.abs(x[:, self._channels.q] - self._origin) > DEPARTURE_OF_MOTION).any(axis=1)
+            start = int(np.argmax(gone)) if gone.any() else len(x)
+            if start == len(x) and not self._longest:
+                self._rest(piece, x)
+        stop = start + EXCERPT_ROWS - _length(self._current)
+        if start < len(x):
+            self._still = []
+            self._current.append(
+                RowPiece(piece.segment, piece.t[start:stop].copy(), x[start:stop].copy())
+            )
+        if _length(self._current) > _length(self._longest):
+            self._longest = self._current
+
+    def _rest(self, piece: RowPiece, x: Array) -> None:
+        if not self._still or self._still[0].segment == piece.segment:
+            room = EXCERPT_ROWS - _length(self._still)
+            if room > 0:
+                self._still.append(RowPiece(piece.segment, piece.t[:room].copy(), x[:room].copy()))
+
+    @property
+    def rows(self) -> Array:
+        """All its rows, shape `(C, N)`."""
+        pieces = [piece.x for piece in self._longest or self._still]
+        return np.concatenate(pieces).T if pieces else np.zeros((self._channels.count, 0))
+
+    def even(self, rate: float, checks: RowChecks) -> Array:
+        """Positions, and velocities if logged, on the uniform clock, shape `(n or 2n, N)`."""
+        pieces, moved = self._longest or self._still, self._channels.effort.start
+        if _length(pieces) < SHORTEST_CHAIN:
+            return np.zeros((moved, 0))
+        rows: Iterable[tuple[Array, Array]] = ((p.t, p.x) for p in pieces)
+        if not checks.idle:
+            rows = Marking(checks).rows(rows)
+        return np.concatenate(list(uniform(((t, x[:, :moved]) for t, x in rows), rate)), axis=1)
+
+
+def _length(pieces: list[RowPiece]) -> int:
+    return sum(len(piece.t) for piece in pieces)

@@ -1,0 +1,314 @@
+"""From a recording to a run: survey, cut-offs, rests, quality."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import LogError
+from steelyard.logs.log import Cut
+from steelyard.runs.chain import Chain
+from steelyard.runs.defaults import (
+    MOVING_OVER_REST,
+    SHORTEST_SEGMENT,
+    Cutoffs,
+    SpeedHistogram,
+    cutoffs,
+    default_rest_speed,
+    given_rest_speed,
+)
+from steelyard.runs.inspection import Survey, survey
+from steelyard.runs.noise_propagation import noise_gain, responses
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import Recording
+from steelyard.runs.repetitions import MeanMotion, mean_of_periods
+from steelyard.runs.rows.faulty_rows import RowVerdict
+from steelyard.runs.rows.resampling import sample_count
+from steelyard.runs.rows.row_checks import Marked, Marking, Quality, Segment
+from steelyard.runs.run import Run, lost_ends
+from steelyard.runs.smoothing.method import Butterworth, Choosing, Method
+
+SAME_RATE = 1e-6
+"""Relative difference up to which two rates are one."""
+WHOLE_SAMPLES = 300_000
+"""Rows up to which a log may be worked on as a whole where a method chooses to."""
+SAME_TIME = 1e-6
+"""Difference up to which two times are one, in samples."""
+
+
+def prepare(
+    recording: Recording, processing: Processing | None = None, *, at_rest: bool = False
+) -> Run:
+    """Look through a recording and decide how to read it.
+
+    Args:
+        recording: Raw rows.
+        processing: What is not left to the data.
+        at_rest: Whether a log in which no joint moves is used, from its first row to its last.
+
+    Raises:
+        LogError: The log holds no motion that can be used; the message says why.
+    """
+    requested = processing = Processing() if processing is None else processing
+    if processing.repetitions is not None:
+        mean = mean_of_periods(recording, processing.repetitions)
+        return prepare_mean(mean, recording.name, processing)
+    loaded = recording.in_memory()
+    found = survey(loaded, processing)
+    if found.band.frequency == 0.0 and not at_rest:
+        raise _static(recording)
+    band = found.band
+    cut = cutoffs(processing, band.frequency, found.rate, recording.where, band.floor)
+    _long_enough(recording, found, cut)
+    processing = replace(processing, motion=_chosen_method(processing.motion, recording, found))
+    chain = _chain(processing, found, cut)
+    loaded, wide = _with_context(loaded, found, chain)
+    segments = _long_enough(recording, wide, cut)
+    given = given_rest_speed(processing, recording.channels.joints)
+    marking = Marking(found.row_checks, (found.segments[0].start, found.segments[-1].stop))
+    speeds = _speeds(loaded, found, chain, segments, given, marking)
+    if given is None:
+        given = speeds.edge_above(_rest_speed(recording, found, chain, speeds.quantile(0.99)))
+    span = speeds.moving(MOVING_OVER_REST * given)
+    if span is None and at_rest:
+        span = found.segments[0].start, found.segments[-1].stop
+        given = np.full_like(given, np.inf)
+    return Run(
+        recording=replace(loaded, log=recording.log),
+        name=recording.name,
+        chain=replace(chain, flagged=marking.found.efforts > 0),
+        segments=segments,
+        rest_speed=frozen(given),
+        span=_long_span(recording, cut, span),
+        quality=_quality(recording, found, chain, requested, given, speeds.highest, marking.found),
+    )
+
+
+def prepare_mean(mean: MeanMotion, name: str, processing: Processing | None = None) -> Run:
+    """The run of a mean over repetitions.
+
+    Args:
+        mean: See `mean_of_periods` and `mean_of_logs`.
+        name: Name of the run.
+        processing: What is not left to the data.
+    """
+    wanted = Processing() if processing is None else processing
+    run = prepare(mean.recording, replace(wanted, repetitions=None))
+    quality = replace(run.quality, notes=(mean.words, *run.quality.notes))
+    chain = replace(run.chain, before=mean.words)
+    return replace(run, name=name, chain=chain, importance=mean.importance, quality=quality)
+
+
+def _chosen_method(method: Method, recording: Recording, found: Survey) -> Method:
+    """The method with what it leaves to the log found there; a log at rest has nothing to find."""
+    if found.band.frequency == 0.0:
+        return Butterworth()
+    if not isinstance(method, Choosing):
+        return method
+    c, even = recording.channels, found.even
+    velocity = even[c.dq] if c.velocities else None
+    whole = found.counts[RowVerdict.KEPT] <= WHOLE_SAMPLES
+    return method.chosen(even[c.q], velocity, found.logged_rate, found.band.frequency, whole=whole)
+
+
+def _chain(processing: Processing, found: Survey, cut: Cutoffs) -> Chain:
+    """The chain with every choice made; nothing is flagged yet."""
+    slower = found.rate < (1.0 - SAME_RATE) * found.logged_rate
+    return Chain(
+        processing=replace(processing, motion_cutoff=cut.motion, matched_cutoff=cut.matched),
+        clock=found.clock,
+        rate=found.rate,
+        thinning=int(np.ceil(found.logged_rate / found.rate)) if slower else 1,
+        row_checks=found.row_checks,
+        flagged=False,
+    )
+
+
+def _static(recording: Recording) -> LogError:
+    return LogError(
+        "no joint moves in this log",
+        where=recording.where,
+        fix="record a motion of all joints; a log at standstill does not identify a robot",
+    )
+
+
+def _speeds(
+    recording: Recording,
+    found: Survey,
+    chain: Chain,
+    segments: tuple[Segment, ...],
+    given: Array | None,
+    marking: Marking,
+) -> SpeedHistogram:
+    """Speeds in the window, without the ends of segments, which the filter has to guess beyond."""
+    n = recording.channels.joints
+    speeds = SpeedHistogram(np.ones(n) if given is None else given)
+    slip = SAME_TIME / chain.rate
+    window = found.segments[0].start - slip, found.segments[-1].stop + slip
+    by_number = {s.number: s for s in segments}
+    bent = 1.0 / chain.motion_cutoff
+    early, late = lost_ends(recording.signals)
+    for part in chain.parts(recording, tuple(by_number), marking):
+        segment, first = by_number[part.segment], part.start
+        at = segment.start + np.arange(first, first + part.signals.shape[1]) / chain.rate
+        inside = at >= max(window[0], segment.start + bent + early)
+        inside &= at <= min(window[1], segment.stop - bent - late)
+        speeds.add(at[inside], part.signals[n : 2 * n, inside])
+    return speeds
+
+
+def _long_span(
+    recording: Recording, cut: Cutoffs, span: tuple[float, float] | None
+) -> tuple[float, float]:
+    """Times of the first and last motion of any joint, which must be long enough."""
+    if span is None:
+        raise _static(recording)
+    need = SHORTEST_SEGMENT / cut.matched
+    if span[1] - span[0] < need:
+        raise LogError(
+            f"the motion in this log is shorter than its filter: {span[1] - span[0]:.2g} s, where "
+            f"a cut-off of {cut.matched:g} Hz needs {need:.2g} s",
+            where=recording.where,
+            fix="record a longer motion, or raise matched_cutoff in [processing] of the robot file",
+        )
+    return span
+
+
+def _with_context(recording: Recording, found: Survey, chain: Chain) -> tuple[Recording, Survey]:
+    """The recording with its window widened by what the motion's filter looks at, if it is cut.
+
+    Where the log goes on beyond the window, the filter of the motion sees it: at a cut in the
+    middle of a motion any guessed continuation would bend the accelerations.
+    """
+    if recording.cut == Cut():
+        return recording, found
+    more = chain.context(recording)
+    seconds, rows = recording.cut.seconds, recording.cut.rows
+    spare = int(np.ceil(1.2 * more / found.clock.step)) + 1
+    wider = Cut(
+        seconds=(seconds[0] - more, seconds[1] + more),
+        rows=(max(0, rows[0] - spare), None if rows[1] is None else rows[1] + spare),
+    )
+    wide = replace(recording, cut=wider)
+    return wide, replace(survey(wide, chain.processing), rate=found.rate)
+
+
+def _long_enough(recording: Recording, found: Survey, cut: Cutoffs) -> tuple[Segment, ...]:
+    need = SHORTEST_SEGMENT / cut.matched
+    segments = tuple(
+        replace(s, samples=sample_count(s.start, s.stop, found.rate))
+        for s in found.segments
+        if (s.stop - s.start) > need
+    )
+    if not segments:
+        longest = max(s.stop - s.start for s in found.segments)
+        raise LogError(
+            f"the log is shorter than its filter: a cut-off of {cut.matched:g} Hz needs "
+            f"{need:.2g} s without a gap, the log has {longest:.2g} s",
+            where=recording.where,
+            fix="record for longer, widen the window, or raise matched_cutoff in [processing] "
+            "of the robot file",
+        )
+    return segments
+
+
+def _rest_speed(recording: Recording, found: Survey, chain: Chain, fast: Array) -> Array:
+    """The default rest speed of each joint, shape `(n,)`."""
+    c, rate = recording.channels, chain.rate
+    of_position, of_velocity = responses(
+        chain.processing.motion, chain.motion_cutoff, rate, c.joints
+    )
+    if found.velocity_noise is None:
+        noise = np.sqrt(found.band.noise) * noise_gain(of_position[1], rate)
+        step_speed = found.resolution[c.q] * rate * of_position[0].max(axis=-1)
+    else:
+        noise = np.sqrt(found.velocity_noise) * noise_gain(of_velocity, rate)
+        step_speed = found.resolution[c.dq]
+    return default_rest_speed(fast, noise, step_speed)
+
+
+def _quality(
+    recording: Recording,
+    found: Survey,
+    chain: Chain,
+    requested: Processing,
+    rest_speed: Array,
+    highest: Array,
+    marked: Marked,
+) -> Quality:
+    c = recording.channels
+    cut = Cutoffs(chain.motion_cutoff, chain.matched_cutoff)
+    segments = _long_enough(recording, found, cut)
+    counts = {v: found.counts[v] for v in RowVerdict if v != RowVerdict.KEPT and found.counts[v]}
+    mean, spread, least, most = found.steps
+    return Quality(
+        rows=sum(found.counts),
+        kept=found.counts[RowVerdict.KEPT],
+        dropped={verdict.reason: count for verdict, count in counts.items()},
+        repeated=found.counts[RowVerdict.REPEATED],
+        backward=found.counts[RowVerdict.BACKWARD],
+        gaps=tuple(s.stop for s in found.segments[:-1]),
+        short=len(found.segments) - len(segments),
+        rate=found.rate,
+        step_mean=mean,
+        step_std=spread,
+        step_min=least,
+        step_max=most,
+        duration=found.duration,
+        resolution=frozen(found.resolution[c.q]),
+        effort_resolution=frozen(found.resolution[c.effort]),
+        max_speed=frozen(highest),
+        losses=(*_unwrapped(recording), *_losses(found, segments, marked)),
+        notes=_choices_for_quality(found, chain, requested, rest_speed, marked),
+        marked=marked,
+        unexamined=_unexamined(found, segments),
+    )
+
+
+def _unexamined(found: Survey, segments: tuple[Segment, ...]) -> tuple[tuple[float, float], ...]:
+    """Times from the first row to the last that no segment that is used covers."""
+    starts = [*(s.start for s in segments), found.segments[-1].stop]
+    stops = [found.segments[0].start, *(s.stop for s in segments)]
+    spans = zip(stops, starts, strict=True)
+    return tuple((a, b) for a, b in spans if b - a > found.clock.gap)
+
+
+def _unwrapped(recording: Recording) -> tuple[str, ...]:
+    """Which positions were logged modulo a turn."""
+    if not recording.wrapped:
+        return ()
+    return (f"positions {', '.join(recording.wrapped)} wrap after a turn: unwrapped",)
+
+
+def _losses(found: Survey, segments: tuple[Segment, ...], marked: Marked) -> tuple[str, ...]:
+    """What of the log could not be used, dropped rows apart."""
+    losses = []
+    if len(found.segments) > 1:
+        at = ", ".join(f"{s.stop:.2f} s" for s in found.segments[:5][: len(found.segments) - 1])
+        losses.append(f"{len(found.segments) - 1} gaps split the run, the first after {at}")
+    if short := len(found.segments) - len(segments):
+        losses.append(f"{short} stretches between gaps are shorter than the filter and left out")
+    if marked.words:
+        losses.append(marked.words)
+    return tuple(losses)
+
+
+def _choices_for_quality(
+    found: Survey, chain: Chain, requested: Processing, rest_speed: Array, marked: Marked
+) -> tuple[str, ...]:
+    """What was decided from the data."""
+    mean, _, least, most = found.steps
+    return (
+        f"resampled to {found.rate:g} Hz (steps {1e3 * mean:.4g} ms mean, {1e3 * least:.4g} to "
+        f"{1e3 * most:.4g} ms)",
+        f"motion up to {found.band.frequency:.2g} Hz, noise above {found.band.floor:.2g} Hz: "
+        f"motion cut-off {chain.motion_cutoff:g} Hz"
+        f"{_given_cutoff(requested.motion_cutoff)}, regression cut-off {chain.matched_cutoff:g} Hz"
+        f"{_given_cutoff(requested.matched_cutoff)}",
+        f"processing: {chain.words}; {marked.words or 'nothing corrected'}",
+        "at rest below " + " ".join(f"{s:.2g}" for s in rest_speed) + " rad/s or m/s",
+    )
+
+
+def _given_cutoff(cutoff: float | None) -> str:
+    return "" if cutoff is None else " (not chosen from this log)"

@@ -1,0 +1,263 @@
+r"""A recording: a log, what its columns hold, its window; positions logged modulo a turn.
+
+A joint that leaves $[a, a + 2\pi)$ comes in again at the other end. The jump is a turn, less what
+the joint moves from row to row, from one end of all positions to the other; a joint that moves as
+far in steps of its own never jumps so.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import LogError
+from steelyard.logs.log import ROWS_OF_PART, Cut, Log, RowRange, require_columns
+from steelyard.robot.file.signals import Signals
+
+TURN = 2.0 * np.pi
+"""Of a joint [rad]."""
+WRAP_TESTED_ROWS = 100_000
+"""Rows of a log that are looked at."""
+NEAR_END_OF_RANGE = 0.5
+"""How far a row beside a jump may be from the end of the range [rad]: 25 rad/s at 50 Hz."""
+
+
+def wrapped_middles(parts: Iterable[Array]) -> Array:
+    """Middle of the unwrapped positions of each joint that is wrapped, NaN of others, `(n,)` [rad].
+
+    The middle is less than half a turn from zero.
+
+    Args:
+        parts: Positions of consecutive rows, shape `(N, n)` [rad].
+    """
+    kept: list[Array] = []
+    for part in parts:
+        kept.append(part)
+        if sum(len(p) for p in kept) >= WRAP_TESTED_ROWS:
+            break
+    q = np.concatenate(kept)[:WRAP_TESTED_ROWS] if kept else np.zeros((0, 0))
+    return np.array([_middle(column[_usable(column)]) for column in q.T])
+
+
+def _usable(q: Array) -> NDArray[np.bool_]:
+    with np.errstate(invalid="ignore"):
+        usable: NDArray[np.bool_] = np.abs(q) < 3.0 * TURN
+    return usable
+
+
+def _middle(q: Array) -> float:
+    """Middle of a joint's unwrapped positions; NaN if it is not wrapped."""
+    width = float(np.ptp(q)) if len(q) > 1 else 0.0
+    if not TURN - 2.0 * NEAR_END_OF_RANGE < width < TURN + 1e-6:
+        return np.nan
+    jumps = np.abs(np.diff(q)) > TURN - 2.0 * NEAR_END_OF_RANGE
+    before, after = q[:-1][jumps], q[1:][jumps]
+    low = np.minimum(before, after) - q.min()
+    high = q.max() - np.maximum(before, after)
+    if not jumps.any() or max(low.max(), high.max()) > NEAR_END_OF_RANGE:
+        return np.nan
+    whole, _ = continuous(q, float(q[0]))
+    middle = 0.5 * float(whole.min() + whole.max())
+    return middle - TURN * round(middle / TURN)
+
+
+def continuous(q: Array, near: float) -> tuple[Array, float]:
+    """Positions without jumps of a turn, the first one the nearest to a value; and the last one.
+
+    Rows that are no position are left as they are.
+
+    Args:
+        q: Wrapped positions, shape `(N,)` [rad].
+        near: Where the first one is nearest to [rad].
+    """
+    usable = np.flatnonzero(_usable(q))
+    if len(usable) == 0:
+        return q, near
+    found = q.copy()
+    found[usable] -= TURN * np.cumsum(np.round(np.diff(q[usable], prepend=near) / TURN))
+    return found, float(found[usable[-1]])
+
+
+@dataclass(frozen=True)
+class Channels:
+    """Order of the channels beside time: positions, velocities if logged, efforts.
+
+    Attributes:
+        joints: Number of joints, n.
+        velocities: Whether velocities are logged.
+    """
+
+    joints: int
+    velocities: bool
+
+    @property
+    def count(self) -> int:
+        """Number of channels, 2n or 3n."""
+        return (3 if self.velocities else 2) * self.joints
+
+    @property
+    def q(self) -> slice:
+        """Positions."""
+        return slice(0, self.joints)
+
+    @property
+    def dq(self) -> slice:
+        """Velocities; empty if they are not logged."""
+        return slice(self.joints, self.count - self.joints)
+
+    @property
+    def effort(self) -> slice:
+        """Efforts."""
+        return slice(self.count - self.joints, self.count)
+
+
+@dataclass(frozen=True, eq=False)
+class LoggedSamples:
+    """Rows of a recording as logged, in SI units.
+
+    Attributes:
+        t: Time, shape `(N,)` [s].
+        q: Positions, shape `(N, n)` [rad; m].
+        dq: Velocities, shape `(N, n)` [rad/s; m/s]; `None` if they are not logged.
+        effort: Efforts, shape `(N, n)` [A, Nm or N].
+    """
+
+    t: Array
+    q: Array
+    dq: Array | None
+    effort: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What was measured in one run of a robot.
+
+    Attributes:
+        log: The table on disk.
+        signals: Which columns hold what, and in which units.
+        cut: The window that is meant.
+        middles: Middle of the positions of each joint that is logged modulo a turn, NaN of others,
+            shape `(n,)` [rad]; see `unwrapped`.
+    """
+
+    log: Log
+    signals: Signals
+    cut: Cut = field(default_factory=Cut)
+    middles: Array | None = None
+
+    def __post_init__(self) -> None:
+        require_columns(self.log.path, self.log.columns, self.signals.columns)
+
+    def unwrapped(self) -> "Recording":
+        """The same, with positions that jump by a turn made continuous."""
+        if self.signals.position_map is not None:
+            return self
+        plain = replace(self, middles=None)
+        middles = wrapped_middles(
+            x[:, self.channels.q] for _, x in plain.raw((0, WRAP_TESTED_ROWS))
+        )
+        return replace(self, middles=None if np.isnan(middles).all() else frozen(middles))
+
+    @property
+    def wrapped(self) -> tuple[str, ...]:
+        """Columns of the positions that are made continuous."""
+        if self.middles is None:
+            return ()
+        return tuple(self.signals.position[j] for j in np.flatnonzero(~np.isnan(self.middles)))
+
+    @property
+    def name(self) -> str:
+        """The file's name without suffix, with the cut as written on the command line."""
+        return self.log.path.stem + self.cut.text
+
+    @property
+    def where(self) -> str:
+        """The file and the cut, for messages."""
+        return f"{self.log.path}{self.cut.text}"
+
+    @property
+    def channels(self) -> Channels:
+        """Order of the channels in `raw`."""
+        return Channels(self.signals.n, self.signals.velocity is not None)
+
+    def raw(self, rows: RowRange, size: int = ROWS_OF_PART) -> Iterator[tuple[Array, Array]]:
+        """Time `(N,)` [s] and channels `(N, C)` in SI units of any rows, whatever the cut."""
+        s = self.signals
+        velocity_scale = () if s.velocity_scale is None else (s.velocity_scale,)
+        scale = np.concatenate((s.position_scale, *velocity_scale, s.effort_scale))
+        last = None if self.middles is None else self.middles.copy()
+        for part in self.log.parts(s.columns, rows, size):
+            with np.errstate(over="ignore", invalid="ignore"):
+                t, x = part[:, 0] * s.time_scale, self._of_joints(part[:, 1:] * scale)
+                if last is not None:
+                    x = self._continuous(x, last)
+            yield t, x
+
+    def _continuous(self, x: Array, last: Array) -> Array:
+        """Channels with wrapped positions made continuous; `last` is where each joint was."""
+        for j in np.flatnonzero(~np.isnan(last)):
+            x[:, j], last[j] = continuous(x[:, j], float(last[j]))
+        return x
+
+    def _of_joints(self, logged: Array) -> Array:
+        """Channels of the joints from those logged at motors, or from another zero."""
+        c, s = self.channels, self.signals
+        if s.position_map is not None:
+            logged[:, c.q] = logged[:, c.q] @ s.position_map.T
+            if c.velocities:
+                logged[:, c.dq] = logged[:, c.dq] @ s.position_map.T
+        if s.position_offset is not None:
+            logged[:, c.q] += s.position_offset
+        if s.effort_map is not None:
+            logged[:, c.effort] = logged[:, c.effort] @ s.effort_map.T
+        return logged
+
+    def parts(self, size: int = ROWS_OF_PART) -> Iterator[LoggedSamples]:
+        """The rows of the cut as they were logged, broken ones too.
+
+        A cut in seconds needs a clean clock, so only a cut in rows takes effect here.
+        """
+        c = self.channels
+        for t, x in self.raw(self.cut.rows, size):
+            yield LoggedSamples(t, x[:, c.q], x[:, c.dq] if c.velocities else None, x[:, c.effort])
+
+    def in_memory(self, limit: int = ROWS_OF_PART) -> "Recording":
+        """The same with its log in memory if it has fewer than `limit` rows, else unchanged."""
+        parts = list(self.log.parts(self.signals.columns, (0, limit), limit))
+        if not parts:
+            raise LogError(
+                "the log has no rows", where=str(self.log.path), fix="record or copy it again"
+            )
+        if sum(len(part) for part in parts) == limit:
+            return self
+        table = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        return replace(self, log=LogInMemory(self.log.path, self.signals.columns, table))
+
+
+@dataclass(frozen=True, eq=False)
+class LogInMemory:
+    """A small log in memory, so that several passes read the file once.
+
+    Attributes:
+        path: Where it came from.
+        columns: Names of the columns held.
+        table: Shape `(N, len(columns))`.
+    """
+
+    path: Path
+    columns: tuple[str, ...]
+    table: Array
+
+    def parts(
+        self, columns: Sequence[str], rows: RowRange = (0, None), size: int = ROWS_OF_PART
+    ) -> Iterator[Array]:
+        """The requested rows, in parts; see `Log`."""
+        require_columns(self.path, self.columns, columns)
+        table = self.table[slice(*rows)]
+        if tuple(columns) != self.columns:
+            table = table[:, [self.columns.index(c) for c in columns]]
+        for i in range(0, len(table), size):
+            yield table[i : i + size]

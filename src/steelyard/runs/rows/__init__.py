@@ -1,0 +1,1 @@
+"""Rows repaired or left out before they are used: clock, outliers, rests."""

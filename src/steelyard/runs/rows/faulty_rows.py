@@ -1,0 +1,431 @@
+r"""Faulty rows of a recording: broken values, outliers, saturated efforts, repeated positions.
+
+A row is an outlier of its channel if it is far from the median of the nine rows around it, a
+trend taken out (Hampel's identifier [Hampel1974]): further than `threshold` times the channel's
+usual distance, and than `threshold` times the usual distance of those nine rows, $1.4826$ times the
+median of absolute deviations. The trend runs through the medians of the first and of the last three
+rows; steps and corners widen the deviations around them and are no outliers.
+"""
+
+from collections.abc import Sequence
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array
+from steelyard.runs.recording import Channels
+
+LARGEST_VALUE = 1e6
+"""Largest value that any channel can have in SI units: memory garbage is far above."""
+FASTEST_LOGGED_SPEED = 60.0
+"""Largest joint speed [rad/s; m/s]: a little more than the flange of a SCARA robot reaches."""
+FASTEST_STEADY_SPEED = 20.0
+"""Largest joint speed over more than one step of the clock, where jitter matters less."""
+
+
+class RowVerdict(IntEnum):
+    """What became of a row."""
+
+    KEPT = 0
+    UNREADABLE = 1
+    ABSURD = 2
+    REPEATED = 3
+    BACKWARD = 4
+    JUMP = 5
+
+    @property
+    def reason(self) -> str:
+        """Why the row was dropped, for reports."""
+        return _REASONS[self]
+
+
+_REASONS = {
+    RowVerdict.KEPT: "kept",
+    RowVerdict.UNREADABLE: "a cell that is missing or not a number",
+    RowVerdict.ABSURD: "an implausible value",
+    RowVerdict.REPEATED: "a repeated time stamp",
+    RowVerdict.BACKWARD: "a time stamp before the previous one",
+    RowVerdict.JUMP: "a single jump of time or position",
+}
+
+
+def broken_rows(t: Array, x: Array, channels: Channels) -> NDArray[np.uint8]:
+    """A verdict per row, judged by the row alone.
+
+    Args:
+        t: Time, shape `(N,)` [s].
+        x: Channels in SI units, shape `(N, C)`.
+        channels: Their order.
+
+    Returns:
+        Shape `(N,)`: `KEPT`, `UNREADABLE` or `LARGEST_VALUE`.
+    """
+    verdict = np.zeros(len(t), dtype=np.uint8)
+    with np.errstate(invalid="ignore"):
+        absurd = ~np.isfinite(t) | (np.abs(x) > LARGEST_VALUE).any(axis=1)
+        if channels.velocities:
+            absurd |= (np.abs(x[:, channels.dq]) > FASTEST_LOGGED_SPEED).any(axis=1)
+    verdict[absurd] = RowVerdict.ABSURD
+    verdict[np.isnan(t) | np.isnan(x).any(axis=1)] = RowVerdict.UNREADABLE
+    return verdict
+
+
+MEDIAN_SIDE_ROWS = 4
+"""Rows on each side that the median is taken over."""
+LONGEST_SPIKE = 3
+"""Rows in a row that can be one spike; more are a signal."""
+STD_OVER_MAD = 1.4826
+"""Standard deviation over median absolute deviation, for Gaussian noise."""
+TAIL_QUANTILE = 0.90, 1.645
+"""A quantile of absolute deviations, and what it is of Gaussian noise: coarse signals rest at a
+median deviation of zero, and efforts have heavy tails that are no spikes."""
+LEAST_USUAL_DISTANCE = 1e-5
+"""Least usual distance, as a share of the channel's range."""
+SENSOR_STEP_QUANTILE = 0.05
+"""Quantile of the changes of a channel that is its sensor's step; smaller ones are rounding."""
+ROWS_FOR_USUAL = 20_000
+"""Rows that usual distances are learnt from."""
+JOLT_QUANTILE, JOLT_RATIO = 0.99, 2.0
+"""Second difference of a position over the one it exceeds 1 % of the time, from which on an effort
+that stands out is no outlier: the motion jolted."""
+
+
+def usual_distance(x: Array) -> Array:
+    """How far rows are usually from the median around them, shape `(C,)`.
+
+    Args:
+        x: Channels, shape `(C, N)`.
+    """
+    x = x[:, :ROWS_FOR_USUAL]
+    if x.shape[1] <= 2 * MEDIAN_SIDE_ROWS:
+        return np.full(len(x), np.inf)
+    usual = np.empty(len(x))
+    for channel, row in enumerate(x):
+        windows = np.lib.stride_tricks.sliding_window_view(row, 2 * MEDIAN_SIDE_ROWS + 1)
+        far = _distances(windows)[0]
+        spread = np.diff(np.quantile(row, (0.005, 0.995)))[0]
+        usual[channel] = max(
+            STD_OVER_MAD * np.median(far),
+            np.quantile(far, TAIL_QUANTILE[0]) / TAIL_QUANTILE[1],
+            LEAST_USUAL_DISTANCE * spread,
+        )
+    return np.maximum(usual, sensor_step(x))
+
+
+def sensor_step(x: Array) -> Array:
+    """The step of each channel's sensor as rows show it; infinite if it never changes, `(C,)`.
+
+    Args:
+        x: Channels, shape `(C, N)`.
+    """
+    change = np.abs(np.diff(x, axis=1))
+    steps = [
+        float(np.quantile(c[c > 0.0], SENSOR_STEP_QUANTILE)) if c.any() else np.inf for c in change
+    ]
+    return np.array(steps)
+
+
+def outlying(x: Array, usual: Array, threshold: float) -> NDArray[np.bool_]:
+    """Whether each row of each channel is an outlier, shape `(C, N)`.
+
+    The first and last `SIDE + LONGEST` rows are judged without all their neighbours.
+
+    Args:
+        x: Channels, shape `(C, N)`.
+        usual: See `usual_distance`, shape `(C,)`.
+        threshold: Distance in usual ones from which on a row is an outlier.
+    """
+    marks = np.zeros(x.shape, dtype=np.bool_)
+    if x.shape[1] <= 2 * MEDIAN_SIDE_ROWS:
+        return marks
+    far = threshold * usual
+    channel, row = np.nonzero(_bent(x, 0.5 * far))
+    inside = (row >= MEDIAN_SIDE_ROWS) & (row < x.shape[1] - MEDIAN_SIDE_ROWS)
+    channel, row = channel[inside], row[inside]
+    windows = x[channel[:, None], row[:, None] + np.arange(-MEDIAN_SIDE_ROWS, MEDIAN_SIDE_ROWS + 1)]
+    distance, around = _distances(windows)
+    spike = distance > np.maximum(far[channel], threshold * around)
+    marks[channel[spike], row[spike]] = True
+    return without_long(marks, LONGEST_SPIKE)
+
+
+def _distances(windows: Array) -> tuple[Array, Array]:
+    """How far the middle of each window is from its median, and the others usually, `(M,)` each.
+
+    Args:
+        windows: Shape `(M, 2 SIDE + 1)`.
+    """
+    rise = _medians(windows[:, -3:]) - _medians(windows[:, :3])
+    level = windows - rise[:, None] * (
+        np.arange(-MEDIAN_SIDE_ROWS, MEDIAN_SIDE_ROWS + 1) / (2.0 * (MEDIAN_SIDE_ROWS - 1))
+    )
+    away = np.abs(level - _medians(level)[:, None])
+    return away[:, MEDIAN_SIDE_ROWS], STD_OVER_MAD * _medians(away)
+
+
+def _medians(rows: Array) -> Array:
+    """Median of each row of an odd number of finite values, `(M,)`: sorting is what is fast."""
+    return np.asarray(np.sort(rows, axis=1)[:, rows.shape[1] // 2])
+
+
+def _bent(x: Array, bend: Array) -> NDArray[np.bool_]:
+    """Rows that a spike twice as high as `bend` can be at, by their second differences."""
+    second = x[:, 2:] - 2.0 * x[:, 1:-1]
+    second += x[:, :-2]
+    np.abs(second, out=second)
+    sharp = second > bend[:, None]
+    near = np.zeros(x.shape, dtype=np.bool_)
+    if sharp.any():
+        for shift in range(3):
+            near[:, shift : shift + sharp.shape[1]] |= sharp
+    return near
+
+
+def without_long(marks: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
+    """The marks without those that stand more than `longest` in a row, shape `(C, N)`."""
+    if not marks.any():
+        return marks
+    kept = marks.copy()
+    for channel in np.flatnonzero(marks.any(axis=1)):
+        for start, stop in stretches(marks[channel]):
+            if stop - start > longest:
+                kept[channel, start:stop] = False
+    return kept
+
+
+def usual_bend(q: Array) -> Array:
+    """Second difference that each position exceeds 1 % of the time, shape `(n,)`.
+
+    Args:
+        q: Positions, shape `(n, N)`.
+    """
+    second = np.abs(np.diff(q[:, :ROWS_FOR_USUAL], n=2, axis=1))
+    return (
+        np.quantile(second, JOLT_QUANTILE, axis=1) if second.shape[1] else np.full(len(q), np.inf)
+    )
+
+
+def jolted(q: Array, bend: Array) -> NDArray[np.bool_]:
+    """Rows at or next to which some joint jolts, shape `(N,)`.
+
+    Args:
+        q: Positions without outliers, shape `(n, N)`.
+        bend: See `usual_bend`, shape `(n,)`.
+    """
+    sharp = (np.abs(np.diff(q, n=2, axis=1)) > JOLT_RATIO * bend[:, None]).any(axis=0)
+    near = np.zeros(q.shape[1], dtype=np.bool_)
+    for start, stop in stretches(np.atleast_1d(sharp)):
+        near[max(0, start + 1 - LONGEST_SPIKE) : stop + 1 + LONGEST_SPIKE] = True
+    return near
+
+
+def stretches(marks: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First row and the row after the last one of all stretches that are marked."""
+    edges = np.flatnonzero(np.diff(marks, prepend=False, append=False)).tolist()
+    return list(zip(edges[::2], edges[1::2], strict=True))
+
+
+def bridged(t: Array, x: Array, marks: NDArray[np.bool_], smooth: Sequence[int]) -> Array:
+    """The channels with marked rows interpolated between their neighbours.
+
+    Args:
+        t: Time, shape `(N,)` [s].
+        x: Channels, shape `(C, N)`.
+        marks: Which rows are not to be believed, shape `(C, N)`.
+        smooth: Channels that take the cubic through two neighbours on each side; others take the
+            straight line between two.
+    """
+    if not marks.any():
+        return x
+    filled = x.copy()
+    some = np.flatnonzero(marks.any(axis=1))
+    before, after = _neighbours(marks[some])
+    of, row = np.nonzero(marks[some])
+    channel, low, high = some[of], before[of, row], after[of, row]
+    low, high = np.where(low < 0, high, low), np.where(high == len(t), low, high)
+    known = (low >= 0) & (high < len(t))
+    of, channel, row, low, high = (v[known] for v in (of, channel, row, low, high))
+    span = np.where(high > low, t[high] - t[low], 1.0)
+    share = (t[row] - t[low]) / span
+    filled[channel, row] = (1.0 - share) * x[channel, low] + share * x[channel, high]
+    lower, higher = before[of, low - 1], after[of, np.minimum(high + 1, len(t) - 1)]
+    cubic = np.isin(channel, list(smooth)) & (high > low) & (low > 0) & (high < len(t) - 1)
+    cubic &= (lower >= 0) & (higher < len(t))
+    points = np.stack([v[cubic] for v in (lower, low, high, higher)], axis=1)
+    channel, row = channel[cubic], row[cubic]
+    filled[channel, row] = _through(t[points], x[channel[:, None], points], t[row])
+    return filled
+
+
+def _neighbours(marks: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The nearest rows up to and from each row on that are not marked; -1 and N where none is."""
+    rows = np.arange(marks.shape[1])
+    before = np.maximum.accumulate(np.where(marks, -1, rows), axis=1)
+    after = np.minimum.accumulate(np.where(marks, len(rows), rows)[:, ::-1], axis=1)[:, ::-1]
+    return before, after
+
+
+def _through(t: Array, values: Array, at: Array) -> Array:
+    """Lagrange's polynomials through some points each, at one other time each.
+
+    Args:
+        t: Times, shape `(M, 4)` [s].
+        values: Shape `(M, 4)`.
+        at: Shape `(M,)` [s].
+    """
+    result = np.zeros_like(at)
+    for k in range(t.shape[1]):
+        others = [j for j in range(t.shape[1]) if j != k]
+        base = np.prod((at[:, None] - t[:, others]) / (t[:, [k]] - t[:, others]), axis=1)
+        result += values[:, k] * base
+    return result
+
+
+ROWS_OF_STAY = 5
+"""Rows in a row at the extreme value that are a stay."""
+STAY_OVER_USUAL = 3.0
+"""Stays at the extreme over the rows for which a value is usually held, at least: some drives
+report at a lower rate than they are logged."""
+ABRUPT_STEP = 0.5
+"""Step into a stay over the usual step, at least: a smooth peak comes with steps near zero."""
+ABRUPT_QUANTA = 2.5
+"""Step into a stay over the smallest step, at least: a coarse signal's peak comes with one."""
+ABRUPT_SHARE = 0.25
+"""Share of the long stays at the extreme that must be abrupt."""
+ABRUPT_STAYS = 2
+"""Abrupt stays at the extreme that are saturation; one may be a pose held at rest."""
+
+
+class Extremes:
+    """The highest and lowest value of each channel and how it stays there, from parts.
+
+    Args:
+        channels: Number of channels, C.
+    """
+
+    def __init__(self, channels: int) -> None:
+        self._sides = [(_Top(), _Top()) for _ in range(channels)]
+        self._squares = np.zeros(channels)
+        self._changes = np.zeros(channels, dtype=np.int64)
+        self._rows = 0
+        self._last: Array | None = None
+
+    def add(self, x: Array) -> None:
+        """Take in rows of one segment that follow those before, shape `(C, N)`."""
+        whole = x if self._last is None else np.concatenate((self._last[:, None], x), axis=1)
+        change = np.diff(whole, axis=1)
+        self._squares += np.square(change).sum(axis=1)
+        self._changes += np.count_nonzero(change, axis=1)
+        self._rows += x.shape[1]
+        self._last = x[:, -1].copy()
+        for (top, bottom), row in zip(self._sides, x, strict=True):
+            top.add(row)
+            bottom.add(-row)
+
+    def end_segment(self) -> None:
+        """What follows does not follow the rows before."""
+        self._last = None
+        for sides in self._sides:
+            for side in sides:
+                side.end_stay()
+
+    def limits(self, resolution: Array) -> Array:
+        """Lower and upper value at which each channel is cut off, shape `(C, 2)`; NaN for none.
+
+        Args:
+            resolution: Smallest step of each channel that is not zero, shape `(C,)`.
+        """
+        self.end_segment()
+        changes = np.maximum(self._changes, 1)
+        usual = np.sqrt(self._squares / changes)
+        repeats = self._rows / changes
+        found = np.full((len(self._sides), 2), np.nan)
+        for channel, (top, bottom) in enumerate(self._sides):
+            least = max(ROWS_OF_STAY, STAY_OVER_USUAL * repeats[channel])
+            step = max(ABRUPT_STEP * usual[channel], ABRUPT_QUANTA * resolution[channel])
+            if bottom.saturated(least, step):
+                found[channel, 0] = -bottom.level
+            if top.saturated(least, step):
+                found[channel, 1] = top.level
+        return found
+
+
+class _Top:
+    """The highest value of one channel, and its stays there: length and the step into each."""
+
+    MOST = 1000
+
+    def __init__(self) -> None:
+        self.level = -np.inf
+        self._stays: list[tuple[int, float]] = []
+        self._open: tuple[int, float] | None = None
+        self._before = np.nan
+
+    def add(self, row: Array) -> None:
+        highest = float(row.max(initial=-np.inf))
+        if highest > self.level:
+            self.level, self._stays, self._open = highest, [], None
+        if highest == self.level:
+            for start, stop in stretches(row == self.level):
+                if start > 0 or self._open is None:
+                    self.end_stay()
+                    before = float(row[start - 1]) if start > 0 else self._before
+                    self._open = 0, self.level - before
+                self._open = self._open[0] + stop - start, self._open[1]
+                if stop < len(row):
+                    self.end_stay()
+        elif self._open is not None:
+            self.end_stay()
+        self._before = float(row[-1]) if len(row) else self._before
+
+    def end_stay(self) -> None:
+        if self._open is not None and len(self._stays) < self.MOST:
+            self._stays.append(self._open)
+        self._open, self._before = None, np.nan
+
+    def saturated(self, least: float, step: float) -> bool:
+        long = [into for length, into in self._stays if length >= least]
+        return sum(into >= step for into in long) >= max(ABRUPT_STAYS, ABRUPT_SHARE * len(long))
+
+
+def saturated(x: Array, limits: Array) -> NDArray[np.bool_]:
+    """Whether rows stay at a limit for `ROWS_OF_STAY` rows or more, shape `(C, N)`.
+
+    Args:
+        x: Channels, shape `(C, N)`.
+        limits: Lower and upper limits, shape `(C, 2)`; NaN for none.
+    """
+    marks = np.zeros(x.shape, dtype=np.bool_)
+    for channel in np.flatnonzero(~np.isnan(limits).all(axis=1)).tolist():
+        for limit in limits[channel]:
+            for start, stop in stretches(x[channel] == limit):
+                marks[channel, start:stop] |= stop - start >= ROWS_OF_STAY
+    return marks
+
+
+MOVED_STEPS = 3.0
+"""Steps of the sensor that a joint must be expected to move from row to row."""
+LONGEST_STALE = 4
+"""Rows in a row that can be stale; more are a rest, or a gap that is not to be guessed across."""
+
+
+def stale_rows(q: Array, step: Array) -> NDArray[np.bool_]:
+    """Whether each row repeats all positions of the row before though a joint moves, `(N,)`.
+
+    Args:
+        q: Positions, shape `(n, N)`.
+        step: See `sensor_step`, shape `(n,)`.
+    """
+    marks = np.zeros(q.shape[1], dtype=np.bool_)
+    same = (q[:, 1:] == q[:, :-1]).all(axis=0)
+    rows = np.flatnonzero(same) + 1
+    rows = rows[(rows >= LONGEST_STALE + 1) & (rows < q.shape[1] - LONGEST_STALE - 1)]
+    if len(rows) == 0:
+        return marks
+    reach = LONGEST_STALE + 1
+    ahead, behind = (np.abs(q[:, rows + side] - q[:, rows]) for side in (reach, -reach))
+    pace = np.minimum(ahead, behind) / reach
+    marks[rows[(pace > MOVED_STEPS * step[:, None]).any(axis=0)]] = True
+    kept: NDArray[np.bool_] = without_long(marks[None], LONGEST_STALE)[0]
+    return kept

@@ -1,0 +1,317 @@
+"""A run: clean motion and effort on a uniform clock, read by parts."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.motion import Motion
+from steelyard.robot.file.signals import Signals
+from steelyard.runs.chain import Chain
+from steelyard.runs.recording import Recording
+from steelyard.runs.repetitions import Importance
+from steelyard.runs.rows.row_checks import Quality, Segment
+
+BLOCK_SAMPLES = 4096
+"""Samples of a block."""
+
+KEPT = 2**20
+"""Values up to which motion and efforts of a run stay in memory for the next pass: 8 MiB."""
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Consecutive samples of a run, joint-major and contiguous for the inner loop.
+
+    Attributes:
+        segment: Number of the segment they lie in; gaps lie between segments.
+        t: Time from the log's start, shape `(B,)` [s].
+        q: Positions, shape `(n, B)` [rad; m].
+        dq: Velocities, shape `(n, B)` [rad/s; m/s].
+        ddq: Accelerations, shape `(n, B)` [rad/s²; m/s²].
+        effort: As logged, not low-passed, shape `(n, B)` [A, Nm or N].
+        moving: Whether each joint moves, shape `(n, B)`.
+        channels: What a model computed along the motion, shape `(n_channels, B)`; or `None`.
+        weights: How much each sample of each effort counts, beside `moving`, shape `(n, B)`: 0
+            where the log is not to be trusted; `None` if all count alike.
+    """
+
+    segment: int
+    t: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    effort: Array
+    moving: NDArray[np.bool_]
+    channels: Array | None = None
+    weights: Array | None = None
+
+    def part(self, start: int, stop: int) -> "Block":
+        """The samples from `start` to `stop`."""
+        q, dq, ddq, effort = (
+            np.ascontiguousarray(x[:, start:stop]) for x in (self.q, self.dq, self.ddq, self.effort)
+        )
+        moving = np.ascontiguousarray(self.moving[:, start:stop])
+        channels, weights = (
+            None if x is None else np.ascontiguousarray(x[:, start:stop])
+            for x in (self.channels, self.weights)
+        )
+        return Block(
+            self.segment, self.t[start:stop], q, dq, ddq, effort, moving, channels, weights
+        )
+
+    @classmethod
+    def joined(cls, blocks: Sequence["Block"]) -> "Block":
+        """Consecutive blocks of one segment as one."""
+        channels = [b.channels for b in blocks if b.channels is not None]
+        weights = None
+        if any(b.weights is not None for b in blocks):
+            weights = np.concatenate([b.counted for b in blocks], axis=1)
+        return cls(
+            blocks[0].segment,
+            np.concatenate([b.t for b in blocks]),
+            np.concatenate([b.q for b in blocks], axis=1),
+            np.concatenate([b.dq for b in blocks], axis=1),
+            np.concatenate([b.ddq for b in blocks], axis=1),
+            np.concatenate([b.effort for b in blocks], axis=1),
+            np.concatenate([b.moving for b in blocks], axis=1),
+            np.concatenate(channels, axis=1) if channels else None,
+            weights,
+        )
+
+    @property
+    def counted(self) -> Array:
+        """The weights, ones where there are none, shape `(n, B)`."""
+        return np.ones(self.moving.shape) if self.weights is None else self.weights
+
+
+@dataclass(frozen=True, eq=False)
+class RunData:
+    """A whole run in memory.
+
+    Attributes:
+        motion: N samples of n joints.
+        effort: As logged, shape `(N, n)` [A, Nm or N].
+        moving: Whether each joint moves, shape `(N, n)`.
+        segment: Number of the segment of each sample, shape `(N,)`.
+        weights: How much each sample of each effort counts, see `Block`, shape `(N, n)`; `None` if
+            all count alike.
+    """
+
+    motion: Motion
+    effort: Array
+    moving: NDArray[np.bool_]
+    segment: NDArray[np.intp]
+    weights: Array | None = None
+
+    @property
+    def t(self) -> Array:
+        """Time from the log's start, shape `(N,)` [s]."""
+        return self.motion.t
+
+
+class KeptBlocks:
+    """Blocks of a short run that stay in memory, for itself and for runs of another span.
+
+    Attributes:
+        source: What they were made from; empty before the first pass.
+        blocks: The number of each block's first sample in its segment, and the block.
+    """
+
+    def __init__(self) -> None:
+        self.source: tuple[object, ...] = ()
+        self.blocks: tuple[tuple[int, Block], ...] = ()
+
+    def __reduce__(self) -> tuple[type["KeptBlocks"], tuple[()]]:
+        return KeptBlocks, ()  # another process reads the log itself
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A recording, cleaned when it is read: passes over long logs read anew, in constant memory.
+
+    Attributes:
+        recording: Where it comes from, with context around a cut for the motion's filter.
+        name: The recording's name, with its cut as written.
+        chain: What is done with its rows.
+        segments: Stretches without gaps that are long enough for the filters.
+        rest_speed: Speed up to which each joint rests, shape `(n,)` [rad/s; m/s].
+        span: Times of the first and last motion of any joint, from the log's start [s].
+        quality: What was found in the log.
+        importance: Weights of efforts over time, of a mean over repetitions.
+        kept: Motion and efforts of a short run, for the next pass.
+
+    Example:
+        >>> (run,) = load_runs("arm.toml", "fit.csv")
+        >>> run.whole().motion.n_joints
+        2
+    """
+
+    recording: Recording
+    name: str
+    chain: Chain
+    segments: tuple[Segment, ...]
+    rest_speed: Array
+    span: tuple[float, float]
+    quality: Quality
+    importance: Importance | None = None
+    kept: KeptBlocks = field(default_factory=KeptBlocks)
+
+    def __repr__(self) -> str:
+        joints = self.recording.channels.joints
+        size = f"{self.n_samples} samples at {self.rate:g} Hz, {self.duration:.4g} s"
+        return f"Run('{self.name}': {joints} joints, {size})"
+
+    @property
+    def rate(self) -> float:
+        """Rate of the uniform clock [Hz]."""
+        return self.chain.rate
+
+    @property
+    def motion_cutoff(self) -> float:
+        """Low-pass of positions and velocities [Hz]."""
+        return self.chain.motion_cutoff
+
+    @property
+    def matched_cutoff(self) -> float:
+        """Low-pass meant for regressor and effort alike; not applied here [Hz]."""
+        return self.chain.matched_cutoff
+
+    @property
+    def effort_units(self) -> tuple[str, ...]:
+        """Unit of each effort: `A`, `Nm` or `N`."""
+        return tuple(self.recording.signals.effort_units)
+
+    @property
+    def duration(self) -> float:
+        """Time from first to last motion, without gaps [s]."""
+        return self.n_samples / self.rate
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples from first to last motion."""
+        return sum(max(0, b - a) for a, b in map(self._range, self.segments))
+
+    def blocks(self, size: int = BLOCK_SAMPLES) -> Iterator[Block]:
+        """Samples from first to last motion, in blocks of at most `size`; can be begun anew."""
+        if not self._short:
+            yield from self._read(size)
+            return
+        segments = {s.number: s for s in self.segments}
+        for start, block in self._whole():
+            first, last = self._range(segments[block.segment])
+            begin, end = max(0, first - start), min(len(block.t), last - start)
+            for at in range(begin, end, size):
+                stop = min(at + size, end)
+                yield block if (at, stop) == (0, len(block.t)) else block.part(at, stop)
+
+    def displaced(self, offsets: Array) -> "Run":
+        """The run with positions that far from those of the log, shape `(n,)` [rad; m]."""
+        given = self.recording.signals.position_offset
+        signals = replace(
+            self.recording.signals,
+            position_offset=frozen(offsets),
+            unknown_offsets=(False,) * len(offsets),
+        )
+        found = replace(self, recording=replace(self.recording, signals=signals), kept=KeptBlocks())
+        if self._short:
+            change = (offsets if given is None else offsets - given)[:, None]
+            whole = [(at, replace(b, q=frozen(b.q + change))) for at, b in self._whole()]
+            found.kept.blocks, found.kept.source = tuple(whole), found._source
+        return found
+
+    def around(self, context: float) -> "Run":
+        """The run with that much of its segments before its first and after its last motion [s]."""
+        start, stop = self.span
+        return replace(self, span=(start - context, stop + context))
+
+    @property
+    def _short(self) -> bool:
+        """Whether motion and efforts of all segments stay in memory."""
+        samples = sum(segment.samples for segment in self.segments)
+        return 4 * self.recording.channels.joints * samples <= KEPT
+
+    @property
+    def _source(self) -> tuple[object, ...]:
+        """What blocks are made from, but for the span."""
+        return self.recording, self.chain, self.segments, self.rest_speed, self.importance
+
+    def _whole(self) -> tuple[tuple[int, Block], ...]:
+        """All samples of all segments, with the number of each block's first one."""
+        kept, source = self.kept, self._source
+        if len(kept.source) != len(source) or any(
+            one is not other for one, other in zip(kept.source, source, strict=True)
+        ):
+            numbered, number, segment = [], 0, None
+            for block in replace(self, span=(-np.inf, np.inf), kept=KeptBlocks())._read(
+                BLOCK_SAMPLES
+            ):
+                if block.segment != segment:
+                    segment = block.segment
+                    mine = next(s for s in self.segments if s.number == segment)
+                    number = round((float(block.t[0]) - mine.start) * self.rate)
+                numbered.append((number, block))
+                number += len(block.t)
+            kept.blocks, kept.source = tuple(numbered), source
+        return kept.blocks
+
+    def _read(self, size: int) -> Iterator[Block]:
+        segments = {s.number: s for s in self.segments}
+        n = self.recording.channels.joints
+        for part in self.chain.parts(self.recording, tuple(segments)):
+            segment, start, signals = segments[part.segment], part.start, part.signals
+            first, last = self._range(segment)
+            for at in range(max(start, first), min(start + signals.shape[1], last), size):
+                stop = min(at + size, start + signals.shape[1], last)
+                inside = slice(at - start, stop - start)
+                values = np.ascontiguousarray(signals[:, inside])
+                values.flags.writeable = False
+                q, dq, ddq, effort = values.reshape(4, n, -1)
+                t = segment.start + np.arange(at, stop) / self.rate
+                moving = np.abs(dq) > self.rest_speed[:, None]
+                weights = None if part.weights is None else part.weights[:, inside].copy()
+                if weights is not None and (weights == 1.0).all():
+                    weights = None
+                if self.importance is not None:
+                    own = self.importance.at(t)
+                    weights = own if weights is None else own * weights
+                yield Block(part.segment, t, q, dq, ddq, effort, moving, weights=weights)
+
+    def whole(self) -> RunData:
+        """All samples from first to last motion, in memory."""
+        blocks = list(self.blocks())
+        q, dq, ddq, effort = (
+            np.concatenate([getattr(b, name) for b in blocks], axis=1).T
+            for name in ("q", "dq", "ddq", "effort")
+        )
+        return RunData(
+            Motion(np.concatenate([b.t for b in blocks]), q, dq, ddq),
+            np.ascontiguousarray(effort),
+            np.concatenate([b.moving for b in blocks], axis=1).T.copy(),
+            np.concatenate([np.full(len(b.t), b.segment) for b in blocks]),
+            None
+            if all(b.weights is None for b in blocks)
+            else np.concatenate([b.counted for b in blocks], axis=1).T.copy(),
+        )
+
+    def _range(self, segment: Segment) -> tuple[int, int]:
+        """First sample of a segment that is used, and the one after the last."""
+        early, late = lost_ends(self.recording.signals)
+        start = max(self.span[0], segment.start + early) - segment.start
+        stop = min(self.span[1], segment.stop - late) - segment.start
+        return max(0, int(np.ceil(start * self.rate - 1e-6))), min(
+            segment.samples, int(np.floor(stop * self.rate + 1e-6)) + 1
+        )
+
+
+def fastest_of(runs: Sequence[Run]) -> Array:
+    """Greatest speed of each joint in any of the runs, shape `(n,)` [rad/s; m/s]."""
+    return np.asarray(np.max([run.quality.max_speed for run in runs], axis=0))
+
+
+def lost_ends(signals: Signals) -> tuple[float, float]:
+    """How much of a segment's start and end has no value of every signal, for their delays [s]."""
+    lags = signals.velocity_delay, signals.effort_delay
+    return max(0.0, -min(lags)), max(0.0, *lags)

@@ -1,0 +1,1 @@
+"""Smoothing and differentiation of positions."""

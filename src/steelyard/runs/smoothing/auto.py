@@ -1,0 +1,296 @@
+r"""The default way from positions to motion: what is least wrong for the noise that a log has.
+
+The Kalman smoother of `kalman` is, away from the ends, the zero-phase low-pass
+$1 / (1 + (\omega / \omega_c)^6)$ on positions and $1 / (1 + (\omega / \omega_c)^4)$ on logged
+velocities, with the likeliest $\omega_c$ joint by joint; as filters these work on parts of a log of
+any length. The likelihood is believed where what it cannot explain, the innovations, is white;
+elsewhere (clocks that jitter, values that were interpolated or filtered before) the wide
+Butterworth low-pass of the motion's cut-off changes least.
+
+Where a joint repeats its motion as well as its noise lets see, its mean over the periods takes the
+place of what each period says: noise is then left out between the harmonics too, as a projection
+on them would, but without a hard end.
+"""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import LogError
+from steelyard.runs.smoothing.filters import (
+    Bank,
+    butterworth,
+    continued_at_ends,
+    differentiated,
+    settling,
+)
+from steelyard.runs.smoothing.kalman_smoother import filtered, likeliest_ratio, likeliest_variance
+from steelyard.runs.smoothing.method import Butterworth, Designed
+from steelyard.runs.spectrum import find_period, folded, mean_period, moving_span
+
+WHITE = 0.12
+"""Correlation of innovations one to three samples apart up to which noise passes for white."""
+HIGHEST_CUTOFF = 0.25
+"""Highest cut-off, per sampling rate."""
+LEAST_WHITENESS_SAMPLES = 500
+"""Samples from which on innovations can be tested for whiteness."""
+STILL_JOINT_STD = 0.02
+"""A joint with a smaller share of the largest standard deviation is left out."""
+PERIODIC_EXCESS = 1.2
+"""Power of a motion's distance from its mean period over that of noise in the low-pass alone."""
+PERIODIC_EXCESS_ONCE = 2.0
+"""The same of any single period: the first one often starts from rest."""
+LEAST_PERIODS = 1.9
+"""Least number of periods."""
+ENDS_LEFT_OUT = 1.0
+"""How far from its ends a motion is not used for the mean, in periods of the cut-off."""
+
+
+@dataclass(frozen=True)
+class Auto:
+    """Low-passes with cut-offs found by maximum likelihood, or the mean period; the default.
+
+    Attributes:
+        cutoffs: Low-pass of each position [Hz]; found in the log if not given. Where none was
+            found, the Butterworth low-pass of the motion's cut-off is taken.
+        velocity_cutoffs: Low-pass of each logged velocity [Hz], likewise.
+        period: Period of the joints that repeat their motion [s].
+        periodic: Numbers of these joints, from 1.
+    """
+
+    name: ClassVar[str] = "auto"
+    cutoffs: tuple[float, ...] | None = None
+    velocity_cutoffs: tuple[float, ...] | None = None
+    period: float | None = None
+    periodic: tuple[int, ...] = ()
+
+    @property
+    def choice(self) -> str:
+        """The filters in words: low-passes, and whose mean period is taken."""
+        kinds = (("positions", self.cutoffs), ("velocities", self.velocity_cutoffs))
+        parts = [
+            f"{kind} at {', '.join(f'{value:g}' for value in values)} Hz"
+            for kind, values in kinds
+            if values is not None
+        ]
+        words = f"low-passes per joint, {'; '.join(parts)}" if parts else "butterworth"
+        if self.period is not None and self.periodic:
+            numbers = ", ".join(map(str, self.periodic))
+            words += f", mean over the periods of {self.period:g} s of joints {numbers}"
+        return words
+
+    def designed(self, cutoff: float, rate: float) -> Designed:
+        """The filters for a cut-off of the motion [Hz] and a rate [Hz]."""
+        wide = Butterworth().designed(cutoff, rate)
+        if self.cutoffs is None and self.velocity_cutoffs is None:
+            return wide
+        position = None if self.cutoffs is None else LowPasses(self.cutoffs, 3, rate)
+        velocity = None
+        if self.velocity_cutoffs is not None:
+            velocity = LowPasses(self.velocity_cutoffs, 2, rate)
+        local = LikeliestCutoffs(wide, position, velocity)
+        if self.period is None or self.cutoffs is None:
+            return local
+        return MeanPeriod(local, self, rate)
+
+    def chosen(
+        self, q: Array, dq: Array | None, rate: float, band: float, *, whole: bool
+    ) -> "Auto":
+        """The same with what is not given found in a log.
+
+        Args:
+            q: Positions, uniformly sampled, shape `(n, N)`.
+            dq: Logged velocities, the same shape, if there are any.
+            rate: [Hz].
+            band: Frequency below which the motion lives: no cut-off is lower [Hz].
+            whole: Whether the log may be worked on as a whole, which periods need.
+        """
+        cutoffs = self.cutoffs or likeliest_cutoffs(q, 3, rate, band)
+        velocity = self.velocity_cutoffs
+        if dq is not None and velocity is None:
+            velocity = likeliest_cutoffs(dq, 2, rate, band)
+        found = replace(self, cutoffs=cutoffs, velocity_cutoffs=velocity)
+        if cutoffs is None or dq is not None or not whole or self.cutoffs is not None:
+            return found
+        return _is_periodic(found, cutoffs, q, rate)
+
+
+def likeliest_cutoffs(x: Array, order: int, rate: float, band: float) -> tuple[float, ...] | None:
+    """The likeliest cut-off of every channel [Hz], or `None` if noise is not what it is taken for.
+
+    Args:
+        x: Positions (order 3) or velocities (order 2), uniformly sampled, shape `(n, N)`.
+        order: Derivative that wanders freely.
+        rate: [Hz].
+        band: No cut-off is lower [Hz].
+    """
+    if x.shape[1] < LEAST_WHITENESS_SAMPLES:
+        return None
+    steps, size = np.ones(x.shape[1]), x.std(axis=1)
+    cutoffs = []
+    for channel, large in zip(x, size > STILL_JOINT_STD * size.max(initial=0.0), strict=True):
+        ratio = likeliest_ratio(channel, steps, order)
+        if large and not _is_white(filtered(channel, steps, ratio, order)):
+            return None
+        cutoff = ratio ** (0.5 / order) * rate / (2.0 * np.pi)
+        cutoffs.append(float(f"{min(max(cutoff, band), HIGHEST_CUTOFF * rate):.3g}"))
+    return tuple(cutoffs)
+
+
+def _is_white(kept: Array) -> bool:
+    """Whether the innovations that a filter kept are white."""
+    innovation = kept[3:, 9] / np.sqrt(kept[3:, 10])
+    power = float(innovation @ innovation)
+    lags = (float(innovation[k:] @ innovation[:-k]) for k in (1, 2, 3))
+    return power > 0.0 and max(abs(x) for x in lags) < WHITE * power
+
+
+class LowPasses:
+    """A low-pass per channel, and its derivatives.
+
+    Args:
+        cutoffs: One per channel [Hz].
+        order: Of the zero-phase Butterworth response; it can be derived once less.
+        rate: [Hz].
+    """
+
+    def __init__(self, cutoffs: tuple[float, ...], order: int, rate: float) -> None:
+        self.halo = max(settling(cutoff, rate, order) for cutoff in cutoffs)
+        self.banks: list[Bank] = []
+        for cutoff in cutoffs:
+            low = butterworth(cutoff, rate, order)
+            rows = [differentiated(low, rate, times) for times in range(order)]
+            self.banks.append(Bank(rows, self.halo))
+
+    def __call__(self, extended: Array) -> Array:
+        """Channels `(n, N + 2 halo)` to values and derivatives, `(order, n, N)`."""
+        if len(extended) != len(self.banks):
+            raise LogError(
+                f"there are {len(self.banks)} cut-offs for {len(extended)} joints",
+                where="method 'auto' of [processing]",
+                fix="give one per joint, or leave them out",
+            )
+        each = [bank(x[None]) for bank, x in zip(self.banks, extended, strict=True)]
+        return np.concatenate(each, axis=1)
+
+
+@dataclass(frozen=True)
+class LikeliestCutoffs:
+    """The filters of a log: a local method.
+
+    Attributes:
+        wide: For what has no likeliest cut-offs.
+        position: Of positions.
+        velocity: Of logged velocities.
+    """
+
+    wide: Designed
+    position: LowPasses | None
+    velocity: LowPasses | None
+
+    @property
+    def halo(self) -> int:
+        """Samples of context on each side."""
+        own = [x.halo for x in (self.position, self.velocity) if x is not None]
+        return max(self.wide.halo or 0, *own)
+
+    def __call__(self, q: Array, dq: Array | None) -> Array:
+        """Positions, and velocities if logged, to motion; see `Designed`."""
+        wide = self.wide.halo or 0
+        trimmed = self._inner(q, wide), None if dq is None else self._inner(dq, wide)
+        result = None
+        if self.position is None or (dq is not None and self.velocity is None):
+            result = self.wide(*trimmed)
+        if self.position is not None:
+            mine = self.position(self._inner(q, self.position.halo))
+            if result is None or dq is None:
+                result = mine
+            else:
+                result[0] = mine[0]
+        if dq is not None and self.velocity is not None and result is not None:
+            result[1:] = self.velocity(self._inner(dq, self.velocity.halo))
+        return np.asarray(result)
+
+    def _inner(self, extended: Array, halo: int) -> Array:
+        """Channels with only the context that a part needs."""
+        spare = self.halo - halo
+        return extended[:, spare : extended.shape[1] - spare]
+
+
+@dataclass(frozen=True)
+class MeanPeriod:
+    """The mean over the periods where joints repeat their motion; for whole segments.
+
+    Attributes:
+        local: What happens in each period.
+        method: Says which joints, with which period and cut-offs.
+        rate: [Hz].
+    """
+
+    local: LikeliestCutoffs
+    method: Auto
+    rate: float
+
+    @property
+    def halo(self) -> None:
+        """None: a sample depends on all others."""
+        return
+
+    def __call__(self, q: Array, dq: Array | None) -> Array:
+        """Positions, and velocities if logged, of a segment to motion; see `Designed`."""
+        halo = self.local.halo
+        wide = None if dq is None else continued_at_ends(dq, halo, halo)
+        result = self.local(continued_at_ends(q, halo, halo), wide)
+        start, stop = moving_span(q)
+        length = (self.method.period or 0.0) * self.rate
+        if stop - start >= LEAST_PERIODS * length:
+            joints = [j - 1 for j in self.method.periodic]
+            part = result[:, joints, start:stop]
+            result[:, joints, start:stop] = folded(part, length, self._bent)
+        return result
+
+    @property
+    def _bent(self) -> int:
+        """Samples at each end that the filters have bent."""
+        return int(ENDS_LEFT_OUT * self.rate / min(self.method.cutoffs or (np.inf,)))
+
+
+def _is_periodic(method: Auto, cutoffs: tuple[float, ...], q: Array, rate: float) -> Auto:
+    """A method with the joints that repeat their motion, if there are any."""
+    period = find_period(q, rate)
+    start, stop = moving_span(q)
+    if period is None or stop - start < LEAST_PERIODS * period * rate:
+        return method
+    inside = np.ascontiguousarray(q[:, start:stop])
+    table = mean_period(inside, period * rate)
+    steps = np.ones(2 * table.shape[1])
+    sharper = [likeliest_ratio(x, steps) for x in np.concatenate((table, table), axis=1)]
+    own = np.array(sharper) ** (1.0 / 6.0) * rate / (2.0 * np.pi)
+    found = np.clip(own, cutoffs, HIGHEST_CUTOFF * rate)
+    chosen = tuple(float(f"{x:.3g}") for x in found)
+    low = LowPasses(chosen, 3, rate)
+    each = low(continued_at_ends(inside, low.halo, low.halo))
+    bent = int(ENDS_LEFT_OUT * rate / min(chosen))
+    left = (each - folded(each, period * rate, bent))[:, :, bent : stop - start - bent]
+    noise = _noise(inside, low, chosen, rate)
+    good = (np.square(left).mean(axis=2) < PERIODIC_EXCESS * noise).all(axis=0)
+    for part in np.array_split(left, max(1, round(left.shape[2] / (period * rate))), axis=2):
+        good &= (np.square(part).mean(axis=2) < PERIODIC_EXCESS_ONCE * noise).all(axis=0)
+    joints = np.flatnonzero(good).tolist()
+    if not joints:
+        return method
+    own_cutoffs = tuple(chosen[j] if j in joints else c for j, c in enumerate(cutoffs))
+    numbers = tuple(j + 1 for j in joints)
+    return replace(method, cutoffs=own_cutoffs, period=period, periodic=numbers)
+
+
+def _noise(q: Array, low: LowPasses, cutoffs: tuple[float, ...], rate: float) -> Array:
+    """Power of noise behind low-passes and their derivatives, shape `(3, n)`."""
+    steps, powers = np.ones(q.shape[1]), []
+    for x, bank, cutoff in zip(q, low.banks, cutoffs, strict=True):
+        ratio = (2.0 * np.pi * cutoff / rate) ** 6
+        variance = likeliest_variance(filtered(x, steps, ratio))
+        powers.append(variance * np.square(bank.taps).sum(axis=1))
+    return np.array(powers).T

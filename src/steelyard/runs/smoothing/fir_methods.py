@@ -1,0 +1,320 @@
+r"""The methods with finite windows: `fir`, `moving_average` and `savitzky_golay`.
+
+$\dot q_k = (q_{k+1} - q_{k-1}) / (2 \Delta t)$, likewise for $\ddot q_k$ (p1, eq 10), which a
+moving average then smooths; positions and velocities stay as they are. At the ends of a series the
+average is taken over as many samples as there are on both sides, as MATLAB's `smooth` does it.
+
+Fitting a polynomial of degree $d$ to the $2m + 1$ samples around each sample is a convolution, and
+so are its derivatives in the middle [Savitzky1964].
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from math import ceil
+from typing import ClassVar
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import LogError, ModelError
+from steelyard.runs.smoothing.filters import (
+    Bank,
+    Single,
+    check_passes,
+    convolved,
+    kaiser_lowpass,
+    repeated_response,
+    repeated_smoother,
+)
+from steelyard.runs.smoothing.method import Differentiating
+
+RINGING_TIME = 2
+"""Halo over that of the filter itself: its derivatives ring on at the level of its suppression."""
+SUPPRESSIONS = 20.0, 120.0
+"""Least and most suppression that can be requested [dB]."""
+
+
+@dataclass(frozen=True)
+class FIR:
+    """Zero-phase FIR low-pass of positions, and of logged velocities [Kaiser1974].
+
+    Attributes:
+        suppression: How far down the filter is behind its transition [dB].
+        transition: Width of the transition from passing to stopping, around the cut-off at which
+            half of an amplitude passes, over the cut-off.
+        passes: How often the filter is applied.
+    """
+
+    name: ClassVar[str] = "fir"
+    suppression: float = 80.0
+    transition: float = 1.0
+    passes: int = 1
+
+    def __post_init__(self) -> None:
+        check_passes(self.passes, self.name)
+        low, high = SUPPRESSIONS
+        if not low <= self.suppression <= high:
+            raise ModelError(
+                f"a suppression of {self.suppression:g} dB is not available",
+                where="fir",
+                fix=f"choose {low:g} to {high:g} dB",
+            )
+        if not 0.0 < self.transition <= 2.0:
+            raise ModelError(
+                f"a transition of {self.transition:g} times the cut-off is not valid",
+                where="fir",
+                fix="choose a number above 0 and up to 2",
+            )
+
+    def designed(self, cutoff: float, rate: float) -> Differentiating:
+        """The filter and its derivatives for a cut-off [Hz] and a rate [Hz]."""
+        from scipy.signal import freqz
+
+        taps = self.taps(cutoff, rate)
+        middle = len(taps) // 2
+
+        def response(omega: Array) -> Array:
+            gain: Array = (freqz(taps, worN=omega)[1] * np.exp(1j * omega * middle)).real
+            return np.where(omega < np.pi * (1.0 - 1e-12), gain, 0.0)
+
+        every = repeated_response(response, self.passes)
+        return Differentiating(every, RINGING_TIME * middle * self.passes, rate)
+
+    def smooth(self, cutoff: float, rate: float) -> Single:
+        """The filter alone, for efforts."""
+        return repeated_smoother(Bank.of(self.taps(cutoff, rate)[None]), self.passes)
+
+    def taps(self, cutoff: float, rate: float) -> Array:
+        """The filter's coefficients, odd in number, their sum 1.
+
+        Raises:
+            LogError: The transition ends above half the rate.
+        """
+        width = self.transition * cutoff
+        if cutoff + 0.5 * width >= 0.5 * rate:
+            raise LogError(
+                f"an FIR low-pass of {cutoff:g} Hz that stops at {cutoff + 0.5 * width:g} Hz does "
+                f"not fit samples at {rate:g} Hz",
+                where="method 'fir' of [processing]",
+                fix=f"choose a lower motion_cutoff, or a transition below {rate / cutoff - 2:.2g}",
+            )
+        return kaiser_lowpass(self.suppression, 2.0 * width / rate, 2.0 * cutoff / rate)
+
+
+LONGEST_SPAN = 20_001
+"""Samples."""
+
+
+@dataclass(frozen=True)
+class MovingAverage:
+    """Central differences, and the mean over some samples of accelerations, or of efforts.
+
+    Attributes:
+        span: Number of samples, odd.
+        passes: How often the mean is taken, of means from the second pass on.
+    """
+
+    name: ClassVar[str] = "moving_average"
+    span: int = 5
+    passes: int = 1
+
+    def __post_init__(self) -> None:
+        check_passes(self.passes, self.name)
+        if self.span % 2 == 0 or not 1 <= self.span <= LONGEST_SPAN:
+            raise ModelError(
+                f"a moving average over {self.span} samples has no middle"
+                if self.span % 2 == 0
+                else f"a moving average over {self.span} samples is not valid",
+                where="moving_average",
+                fix=f"choose an odd number from 1 to {LONGEST_SPAN}",
+            )
+
+    def designed(self, cutoff: float, rate: float) -> "CentralDifferences":
+        """The differences at a rate [Hz]; the cut-off says nothing here."""
+        return CentralDifferences(self.span, rate, self.passes)
+
+    def smooth(self, cutoff: float, rate: float) -> Single:
+        """The average alone, for efforts."""
+        return repeated_smoother(Bank.of(np.full((1, self.span), 1.0 / self.span)), self.passes)
+
+
+class CentralDifferences:
+    """Positions as they are, velocities and accelerations by central differences.
+
+    Args:
+        span: Samples over which accelerations are averaged.
+        rate: [Hz].
+        passes: How often they are averaged.
+    """
+
+    def __init__(self, span: int, rate: float, passes: int = 1) -> None:
+        self._span, self._passes, self._rate = span, passes, rate
+        self.halo = 2 + passes * (span // 2)
+
+    def __call__(self, q: Array, dq: Array | None) -> Array:
+        """Positions, and velocities if logged, to motion; see `Designed`."""
+        velocity = _difference(q, self._rate) if dq is None else dq[:, 1:-1]
+        acceleration = _difference(velocity, self._rate)
+        for _ in range(self._passes):
+            acceleration = _moving_mean(acceleration, self._span)
+        middle = velocity[:, self.halo - 1 : velocity.shape[1] - self.halo + 1]
+        return np.stack((q[:, self.halo : q.shape[1] - self.halo], middle, acceleration))
+
+
+def central_differences(values: Array, rate: float) -> Array:
+    """Derivative of uniform samples by central differences (p1, eq 10), shape `(N - 2, C)`.
+
+    Args:
+        values: Shape `(N, C)`; the first and the last have no derivative.
+        rate: [Hz].
+    """
+    return _difference(values.T, rate).T
+
+
+def moving_average(values: Array, span: int) -> Array:
+    """The mean over `span` samples around each, over fewer at the ends: MATLAB's `smooth`.
+
+    Args:
+        values: Shape `(N,)` or `(N, C)`.
+        span: Number of samples; an even one counts as one less.
+    """
+    half = min((span - 1) // 2, (len(values) - 1) // 2)
+    sums = np.concatenate((np.zeros_like(values[:1]), np.cumsum(values, axis=0)))
+    at = np.arange(len(values))
+    reach = np.minimum(half, np.minimum(at, len(values) - 1 - at))
+    counts = (2 * reach + 1).reshape(-1, *([1] * (values.ndim - 1)))
+    mean: Array = (sums[at + reach + 1] - sums[at - reach]) / counts
+    return mean
+
+
+def _difference(x: Array, rate: float) -> Array:
+    slope: Array = (x[:, 2:] - x[:, :-2]) * (0.5 * rate)
+    return slope
+
+
+def _moving_mean(x: Array, span: int) -> Array:
+    windows = np.lib.stride_tricks.sliding_window_view(x, span, axis=1)
+    mean: Array = windows.mean(axis=2)
+    return mean
+
+
+HIGHEST_DEGREE = 10
+"""Beyond it the fit is as bad as its conditioning."""
+LONGEST_WINDOW = 20_001
+"""Samples."""
+
+
+@dataclass(frozen=True)
+class SavitzkyGolay:
+    """Local polynomials.
+
+    Attributes:
+        window: Number of samples, odd; chosen for the cut-off if not given.
+        degree: Of the polynomial.
+        passes: How often the samples are smoothed; derivatives are those of the last pass.
+    """
+
+    name: ClassVar[str] = "savitzky_golay"
+    window: int | None = None
+    degree: int = 4
+    passes: int = 1
+
+    def __post_init__(self) -> None:
+        check_passes(self.passes, self.name)
+        if not 2 <= self.degree <= HIGHEST_DEGREE:
+            raise ModelError(
+                f"a polynomial of degree {self.degree} cannot be used",
+                where="savitzky_golay",
+                fix=f"choose a degree from 2, which has an acceleration, to {HIGHEST_DEGREE}",
+            )
+        fits = self.window is None or (
+            self.window % 2 == 1 and self.degree < self.window <= LONGEST_WINDOW
+        )
+        if not fits:
+            raise ModelError(
+                f"a window of {self.window} samples does not fit a polynomial of degree "
+                f"{self.degree}",
+                where="savitzky_golay",
+                fix=f"choose an odd number above {self.degree} and up to {LONGEST_WINDOW}",
+            )
+
+    def designed(self, cutoff: float, rate: float) -> "DesignedSavitzkyGolay":
+        """The filters for a cut-off [Hz], which chooses the window if it is not given."""
+        window = self.window_for(cutoff, rate)
+        rows = taps(window, self.degree, rate)
+        return DesignedSavitzkyGolay(convolved(rows, rows[0], self.passes - 1))
+
+    def smooth(self, cutoff: float, rate: float) -> Single:
+        """The smoothing alone, for efforts."""
+        window = self.window_for(cutoff, rate)
+        return repeated_smoother(Bank.of(taps(window, self.degree, rate)[:1]), self.passes)
+
+    def window_for(self, cutoff: float, rate: float) -> int:
+        """The window, or the one that passes half of an amplitude at the cut-off.
+
+        Raises:
+            LogError: The window would be longer than any.
+        """
+        if self.window is not None:
+            return self.window
+        half = _corner(self.degree) * rate / (2.0 * np.pi * cutoff)
+        window = 2 * max(ceil(half), self.degree // 2 + 1) + 1
+        if window > LONGEST_WINDOW:
+            raise LogError(
+                f"a cut-off of {cutoff:g} Hz needs windows of {window} samples",
+                where="method 'savitzky_golay' of [processing]",
+                fix="choose a higher motion_cutoff, or a lower rate",
+            )
+        return window
+
+
+@cache
+def _corner(degree: int) -> float:
+    """Angular frequency times half a window at which half of an amplitude passes."""
+    half = 500
+    row, at = taps(2 * half + 1, degree, 1.0)[0], np.arange(-half, half + 1)
+    omega = np.linspace(0.0, 4.0 * (degree + 1), 4000) / half
+    gain = np.cos(np.outer(omega, at)) @ row
+    return float(omega[int(np.argmax(gain <= 0.5))] * half)
+
+
+class DesignedSavitzkyGolay:
+    """The three convolutions; logged velocities are smoothed and differentiated once.
+
+    Args:
+        rows: Coefficients of value, first and second derivative, shape `(3, odd)`.
+    """
+
+    def __init__(self, rows: Array) -> None:
+        self._twice, self._once, self._smooth = Bank.of(rows), Bank.of(rows[:2]), Bank.of(rows[:1])
+        self.halo = self._twice.halo
+
+    def __call__(self, q: Array, dq: Array | None) -> Array:
+        """Positions, and velocities if logged, to motion; see `Designed`."""
+        if dq is None:
+            return self._twice(q)
+        return np.concatenate((self._smooth(q), self._once(dq)))
+
+
+def taps(window: int, degree: int, rate: float) -> Array:
+    """Coefficients of value, first and second derivative in the middle, shape `(3, window)`.
+
+    Args:
+        window: Number of samples, odd.
+        degree: Of the polynomial, at least 2.
+        rate: [Hz].
+    """
+    half = window // 2
+    at = np.arange(-half, half + 1) / half
+    basis = np.polynomial.legendre.legvander(at, degree)
+    fit = np.linalg.pinv(basis)
+    rows = []
+    for times in range(3):
+        derived = [
+            np.polynomial.legendre.legval(
+                0.0, np.polynomial.legendre.legder(np.eye(degree + 1)[k], times)
+            )
+            for k in range(degree + 1)
+        ]
+        rows.append(np.array(derived) @ fit * (rate / half) ** times)
+    return np.array(rows)[:, ::-1]

@@ -1,0 +1,309 @@
+r"""Periodic motion projected on its harmonics; the derivatives are exact.
+
+Least squares on $q(t) = a_0 + \sum_{k=1}^{K} a_k \cos k\omega t + b_k \sin k\omega t$, on whole or
+broken numbers of periods (p2, III-C; [Swevers1997]). Noise between and above the harmonics is
+left out altogether: of white noise of variance $\sigma^2$ only $(2K + 1)\,\sigma^2 / N$ is left.
+"""
+
+from dataclasses import dataclass, replace
+from math import ceil
+from typing import ClassVar
+
+import numpy as np
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import LogError, ModelError
+from steelyard.runs.smoothing.filters import continued_at_ends
+from steelyard.runs.smoothing.method import Butterworth
+from steelyard.runs.spectrum import find_period, moving_span
+
+HARMONIC_SAMPLES = 8192
+"""Samples whose harmonics are in memory at a time."""
+REFINING_HARMONICS = 12
+"""Harmonics by which the frequency is refined."""
+HARMONIC_OVER_STD = 4.0
+"""Amplitude of the last harmonic kept over its standard deviation."""
+REST_PERIOD_SHARE = 0.2
+"""Share of a period that may pass for rest at its ends."""
+MOST_RESIDUAL = 0.02
+"""Residual over the size of the motion, above which a motion is not periodic."""
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """A Fourier series of several channels.
+
+    Attributes:
+        frequency: Base frequency [Hz].
+        origin: Time at which the phase is zero [s].
+        mean: Shape `(C,)`.
+        drift: Slope beside the series, shape `(C,)` [1/s]; zero unless requested.
+        cosine: Shape `(K, C)`.
+        sine: Shape `(K, C)`.
+        noise: Standard deviation of what is left, shape `(C,)`.
+    """
+
+    frequency: float
+    origin: float
+    mean: Array
+    drift: Array
+    cosine: Array
+    sine: Array
+    noise: Array
+
+    @property
+    def harmonics(self) -> int:
+        """Number of harmonics, K."""
+        return len(self.cosine)
+
+    def at(self, t: Array) -> Array:
+        """Value and first two derivatives at times `t`, shape `(3, len(t), C)`."""
+        rate = 2.0 * np.pi * self.frequency * np.arange(1.0, self.harmonics + 1.0)
+        result = np.empty((3, len(t), len(self.mean)))
+        for start in range(0, len(t), HARMONIC_SAMPLES):
+            since = t[start : start + HARMONIC_SAMPLES] - self.origin
+            angle = since[:, None] * rate
+            cos, sin = np.cos(angle), np.sin(angle)
+            part = result[:, start : start + HARMONIC_SAMPLES]
+            part[0] = self.mean + since[:, None] * self.drift + cos @ self.cosine + sin @ self.sine
+            part[1] = self.drift + (cos * rate) @ self.sine - (sin * rate) @ self.cosine
+            part[2] = -(cos * rate**2) @ self.cosine - (sin * rate**2) @ self.sine
+        return result
+
+
+def fourier_series(
+    t: Array, values: Array, frequency: float, harmonics: int, drift: bool = False
+) -> Series:
+    """The series nearest to channels.
+
+    Args:
+        t: Time, shape `(N,)` [s], in any steps; a period or more.
+        values: Shape `(N, C)`.
+        frequency: Base frequency [Hz].
+        harmonics: Number of harmonics, K.
+        drift: Whether a straight line is fitted beside.
+
+    Raises:
+        LogError: There are too few samples or less than a period.
+    """
+    columns = 1 + drift + 2 * harmonics
+    span = float(t[-1] - t[0]) if len(t) else 0.0
+    if len(t) <= columns or span * frequency < 0.98:
+        raise LogError(
+            f"{len(t)} samples over {span * frequency:.2g} periods do not determine {harmonics} "
+            "harmonics",
+            where="projection on harmonics",
+            fix="record whole periods, or ask for fewer harmonics",
+        )
+    origin = float(t[0])
+    gram, sums = np.zeros((columns, columns)), np.zeros((columns, values.shape[1]))
+    for start in range(0, len(t), HARMONIC_SAMPLES):
+        basis = _basis(
+            t[start : start + HARMONIC_SAMPLES] - origin, frequency, harmonics, drift, span
+        )
+        gram += basis.T @ basis
+        sums += basis.T @ values[start : start + HARMONIC_SAMPLES]
+    found = np.linalg.solve(gram, sums)
+    first = 1 + drift
+    series = Series(
+        frequency,
+        origin,
+        frozen(found[0]),
+        frozen(found[1] / span if drift else np.zeros(values.shape[1])),
+        frozen(found[first : first + harmonics]),
+        frozen(found[first + harmonics :]),
+        frozen(np.zeros(values.shape[1])),
+    )
+    left = values - series.at(t)[0]
+    noise = np.sqrt(np.square(left).sum(axis=0) / (len(t) - columns))
+    return replace(series, noise=frozen(noise))
+
+
+def _basis(since: Array, frequency: float, harmonics: int, drift: bool, span: float) -> Array:
+    angle = since[:, None] * (2.0 * np.pi * frequency * np.arange(1.0, harmonics + 1.0))
+    columns = [np.ones((len(since), 1)), np.cos(angle), np.sin(angle)]
+    if drift:
+        columns.insert(1, since[:, None] / span)
+    return np.hstack(columns)
+
+
+def refined_frequency(
+    t: Array, values: Array, near: float, harmonics: int = REFINING_HARMONICS
+) -> float:
+    """The base frequency near a guess that fits best [Hz].
+
+    Args:
+        t: Time, shape `(N,)` [s].
+        values: Shape `(N, C)`; every channel counts relative to its own size.
+        near: The guess, right to a tenth of a period over the whole log [Hz].
+        harmonics: Number of harmonics.
+    """
+    from scipy.optimize import minimize_scalar
+
+    every = max(1, len(t) // HARMONIC_SAMPLES)
+    t, values = t[::every], values[::every]
+    size = np.maximum(values.std(axis=0), 1e-12)
+    harmonics = min(harmonics, (len(t) - 4) // 4)
+
+    def loss(frequency: float) -> float:
+        noise = fourier_series(t, values, frequency, harmonics).noise
+        return float(np.log(np.square(noise / size).sum()))
+
+    reach = 0.1 / float(t[-1] - t[0])
+    least = 0.985 / float(t[-1] - t[0])
+    found = minimize_scalar(
+        loss,
+        bounds=(max(near - reach, least), near + reach),
+        method="bounded",
+        options={"xatol": 1e-7 * near},
+    )
+    return float(found.x)
+
+
+def audible_harmonics(series: Series, count: int) -> Series:
+    """A series without what does not stand `HARMONIC_OVER_STD` above the noise, channel by channel.
+
+    Every channel keeps its harmonics up to the last one that does.
+
+    Args:
+        series: With more harmonics than the motion has.
+        count: Samples it was fitted to.
+    """
+    amplitude = np.hypot(series.cosine, series.sine)
+    loud = amplitude > HARMONIC_OVER_STD * np.sqrt(2.0 / count) * series.noise + 1e-15
+    kept = np.flip(np.logical_or.accumulate(np.flip(loud, axis=0), axis=0), axis=0)
+    highest = max(int(kept.any(axis=1).sum()), 1)
+    cosine, sine = (frozen((x * kept)[:highest]) for x in (series.cosine, series.sine))
+    return replace(series, cosine=cosine, sine=sine)
+
+
+@dataclass(frozen=True)
+class Fourier:
+    """Motion by projection of the positions on harmonics; logged velocities are not needed.
+
+    Between the rests at its ends the motion must be periodic; the rests themselves are low-passed.
+
+    Attributes:
+        frequency: Base frequency [Hz]; found if neither it nor the period is given.
+        period: Base period [s].
+        harmonics: Their number; by default as many as stand out of the noise, up to the cut-off.
+        drift: Whether a straight line is fitted beside.
+    """
+
+    name: ClassVar[str] = "fourier"
+    frequency: float | None = None
+    period: float | None = None
+    harmonics: int | None = None
+    drift: bool = False
+
+    def __post_init__(self) -> None:
+        given = [x for x in (self.frequency, self.period) if x is not None]
+        if len(given) == 2 or any(x <= 0.0 for x in given):
+            raise ModelError(
+                "the base frequency is given twice" if len(given) == 2 else "it is not positive",
+                where="fourier",
+                fix="give frequency [Hz] or period [s], above 0, or leave both out",
+            )
+        if self.harmonics is not None and self.harmonics < 1:
+            raise ModelError(
+                f"{self.harmonics} harmonics are not a valid motion",
+                where="fourier",
+                fix="give harmonics = 1 or more, or leave it out",
+            )
+
+    def designed(self, cutoff: float, rate: float) -> "DesignedFourier":
+        """The projection for a cut-off [Hz] and a rate [Hz]."""
+        return DesignedFourier(self, cutoff, rate)
+
+
+@dataclass(frozen=True)
+class DesignedFourier:
+    """The projection for one rate; it needs the whole segment.
+
+    Attributes:
+        method: What is given.
+        cutoff: Frequency up to which harmonics are looked for [Hz].
+        rate: [Hz].
+    """
+
+    method: Fourier
+    cutoff: float
+    rate: float
+
+    @property
+    def halo(self) -> None:
+        """None: a sample depends on all others."""
+        return
+
+    def __call__(self, q: Array, dq: Array | None) -> Array:
+        """Positions `(n, N)` to `q, dq, ddq`, `(3, n, N)`; velocities are not used."""
+        start, stop = self._whole_period(*moving_span(q), q.shape[1])
+        result = np.empty((3, *q.shape))
+        inside = q[:, start:stop]
+        series = self.series(inside)
+        self._regular(series, inside)
+        t = np.arange(stop - start) / self.rate
+        result[:, :, start:stop] = series.at(t).transpose(0, 2, 1)
+        if start > 0 or stop < q.shape[1]:
+            low = Butterworth().designed(self.cutoff, self.rate)
+            rests = low(continued_at_ends(q, low.halo or 0, low.halo or 0), None)
+            result[:, :, :start], result[:, :, stop:] = rests[:, :, :start], rests[:, :, stop:]
+        return result
+
+    def _whole_period(self, start: int, stop: int, count: int) -> tuple[int, int]:
+        """The span of motion, with samples at its ends where it lacks a little of a given period.
+
+        A motion from rest to rest begins so slowly that its first samples pass for rest.
+        """
+        m = self.method
+        period = m.period if m.frequency is None else 1.0 / m.frequency
+        lacking = 0 if period is None else ceil(period * self.rate) - (stop - start)
+        if period is None or not 0 < lacking <= REST_PERIOD_SHARE * period * self.rate:
+            return start, stop
+        after = min(count - stop, lacking // 2)
+        before = min(start, lacking - after)
+        return start - before, min(count, stop + lacking - before)
+
+    def series(self, q: Array) -> Series:
+        """The series of positions without rests, shape `(n, N)`.
+
+        Raises:
+            LogError: No period is found, or the log is shorter than one.
+        """
+        t, values = np.arange(q.shape[1]) / self.rate, q.T
+        frequency = self._frequency(t, values)
+        harmonics = self.method.harmonics
+        if harmonics is not None:
+            return fourier_series(t, values, frequency, harmonics, self.method.drift)
+        most = int(min(self.cutoff / frequency, (len(t) - 4) // 4))
+        wide = fourier_series(t, values, frequency, max(1, most), self.method.drift)
+        return audible_harmonics(wide, len(t))
+
+    def _frequency(self, t: Array, values: Array) -> float:
+        m = self.method
+        if m.frequency is not None:
+            return m.frequency
+        period = find_period(values.T, self.rate) if m.period is None else m.period
+        if period is None:
+            raise LogError(
+                "the motion is not periodic: it returns to its start at most once",
+                where="method 'fourier' of [processing]",
+                fix="choose another method for motion, or give the period of the motion",
+            )
+        return 1.0 / period if m.period is not None else refined_frequency(t, values, 1.0 / period)
+
+    def _regular(self, series: Series, q: Array) -> None:
+        """Raise if much of a moving joint's motion is left."""
+        size = q.std(axis=1)
+        moving = size > 0.02 * size.max(initial=0.0)
+        share = np.where(moving, series.noise / np.maximum(size, 1e-300), 0.0)
+        worst = int(np.argmax(share))
+        if share[worst] > MOST_RESIDUAL:
+            raise LogError(
+                f"the motion is not periodic with {1.0 / series.frequency:.4g} s: "
+                f"{series.harmonics} harmonics leave {100.0 * share[worst]:.2g} % of joint "
+                f"{worst + 1}'s motion ({series.noise[worst]:.2g} rad or m)",
+                where="method 'fourier' of [processing]",
+                fix="correct the period or the number of harmonics, cut the log to whole periods "
+                "(LOG@5:25s), or choose another method for motion",
+            )

@@ -1,0 +1,252 @@
+r"""Kalman filter and smoother with constant acceleration, noise found by maximum likelihood.
+
+The acceleration of a channel wanders: its rate, the jerk, is white noise of intensity $s$ (p5,
+eqs 15 and 16; the covariance of a step is that of the integrated jerk, right at any step). The
+measurement adds white noise of variance $r$. Seen from the middle of a long log with even steps,
+the smoother is the zero-phase low-pass $1 / (1 + (\omega / \omega_c)^6)$ with
+$\omega_c^6 = s / (r T)$ and step $T$.
+
+The likelihood of the innovations depends on $r$ in closed form, so only the ratio is searched.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import LogError
+from steelyard.symbolic.native import kalman_loops as loops
+
+VAGUE_START = 1e6
+"""What the first sample may be off, over what the first three samples say of it (variances)."""
+RATIO_DECADES = (-18.0, 9.0)
+"""Decades of the jerk's intensity over the measurement's variance, time counted in steps."""
+RATIO_GRID = 19
+"""Ratios at which the likelihood is looked at before it is refined."""
+LIKELIHOOD_SAMPLES = 30_000
+"""Samples of which the likelihood is, in `LIKELIHOOD_STRETCHES` stretches of longer channels."""
+LIKELIHOOD_STRETCHES = 10
+LEAST_KALMAN_SAMPLES = 6
+"""Least number of samples."""
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothed:
+    """Channels and their first two derivatives, smoothed.
+
+    Attributes:
+        value: Shape `(N, C)`.
+        rate: First derivative, shape `(N, C)` [1/s].
+        acceleration: Second derivative, shape `(N, C)` [1/s²].
+        std: Standard deviations of the three if the model holds, shape `(3, N, C)`.
+        noise: Standard deviation of a measurement, shape `(C,)`.
+        jerk: Root of the jerk's intensity, shape `(C,)` [1/s^2.5].
+    """
+
+    value: Array
+    rate: Array
+    acceleration: Array
+    std: Array
+    noise: Array
+    jerk: Array
+
+
+def kalman_smoothed(
+    t: Array, values: Array, cutoff: float | None = None, order: int = 3
+) -> Smoothed:
+    """Any channels through the smoother: positions, efforts, wrenches.
+
+    Args:
+        t: Time, shape `(N,)` [s], increasing; steps may differ.
+        values: Shape `(N, C)`.
+        cutoff: Half-amplitude frequency that fixes the ratio of the noises [Hz]; by default every
+            channel's ratio is the most likely one.
+        order: Derivative of the channels that is white noise: 3 for positions; 2 for velocities,
+            whose acceleration then wanders and whose second derivative is not known, thus zero.
+
+    Raises:
+        LogError: There are too few samples, or time does not increase.
+    """
+    steps = np.diff(t, prepend=t[:1])
+    if len(t) < LEAST_KALMAN_SAMPLES or not (steps[1:] > 0.0).all():
+        raise LogError(
+            f"{len(t)} samples, or a time that does not increase, cannot be smoothed",
+            where="Kalman smoother",
+            fix=f"give {LEAST_KALMAN_SAMPLES} samples or more, in order of time",
+        )
+    unit = float(np.median(steps[1:]))
+    result = np.empty((6, *values.shape))
+    noise, jerk = np.empty(values.shape[1]), np.empty(values.shape[1])
+    for c, y in enumerate(np.ascontiguousarray(values.T, dtype=np.float64)):
+        if cutoff is None:
+            ratio = likeliest_ratio(y, steps / unit, order)
+        else:
+            ratio = float((2.0 * np.pi * cutoff * unit) ** (2 * order))
+        kept = filtered(y, steps / unit, ratio, order)
+        states, variances = loops.smoothed(kept, steps / unit)
+        noise[c] = np.sqrt(likeliest_variance(kept))
+        jerk[c] = noise[c] * np.sqrt(ratio) / unit ** (order - 0.5)
+        per_step = unit ** -np.arange(3.0)
+        result[:3, :, c] = (states * per_step).T
+        result[3:, :, c] = (noise[c] * np.sqrt(np.maximum(variances, 0.0)) * per_step).T
+    return Smoothed(result[0], result[1], result[2], result[3:], noise, jerk)
+
+
+def likeliest_ratio(values: Array, steps: Array, order: int = 3) -> float:
+    r"""Jerk's intensity over the measurement's variance that makes the innovations likeliest.
+
+    With innovations $e_k$ of variance $r S_k$ it minimises
+    $N \log \overline{e^2 / S} + \sum \log S$; the mean is the likeliest $r$.
+
+    Args:
+        values: One channel, shape `(N,)`.
+        steps: Time since the sample before, in units of choice, shape `(N,)`.
+        order: Derivative that is white noise, 2 or 3.
+    """
+    from scipy.optimize import minimize_scalar
+
+    parts = likelihood_stretches(len(values))
+
+    def loss(decade: float) -> float:
+        kept = [filtered(values[p], steps[p], 10.0**decade, order)[3:, 9:] for p in parts]
+        innovation, variance = np.concatenate(kept).T
+        scale = np.mean(innovation**2 / variance)
+        return float(np.log(max(scale, 1e-300)) + np.log(variance).mean())
+
+    grid = np.linspace(*RATIO_DECADES, RATIO_GRID)
+    best = int(np.argmin([loss(decade) for decade in grid]))
+    around = grid[max(best - 1, 0)], grid[min(best + 1, RATIO_GRID - 1)]
+    found = minimize_scalar(loss, bounds=around, method="bounded", options={"xatol": 0.01})
+    return float(10.0**found.x)
+
+
+def likelihood_stretches(count: int) -> list[slice]:
+    """The samples that a likelihood looks at: all, or stretches of a long channel."""
+    if count <= LIKELIHOOD_SAMPLES:
+        return [slice(0, count)]
+    starts = np.linspace(
+        0, count - LIKELIHOOD_SAMPLES // LIKELIHOOD_STRETCHES, LIKELIHOOD_STRETCHES
+    ).astype(int)
+    return [slice(int(s), int(s) + LIKELIHOOD_SAMPLES // LIKELIHOOD_STRETCHES) for s in starts]
+
+
+def filtered(values: Array, steps: Array, ratio: float, order: int = 3) -> Array:
+    """The filter, begun with what the first samples say of the state, taken for vague.
+
+    Args:
+        values: One channel, shape `(N,)`.
+        steps: Time since the sample before, in units of choice, shape `(N,)`.
+        ratio: Jerk's intensity over the measurement's variance.
+        order: Derivative that is white noise, 2 or 3.
+
+    Returns:
+        What `kernel.kalman.filtered` keeps of each sample.
+    """
+    first = np.concatenate(([0.0], steps[1:]))
+    later = np.cumsum(first[:order])
+    factorial = np.array([1.0, 1.0, 2.0])[:order]
+    short, long = np.minimum.outer(later, later), np.maximum.outer(later, later)
+    more = long - short
+    wander = short**3 / 3.0 + more * short**2 / 2.0
+    if order == 3:
+        wander = short**5 / 20.0 + more * short**4 / 8.0 + more**2 * short**3 / 12.0
+    inverse = np.linalg.inv(later[:, None] ** np.arange(float(order)) / factorial)
+    start, spread = np.zeros(3), np.zeros((3, 3))
+    start[:order] = inverse @ values[:order]
+    spread[:order, :order] = VAGUE_START * inverse @ (np.eye(order) + ratio * wander) @ inverse.T
+    return loops.filtered(values, first, ratio, start, spread, order)
+
+
+def likeliest_variance(kept: Array) -> float:
+    """The likeliest variance of a measurement, from what `filtered` kept."""
+    return float(np.mean(kept[3:, 9] ** 2 / kept[3:, 10]))
+
+
+@dataclass(frozen=True)
+class Kalman:
+    """Motion by the Kalman smoother: of positions, and of logged velocities if there are any.
+
+    Attributes:
+        choose: Whether the noises are found by maximum `"likelihood"`, joint by joint, or their
+            ratio by the `"cutoff"` of the motion.
+    """
+
+    name: ClassVar[str] = "kalman"
+    choose: Literal["likelihood", "cutoff"] = "likelihood"
+
+    def designed(self, cutoff: float, rate: float) -> "DesignedKalman":
+        """The smoother for a cut-off [Hz] and a rate [Hz]."""
+        return DesignedKalman(cutoff if self.choose == "cutoff" else None, rate)
+
+
+@dataclass(frozen=True)
+class DesignedKalman:
+    """The smoother for one rate; it needs the whole segment.
+
+    Attributes:
+        cutoff: Half-amplitude frequency [Hz]; `None`: by likelihood.
+        rate: [Hz].
+    """
+
+    cutoff: float | None
+    rate: float
+
+    @property
+    def halo(self) -> None:
+        """None: a sample depends on all others."""
+        return
+
+    def __call__(self, q: Array, dq: Array | None) -> Array:
+        """Positions and logged velocities, `(n, N)`, to `q, dq, ddq`, `(3, n, N)`."""
+        t = np.arange(q.shape[1]) / self.rate
+        position = kalman_smoothed(t, q.T, self.cutoff)
+        if dq is None:
+            return np.stack((position.value.T, position.rate.T, position.acceleration.T))
+        velocity = kalman_smoothed(t, dq.T, self.cutoff, order=2)
+        return np.stack((position.value.T, velocity.value.T, velocity.rate.T))
+
+
+@dataclass(frozen=True)
+class KalmanSmoother:
+    """Efforts by the Kalman smoother.
+
+    Attributes:
+        choose: Whether the noises are found by maximum `"likelihood"`, joint by joint, or their
+            ratio by the `"cutoff"`.
+        order: Derivative of the effort that is white noise: 2, for the low-pass of fourth order
+            that is nearer to the steps of dry friction, or 3.
+    """
+
+    name: ClassVar[str] = "kalman"
+    choose: Literal["likelihood", "cutoff"] = "likelihood"
+    order: Literal[2, 3] = 2
+
+    def smooth(self, cutoff: float, rate: float) -> "DesignedSmoother":
+        """The smoother for a cut-off [Hz] and a rate [Hz]."""
+        return DesignedSmoother(cutoff if self.choose == "cutoff" else None, rate, self.order)
+
+
+@dataclass(frozen=True)
+class DesignedSmoother:
+    """The smoother of efforts for one rate; it needs the whole segment.
+
+    Attributes:
+        cutoff: Half-amplitude frequency [Hz]; `None`: by likelihood.
+        rate: [Hz].
+        order: Derivative that is white noise.
+    """
+
+    cutoff: float | None
+    rate: float
+    order: int
+
+    @property
+    def halo(self) -> None:
+        """None: a sample depends on all others."""
+        return
+
+    def __call__(self, extended: Array) -> Array:
+        """Efforts `(n, N)` to smoothed ones."""
+        t = np.arange(extended.shape[1]) / self.rate
+        return kalman_smoothed(t, extended.T, self.cutoff, self.order).value.T

@@ -1,0 +1,192 @@
+"""What a method of `[processing] motion` is, and the method `butterworth`.
+
+A method is a frozen dataclass of settings with a name; `designed` makes of it, for a cut-off and a
+rate, a pure function from measured channels to motion. A local one says its halo, and any split of
+a segment into parts gives the same; one without a halo is given the whole segment at once.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, Protocol, runtime_checkable
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import ModelError
+from steelyard.runs.smoothing.filters import (
+    LOWPASS_ORDER,
+    Bank,
+    Response,
+    Single,
+    butterworth,
+    check_passes,
+    differentiated,
+    repeated_response,
+    repeated_smoother,
+    settling,
+)
+
+
+class Designed(Protocol):
+    """A method made for one cut-off and rate."""
+
+    @property
+    def halo(self) -> int | None:
+        """Samples of context on each side; `None`: the whole segment at once."""
+        ...
+
+    def __call__(self, q: Array, dq: Array | None) -> Array:
+        """Motion of uniformly sampled channels.
+
+        Args:
+            q: Positions with context, shape `(n, N + 2 halo)` [rad; m].
+            dq: Logged velocities, the same shape [rad/s; m/s]; `None`: positions are
+                differentiated.
+
+        Returns:
+            `q, dq, ddq`, shape `(3, n, N)`.
+        """
+        ...
+
+
+class Smooth(Protocol):
+    """A smoother made for one cut-off and rate."""
+
+    @property
+    def halo(self) -> int | None:
+        """Samples of context on each side; `None`: the whole segment at once."""
+        ...
+
+    def __call__(self, extended: Array) -> Array:
+        """Channels with context, shape `(C, N + 2 halo)`, to smoothed ones, shape `(C, N)`."""
+        ...
+
+
+@runtime_checkable
+class Method(Protocol):
+    """A way from positions to motion: `motion = ...` under `[processing]`; frozen dataclass."""
+
+    name: ClassVar[str]
+
+    def designed(self, cutoff: float, rate: float) -> Designed:
+        """The method for a cut-off and a rate.
+
+        Args:
+            cutoff: Frequency up to which motion is kept [Hz], below half the rate.
+            rate: Of the uniform clock [Hz].
+        """
+        ...
+
+
+@runtime_checkable
+class Choosing(Method, Protocol):
+    """A method some settings of which come from the log: `prepare` calls it once per log."""
+
+    def chosen(
+        self, q: Array, dq: Array | None, rate: float, band: float, *, whole: bool
+    ) -> Method:
+        """The method with what is not given found in a log.
+
+        Args:
+            q: Positions of a stretch of the log, uniformly sampled, shape `(n, N)`.
+            dq: Logged velocities, the same shape, if there are any.
+            rate: [Hz].
+            band: Frequency below which the motion lives [Hz].
+            whole: Whether the log may be worked on as a whole.
+        """
+        ...
+
+
+@runtime_checkable
+class Causal(Method, Protocol):
+    """A method that looks at no later sample: its motion is late."""
+
+    def lateness(self, cutoff: float) -> float:
+        """How late slow accelerations are at most [s].
+
+        Args:
+            cutoff: Of the motion [Hz].
+        """
+        ...
+
+
+@runtime_checkable
+class Smoother(Protocol):
+    """A way to smooth efforts: `effort = ...` under `[processing]`; frozen dataclass."""
+
+    name: ClassVar[str]
+
+    def smooth(self, cutoff: float, rate: float) -> Smooth:
+        """The smoother for a cut-off and a rate.
+
+        Args:
+            cutoff: [Hz], below half the rate.
+            rate: Of the uniform clock [Hz].
+        """
+        ...
+
+
+HIGHEST_ORDER = 12
+"""Beyond it the response rings like an ideal low-pass."""
+
+
+@dataclass(frozen=True)
+class Butterworth:
+    """Zero-phase Butterworth low-pass of positions, and of logged velocities.
+
+    Attributes:
+        order: Order of the filter that is run forward and backward.
+        passes: How often that is done.
+    """
+
+    name: ClassVar[str] = "butterworth"
+    order: int = LOWPASS_ORDER
+    passes: int = 1
+
+    def __post_init__(self) -> None:
+        check_passes(self.passes, self.name)
+        if not 1 < self.order <= HIGHEST_ORDER:
+            raise ModelError(
+                f"a Butterworth low-pass of order {self.order} cannot be differentiated twice"
+                if self.order < 2
+                else f"a Butterworth low-pass of order {self.order} rings",
+                where="butterworth",
+                fix=f"choose an order from 2 to {HIGHEST_ORDER}",
+            )
+
+    def designed(self, cutoff: float, rate: float) -> Designed:
+        """The filter and its derivatives for a cut-off [Hz] and a rate [Hz]."""
+        halo = self.passes * settling(cutoff, rate, self.order)
+        response = repeated_response(butterworth(cutoff, rate, self.order), self.passes)
+        return Differentiating(response, halo, rate)
+
+    def smooth(self, cutoff: float, rate: float) -> Single:
+        """The filter alone, for efforts."""
+        halo = settling(cutoff, rate, self.order)
+        bank = Bank([butterworth(cutoff, rate, self.order)], halo)
+        return repeated_smoother(bank, self.passes)
+
+
+class Differentiating:
+    """A symmetric low-pass and its exact derivatives; halo and results as in `Designed`.
+
+    Args:
+        response: The low-pass; it must vanish at half the rate.
+        halo: Samples on each side after which its impulse response has died out.
+        rate: [Hz].
+    """
+
+    def __init__(self, response: Response, halo: int, rate: float) -> None:
+        rows = [differentiated(response, rate, times) for times in range(3)]
+        self._twice, self._once = Bank(rows, halo), Bank(rows[:2], halo)
+        self._smooth = Bank(rows[:1], halo)
+
+    @property
+    def halo(self) -> int:
+        """Samples of context on each side."""
+        return self._twice.halo
+
+    def __call__(self, q: Array, dq: Array | None) -> Array:
+        """Positions, and velocities if logged, to motion; see `Designed`."""
+        if dq is None:
+            return self._twice(q)
+        return np.concatenate((self._smooth(q), self._once(dq)))

@@ -1,0 +1,1 @@
+"""A simulated robot with known parameters, its sensors and faults."""

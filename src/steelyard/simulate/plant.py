@@ -1,0 +1,328 @@
+"""The plant: a MuJoCo robot with our laws, and the drives between controller and joints."""
+
+from collections import deque
+from dataclasses import dataclass
+from math import exp, inf, pi
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import DataError, ModelError
+from steelyard.base.motion import Motion
+from steelyard.model.equations.kinematics import frame_of
+from steelyard.robot.robot import Frame, Robot
+from steelyard.simulate.external_loads import Payload
+from steelyard.simulate.mujoco_laws import Laws, LawsInUse, stable_timestep
+from steelyard.simulate.mujoco_model import (
+    ADVANCE,
+    MujocoModel,
+    body_name,
+    body_pose,
+    build,
+    new_data,
+    push,
+)
+from steelyard.simulate.scales import closed
+from steelyard.simulate.truth import Truth
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Drives:
+    """Encoders that the controller reads and torque loops that it commands; perfect by default.
+
+    Attributes:
+        resolution: Step of the positions that the controller sees, one for all joints or shape
+            `(n,)` [rad; m]; 0 is perfect.
+        speed_filter: Time constant of the low-pass behind the differences of these positions [s],
+            which are then the velocities that the controller sees; `None` for true velocities.
+        delay: Age of the values that the controller sees [s], rounded to whole ticks.
+        lag: Time constant of the first-order response of the torque [s].
+        limits: Largest torque of each joint [Nm; N].
+    """
+
+    resolution: Array
+    speed_filter: float | None
+    delay: float
+    lag: float
+    limits: Array
+
+    def __init__(
+        self,
+        *,
+        resolution: ArrayLike = 0.0,
+        speed_filter: float | None = None,
+        delay: float = 0.0,
+        lag: float = 0.0,
+        limits: ArrayLike = inf,
+    ) -> None:
+        object.__setattr__(self, "resolution", frozen(resolution))
+        object.__setattr__(self, "speed_filter", speed_filter)
+        object.__setattr__(self, "delay", float(delay))
+        object.__setattr__(self, "lag", float(lag))
+        object.__setattr__(self, "limits", frozen(limits))
+        times = (self.delay, self.lag, 0.0 if speed_filter is None else speed_filter)
+        if min(times) < 0.0 or not np.all(self.resolution >= 0.0) or not np.all(self.limits > 0.0):
+            raise ModelError(
+                "a time or an encoder's step is negative, or a limit of torque is not above zero",
+                where="drives of the virtual robot",
+                fix="give times and steps of 0 or more, and limits above 0",
+            )
+
+    @property
+    def dead_time(self) -> float:
+        """Delay, lag and filter together [s]."""
+        return self.delay + self.lag + (self.speed_filter or 0.0)
+
+    def seen(self, motion: Motion) -> Motion:
+        """A motion as the controller would see it with perfect encoders.
+
+        Args:
+            motion: Samples at every tick.
+        """
+        tick = float(motion.t[1] - motion.t[0])
+        q, dq = motion.q, motion.dq
+        if self.speed_filter is not None:
+            from scipy.signal import lfilter
+
+            share = _lag_share(tick, self.speed_filter)
+            steps = np.diff(q, axis=0, prepend=q[:1]) / tick
+            dq = lfilter([share], [1.0, share - 1.0], steps, axis=0)
+        rows = np.maximum(np.arange(len(motion)) - round(self.delay / tick), 0)
+        return Motion(motion.t, q[rows], dq[rows], motion.ddq[rows])
+
+    def start(self, tick: float, q: Array) -> "DrivesInUse":
+        """The drives of a robot at rest at `q`, shape `(n,)`, without torque."""
+        return DrivesInUse(self, tick, q)
+
+
+def customary_drives(robot: Robot, lag: float = 0.002) -> Drives:
+    """Drives as those of a usual industrial arm.
+
+    Encoders of 20 bits a turn (prismatic joints: 1 µm), velocities from their differences behind a
+    low-pass of 1 ms, a delay of one tick, and torques up to the limits of the joints, where a model
+    file gives one above zero.
+
+    Args:
+        robot: The robot.
+        lag: Time constant of the torque [s].
+    """
+    steps = {"revolute": 2.0 * pi / 2**20, "prismatic": 1e-6}
+    return Drives(
+        resolution=[steps[c.kind] for c in robot.coordinates],
+        speed_filter=1e-3,
+        delay=1e-3,
+        lag=lag,
+        limits=[c.limits.effort or inf for c in robot.coordinates],
+    )
+
+
+class DrivesInUse:
+    """Drives in one simulation.
+
+    Attributes:
+        command: Torque that was commanded last, within the limits, shape `(n,)` [Nm; N].
+    """
+
+    def __init__(self, drives: Drives, tick: float, q: Array) -> None:
+        self._drives, self._tick = drives, tick
+        self.command = np.zeros_like(q)
+        self._torque = np.zeros_like(q)
+        self._limits = -drives.limits, drives.limits
+        step = np.broadcast_to(drives.resolution, q.shape)
+        rounded = step > 0.0
+        self._rounding = (np.where(rounded, step, 1.0), rounded) if rounded.any() else None
+        late = round(drives.delay / tick)
+        seen = self._rounded(q)
+        self._seen, self._speed = seen, np.zeros_like(q)
+        self._queue = deque([(seen, self._speed)] * late)
+        self._perfect = not (late or drives.resolution.any() or drives.speed_filter is not None)
+
+    def sense(self, q: Array, dq: Array) -> tuple[Array, Array]:
+        """Positions and velocities that the controller sees at a tick, each `(n,)`."""
+        if self._perfect:
+            return q, dq
+        seen = self._rounded(q)
+        speed = dq
+        if self._drives.speed_filter is not None:
+            share = _lag_share(self._tick, self._drives.speed_filter)
+            speed = self._speed + share * ((seen - self._seen) / self._tick - self._speed)
+        self._seen, self._speed = seen, speed
+        self._queue.append((seen, speed))
+        return self._queue.popleft()
+
+    def actuate(self, command: Array) -> Array:
+        """Torque over the next tick, shape `(n,)`: the mean of the response to a command."""
+        lag, (least, most) = self._drives.lag, self._limits
+        self.command = np.minimum(np.maximum(command, least), most)
+        if lag == 0.0:
+            return self.command
+        share = _lag_share(self._tick, lag)
+        rest = self._torque - self.command
+        self._torque = self.command + (1.0 - share) * rest
+        return np.asarray(self.command + (lag / self._tick) * share * rest)
+
+    def _rounded(self, q: Array) -> Array:
+        if self._rounding is None:
+            return q
+        step, rounded = self._rounding
+        return np.where(rounded, np.rint(q / step) * step, q)
+
+
+def _lag_share(tick: float, constant: float) -> float:
+    """Share of a step that a first-order response takes within a tick."""
+    return 1.0 - exp(-tick / constant) if constant > 0.0 else 1.0
+
+
+_UNREACHED_SIZE = 1e4
+"""Size of positions and of velocities, as vectors, that no robot reaches."""
+
+
+class MujocoPlant:
+    r"""A robot in MuJoCo.
+
+    MuJoCo steps $v' = v + h\,a(x, v)$, $x' = x + h\,v'$. Read as $x = q + \tfrac h2 \dot q$ this
+    is the position Verlet scheme: torques act exactly while they are held, and the error in
+    gravity and inertia is of second order in `h`; read as $x = q$ the motion would lead the torque
+    by half a step. Coulomb friction by the plain sign is implicit: within a step it stops a joint
+    that it can stop. The other laws are evaluated at every step, and the memory of friction takes
+    the same exact steps as along a log. The step is 0.125 ms, 0.1 ms for friction with memory, and
+    finer where a law is so stiff for its inertia that such a step would not be stable.
+
+    Attributes:
+        model: The MuJoCo model, with the truth's inertias.
+        timestep: Step of the integration [s].
+    """
+
+    def __init__(self, robot: Robot, truth: Truth, payload: Payload | None = None) -> None:
+        _check_robot(robot, truth)
+        self.model: MujocoModel = build(robot, truth.inertial, truth.rotors, truth.brakes)
+        self._laws = Laws(robot, truth.laws, truth.law_values, truth.smoothing, self.model)
+        self.timestep = stable_timestep(self._laws)
+        self._compiled = [self.model.compiled]
+        if payload is not None:
+            loaded = payload.added(robot, truth.inertial)
+            self._compiled.append(build(robot, loaded, truth.rotors, truth.brakes).compiled)
+        for compiled in self._compiled:
+            compiled.opt.timestep = self.timestep
+        self._robot, self._loaded = robot, False
+        self._behind = np.reshape(
+            [b.motor * np.array(b.row[: robot.n]) for b in truth.brakes if b.level > 0.0],
+            (-1, robot.n),
+        )
+        self._before_gears = bool(self._behind.any())
+        self._carriers = np.array(self.model.carriers[: robot.n])
+        self._ratios = self.model.map[self._carriers, np.arange(robot.n)]
+        self._starts = self.model.offset[self._carriers]
+        self._place(robot.assembly)
+
+    def place(self, q: ArrayLike) -> None:
+        """Put the robot at rest at posture `q`, shape `(n,)`; passive joints close the loops.
+
+        Raises:
+            DataError: The loops cannot close there.
+        """
+        wanted = frozen(q, (self._robot.n,))
+        full = closed(self._robot, wanted)
+        if full is None:
+            raise DataError(
+                "the loops cannot close at positions " + " ".join(f"{x:.4g}" for x in wanted),
+                where=f"robot '{self._robot.name}'",
+                fix="start from a posture that the robot can take",
+            )
+        self._place(full)
+
+    def _place(self, q: Array) -> None:
+        self._data = new_data(self.model)
+        self._data.qpos[:] = self.model.map @ q + self.model.offset
+        data = self._data
+        self._x, self._v, self._forces = data.qpos, data.qvel, data.qfrc_applied
+        self._used = LawsInUse(self._laws, self._x, self._v, data.qacc)
+
+    def load(self, loaded: bool) -> None:
+        """Take the payload, or let it go; motion goes on from the same velocities."""
+        self._loaded = loaded
+
+    def push(self, frame: Frame, wrench: Array, in_base: bool) -> Array:
+        """Let a wrench act at a frame's origin until the next call.
+
+        Args:
+            frame: A frame of a moving body, see `moving_frame`.
+            wrench: Force and torque, shape `(6,)` [N, Nm].
+            in_base: Whether it is along the axes of the base, not of the frame.
+
+        Returns:
+            The wrench along the axes of the frame, shape `(6,)`.
+        """
+        name = body_name(self._robot, frame.body)
+        compiled = self._compiled[self._loaded]
+        axes, origin = body_pose(compiled, self._data, name)
+        turned = axes @ frame.rotation
+        given = wrench.reshape(2, 3)
+        base, own = (given, given @ turned) if in_base else (given @ turned.T, given)
+        push(compiled, self._data, name, base.ravel(), origin + axes @ frame.position)
+        return own.ravel()
+
+    def state(self) -> tuple[Array, Array]:
+        """Position and velocity of the independent joints, each `(n,)`."""
+        dq = self._v[self._carriers] / self._ratios
+        ahead = (self._x[self._carriers] - self._starts) / self._ratios
+        return ahead - 0.5 * self.timestep * dq, dq
+
+    def motor_friction(self) -> Array:
+        """Torque of the terms that act on motors, at the last step, shape `(n,)`."""
+        brakes = self._used.brakes()
+        if not self._before_gears:
+            return brakes
+        friction = self._data.efc_force[self._data.ne :][: self._data.nf]
+        return np.asarray(brakes - friction @ self._behind)
+
+    def step(self, tau: Array, duration: float) -> tuple[Array, Array]:
+        """Hold joint torques `tau`, shape `(n,)`, for a multiple of the time step."""
+        count = round(duration / self.timestep)
+        if count < 1 or abs(count * self.timestep - duration) > 1e-9:
+            raise ValueError(f"{duration} s is not a multiple of the step of {self.timestep} s")
+        compiled, data, used = self._compiled[self._loaded], self._data, self._used
+        used.applied[:] = tau
+        forces, dofs, advance = self._forces, used.dofs, ADVANCE
+        for _ in range(count):
+            forces[dofs] = used.step()
+            advance(compiled, data)
+        q, dq = self.state()
+        if not (q @ q < _UNREACHED_SIZE**2 and dq @ dq < _UNREACHED_SIZE**2):
+            raise DataError(
+                "the simulation diverged",
+                where=f"robot '{self._robot.name}'",
+                fix="give smaller torques, or a true robot with more inertia",
+            )
+        return q, dq
+
+
+def moving_frame(robot: Robot, name: str) -> Frame:
+    """The frame of that name, on a body that moves.
+
+    Raises:
+        ModelError: The robot has none, or it is fixed to the base.
+    """
+    frame = frame_of(robot, name)
+    if frame.body < 0:
+        raise ModelError(
+            f"frame '{name}' is fixed to the base: a wrench there moves nothing",
+            where=f"robot '{robot.name}'",
+            fix="name a frame of a moving link",
+        )
+    return frame
+
+
+def _check_robot(robot: Robot, truth: Truth) -> None:
+    """Raise unless the truth is one of this robot."""
+    got, wanted = (
+        ([b.name for b in r.bodies], [c.name for c in r.joints]) for r in (truth.robot, robot)
+    )
+    if got != wanted:
+        raise ModelError(
+            f"the truth has {len(got[0])} links and {len(got[1])} joints, the robot "
+            f"{len(wanted[0])} and {len(wanted[1])}, or they differ in names",
+            where=f"truth for robot '{robot.name}'",
+            fix="take the truth that was made for this robot",
+        )

@@ -1,0 +1,329 @@
+"""What a log shows of what happened: sampling, noise, clock, and the names of its columns."""
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.base.arrays import Array, frozen
+from steelyard.base.errors import DataError, ModelError
+from steelyard.robot.file.sections import EffortKind
+from steelyard.robot.file.signals import ROW, Signals
+from steelyard.robot.robot import Robot
+from steelyard.simulate.external_loads import WRENCH_COLUMNS
+
+CONTROL_RATE = 1000.0
+"""Ticks of the joint controller per second [1/s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrueRun:
+    """What happened at every tick of the controller, without sensors.
+
+    Attributes:
+        t: Time, shape `(N,)` [s].
+        q: Positions, shape `(N, n)`.
+        dq: Velocities, shape `(N, n)`.
+        tau: Joint torques, shape `(N, n)`: the mean of the torque held before and after the tick,
+            which is the torque at that time without the half-tick delay of the hold.
+        motor_side: The part of it that rotors and friction of motors take, shape `(N, n)`; zero if
+            not given.
+        gravity: The part of it that holds the bodies against gravity, without payload, likewise.
+        commanded: Desired positions and velocities and commanded torques, shape `(3, N, n)`; empty
+            if not given.
+        wrench: Outside force and torque on a frame along its axes, shape `(N, 6)` [N, Nm];
+            `None` if there is none.
+    """
+
+    t: Array
+    q: Array
+    dq: Array
+    tau: Array
+    motor_side: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    gravity: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    commanded: Array = field(default_factory=lambda: np.zeros((3, 0, 0)))
+    wrench: Array | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "t", frozen(self.t, (None,)))
+        for name in ("q", "dq", "tau"):
+            object.__setattr__(self, name, frozen(getattr(self, name), (len(self.t), None)))
+        for name in ("motor_side", "gravity"):
+            given = getattr(self, name)
+            part = given if np.size(given) else np.zeros_like(self.tau)
+            object.__setattr__(self, name, frozen(part, self.tau.shape))
+        object.__setattr__(self, "commanded", frozen(self.commanded, (3, None, None)))
+        if self.wrench is not None:
+            object.__setattr__(self, "wrench", frozen(self.wrench, (len(self.t), 6)))
+
+    def effort(self, kind: EffortKind) -> Array:
+        """The effort that a sensor of a kind feels, as joint torques, shape `(N, n)`."""
+        if kind == "link_torque":
+            return np.asarray(self.tau - self.motor_side)
+        if kind == "gravity_compensated_torque":
+            return np.asarray(self.tau - self.gravity)
+        return self.tau
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What sensors say of a run, of the joints and in SI units; rows of the log.
+
+    Attributes:
+        t: Time stamps, shape `(N,)` [s].
+        q: Positions, shape `(N, n)`.
+        dq: Velocities, shape `(N, n)`.
+        effort: Efforts as joint torques, shape `(N, n)`.
+        commanded: As of `TrueRun`.
+        wrench: What a force and torque sensor says, shape `(N, 6)` [N, Nm]; `None` without one.
+    """
+
+    t: Array
+    q: Array
+    dq: Array
+    effort: Array
+    commanded: Array
+    wrench: Array | None
+
+    def further(self, robot: Robot) -> dict[str, Array]:
+        """Columns that no robot file declares: of the controller, and of the wrench."""
+        columns = {}
+        joints = robot.coordinates if self.commanded.size else ()
+        for name, values, unit in zip(
+            ("q_cmd", "dq_cmd", "tau_cmd"),
+            self.commanded,
+            ("{0.unit}", "{0.unit}_s", "{0.effort_unit}"),
+            strict=True,
+        ):
+            for j, joint in enumerate(joints):
+                columns[f"{name}{j + 1}_{unit.format(joint)}"] = values[:, j]
+        if self.wrench is not None:
+            columns |= dict(zip(WRENCH_COLUMNS, self.wrench.T, strict=True))
+        return columns
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Sensors:
+    """How a run is logged. Per-joint values are a number for all joints or shape `(n,)`.
+
+    Attributes:
+        rate: Rows per second; divides the controller's 1000.
+        resolution: Step of the encoders [rad; m]; 0 is perfect.
+        position_noise: Standard deviation of white noise before the encoder's step [rad; m].
+        velocity_noise: Standard deviation of white noise on velocities [rad/s; m/s].
+        torque_noise: Standard deviation of white noise on torques [Nm; N].
+        clock_jitter: Standard deviation of each time stamp [s]; a stamp is never wrong by more than
+            0.45 of the distance of two rows, so time always advances.
+        wrench_noise: Standard deviation of white noise on an outside wrench, one for all or shape
+            `(6,)` [N, Nm].
+        commanded: Whether the log has columns of the desired motion and the commanded torques.
+        velocity: Whether the log has velocity columns.
+        gains: Torque per ampere [Nm/A; N/A]; given, the log has motor currents and no torques,
+            unless a robot file says what it has.
+        effort: Kind of effort that is logged; motor torques go through the robot's transmission.
+    """
+
+    rate: float
+    resolution: Array
+    position_noise: Array
+    velocity_noise: Array
+    torque_noise: Array
+    clock_jitter: float
+    wrench_noise: Array
+    commanded: bool
+    velocity: bool
+    gains: Array | None
+    effort: EffortKind
+
+    def __init__(
+        self,
+        *,
+        rate: float = 250.0,
+        resolution: ArrayLike = 0.0,
+        position_noise: ArrayLike = 0.0,
+        velocity_noise: ArrayLike = 0.0,
+        torque_noise: ArrayLike = 0.0,
+        clock_jitter: float = 0.0,
+        wrench_noise: ArrayLike = 0.0,
+        commanded: bool = False,
+        velocity: bool = True,
+        gains: ArrayLike | None = None,
+        effort: EffortKind = "joint_torque",
+    ) -> None:
+        _check_rate(rate)
+        object.__setattr__(self, "rate", float(rate))
+        for name, values in (
+            ("resolution", resolution),
+            ("position_noise", position_noise),
+            ("velocity_noise", velocity_noise),
+            ("torque_noise", torque_noise),
+            ("clock_jitter", clock_jitter),
+            ("wrench_noise", wrench_noise),
+        ):
+            sizes = frozen(values)
+            if not np.all(sizes >= 0.0):
+                raise ValueError(f"{name} is negative")
+            object.__setattr__(self, name, sizes)
+        object.__setattr__(self, "clock_jitter", float(clock_jitter))
+        object.__setattr__(self, "commanded", commanded)
+        object.__setattr__(self, "velocity", velocity)
+        object.__setattr__(self, "gains", None if gains is None else frozen(gains))
+        object.__setattr__(self, "effort", effort)
+        if self.gains is not None and not np.all(self.gains):
+            raise ValueError("a gain is zero")
+
+    def with_random_gains(self, n: int, seed: int) -> "Sensors":
+        """The same sensors with drive gains of 5 to 15 Nm/A, for `n` joints."""
+        return self.with_gains(np.random.default_rng(seed).uniform(5.0, 15.0, n))
+
+    def with_rate(self, rate: float) -> "Sensors":
+        """The same sensors at a rate.
+
+        Raises:
+            DataError: The rate does not divide the controller's.
+        """
+        _check_rate(rate)
+        changed = copy(self)
+        object.__setattr__(changed, "rate", float(rate))
+        return changed
+
+    def with_even_rows(self, rate: float) -> "Sensors":
+        """The same sensors at a rate, without jitter: for logs whose stamps are not written.
+
+        Raises:
+            DataError: The rate does not divide the controller's.
+        """
+        changed = self.with_rate(rate)
+        object.__setattr__(changed, "clock_jitter", 0.0)
+        return changed
+
+    def with_commands(self) -> "Sensors":
+        """The same sensors, with columns of the desired motion and the commanded torques."""
+        changed = copy(self)
+        object.__setattr__(changed, "commanded", True)
+        return changed
+
+    def with_gains(self, gains: ArrayLike) -> "Sensors":
+        """The same sensors with drive gains, shape `(n,)` [Nm/A; N/A]."""
+        changed = copy(self)
+        object.__setattr__(changed, "gains", frozen(gains))
+        return changed
+
+    def measure(
+        self, run: TrueRun, rng: np.random.Generator, kind: EffortKind | None = None
+    ) -> Reading:
+        """What the sensors say.
+
+        Args:
+            run: What happened.
+            rng: Source of the noise.
+            kind: Kind of effort; by default that of these sensors.
+        """
+        rows = slice(None, None, round(CONTROL_RATE / self.rate))
+        effort = run.effort(self.effort if kind is None else kind)[rows]
+        t, q, dq = run.t[rows], run.q[rows], run.dq[rows]
+        noise_t, noise_q, noise_dq, noise_tau = (
+            rng.standard_normal(values.shape) for values in (t, q, dq, effort)
+        )
+        wrench = None if run.wrench is None else run.wrench[rows]
+        if wrench is not None:
+            wrench = wrench + self.wrench_noise * rng.standard_normal(wrench.shape)
+        bound = 0.45 / self.rate
+        return Reading(
+            t + np.clip(self.clock_jitter * noise_t, -bound, bound),
+            _stepped(q + self.position_noise * noise_q, self.resolution),
+            dq + self.velocity_noise * noise_dq,
+            effort + self.torque_noise * noise_tau,
+            run.commanded[:, rows if self.commanded else slice(0)],
+            wrench,
+        )
+
+    def read(self, run: TrueRun, robot: Robot, rng: np.random.Generator) -> dict[str, Array]:
+        """The columns of the log under customary names.
+
+        Args:
+            run: What happened.
+            robot: Gives the units, and the transmission of motor torques.
+            rng: Source of the noise.
+        """
+        reading = self.measure(run, rng)
+        columns = {"time_s": reading.t}
+        for j, joint in enumerate(robot.coordinates):
+            columns[f"q{j + 1}_{joint.unit}"] = reading.q[:, j]
+        for j, joint in enumerate(robot.coordinates if self.velocity else ()):
+            columns[f"dq{j + 1}_{joint.unit}_s"] = reading.dq[:, j]
+        return columns | self._efforts(reading.effort, robot) | reading.further(robot)
+
+    def _efforts(self, effort: Array, robot: Robot) -> dict[str, Array]:
+        if self.gains is not None:
+            effort = effort / self.gains
+            return {f"current{j + 1}_A": column for j, column in enumerate(effort.T)}
+        if self.effort != "motor_torque":
+            names = [f"tau{j + 1}_{c.effort_unit}" for j, c in enumerate(robot.coordinates)]
+            return dict(zip(names, effort.T, strict=True))
+        if robot.transmission is None:
+            raise ModelError(
+                "motor torques are to be logged, but the robot has no transmission",
+                where=f"robot '{robot.name}'",
+                fix="give the robot a transmission, or log joint torques",
+            )
+        motors = np.linalg.solve(robot.transmission.matrix.T, effort.T)
+        return {f"motor_tau{j + 1}_Nm": column for j, column in enumerate(motors)}
+
+
+def _check_rate(rate: float) -> None:
+    """Raise unless rows fall on ticks of the controller."""
+    every = CONTROL_RATE / rate if rate > 0.0 else 0.0
+    if every < 1.0 or abs(every - round(every)) > 1e-9:
+        raise DataError(
+            f"a log cannot have {rate:g} rows a second",
+            where=f"sensors of the virtual robot, controlled at {CONTROL_RATE:g} Hz",
+            fix="take a rate that divides it: 1000, 500, 250, 200, 125, 100, ...",
+        )
+
+
+def _stepped(q: Array, resolution: Array) -> Array:
+    """Positions rounded to the encoders' steps."""
+    step = np.broadcast_to(resolution, q.shape)
+    safe = np.where(step > 0.0, step, 1.0)
+    return np.where(step > 0.0, np.round(q / safe) * safe, q) + 0.0
+
+
+def as_declared(
+    reading: Reading,
+    signals: Signals,
+    *,
+    velocity: bool = True,
+    gains: ArrayLike | None = None,
+) -> dict[str, Array]:
+    """The columns of a log under the names, in the units and on the side that a file declares.
+
+    Args:
+        reading: What the sensors say, of the joints.
+        signals: What the robot file declares; without velocity columns the log has none.
+        velocity: Whether there are velocities at all.
+        gains: True drive gains, for those that the file leaves to be identified; 1 if not given.
+    """
+    named = {} if signals.time == ROW else {signals.time: reading.t / signals.time_scale}
+    offset = 0.0 if signals.position_offset is None else signals.position_offset
+    q = _before_log_map(reading.q - offset, signals.position_map)
+    named |= _scaled_columns(signals.position, q, signals.position_scale)
+    if signals.velocity is not None and signals.velocity_scale is not None and velocity:
+        dq = _before_log_map(reading.dq, signals.position_map)
+        named |= _scaled_columns(signals.velocity, dq, signals.velocity_scale)
+    true = signals.gains
+    if any(signals.unknown_gains) and gains is not None:
+        true = np.where(signals.unknown_gains, gains, true)
+    effort = replace(signals, gains=true).logged_efforts(reading.effort)
+    return named | dict(zip(signals.effort, effort.T, strict=True))
+
+
+def _before_log_map(values: Array, mapped: Array | None) -> Array:
+    """Values, `(N, n)`, before the map that reading a log applies to them."""
+    return values if mapped is None else np.asarray(np.linalg.solve(mapped, values.T).T)
+
+
+def _scaled_columns(names: Sequence[str], values: Array, scales: Array) -> dict[str, Array]:
+    return dict(zip(names, (values / scales).T, strict=True))

@@ -1,0 +1,350 @@
+"""A virtual robot runs a motion and writes a log: what `steelyard simulate` does."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from steelyard.base.arguments import checked
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError, ModelError
+from steelyard.base.progress import Progress, silent
+from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.excite.trajectories.composed import repeated
+from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.excite.trajectories.trajectory import ExactTrajectory, SlowedMotion
+from steelyard.excite.trajectories.trajectory_files import read_motion
+from steelyard.model.equations.kinematics import last_frame
+from steelyard.model.robot_file_model import model_with_open_friction, with_friction
+from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.file.signals import ROW
+from steelyard.robot.robot import Robot
+from steelyard.simulate.external_loads import AppliedWrench, Axes, Payload, read_wrench
+from steelyard.simulate.plant import customary_drives
+from steelyard.simulate.sensors import Sensors
+from steelyard.simulate.truth import Truth, random_truth, read_truth
+from steelyard.simulate.virtual_robot import SimulatedFiles, customary_sensors
+from steelyard.simulate.virtual_robot import simulate as simulate_robot
+from steelyard.uses.control.joint_control import PD, Control
+from steelyard.uses.control.model_control import control_of
+from steelyard.uses.control.model_torques import refuse_other_robot, refuse_unknown_gains
+
+RANDOM_PERIOD = 10.0
+"""Length of a random motion [s], if none is given."""
+
+_LONGEST_RUN = 24.0 * 3600.0
+"""Robot time that a run may take [s]."""
+
+_REPEATABLE_ENDS = (("position", "", 1e-9), ("speed", "/s", 1e-6))
+"""What must be the same at both ends of a motion to be repeated, its unit, how closely."""
+
+
+@dataclass(frozen=True)
+class SimulatedRun:
+    """A simulated run.
+
+    Attributes:
+        files: What was written.
+        notes: What was assumed of the robot.
+        seconds: Length of the motion that was repeated or slowed [s].
+    """
+
+    files: SimulatedFiles
+    notes: tuple[str, ...]
+    seconds: float
+
+
+@checked(
+    period=0.5,
+    periods=1,
+    noise=0.0,
+    payload_mass=1e-3,
+    attach=0.0,
+    release=0.0,
+    friction_drift=0.0,
+    seed=0,
+)
+def simulate(
+    robot: str | Path | LoadedRobot,
+    folder: str | Path,
+    motion: str | Path | None = None,
+    *,
+    period: float | None = None,
+    periods: int = 1,
+    dry_run: float = 1.0,
+    noise: float = 1.0,
+    payload_mass: float | None = None,
+    payload_frame: str | None = None,
+    attach: float = 0.0,
+    release: float = float("inf"),
+    truth: str | Path | None = None,
+    friction_drift: float = 1.0,
+    rate: float | None = None,
+    control: str | None = None,
+    model: str | Path | IdentifiedModel | None = None,
+    wrench: str | Path | None = None,
+    wrench_frame: str | None = None,
+    wrench_axes: str = "base",
+    fixed_base: str | None = None,
+    seed: int = 0,
+    progress: Progress = silent,
+) -> SimulatedRun:
+    """Simulate a robot with random true parameters near the nominal ones, and log it.
+
+    With `control` or `model`, drives with encoders, delay and lag lie between the controller and
+    the joints, and the log has columns of the desired motion and the commanded torques
+    (`q_cmd1_rad`, `dq_cmd1_rad_s`, `tau_cmd1_Nm`).
+
+    Args:
+        robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it.
+        folder: Folder to make, for `log.csv`, `trajectory.json` and `truth.json`.
+        motion: Motion to follow, a `trajectory.json` or a table of postures; a random one if
+            `None`.
+        period: Length of the random motion [s], 10 if `None`.
+        periods: Number of periods.
+        dry_run: Speed relative to the motion's, at most 1.
+        noise: Sensor noise relative to that of a typical arm.
+        payload_mass: Mass of the payload, a steel sphere [kg]; `None` for none.
+        payload_frame: Frame of the payload; that of the last link if `None`.
+        attach: Time at which it is attached [s].
+        release: Time at which it is released [s].
+        truth: `truth.json` of another simulation: the same robot again.
+        friction_drift: Factor on the true friction.
+        rate: Rows per second of the log [Hz]; 250 if `None`, or as the robot file says.
+        control: `pd`, `pid`, `cascade` or `computed_torque`, with gains as in `pd,kp=400`; joint PD
+            control with perfect sensors and drives if `None`.
+        model: Identified model: torque feedforward, or that of `computed_torque`.
+        wrench: Table of an outside wrench: `time_s`, `fx_N` to `fz_N`, `tx_Nm` to `tz_Nm`, each
+            row until the next one. The log gets these columns, along the axes of the frame.
+        wrench_frame: Frame that it acts on; that of the last link if `None`.
+        wrench_axes: Axes of the table: `base` or `frame`.
+        fixed_base: Link to fix to the world, for a model file; `None` for its root.
+        seed: Same seed, same robot and same random motion.
+        progress: Receives events of progress; when it requests a stop, nothing is written.
+
+    Raises:
+        SteelyardError: A file cannot be used, or the folder is there and not empty.
+        Stopped: `progress` requested a stop.
+
+    Example:
+        >>> run = simulate("arm.toml", "run2", seed=2, period=5.0)
+        >>> run.files.log.name
+        'log.csv'
+    """
+    loaded = load_robot(robot, base=fixed_base)
+    _check_factor(dry_run)
+    once = _one_period(loaded.robot, motion, period, periods, dry_run, seed)
+    _check_length(once.duration, periods, dry_run)
+    trajectory = _slowed(_repeated(once, loaded.robot, periods), dry_run)
+    real, gains = true_robot(loaded, truth, friction_drift, seed)
+    sensors = _sensors(loaded, real, noise, rate, gains, seed)
+    controller = _controller(loaded.robot, control, model)
+    if controller is not None:
+        sensors = sensors.with_commands()
+    load = _payload(loaded.robot, payload_mass, payload_frame, attach, release)
+    files = simulate_robot(
+        loaded.robot,
+        real,
+        trajectory,
+        sensors,
+        Path(folder),
+        seed=seed,
+        signals=loaded.signals,
+        payload=load,
+        control=controller,
+        drives=None if controller is None else customary_drives(loaded.robot),
+        wrench=_wrench(loaded.robot, wrench, wrench_frame, wrench_axes),
+        progress=progress,
+    )
+    return SimulatedRun(files, loaded.notes, once.duration)
+
+
+def true_robot(
+    loaded: LoadedRobot, truth: str | Path | None, friction_drift: float, seed: int
+) -> tuple[Truth, Array | None]:
+    """What a robot really is, and its drive gains, shape `(n,)`, if the truth has some.
+
+    Args:
+        loaded: The robot.
+        truth: File of the truth; random values near the nominal ones if `None`.
+        friction_drift: Factor on its friction.
+        seed: Seed of the random values.
+    """
+    if truth is None:
+        terms = with_friction(model_with_open_friction(loaded), loaded).terms
+        return random_truth(loaded.robot, seed, terms=terms).drifted(friction_drift), None
+    real, gains = read_truth(Path(truth), loaded.robot)
+    return real.drifted(friction_drift), gains
+
+
+def _sensors(
+    loaded: LoadedRobot,
+    truth: Truth,
+    noise: float,
+    rate: float | None,
+    gains: Array | None,
+    seed: int,
+) -> Sensors:
+    """Customary sensors, with the rate and the gains that are requested or declared.
+
+    Raises:
+        DataError: The rate is not the one that the robot file declares for its rows.
+    """
+    sensors = customary_sensors(loaded.robot, truth, noise)
+    signals = loaded.signals
+    if signals is not None and any(signals.unknown_gains):
+        if gains is None:
+            sensors = sensors.with_random_gains(loaded.robot.n, seed)
+        else:
+            sensors = sensors.with_gains(gains)
+    if signals is not None and signals.time == ROW:
+        declared = 1.0 / signals.time_scale
+        if rate is not None and abs(rate - declared) > 1e-9 * declared:
+            raise DataError(
+                f"the log is to have {rate:g} rows a second, but the robot file declares "
+                f"{declared:g}",
+                where="--rate",
+                fix="leave it out, or change the robot file",
+            )
+        return sensors.with_even_rows(declared)
+    return sensors if rate is None else sensors.with_rate(rate)
+
+
+def _controller(
+    robot: Robot, control: str | None, model: str | Path | IdentifiedModel | None
+) -> Control | None:
+    """The controller that the options describe; `None` for the default one."""
+    if model is None:
+        return None if control is None else control_of(control)
+    identified = load_model(model)
+    refuse_unknown_gains(identified)
+    refuse_other_robot(identified, robot)
+    return control_of(PD.kind if control is None else control, identified.valued)
+
+
+def _wrench(
+    robot: Robot, file: str | Path | None, frame: str | None, axes: str
+) -> AppliedWrench | None:
+    """The outside wrench that the options describe.
+
+    Raises:
+        ModelError: A frame or axes are given without a table, or axes have no such name.
+    """
+    if file is None:
+        if frame is None and axes == "base":
+            return None
+        raise ModelError(
+            "a frame or axes of a wrench are given, but no wrench",
+            where="--wrench-frame or --wrench-axes",
+            fix="add --wrench FILE",
+        )
+    if axes not in ("base", "frame"):
+        raise ModelError(
+            f"there are no axes '{axes}'", where="--wrench-axes", fix="give base or frame"
+        )
+    chosen: Axes = "base" if axes == "base" else "frame"
+    return read_wrench(Path(file), last_frame(robot) if frame is None else frame, chosen)
+
+
+def _one_period(
+    robot: Robot,
+    motion: str | Path | None,
+    period: float | None,
+    periods: int,
+    dry_run: float,
+    seed: int,
+) -> ExactTrajectory:
+    """The motion that is given, or a random one.
+
+    Raises:
+        DataError: A period is given together with a motion, or the run takes too long.
+    """
+    if motion is None:
+        seconds = RANDOM_PERIOD if period is None else period
+        _check_length(seconds, periods, dry_run)
+        return random_fourier(robot, seed=seed, period=seconds)
+    if period is not None:
+        raise DataError(
+            "a period of the random motion is given together with a motion",
+            where="--period with --motion",
+            fix="leave out one of the two",
+        )
+    return read_motion(Path(motion), robot)
+
+
+def _repeated(trajectory: ExactTrajectory, robot: Robot, periods: int) -> ExactTrajectory:
+    """The motion several times without a stop.
+
+    Raises:
+        DataError: It does not end where and as it starts.
+    """
+    for order, (what, unit, close) in enumerate(_REPEATABLE_ENDS):
+        first, last = trajectory.derivative([0.0, trajectory.duration], order)
+        jumps = abs(last - first)
+        worst = int(jumps.argmax())
+        if periods > 1 and jumps[worst] > close:
+            joint = robot.coordinates[worst]
+            raise DataError(
+                f"{periods} periods are requested, but the motion does not end as it starts: joint "
+                f"'{joint.name}' begins with {what} {first[worst]:.4g} {joint.unit}{unit} and "
+                f"ends with {last[worst]:.4g} {joint.unit}{unit}",
+                where="--periods",
+                fix="leave it out, or give a motion that returns to its start",
+            )
+    return repeated(trajectory, periods)
+
+
+def _check_factor(factor: float) -> None:
+    """A dry run is slower than the motion.
+
+    Raises:
+        DataError: It is not.
+    """
+    if not 0.0 < factor <= 1.0:
+        raise DataError(
+            f"a dry run at {factor:g} of the speed is not slower than the motion",
+            where="--dry-run",
+            fix="give a number above 0 and at most 1, such as 0.2",
+        )
+
+
+def _check_length(once: float, periods: int, factor: float) -> None:
+    """The run takes a day of robot time at most.
+
+    Raises:
+        DataError: It takes longer.
+    """
+    seconds = once * periods / factor
+    if not seconds <= _LONGEST_RUN:
+        raise DataError(
+            f"the run would be {seconds / 3600.0:.4g} hours long: {periods} times {once:g} s at "
+            f"{factor:g} of the speed; a log holds 24 hours at most",
+            where="--period, --motion, --periods or --dry-run",
+            fix="give fewer periods, a faster dry run, or a shorter motion",
+        )
+
+
+def _slowed(trajectory: ExactTrajectory, factor: float) -> ExactTrajectory:
+    """The motion at a share of its speed."""
+    return trajectory if factor == 1.0 else SlowedMotion(trajectory, factor)
+
+
+def _payload(
+    robot: Robot, mass: float | None, frame: str | None, attach: float, release: float
+) -> Payload | None:
+    """The load that the options describe.
+
+    Raises:
+        ModelError: It has no mass, or cannot be carried.
+    """
+    from steelyard.simulate.external_loads import Payload
+
+    if mass is not None:
+        named = [f.name for f in robot.frames] or [b.name for b in robot.bodies]
+        return Payload.ball(mass, named[-1] if frame is None else frame, attach, release)
+    if frame is not None or attach > 0.0 or release < float("inf"):
+        raise ModelError(
+            "a payload is attached, but it has no mass",
+            where="--payload-frame, --attach or --release",
+            fix="add --payload-mass KG",
+        )
+    return None

@@ -1,0 +1,298 @@
+"""A simulated robot under control with and without a model: what `steelyard track` does."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from steelyard.base.arguments import checked
+from steelyard.base.arrays import Array, Parameters, frozen
+from steelyard.base.motion import Trajectory
+from steelyard.base.progress import Progress, silent
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.excite.trajectories.trajectory_files import read_motion
+from steelyard.identify.comparison.compare_models import named_models
+from steelyard.identify.page.content import ReportContent
+from steelyard.model.equations.kinematics import frame_of, last_frame
+from steelyard.model.model import Model, ValuedModel
+from steelyard.report.result import Result
+from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.robot import Frame, Robot
+from steelyard.simulate.plant import Drives, customary_drives
+from steelyard.simulate.simulate import true_robot
+from steelyard.simulate.tracking_sections import TRACK_SECTIONS, render_tracking
+from steelyard.simulate.truth import Truth
+from steelyard.simulate.virtual_robot import VirtualRobot
+from steelyard.uses.control.joint_control import PD, Control
+from steelyard.uses.control.model_control import ComputedTorque, control_of
+from steelyard.uses.control.model_torques import (
+    refuse_other_robot,
+    refuse_unknown_gains,
+    remarks_on_torques,
+)
+
+SECONDS_AFTER = 0.2
+"""Time behind the end of the motion that counts too [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedRun:
+    """One run under one controller.
+
+    Attributes:
+        name: The controller, and its model.
+        error: Desired minus true positions, shape `(N, n)` [rad; m].
+        tool: True positions of the tool, shape `(N, 3)` [m].
+        deviation: Distance of the tool from where it should be, shape `(N,)` [m].
+    """
+
+    name: str
+    error: Array
+    tool: Array
+    deviation: Array
+
+    def __post_init__(self) -> None:
+        for name in ("error", "tool", "deviation"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @property
+    def rms(self) -> Array:
+        """Root mean square error of each joint, shape `(n,)`."""
+        return np.asarray(np.sqrt(np.mean(self.error**2, axis=0)))
+
+    @property
+    def largest(self) -> Array:
+        """Largest error of each joint, shape `(n,)`."""
+        return np.asarray(np.abs(self.error).max(axis=0))
+
+    @property
+    def tool_rms(self) -> float:
+        """Root mean square deviation of the tool [m]."""
+        return float(np.sqrt(np.mean(self.deviation**2)))
+
+    @property
+    def tool_largest(self) -> float:
+        """Largest deviation of the tool [m]."""
+        return float(self.deviation.max())
+
+
+@dataclass(frozen=True, eq=False)
+class Tracking:
+    """A motion run under several controllers.
+
+    Attributes:
+        robot: The robot.
+        frame: Its tool.
+        t: Time from the start of the motion, shape `(N,)` [s].
+        desired: Desired positions of the tool, shape `(N, 3)` [m].
+        runs: The runs; the first one without a model.
+        random_truth: Whether the robot has random true parameters near the nominal ones.
+    """
+
+    robot: Robot
+    frame: Frame
+    t: Array
+    desired: Array
+    runs: tuple[TrackedRun, ...]
+    random_truth: bool = False
+
+    @property
+    def reference(self) -> TrackedRun:
+        """The run without a model."""
+        return self.runs[0]
+
+    def ratios(self, run: TrackedRun) -> Array:
+        """Errors of the joints over those without a model, shape `(n,)`; NaN for no error."""
+        own, other = run.rms, self.reference.rms
+        return np.asarray(np.divide(own, other, out=np.full(own.shape, np.nan), where=other > 0.0))
+
+
+def controllers_of(text: str, models: Sequence[tuple[str, ValuedModel]]) -> dict[str, Control]:
+    """Controllers to compare, by name: without a model first, then with each.
+
+    Args:
+        text: As of `control_of`.
+        models: Names and models.
+    """
+    name = text.partition(",")[0].replace("_", " ")
+    tagged = len(models) > 1
+    if not models:
+        return {name: control_of(text)}
+    found: dict[str, Control] = {}
+    for label, model in models:
+        control = control_of(text, model)
+        ending = f", {label}" if tagged else ""
+        if isinstance(control, ComputedTorque):
+            found.setdefault("pd", PD(control.kp, control.kv))
+            printed = ComputedTorque(model, control.kp, control.kv, friction=False)
+            found[f"{name} without friction{ending}"] = printed
+            if control.friction:
+                found[f"{name}{ending}"] = control
+        else:
+            found.setdefault(name, control_of(text))
+            found[f"{name} + feedforward{ending}"] = control
+    return found
+
+
+def tracking(
+    robot: Robot,
+    truth: Truth,
+    trajectory: Trajectory,
+    controllers: dict[str, Control],
+    frame: Frame,
+    drives: Drives,
+    progress: Progress = silent,
+) -> Tracking:
+    """Run a motion under each controller.
+
+    Args:
+        robot: The robot.
+        truth: What it really is.
+        trajectory: The motion.
+        controllers: By name, the one without a model first.
+        frame: Its tool.
+        drives: What lies between the controllers and the joints.
+        progress: Receives events of progress; an exception from it stops the work.
+    """
+    runs: list[TrackedRun] = []
+    kinematics = Model(robot, ()).at(Parameters((), (), ()))
+    t = desired = np.zeros(0)
+    for name, control in controllers.items():
+        rig = VirtualRobot(robot, truth, control=control, drives=drives, progress=progress)
+        run = rig.follow(trajectory)
+        until = rig.rest + trajectory.duration + SECONDS_AFTER
+        rows = (run.t >= rig.rest - 1e-9) & (run.t <= until + 1e-9)
+        goal, q = run.commanded[0][rows], run.q[rows]
+        if not runs:
+            t = run.t[rows] - rig.rest
+            desired = kinematics.pose(goal, frame)[0]
+        tool = kinematics.pose(q, frame)[0]
+        deviation = np.linalg.norm(tool - desired, axis=1)
+        runs.append(TrackedRun(name, goal - q, tool, deviation))
+    return Tracking(robot, frame, frozen(t), frozen(desired), tuple(runs))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TrackingComparison(Result):
+    """A motion run under control with and without a model.
+
+    Attributes:
+        content: What the page shows.
+        tracking: Errors of the joints and of the tool.
+    """
+
+    content: ReportContent
+    tracking: Tracking
+
+    def report(self) -> str:
+        """The report as one self-contained HTML page."""
+        return render_tracking(self.content)
+
+    def write(self, folder: Path) -> None:
+        """Write `tracking.html` and `tracking.json`."""
+        (folder / "tracking.html").write_text(self.report(), encoding="utf-8")
+        text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
+        (folder / "tracking.json").write_text(f"{text}\n", encoding="utf-8")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers as JSON values, as `steelyard track --json` prints them."""
+        found = {"robot": self.content.robot, "settings": dict(self.content.settings)}
+        for section in TRACK_SECTIONS:
+            found |= section.to_dict(self.content)
+        return {**found, "notes": list(self.content.notes)}
+
+    def show(self, console: Console) -> None:
+        """Print the errors."""
+        for section in TRACK_SECTIONS:
+            for part in section.printed(self.content):
+                console.print(part)
+                console.print()
+        for note in self.content.notes:
+            console.print(f"note: {note}", markup=False)
+
+
+@checked(friction_drift=0.0, lag=0.0, seed=0)
+def track(
+    robot: str | Path | LoadedRobot,
+    motion: str | Path,
+    model: str | Path | IdentifiedModel | Sequence[str | Path | IdentifiedModel] = (),
+    *,
+    control: str = "cascade",
+    truth: str | Path | None = None,
+    friction_drift: float = 1.0,
+    lag: float = 0.002,
+    tool: str | None = None,
+    fixed_base: str | None = None,
+    seed: int = 0,
+    progress: Progress = silent,
+) -> TrackingComparison:
+    """Simulate a robot under control along a motion, without and with each model.
+
+    Args:
+        robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it.
+        motion: `trajectory.json`, or a table of times and positions.
+        model: The identified model, or several to compare.
+        control: `pd`, `pid`, `cascade` or `computed_torque`, with gains as in
+            `computed_torque,kp=100,kv=5`.
+        truth: `truth.json` of a simulation, the robot's true parameters; random ones near the
+            nominal ones if `None`.
+        friction_drift: Factor on the true friction.
+        lag: Time constant of the drives' torque [s].
+        tool: Frame whose path is compared; that of the last link if `None`.
+        fixed_base: Link to fix to the world, for a model file; `None` for its root.
+        seed: Seed of random true parameters.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used, the model is one of another robot, or its mass matrix
+            does not allow computed torque.
+
+    Example:
+        >>> found = track("arm.toml", "fit/trajectory.json", "arm-model", truth="fit/truth.json")
+        >>> [run.name for run in found.tracking.runs]
+        ['cascade', 'cascade + feedforward']
+    """
+    loaded = load_robot(robot, base=fixed_base)
+    models = [model] if isinstance(model, str | Path | IdentifiedModel) else list(model)
+    named = named_models(models)
+    for each in named.values():
+        refuse_unknown_gains(each)
+        refuse_other_robot(each, loaded.robot)
+    frame = frame_of(loaded.robot, last_frame(loaded.robot) if tool is None else tool)
+    trajectory = read_motion(Path(motion), loaded.robot)
+    real, _ = true_robot(loaded, truth, friction_drift, seed)
+    valued = [(label, each.valued) for label, each in named.items()]
+    found = tracking(
+        loaded.robot,
+        real,
+        trajectory,
+        controllers_of(control, valued),
+        frame,
+        customary_drives(loaded.robot, lag),
+        progress,
+    )
+    found = replace(found, random_truth=truth is None)
+    settings = (
+        ("control", control),
+        ("motion", str(motion)),
+        ("models", ", ".join(named) or "none"),
+        ("true robot", f"seed {seed}" if truth is None else str(truth)),
+        ("factor on true friction", f"{friction_drift:g}"),
+        ("lag of the drives' torque", f"{1e3 * lag:g} ms"),
+    )
+    notes = tuple(
+        dict.fromkeys(note for each in named.values() for note in remarks_on_torques(each))
+    )
+    content = ReportContent(
+        title=f"Tracking of {loaded.robot.name}",
+        robot=loaded.robot.name,
+        tracking=found,
+        notes=(*loaded.notes, *notes),
+        settings=settings,
+    )
+    return TrackingComparison(content, found)

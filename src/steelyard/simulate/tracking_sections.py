@@ -1,0 +1,294 @@
+"""Tracking errors of every joint and of the tool: tables, errors over time, paths."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.logs_and_settings import SettingsSection
+from steelyard.report.figures import Figure, Group, Key, evenly, line, thin
+from steelyard.report.page import FigureSection, Numbers, Section, fill, page_of, shown_sections
+from steelyard.report.tables import PlainTable, Row, text_table
+from steelyard.report.words import NONE, significant
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import RenderableType
+
+    from steelyard.robot.robot import Coordinate
+    from steelyard.simulate.track import TrackedRun, Tracking
+
+
+ERROR_UNITS = {"rad": ("°", 180.0 / np.pi), "m": ("mm", 1e3)}
+"""Units of joint errors for people, by that of the joint, and their factors."""
+
+
+class TrackingErrorsSection(Section):
+    """Headline, and tables of root mean square and largest errors."""
+
+    name: ClassVar[str] = "tracking"
+    title: ClassVar[str] = "Tracking errors"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """The tables, if a motion was tracked."""
+        found = content.tracking
+        if found is None:
+            return None
+        return {"headline": headline(found), "tables": tables(found), "title": self.title}
+
+    def show(self, numbers: Numbers) -> str:
+        """The numbers as safe HTML."""
+        return fill("tracking.html", numbers)
+
+    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+        """The headline, and errors per controller, SI units."""
+        found = content.tracking
+        if found is None:
+            return {"controllers": None}
+        joints = found.robot.coordinates
+        return {
+            "headline": headline(found),
+            "random_truth": found.random_truth,
+            "controllers": [_run_values(found, run, joints) for run in found.runs],
+        }
+
+    def printed(self, content: ReportContent) -> Iterable[RenderableType]:
+        """The headline and the tables."""
+        from rich.text import Text
+
+        if content.tracking is not None:
+            yield Text(headline(content.tracking), style="bold")
+            yield from (text_table(table, self.title) for table in tables(content.tracking))
+
+
+def headline(found: Tracking) -> str:
+    """The mean error of the joints of the last run over that without a model, and the truth."""
+    last = found.runs[-1]
+    if last is found.reference:
+        return f"Tool: RMS {_mm(last.tool_rms)} mm under {last.name}{_random_truth_note(found)}"
+    ratios = found.ratios(last)
+    mean = float(np.nanmean(ratios)) if np.isfinite(ratios).any() else float("nan")
+    return (
+        f"{last.name}: RMS error of the joints {significant(100.0 * mean)} % of that without a "
+        f"model (mean), tool {_mm(last.tool_rms)} instead of {_mm(found.reference.tool_rms)} mm"
+        f"{_random_truth_note(found)}"
+    )
+
+
+def _random_truth_note(found: Tracking) -> str:
+    """That the simulated robot is not the one of the logs; empty if its truth is given."""
+    if not found.random_truth:
+        return ""
+    robot = ". The simulated robot has random true parameters near the nominal ones"
+    if len(found.runs) == 1:
+        return f"{robot}; give the true ones with --truth"
+    return (
+        f"{robot}, the model was identified from other logs: this does not judge the model; "
+        "give the true parameters with --truth"
+    )
+
+
+def tables(found: Tracking) -> list[PlainTable]:
+    """Root mean square and largest errors, a row per joint and one for the tool."""
+    names = [run.name for run in found.runs]
+    made = []
+    for caption, joint_values, tool_values in (
+        ("RMS error", [run.rms for run in found.runs], [run.tool_rms for run in found.runs]),
+        (
+            "Largest error",
+            [run.largest for run in found.runs],
+            [run.tool_largest for run in found.runs],
+        ),
+    ):
+        rows = []
+        for j, joint in enumerate(found.robot.coordinates):
+            unit, factor = ERROR_UNITS[joint.unit]
+            rows.append(_row(joint.name, unit, [factor * float(x[j]) for x in joint_values]))
+        tool = [1e3 * x for x in tool_values]
+        rows.append(_row(f"tool ({found.frame.name})", "mm", tool, total=True))
+        headings = ("Joint", *names, "Unit")
+        words = f"In brackets: divided by that under {names[0]}." if len(names) > 1 else ""
+        text = (0, len(names) + 1)
+        made.append(PlainTable(caption, words, headings, rows, text, words))
+    return made
+
+
+def _row(name: str, unit: str, values: Sequence[float], *, total: bool = False) -> Row:
+    first = values[0]
+    ratios = [NONE if first == 0.0 else f"{value / first:.2f}" for value in values[1:]]
+    rest = [f"{significant(x)} ({ratio})" for x, ratio in zip(values[1:], ratios, strict=True)]
+    return Row((name, significant(first), *rest, unit), total=total)
+
+
+def _run_values(found: Tracking, run: TrackedRun, joints: Sequence[Coordinate]) -> dict[str, Any]:
+    """One controller as JSON values."""
+    ratios: Array = found.ratios(run)
+    return {
+        "name": run.name,
+        "joints": [
+            {
+                "name": joint.name,
+                "unit": joint.unit,
+                "rms": rms,
+                "largest": largest,
+                "ratio": ratio if np.isfinite(ratio) else None,
+            }
+            for joint, rms, largest, ratio in zip(
+                joints, run.rms.tolist(), run.largest.tolist(), ratios.tolist(), strict=True
+            )
+        ],
+        "tool": {
+            "frame": found.frame.name,
+            "unit": "m",
+            "rms": run.tool_rms,
+            "largest": run.tool_largest,
+        },
+    }
+
+
+def _mm(metres: float) -> str:
+    return significant(1e3 * metres)
+
+
+DESIRED_COLOUR = "--ink"
+RUN_COLOURS = ("--vermillion", "--blue", "--green", "--purple")
+"""Of the runs, the one without a model first."""
+
+PATH_POINTS = 4000
+"""Points of a path."""
+
+ENLARGED_SHARE = 0.05
+"""Share of the path's width that the largest deviation is drawn with."""
+
+
+class ToolPathSection(FigureSection):
+    """Two pictures in the plane in which the path is widest."""
+
+    name: ClassVar[str] = "tool-path"
+    title: ClassVar[str] = "Path of the tool"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """Paths, if a motion was tracked."""
+        found = content.tracking
+        if found is None:
+            return None
+        a, b = plane(found)
+        factor = magnification(found)
+        words = f"deviations {factor:g} times as large"
+        figures = [
+            _path_figure(found, (a, b), 1.0, "as run", "zoom in to see the deviations"),
+            _path_figure(found, (a, b), factor, "enlarged", words),
+        ]
+        return {"groups": [Group(figures)], "legend": legend(found)}
+
+
+def legend(found: Tracking) -> list[Key]:
+    """Colours of the runs."""
+    keys = [Key(DESIRED_COLOUR, "desired")]
+    return keys + [Key(run_colour(k), run.name) for k, run in enumerate(found.runs)]
+
+
+def run_colour(number: int) -> str:
+    """Name in the style sheet of a run's colour."""
+    return RUN_COLOURS[min(number, len(RUN_COLOURS) - 1)]
+
+
+def plane(found: Tracking) -> tuple[int, int]:
+    """The two axes along which the path is widest, in their order."""
+    first, second = sorted(np.argsort(-np.ptp(found.desired, axis=0), kind="stable")[:2].tolist())
+    return first, second
+
+
+def magnification(found: Tracking) -> float:
+    """Factor 1, 2 or 5 times a power of ten by which deviations are drawn larger."""
+    largest = max(run.tool_largest for run in found.runs)
+    width = float(np.ptp(found.desired, axis=0).max())
+    if largest == 0.0 or width == 0.0:
+        return 1.0
+    wanted = max(ENLARGED_SHARE * width / largest, 1.0)
+    decade = 10.0 ** np.floor(np.log10(wanted))
+    return float(decade * max(step for step in (1.0, 2.0, 5.0) if step * decade <= wanted))
+
+
+def _path_figure(
+    found: Tracking, axes: tuple[int, int], factor: float, title: str, caption: str
+) -> Figure:
+    """Desired path and all runs, both scales alike."""
+    a, b = axes
+    rows = evenly(len(found.t), PATH_POINTS)
+    desired = found.desired[rows]
+    traces: list[dict[str, Any]] = [
+        line("desired", desired[:, a], desired[:, b], DESIRED_COLOUR, width=1, hoverinfo="skip")
+    ]
+    for k, run in enumerate(found.runs):
+        tool = desired + factor * (run.tool[rows] - desired)
+        traces.append(line(run.name, tool[:, a], tool[:, b], run_colour(k), width=1.5))
+    layout = {
+        "yaxis": {"scaleanchor": "x", "constrain": "domain"},
+        "xaxis": {"constrain": "domain"},
+        "showlegend": False,
+    }
+    label = f"Path of the tool, {title}: desired and {len(found.runs)} runs"
+    names = [f"{'xyz'[axis]} [m]" for axis in axes]
+    return Figure(title, label, names[0], names[1], traces, layout, caption, 460)
+
+
+ERROR_LINE_POINTS = 1500
+"""Most points of a line."""
+
+ERROR_POINTS_BUDGET = 120_000
+"""Points of all lines together."""
+
+
+class ErrorsOverTimeSection(FigureSection):
+    """The tool's deviation, and a picture per joint."""
+
+    name: ClassVar[str] = "errors-over-time"
+    title: ClassVar[str] = "Errors over time"
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """Errors, if a motion was tracked."""
+        found = content.tracking
+        if found is None:
+            return None
+        lines = (found.robot.n + 1) * len(found.runs)
+        most = max(min(ERROR_LINE_POINTS, ERROR_POINTS_BUDGET // lines), 50)
+        tool = [1e3 * run.deviation for run in found.runs]
+        figures = [_error_figure(found, f"tool ({found.frame.name})", "distance [mm]", tool, most)]
+        for j, joint in enumerate(found.robot.coordinates):
+            unit, factor = ERROR_UNITS[joint.unit]
+            errors = [factor * run.error[:, j] for run in found.runs]
+            figures.append(
+                _error_figure(found, joint.name, f"desired − true [{unit}]", errors, most)
+            )
+        return {"groups": [Group(figures)], "legend": legend(found)[1:]}
+
+
+def _error_figure(found: Tracking, name: str, y: str, errors: Sequence[Array], most: int) -> Figure:
+    """One line per run."""
+    traces: list[dict[str, Any]] = []
+    for k, (run, error) in enumerate(zip(found.runs, errors, strict=True)):
+        rows = thin(error, most)
+        traces.append(line(run.name, found.t[rows], error[rows], run_colour(k), width=1.3))
+    layout = {"showlegend": False}
+    return Figure(name, f"Tracking error of {name} over time", "time [s]", y, traces, layout)
+
+
+TRACK_SECTIONS: tuple[Section, ...] = (
+    TrackingErrorsSection(),
+    ToolPathSection(),
+    ErrorsOverTimeSection(),
+    SettingsSection(),
+)
+
+
+def render_tracking(content: ReportContent) -> str:
+    """The page as HTML text, to be written as UTF-8."""
+    shown = shown_sections(TRACK_SECTIONS, content)
+    return page_of(content.title, content.robot, "simulated", version("steelyard"), shown)

@@ -1,0 +1,357 @@
+"""The virtual robot: sent along a trajectory, it writes logs like those of a real controller."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from math import pi
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from steelyard.base.arrays import Array, Parameters, frozen
+from steelyard.base.errors import DataError
+from steelyard.base.files import whole_folder, write_json, write_table
+from steelyard.base.motion import Motion, Rig, Trajectory, run
+from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.estimate.closed_loop.motion_under_torque import Controller, joint_inertia, tuned_pd
+from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.excite.trajectories.trajectory_files import write_motion
+from steelyard.model.laws.rigid_body import RigidBody
+from steelyard.model.model import Model
+from steelyard.robot.file.signals import Signals
+from steelyard.robot.robot import Robot
+from steelyard.simulate.external_loads import AppliedWrench, Payload
+from steelyard.simulate.mujoco_model import build
+from steelyard.simulate.plant import Drives, MujocoPlant, moving_frame
+from steelyard.simulate.scales import closed, typical_masses, typical_torque
+from steelyard.simulate.sensors import CONTROL_RATE, Sensors, TrueRun, as_declared
+from steelyard.simulate.truth import Truth
+from steelyard.uses.control.joint_control import PD, Control, ControlTask
+
+_TICK = 1.0 / CONTROL_RATE
+_SETTLING = 0.5
+_PHASE = 0.25
+"""Phase that dead time may take at the natural frequency of a joint's error [rad]."""
+
+_TICKS_PER_EVENT = 250
+_TICKS_PER_CLOSURE = 20
+
+
+class VirtualRobot:
+    """A simulated robot: implements `Rig`.
+
+    A controller at 1 kHz follows the motion; the robot stands still for `rest` seconds before and
+    after it. By default that is joint PD control from true positions and velocities, without
+    feedforward: it sags under gravity by some milliradians, as a soft controller does.
+
+    Attributes:
+        robot: The robot; its nominal inertias play no part.
+        truth: What it really is.
+        sensors: How its log is written.
+        rest: Standstill before and after a motion [s].
+        signals: Names, units, sides, kinds and gains of the log's columns; customary ones if
+            `None`.
+        payload: What it carries for a while, if anything.
+        control: Its joint controller.
+        drives: What lies between controller and joints.
+        wrench: What acts on it from outside, if anything.
+        tuned: Gains of the default controller.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        truth: Truth,
+        sensors: Sensors | None = None,
+        *,
+        seed: int = 0,
+        rest: float = 1.0,
+        signals: Signals | None = None,
+        payload: Payload | None = None,
+        control: Control | None = None,
+        drives: Drives | None = None,
+        wrench: AppliedWrench | None = None,
+        progress: Progress = silent,
+    ) -> None:
+        self.robot, self.truth, self.rest, self.signals = robot, truth, rest, signals
+        self.sensors = Sensors() if sensors is None else sensors
+        self.payload = payload
+        self._plant = MujocoPlant(robot, truth, payload)
+        self.control: Control = PD() if control is None else control
+        self.drives, self.wrench = Drives() if drives is None else drives, wrench
+        self._frame = None if wrench is None else moving_frame(robot, wrench.frame)
+        self._masses = typical_masses(robot, self._plant.model)
+        self.tuned: Controller = tuned_pd(self._masses)
+        self._noise = np.random.default_rng(seed)
+        self._progress = progress
+        self._recorded: list[TrueRun] | None = None
+
+    def place(self, q: ArrayLike) -> None:
+        """Put the robot at rest at posture `q`, shape `(n,)`."""
+        self._plant.place(q)
+
+    def step(self, tau: Array, duration: float) -> tuple[Array, Array]:
+        """Hold joint torques `tau`, shape `(n,)`, for `duration` [s]; the new `q` and `dq`."""
+        return self._plant.step(tau, duration)
+
+    def send(self, trajectory: Trajectory) -> None:
+        """Follow `trajectory`; it is put into the log that is being recorded, if any.
+
+        Raises:
+            DataError: The log being recorded holds a motion already.
+            Stopped: The watcher requested a stop.
+        """
+        if self._recorded:
+            raise DataError(
+                "a log of the virtual robot holds one motion, and this is a second one",
+                where=f"robot '{self.robot.name}'",
+                fix="record a log for each motion, or send them chained",
+            )
+        run = self.follow(trajectory)
+        if self._recorded is not None:
+            self._recorded.append(run)
+
+    @contextmanager
+    def record(self, log: Path) -> Iterator[None]:
+        """Write the motion that is sent within the block; noise goes on from log to log.
+
+        Args:
+            log: File to write, `.parquet` or `.csv`; not written if the block raises.
+
+        Raises:
+            DataError: Nothing was sent.
+        """
+        self._recorded = []
+        try:
+            yield
+            runs = self._recorded
+        finally:
+            self._recorded = None
+        if not runs:
+            raise DataError(
+                "no motion was sent while the virtual robot recorded",
+                where=str(log),
+                fix="send a motion within the block",
+            )
+        self._write(runs[0], log)
+
+    def _write(self, run: TrueRun, log: Path) -> None:
+        """Write what the sensors say of a run."""
+        sensors = self.sensors
+        if self.signals is None:
+            write_table(log, sensors.read(run, self.robot, self._noise))
+            return
+        reading = sensors.measure(run, self._noise, self.signals.effort_kind)
+        columns = as_declared(reading, self.signals, velocity=sensors.velocity, gains=sensors.gains)
+        write_table(log, columns | reading.further(self.robot))
+
+    def ticks(self, trajectory: Trajectory) -> int:
+        """Ticks of the controller along a trajectory, rests included."""
+        return round((trajectory.duration + 2.0 * self.rest) * CONTROL_RATE) + 1
+
+    def follow(self, trajectory: Trajectory, felt: ArrayLike = 0.0) -> TrueRun:
+        """Follow `trajectory`; what happened at every tick, without sensors.
+
+        Args:
+            trajectory: The motion.
+            felt: Errors of the positions that the controller feels, shape `(ticks, n)` [rad; m].
+        """
+        ticks = self.ticks(trajectory)
+        t = frozen(np.arange(ticks) * _TICK)
+        goal = self.wanted(trajectory, t)
+        self._check_loops(t, goal.q)
+        loaded = np.zeros(ticks, bool) if self.payload is None else self.payload.carried(t)
+        if self.payload is not None and not loaded.any():
+            raise DataError(
+                f"the payload is attached at {self.payload.attach:g} s, "
+                f"but the log ends at {t[-1]:g} s",
+                where=f"payload on '{self.payload.frame}'",
+                fix="attach it earlier, or make the motion longer",
+            )
+        self._plant.load(bool(loaded[0]))
+        self.place(goal.q[0])
+        felt = np.broadcast_to(felt, goal.q.shape)
+        pushed = None if self.wrench is None else self.wrench.at(t)
+        settling = round(_SETTLING * CONTROL_RATE)
+        loop = self.control.start(self._task(goal, settling))
+        q, dq, held, friction, command = (np.zeros_like(goal.q) for _ in range(5))
+        q[0], dq[0] = self._plant.state()
+        drives = self.drives.start(_TICK, q[0])
+        before = tau = np.zeros(self.robot.n)
+        for k in range(settling):
+            before = tau = drives.actuate(loop.torque(k, *drives.sense(q[0], dq[0])))
+            q[0], dq[0] = self._plant.step(tau, _TICK)
+        for k in range(ticks):
+            if k % _TICKS_PER_EVENT == 0:
+                report_progress(self._progress, "simulation", t[k], float(t[-1]))
+            seen, speed = drives.sense(q[k] + felt[k], dq[k])
+            held[k] = tau = drives.actuate(loop.torque(settling + k, seen, speed))
+            command[k] = drives.command
+            friction[k] = self._plant.motor_friction()
+            if pushed is not None and self._frame is not None and self.wrench is not None:
+                pushed[k] = self._plant.push(self._frame, pushed[k], self.wrench.axes == "base")
+            if k + 1 < ticks:
+                self._plant.load(bool(loaded[k]))
+                q[k + 1], dq[k + 1] = self._plant.step(tau, _TICK)
+        report_progress(self._progress, "simulation", t[-1], t[-1])
+        return TrueRun(
+            t,
+            q,
+            dq,
+            0.5 * (np.concatenate([before[None], held[:-1]]) + held),
+            friction + self._rotors(dq),
+            self._gravity(t, q),
+            np.array([goal.q, goal.dq, command]),
+            pushed,
+        )
+
+    def _task(self, goal: Motion, settling: int) -> ControlTask:
+        """Rest at the first posture for some ticks, and the motion."""
+        before = np.repeat(goal.q[:1], settling, axis=0)
+        still = np.zeros_like(before)
+        motion = Motion(
+            np.concatenate([goal.t[0] - _TICK * np.arange(settling, 0, -1), goal.t]),
+            np.concatenate([before, goal.q]),
+            np.concatenate([still, goal.dq]),
+            np.concatenate([still, goal.ddq]),
+        )
+        inertia, fastest = joint_inertia(self._masses, CONTROL_RATE)
+        if self.drives.dead_time > 0.0:
+            fastest = min(fastest, _PHASE / self.drives.dead_time)
+        limits = np.broadcast_to(self.drives.limits, inertia.shape)
+        return ControlTask(motion, self.drives.seen(motion), _TICK, inertia, fastest, limits)
+
+    def wanted(self, trajectory: Trajectory, t: Array) -> Motion:
+        """The controller's setpoints at times `t` of the log [s], shape `(N,)`."""
+        goal = trajectory.sample(np.clip(t - self.rest, 0.0, trajectory.duration))
+        moving = ((t >= self.rest) & (t <= self.rest + trajectory.duration))[:, None]
+        return Motion(t, goal.q, np.where(moving, goal.dq, 0.0), np.where(moving, goal.ddq, 0.0))
+
+    def _rotors(self, dq: Array) -> Array:
+        """Torque of the rotors that turn with the independent joints, shape `(N, n)`.
+
+        Their acceleration is the mean over the ticks before and after, as the torque is.
+        """
+        ddq = np.gradient(dq, _TICK, axis=0)
+        rows = [(np.array(r.row[: self.robot.n]), r.inertia) for r in self.truth.rotors]
+        parts = [inertia * np.outer(ddq @ row, row) for row, inertia in rows]
+        return np.asarray(sum(parts, np.zeros_like(ddq)))
+
+    def _gravity(self, t: Array, q: Array) -> Array:
+        """Torque that holds the bodies against gravity, shape `(N, n)`."""
+        bodies = Model(self.robot, (RigidBody(),))
+        values = Parameters(bodies.names, bodies.units, self.truth.inertial.ravel())
+        still = np.zeros_like(q)
+        return bodies.at(values).torque(Motion(t, q, still, still))
+
+    def _check_loops(self, t: Array, goal: Array) -> None:
+        """Raise where the robot could not follow because its loops would not close."""
+        near = None
+        for k in range(0, len(t) if self.robot.loops else 0, _TICKS_PER_CLOSURE):
+            near = closed(self.robot, goal[k], near)
+            if near is None:
+                raise DataError(
+                    f"the loops cannot close at {max(t[k] - self.rest, 0.0):.2f} s of the motion",
+                    where=f"motion of robot '{self.robot.name}'",
+                    fix="give a motion, or limits of the joints, within which the loops close",
+                )
+
+
+@dataclass(frozen=True)
+class SimulatedFiles:
+    """What a simulation left.
+
+    Attributes:
+        log: The log, like a real controller's.
+        truth: What the robot really is, JSON.
+        trajectory: The requested motion, JSON.
+    """
+
+    log: Path
+    truth: Path
+    trajectory: Path
+
+
+def customary_sensors(robot: Robot, truth: Truth, noise: float = 1.0) -> Sensors:
+    """Sensors as good as those of a usual arm, at 250 rows a second.
+
+    Encoders of 17 bits a turn (prismatic joints: 10 µm), white noise of 1 % of the typical torque
+    and of 1 mrad/s (1 mm/s) on velocities, of 0.2 N and 0.01 Nm on an outside wrench, a clock that
+    jitters by 50 µs.
+
+    Args:
+        robot: The robot.
+        truth: What it really is; gives the size of its torques.
+        noise: Factor on all of it; 0 is perfect.
+    """
+    torque = typical_torque(robot, build(robot, truth.inertial, truth.rotors))
+    steps = {"revolute": 2.0 * pi / 2**17, "prismatic": 1e-5}
+    return Sensors(
+        resolution=[noise * steps[c.kind] for c in robot.coordinates],
+        velocity_noise=noise * 1e-3,
+        torque_noise=noise * 0.01 * torque,
+        wrench_noise=noise * np.repeat([0.2, 0.01], 3),
+        clock_jitter=noise * 5e-5,
+    )
+
+
+def simulate(
+    robot: Robot,
+    truth: Truth,
+    trajectory: ExactTrajectory,
+    sensors: Sensors,
+    folder: Path,
+    *,
+    seed: int = 0,
+    signals: Signals | None = None,
+    payload: Payload | None = None,
+    control: Control | None = None,
+    drives: Drives | None = None,
+    wrench: AppliedWrench | None = None,
+    progress: Progress = silent,
+) -> SimulatedFiles:
+    """Send the virtual robot along a trajectory and write its log, its truth and the motion.
+
+    The folder appears whole, when all is done, or not at all.
+
+    Args:
+        robot: The robot.
+        truth: What it really is.
+        trajectory: The motion.
+        sensors: How the log is written.
+        folder: Folder to make; it may not exist, unless it is empty.
+        seed: Seed of the noise.
+        signals: Names, units and gains of the log's columns; customary ones if `None`.
+        payload: What the robot carries for a while, if anything.
+        control: The joint controller; that of `VirtualRobot` if `None`.
+        drives: What lies between controller and joints; perfect if `None`.
+        wrench: What acts on the robot from outside, if anything.
+        progress: Told how far the simulation is.
+
+    Raises:
+        OutputError: The folder cannot be written.
+        Stopped: `progress` requested a stop.
+    """
+    with whole_folder(folder) as part:
+        rig: Rig = VirtualRobot(
+            robot,
+            truth,
+            sensors,
+            seed=seed,
+            signals=signals,
+            payload=payload,
+            control=control,
+            drives=drives,
+            wrench=wrench,
+            progress=progress,
+        )
+        run(rig, trajectory, part / "log.csv")
+        hidden = truth.to_dict()
+        if signals is not None and any(signals.unknown_gains) and sensors.gains is not None:
+            hidden["drive_gains"] = dict(
+                zip(robot.joint_names, sensors.gains.tolist(), strict=True)
+            )
+        write_json(part / "truth.json", hidden)
+        write_motion(part / "trajectory.json", trajectory, robot)
+    return SimulatedFiles(folder / "log.csv", folder / "truth.json", folder / "trajectory.json")

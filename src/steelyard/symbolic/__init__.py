@@ -1,0 +1,1 @@
+"""Expression programs, their derivatives and bounds, and machine code made of them."""

@@ -1,0 +1,106 @@
+"""Machine code on disk, by content: a second start traces and compiles nothing.
+
+An entry is one file: a line of JSON (the entry's own description, with the code's hash), then the
+code. The folder belongs to the user alone; an entry that is not what it says is ignored and
+rebuilt. `STEELYARD_CACHE` names another folder, or switches the cache off when it is empty.
+"""
+
+import hashlib
+import json
+import os
+import stat
+import tempfile
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from platformdirs import user_cache_dir
+
+FORMAT = 1
+
+SOURCES = (
+    "symbolic",
+    "model",
+    "robot/models",
+    "robot/from_mechanism.py",
+    "robot/joint_reduction.py",
+    "robot/loop_closures.py",
+    "robot/mechanism.py",
+    "robot/rigid_body.py",
+    "robot/robot.py",
+    "estimate/information",
+    "estimate/closed_loop",
+    "estimate/external",
+    "check/hypotheses/nuisance.py",
+    "simulate/mujoco_laws.py",
+)
+"""Folders and files of the package that programs are made from."""
+
+
+def key_of(description: Any) -> str:
+    """Hash of anything JSON can write, and of the equations as they stand in the package."""
+    text = json.dumps([FORMAT, _sources(), description], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+@cache
+def _sources() -> str:
+    """Hash of those files: an edited law is a new program."""
+    package = Path(__file__).parents[2]
+    digest = hashlib.sha256()
+    for source in SOURCES:
+        place = package / source
+        for file in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
+            digest.update(file.relative_to(package).as_posix().encode() + file.read_bytes())
+    return digest.hexdigest()
+
+
+def load(key: str) -> tuple[dict[str, Any], bytes] | None:
+    """Description and code of an entry, or `None` if there is no sound one."""
+    place = folder()
+    if place is None:
+        return None
+    try:
+        head, _, code = (place / f"{key}.kernel").read_bytes().partition(b"\n")
+        entry = json.loads(head)
+        sound = entry["key"] == key and entry["sha256"] == _seal(entry["about"], code)
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return (entry["about"], code) if sound else None
+
+
+def store(key: str, about: dict[str, Any], code: bytes) -> None:
+    """Keep an entry; a cache that cannot be written is no error."""
+    place = folder()
+    if place is None:
+        return
+    head = json.dumps({"key": key, "sha256": _seal(about, code), "about": about}).encode()
+    try:
+        handle, temporary = tempfile.mkstemp(dir=place)
+        with os.fdopen(handle, "wb") as file:
+            file.write(head + b"\n" + code)
+        os.replace(temporary, place / f"{key}.kernel")
+    except OSError:
+        return
+
+
+def _seal(about: dict[str, Any], code: bytes) -> str:
+    return hashlib.sha256(json.dumps(about, sort_keys=True).encode() + b"\n" + code).hexdigest()
+
+
+def folder() -> Path | None:
+    """The private folder, made if need be; `None` where there is none to trust."""
+    named = os.environ.get("STEELYARD_CACHE")
+    if named == "":
+        return None
+    place = Path(named or user_cache_dir("steelyard", appauthor=False)) / "kernels"
+    try:
+        place.mkdir(mode=0o700, parents=True, exist_ok=True)
+        facts = place.stat()
+    except OSError:
+        return None
+    if hasattr(os, "getuid") and (
+        facts.st_uid != os.getuid() or facts.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    ):
+        return None
+    return place

@@ -1,0 +1,314 @@
+r"""A traced program as a value: in JSON, run by NumPy, composed, jumps at zero speed made steep.
+
+In a traced program, what asks for the sign of a speed $v$ gets $\tanh(v/w)$, and what holds a
+speed above next to nothing, $\max(|v|, \epsilon)$, holds it above $w$. A speed is any $c \cdot
+\dot q$; its width is $w = \sum |c_j| w_j$ with the widths $w_j$ of the joints.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+
+UNARY = ("neg", "sqrt", "abs", "sign", "sin", "cos", "exp", "tanh", "atan")
+BINARY = ("add", "sub", "mul", "div", "less", "less_equal", "minimum", "maximum")
+
+
+class Step(NamedTuple):
+    """One assignment.
+
+    Attributes:
+        operation: `constant`, `input`, or a name of `UNARY` or `BINARY`.
+        arguments: Numbers of earlier steps; for an input `(array, entry)`; empty for a constant.
+        value: The constant.
+    """
+
+    operation: str
+    arguments: tuple[int, ...] = ()
+    value: float = 0.0
+
+
+@dataclass(frozen=True)
+class InputArray:
+    """One input array: its name, its entries per sample, and whether all samples share them."""
+
+    name: str
+    entries: int
+    shared: bool = False
+
+
+@dataclass(frozen=True)
+class Program:
+    """Inputs to outputs, sample by sample.
+
+    Attributes:
+        inputs: The input arrays.
+        steps: Assignments in order of evaluation.
+        outputs: For every output entry the step that holds it.
+    """
+
+    inputs: tuple[InputArray, ...]
+    steps: tuple[Step, ...]
+    outputs: tuple[int, ...]
+
+    @property
+    def n_operations(self) -> int:
+        """Arithmetic steps per sample."""
+        return sum(step.operation not in ("constant", "input") for step in self.steps)
+
+    def pruned(self) -> "Program":
+        """The program without steps that no output needs."""
+        needed = bytearray(len(self.steps))
+        for number in self.outputs:
+            needed[number] = 1
+        for number in reversed(range(len(self.steps))):
+            if needed[number] and self.steps[number].operation != "input":
+                for argument in self.steps[number].arguments:
+                    needed[argument] = 1
+        place: dict[int, int] = {}
+        steps: list[Step] = []
+        for number, step in enumerate(self.steps):
+            if needed[number]:
+                place[number] = len(steps)
+                if step.arguments and step.operation != "input":
+                    step = Step(step.operation, tuple([place[a] for a in step.arguments]))
+                steps.append(step)
+        return Program(self.inputs, tuple(steps), tuple(place[k] for k in self.outputs))
+
+    def last_use(self) -> Sequence[int]:
+        """For every step the number of the last step that reads it; its own if none does."""
+        last = list(range(len(self.steps)))
+        for number, step in enumerate(self.steps):
+            if step.operation != "input":
+                for argument in step.arguments:
+                    last[argument] = number
+        return last
+
+
+_NUMPY_OPERATIONS: dict[str, Callable[..., Array]] = {
+    "add": np.add,
+    "sub": np.subtract,
+    "mul": np.multiply,
+    "div": np.divide,
+    "neg": np.negative,
+    "sqrt": np.sqrt,
+    "abs": np.abs,
+    "sign": np.sign,
+    "sin": np.sin,
+    "cos": np.cos,
+    "exp": np.exp,
+    "tanh": np.tanh,
+    "atan": np.arctan,
+    "less": lambda a, b: np.less(a, b).astype(np.float64),
+    "less_equal": lambda a, b: np.less_equal(a, b).astype(np.float64),
+    "minimum": np.minimum,
+    "maximum": np.maximum,
+}
+
+
+def run(program: Program, inputs: Sequence[Array]) -> Array:
+    """Evaluate a program.
+
+    Args:
+        program: The program.
+        inputs: One array per input: `(entries, N)`, or `(entries,)` where all samples share it.
+
+    Returns:
+        Shape `(len(program.outputs), N)`.
+    """
+    n_samples = next(
+        x.shape[1] for x, a in zip(inputs, program.inputs, strict=True) if not a.shared
+    )
+    values: list[Array] = []
+    for step in program.steps:
+        if step.operation == "constant":
+            values.append(np.float64(step.value))  # type: ignore[arg-type]
+        elif step.operation == "input":
+            values.append(inputs[step.arguments[0]][step.arguments[1]])
+        else:
+            values.append(_NUMPY_OPERATIONS[step.operation](*(values[a] for a in step.arguments)))
+    result = np.empty((len(program.outputs), n_samples))
+    for row, number in enumerate(program.outputs):
+        result[row] = values[number]
+    return result
+
+
+class Writer:
+    """A program under construction.
+
+    Attributes:
+        steps: Assignments so far.
+    """
+
+    def __init__(self) -> None:
+        self.steps: list[Step] = []
+        self._constants: dict[float, int] = {}
+
+    def push(self, operation: str, *arguments: int, value: float = 0.0) -> int:
+        """Add a step; its number."""
+        self.steps.append(Step(operation, arguments, value))
+        return len(self.steps) - 1
+
+    def constant(self, value: float) -> int:
+        """The step that holds a constant."""
+        if value not in self._constants:
+            self._constants[value] = self.push("constant", value=value)
+        return self._constants[value]
+
+    def plus(self, start: int, factor: int, slope: int) -> int:
+        """`start + factor * slope`."""
+        return self.push("add", start, self.push("mul", factor, slope))
+
+    def weighed(self, slopes: Sequence[int]) -> int:
+        """`k1 + 2 k2 + 2 k3 + k4`."""
+        first, second, third, fourth = slopes
+        middle = self.push("add", second, third)
+        ends = self.push("add", first, fourth)
+        return self.push("add", ends, self.push("add", middle, middle))
+
+    def inlined(self, program: Program, given: Mapping[tuple[int, int], int]) -> list[int]:
+        """Add all steps of a program; the steps that hold its outputs.
+
+        Args:
+            program: The program.
+            given: Steps that take the place of input entries `(array, entry)`.
+        """
+        numbers: list[int] = []
+        for step in program.steps:
+            if step.operation == "constant":
+                numbers.append(self.constant(step.value))
+            elif step.operation != "input":
+                numbers.append(self.push(step.operation, *(numbers[a] for a in step.arguments)))
+            elif (step.arguments[0], step.arguments[1]) in given:
+                numbers.append(given[step.arguments[0], step.arguments[1]])
+            else:
+                numbers.append(self.push("input", *step.arguments))
+        return [numbers[k] for k in program.outputs]
+
+
+_LARGEST_SPEED_FLOOR = 1e-6
+Linear = Mapping[int, float]
+"""Coefficients over the velocities; empty for what does not depend on them in this way."""
+
+
+class _Softener(Writer):
+    """A program under construction, with the linear parts of its steps.
+
+    Attributes:
+        number: Old step to new step.
+    """
+
+    def __init__(self, program: Program, velocity: int, widths: int | float) -> None:
+        super().__init__()
+        self.program, self._velocity, self._widths = program, velocity, widths
+        self.number: list[int] = []
+        self._linear: list[Linear] = []
+
+    def take(self, step: Step) -> None:
+        """Write one step of the old program, softened if it jumps."""
+        softened = self._softened(step)
+        self._linear.append(self._slope(step))
+        if softened is None:
+            arguments = step.arguments
+            if step.operation != "input":
+                arguments = tuple(self.number[a] for a in arguments)
+            softened = self.push(step.operation, *arguments, value=step.value)
+        self.number.append(softened)
+
+    def _softened(self, step: Step) -> int | None:
+        if step.operation == "sign" and (speed := self._linear[step.arguments[0]]):
+            relative = self.push("div", self.number[step.arguments[0]], self._width(speed))
+            return self.push("tanh", relative)
+        if step.operation == "maximum":
+            for size, floor in (step.arguments, step.arguments[::-1]):
+                speed = self._size_of_speed(size)
+                least = self.program.steps[floor]
+                if (
+                    speed
+                    and least.operation == "constant"
+                    and 0.0 < least.value < _LARGEST_SPEED_FLOOR
+                ):
+                    return self.push("maximum", self.number[size], self._width(speed))
+        return None
+
+    def _size_of_speed(self, number: int) -> Linear:
+        step = self.program.steps[number]
+        return self._linear[step.arguments[0]] if step.operation == "abs" else {}
+
+    def _width(self, speed: Linear) -> int:
+        total = -1
+        for joint, coefficient in speed.items():
+            scale = self.push("constant", value=abs(coefficient))
+            part = self.push("mul", scale, self._width_of(joint))
+            total = part if total < 0 else self.push("add", total, part)
+        return total
+
+    def _width_of(self, joint: int) -> int:
+        if isinstance(self._widths, float):
+            return self.push("constant", value=self._widths)
+        return self.push("input", self._widths, joint)
+
+    def _slope(self, step: Step) -> Linear:
+        """The step's value as a combination of velocities, if it is one."""
+        if step.operation == "input":
+            return {step.arguments[1]: 1.0} if step.arguments[0] == self._velocity else {}
+        if step.operation not in ("neg", "add", "sub", "mul", "div"):
+            return {}
+        parts = [self._linear[a] for a in step.arguments]
+        if step.operation == "neg":
+            return {k: -c for k, c in parts[0].items()}
+        a, b = parts
+        if step.operation in ("add", "sub"):
+            sign = 1.0 if step.operation == "add" else -1.0
+            return {k: a.get(k, 0.0) + sign * b.get(k, 0.0) for k in {*a, *b}} if a and b else {}
+        first, second = (self.program.steps[k] for k in step.arguments)
+        if a and second.operation == "constant":
+            factor = second.value if step.operation == "mul" else 1.0 / second.value
+            return {k: factor * c for k, c in a.items()}
+        if b and first.operation == "constant" and step.operation == "mul":
+            return {k: first.value * c for k, c in b.items()}
+        return {}
+
+
+def softened(program: Program, velocity: int, widths: int | float) -> Program:
+    """The program with jumps at zero speed spread over the widths.
+
+    Args:
+        program: The program.
+        velocity: Number of its input array of velocities.
+        widths: Number of its input array of widths, one per velocity; or a width for all, a
+            float.
+    """
+    writer = _Softener(program, velocity, widths)
+    for step in program.steps:
+        writer.take(step)
+    outputs = tuple(writer.number[number] for number in program.outputs)
+    return Program(program.inputs, tuple(writer.steps), outputs)
+
+
+def program_to_json(program: Program) -> list[Any]:
+    """Inputs, steps and outputs as lists."""
+    return [
+        [[a.name, a.entries, a.shared] for a in program.inputs],
+        [
+            [s.operation, s.value if s.operation == "constant" else s.arguments]
+            for s in program.steps
+        ],
+        list(program.outputs),
+    ]
+
+
+def program_from_json(values: list[Any]) -> Program:
+    """The program that `program_to_json` wrote."""
+    inputs, steps, outputs = values
+    return Program(
+        tuple(InputArray(*x) for x in inputs),
+        tuple(
+            Step(name, value=rest) if name == "constant" else Step(name, tuple(rest))
+            for name, rest in steps
+        ),
+        tuple(outputs),
+    )

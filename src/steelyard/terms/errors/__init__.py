@@ -1,1 +1,0 @@
-"""Small errors of geometry and of readings as columns beside the model."""

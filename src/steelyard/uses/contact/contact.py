@@ -1,0 +1,280 @@
+"""Contact in a log, without a force sensor: what `steelyard contact` does."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from steelyard.base.arguments import checked
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError, LogError
+from steelyard.base.files import write_json
+from steelyard.base.progress import Progress, silent
+from steelyard.estimate.effort_uncertainty import EDGES, rest_speed_of, rest_speed_of_runs
+from steelyard.estimate.external.residual_peaks import ContactThresholds, ResidualPeaks
+from steelyard.estimate.friction.mixes import has_memory
+from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.scores.residuals import (
+    ResidualTrace,
+    residual_cutoff,
+    residual_trace,
+    sliding_friction,
+    supported_rate,
+)
+from steelyard.identify.run_notes import left_out, notes_of
+from steelyard.identify.scores import fitted_before, processing_of
+from steelyard.identify.validation_data import holds_fitted_rows
+from steelyard.report.result import Result
+from steelyard.runs.named_logs import log_files, paths_of, prepared, recording_of, refuse_overlaps
+from steelyard.runs.run import Run
+from steelyard.uses.contact.contact_events import (
+    ContactEvent,
+    SuspectedContact,
+    contacts_in,
+    without_contact,
+)
+from steelyard.uses.contact.contact_page import (
+    LEAST_LASTING_SHARE,
+    ContactContent,
+    contact_lines,
+    render_contact,
+)
+from steelyard.uses.other_efforts import refuse_other_efforts
+from steelyard.uses.payload.payload_of_runs import payload_words, unknown_payload
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Contacts(Result):
+    """Contacts in a log.
+
+    Attributes:
+        content: All that the page shows.
+    """
+
+    content: ContactContent
+
+    @property
+    def events(self) -> tuple[ContactEvent, ...]:
+        """The contacts, in the order of time."""
+        return self.content.events
+
+    @property
+    def thresholds(self) -> ContactThresholds:
+        """Residuals that a contact must exceed; small, and evaluable sample by sample."""
+        return self.content.thresholds
+
+    def report(self) -> str:
+        """The report as one self-contained HTML page."""
+        return render_contact(self.content)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Events, thresholds and what they rest on as JSON values."""
+        content = self.content
+        return {
+            "log": content.trace.run,
+            "duration_s": content.trace.duration,
+            "events": [event.to_dict() for event in content.events],
+            "thresholds": content.thresholds.to_dict(),
+            "calibration": {
+                "from": content.source,
+                "minutes": content.thresholds.duration / 60.0,
+                "suspected_contact": [
+                    {"log": one.run, **one.event.to_dict()} for one in content.suspected
+                ],
+            },
+            "joints": list(content.joints),
+            "payload": content.carried,
+            "notes": list(content.notes),
+        }
+
+    def write(self, folder: Path) -> None:
+        """Write `report.html` and `contact.json`."""
+        (folder / "report.html").write_text(self.report(), encoding="utf-8")
+        write_json(folder / "contact.json", self.to_dict())
+
+    def show(self, console: "Console") -> None:
+        """Print the events and what the thresholds rest on."""
+        contact_lines(self.content, console)
+
+
+@checked(rate=1e-9)
+def contact(
+    model: str | Path | IdentifiedModel,
+    log: str | Path,
+    *,
+    calibrate: str | Path | Iterable[str | Path] = (),
+    rate: float | None = None,
+    progress: Progress = silent,
+) -> Contacts:
+    """Find contacts in a log: when, at which joints, how large, on which link.
+
+    Args:
+        model: The model, its `model.json`, or the folder that contains it.
+        log: The log; `run.csv@5:20` is a window in seconds.
+        calibrate: Logs of motion without contact, not fitted, to calibrate thresholds with; if
+            there are none, the motion that was left out in turn when the model was identified.
+        rate: False alarms per hour of all joints together; if `None`, 1, or as few as the
+            calibration supports.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used, or the calibration does not support the rate.
+
+    Example:
+        >>> found = contact("arm-model", "other.csv")
+        >>> found.events
+        ()
+    """
+    identified = load_model(model)
+    inspected, given = log_files([str(log)]), log_files(paths_of(calibrate))
+    refuse_overlaps(given, inspected)
+    processing, signals = processing_of(identified), identified.signals
+    (run,) = prepared(
+        [recording_of(one, signals) for one in inspected], processing, progress, at_rest=True
+    )
+    free = prepared(
+        [recording_of(one, signals) for one in given], processing, progress, at_rest=True
+    )
+    fitted = [
+        fitted_before(identified, one) or holds_fitted_rows(identified, other)
+        for one, other in zip(given, free, strict=True)
+    ]
+    own = None if identified.calibration is None else identified.calibration.peaks
+    notes = [
+        f"{other.name} was fitted: its residuals say nothing of other motion; left out of the "
+        "calibration"
+        for other, old in zip(free, fitted, strict=True)
+        if old
+    ]
+    unseen = [other for other, old in zip(free, fitted, strict=True) if not old]
+    cutoff = residual_cutoff(identified, unseen) if own is None else own.cutoff
+    sigma = np.asarray(identified.estimate.sigma)
+    suspected: tuple[SuspectedContact, ...] = ()
+    if given:
+        for other in unseen:
+            free_trace = residual_trace(identified, other, cutoff)
+            refuse_other_efforts(free_trace, sigma, identified.joints)
+        carried = [_carried(identified, other) for other in unseen]
+        notes += [f"left out of the calibration: {one}" for one in carried if one is not None]
+        unseen = [other for other, one in zip(unseen, carried, strict=True) if one is None]
+        _refuse_none(unseen, notes)
+        traces = [residual_trace(identified, other, cutoff) for other in unseen]
+        peaks, suspected = _calibrated(identified, unseen, traces, cutoff, own)
+        source = f"{len(unseen)} calibration {'log' if len(unseen) == 1 else 'logs'}"
+    else:
+        peaks, source = _own(own, identified), left_out_words(identified)
+    friction = sliding_friction(identified, peaks.edges[:, 1])
+    thresholds = peaks.thresholds(supported_rate(peaks, rate), friction)
+    trace = residual_trace(identified, run, cutoff)
+    refuse_other_efforts(trace, sigma, identified.joints)
+    robot = identified.model.robot
+    notes += [one.text for one in suspected]
+    notes += left_out(run)
+    events = contacts_in(trace, thresholds, robot, sigma)
+    lasting = (
+        sum(event.end - event.start for event in events) > LEAST_LASTING_SHARE * trace.duration
+    )
+    content = ContactContent(
+        robot=robot.name,
+        joints=robot.joint_names,
+        units=robot.effort_units,
+        trace=trace,
+        thresholds=thresholds,
+        events=events,
+        carried=_carried(identified, run) if lasting else None,
+        sigma=sigma,
+        source=source,
+        suspected=suspected,
+        wanted=rate,
+        fitted=fitted_before(identified, inspected[0]) or holds_fitted_rows(identified, run),
+        notes=tuple(notes),
+        details=notes_of([run]),
+    )
+    return Contacts(content)
+
+
+def _carried(identified: IdentifiedModel, run: Run) -> str | None:
+    """A payload that a run has beyond doubt, for people to read; `None` if it is too short."""
+    rests = has_memory(identified.model.terms)
+    try:
+        whole = gather(base_regressor(identified.model), run, rests=rests)
+    except LogError:
+        return None
+    found = unknown_payload(identified, whole)
+    return None if found is None else payload_words(found, run.name)
+
+
+def _own(peaks: ResidualPeaks | None, identified: IdentifiedModel) -> ResidualPeaks:
+    """Residuals of the model's own left-out motion.
+
+    Raises:
+        DataError: It has none.
+    """
+    if peaks is None:
+        raise DataError(
+            "the model has no residuals of left-out motion to calibrate thresholds with",
+            where=f"model of '{identified.model.robot.name}'",
+            fix="give logs of motion without contact with --calibrate, or identify again from two "
+            "or more motions",
+        )
+    return peaks
+
+
+def left_out_words(identified: IdentifiedModel) -> str:
+    """What the residuals of left-out motion in a model are of."""
+    calibration = identified.calibration
+    if calibration is None:
+        return ""
+    what = "runs" if calibration.kind == "runs" else "stretches"
+    return f"{calibration.count} {what} that were left out when the model was identified"
+
+
+def _refuse_none(runs: Sequence[Run], notes: Sequence[str]) -> None:
+    """There are calibration runs.
+
+    Raises:
+        DataError: None is left.
+    """
+    if not runs:
+        raise DataError(
+            f"no calibration log is left: {'; '.join(notes)}",
+            where="--calibrate",
+            fix="give logs of other motion without contact, or leave --calibrate out",
+        )
+
+
+def _calibrated(
+    identified: IdentifiedModel,
+    runs: Sequence[Run],
+    traces: Sequence[ResidualTrace],
+    cutoff: float,
+    own: ResidualPeaks | None,
+) -> tuple[ResidualPeaks, tuple[SuspectedContact, ...]]:
+    """Largest residuals of calibration runs, and what was left out of them."""
+    usual = rest_speed_of(
+        identified.robot.n, identified.calibration, identified.processing.rest_speed
+    )
+    rest = rest_speed_of_runs([run.rest_speed for run in runs], usual)
+    edges = edges_of(rest, traces) if own is None else own.edges
+    robot, sigma = identified.model.robot, np.asarray(identified.estimate.sigma)
+    return without_contact(traces, edges, cutoff, robot, sigma, own)
+
+
+def edges_of(rest: Array, traces: Sequence[ResidualTrace]) -> Array:
+    """Ranges of speed of runs, where the model has none.
+
+    Args:
+        rest: Speed up to which each joint rests, shape `(n,)` [rad/s; m/s].
+        traces: Residuals of the runs.
+    """
+    speeds = np.concatenate([trace.slowest for trace in traces], axis=1)
+    typical = np.sqrt(np.mean(np.square(speeds), axis=1))
+    edges = np.column_stack([rest, np.outer(typical, EDGES)])
+    return np.asarray(np.maximum(edges, rest[:, None]))

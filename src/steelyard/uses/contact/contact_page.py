@@ -1,0 +1,317 @@
+"""The page of `steelyard contact`, and the same in the terminal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from steelyard.estimate.external.residual_peaks import RANGES
+from steelyard.report.figures import Figure, Group, Key, area, line
+from steelyard.report.page import Shown, fill, page_of
+from steelyard.report.tables import PlainTable, Row, narrow_table
+from steelyard.report.words import NONE, signed, significant
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from rich.console import Console
+
+    from steelyard.base.arrays import Array
+    from steelyard.estimate.external.residual_peaks import ContactThresholds
+    from steelyard.estimate.scores.residuals import ResidualTrace
+    from steelyard.uses.contact.contact_events import ContactEvent, SuspectedContact
+
+
+MOST_POINTS_OF_RESIDUAL = 4000
+"""Points of a line, at most; every one is the largest of those that it stands for."""
+
+TERMINAL_COLUMNS = (0, 1, 2, 3, 4, 5)
+"""Columns of the table of events for which a terminal has room."""
+
+THRESHOLD_HEADINGS = ("joint", "unit", RANGES[0], "change", *RANGES[1:])
+"""Columns of the table of thresholds."""
+
+LEAST_LASTING_SHARE = 0.5
+"""Share of the log from which on events mean that something lasting is wrong."""
+
+
+@dataclass(frozen=True, eq=False)
+class ContactContent:
+    """Everything that the page shows.
+
+    Attributes:
+        robot: The robot's name.
+        joints: Names of the joints.
+        units: Units of their efforts.
+        trace: Residuals of the log.
+        thresholds: What they were compared with.
+        events: Contacts.
+        sigma: Standard deviation of the residuals of the fit, shape `(n,)` [Nm; N].
+        source: What the thresholds were calibrated on.
+        carried: A payload that explains lasting residuals, for people to read; `None` without.
+        suspected: Stretches of the calibration that contain contact.
+        wanted: False alarms per hour that were asked for; `None` if the default was used.
+        fitted: Whether the model was fitted to this log.
+        notes: What was left out of the calibration, and why.
+        details: How the log was processed.
+    """
+
+    robot: str
+    joints: Sequence[str]
+    units: Sequence[str]
+    trace: ResidualTrace
+    thresholds: ContactThresholds
+    events: tuple[ContactEvent, ...]
+    sigma: Array
+    source: str
+    carried: str | None
+    suspected: tuple[SuspectedContact, ...]
+    wanted: float | None
+    fitted: bool
+    notes: tuple[str, ...]
+    details: tuple[str, ...]
+
+    @property
+    def stands(self) -> bool:
+        """Whether no joint moves in the log."""
+        return not (self.trace.fastest > self.thresholds.edges[:, :1]).any()
+
+    @property
+    def headline(self) -> str:
+        """How many contacts there are, and whether the robot moves."""
+        count, duration = len(self.events), self.trace.duration
+        many = {0: "No contact", 1: "1 contact"}.get(count, f"{count} contacts")
+        stands = ", in which the robot stands" if self.stands else ""
+        return f"{many} in {duration:.1f} s of {self.trace.run}{stands}"
+
+    @property
+    def claim(self) -> str:
+        """What the thresholds promise, and what that rests on."""
+        rate, minutes = self.thresholds.rate, self.thresholds.duration / 60.0
+        expected = rate * self.trace.duration / 3600.0
+        return (
+            f"Thresholds for {rate:.3g} false alarms per hour ({expected:.2g} expected in this "
+            f"log), from {minutes:.1f} min of free motion: {self.source}."
+        )
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What qualifies the result."""
+        found = list(self.notes)
+        if self.stands:
+            found.append(self._visible_at_rest)
+        if self.wanted is None and self.thresholds.rate > 1.0:
+            found.append(
+                "1 false alarm per hour is more than this calibration supports: for it, give "
+                f"{self.thresholds.duration / 60.0 * self.thresholds.rate:.0f} min of free motion "
+                "with --calibrate"
+            )
+        if self.fitted:
+            found.append("the model was fitted to this log: its residuals are too small")
+        busy = sum(event.end - event.start for event in self.events)
+        if busy > LEAST_LASTING_SHARE * self.trace.duration:
+            found.append(
+                f"residuals exceed their thresholds in {100.0 * busy / self.trace.duration:.0f} % "
+                "of the log: a payload, another tool or other efforts than the model's are "
+                "likelier than contact; run steelyard check with this log"
+            )
+        if self.carried is not None:
+            found.append(self.carried)
+        unknown = [
+            joint
+            for joint, row in zip(self.joints, self.thresholds.limits, strict=True)
+            if np.isnan(row).all()
+        ]
+        if unknown:
+            found.append(f"no threshold, no free motion: {', '.join(unknown)}")
+        return tuple(found)
+
+    @property
+    def _visible_at_rest(self) -> str:
+        """Pushes that show where the robot stands."""
+        limits = np.fmin(self.thresholds.limits[:, 0], self.thresholds.changes)
+        pushes = ", ".join(
+            f"{joint} {significant(float(limit), 2)} {unit}"
+            for joint, unit, limit in zip(self.joints, self.units, limits, strict=True)
+            if np.isfinite(limit)
+        )
+        return f"no joint moves: at rest only pushes above these thresholds are visible: {pushes}"
+
+
+def events_table(content: ContactContent) -> PlainTable:
+    """One row per event."""
+    rows = []
+    for event in content.events:
+        load = event.joints[0]
+        rows.append(
+            Row(
+                (
+                    f"{event.start:.2f}",
+                    f"{event.end - event.start:.2f}",
+                    load.joint,
+                    f"{signed(load.peak)} {load.unit}{' *' if load.change else ''}",
+                    f"{load.sigmas:.0f} σ",
+                    event.place,
+                    f"{load.ratio:.2g}",
+                    f"{len(event.joints)}",
+                )
+            )
+        )
+    headings = (
+        "start [s]",
+        "length [s]",
+        "largest at",
+        "residual",
+        "size",
+        "link",
+        "× threshold",
+        "joints",
+    )
+    changed = any(event.joints[0].change for event in content.events)
+    words = "* change of the residual while the robot rests" if changed else ""
+    return PlainTable("", words, headings, rows, (2, 5))
+
+
+def thresholds_table(content: ContactContent, *, relative: bool) -> PlainTable:
+    """One row per joint; thresholds in standard deviations of the fit's residuals too."""
+
+    def cell(limit: float, sigma: float) -> str:
+        shown = f"{significant(limit)} {limit / sigma:.0f}σ" if relative else significant(limit)
+        return shown if np.isfinite(limit) else NONE
+
+    rows = []
+    thresholds = content.thresholds
+    for joint, unit, limits, own, change, sigma in zip(
+        content.joints,
+        content.units,
+        thresholds.limits,
+        thresholds.own,
+        thresholds.changes,
+        content.sigma,
+        strict=True,
+    ):
+        cells = [
+            f"{cell(float(limit), float(sigma))}{'' if mine else ' *'}"
+            for limit, mine in zip(limits, own, strict=True)
+        ]
+        cells.insert(1, cell(float(change), float(sigma)))
+        rows.append(Row((joint, unit, *cells)))
+    words = (
+        "A residual (measured minus predicted effort after a first-order low-pass of "
+        f"{content.thresholds.cutoff:.3g} Hz) beyond its threshold is contact. At rest friction "
+        "has any value within ± the breakaway friction; change: of the residual while all joints "
+        "rest, against its mean of the last seconds; turning: the joint starts, stops or reverses. "
+        "* too few visits in the calibration: largest threshold of the joint, and its friction."
+    )
+    return PlainTable("", words, THRESHOLD_HEADINGS, rows, (0, 1))
+
+
+def contact_lines(content: ContactContent, console: Console) -> None:
+    """Print the events and what the thresholds rest on."""
+    from rich.text import Text
+
+    console.print(Text(content.headline, style="bold"))
+    console.print(Text(content.claim))
+    for warning in content.warnings:
+        console.print(Text(f"! {warning}", style="yellow"))
+    if content.events:
+        events = events_table(content)
+        console.print(narrow_table(events, TERMINAL_COLUMNS))
+        if events.words:
+            console.print(Text(events.words))
+    if content.warnings or content.events:
+        console.print()
+    console.print(Text("Thresholds"))
+    console.print(narrow_table(thresholds_table(content, relative=False)))
+    for words in _footnotes(content.thresholds):
+        console.print(Text(words))
+
+
+def _footnotes(thresholds: ContactThresholds) -> Iterator[str]:
+    """What signs in the table of thresholds mean."""
+    if not all(map(all, thresholds.own)):
+        yield "* too few visits in the calibration: the joint's largest threshold and its friction"
+    if np.isnan(thresholds.changes).all():
+        yield (
+            "no change is tested (too little rest in the calibration): of pushes at rest, only "
+            "those beyond the threshold of rest are found; logs with rest help (--calibrate)"
+        )
+
+
+def render_contact(content: ContactContent) -> str:
+    """The page as HTML text, to be written as UTF-8."""
+    empty = {"words": "", "tables": (), "folded": "", "legend": (), "note": "", "groups": ()}
+    tables = [events_table(content)] if content.events else []
+    verdict = {
+        **empty,
+        "title": "Contacts",
+        "words": f"{content.headline}. {content.claim}",
+        "tables": tables,
+    }
+    figures = {
+        **empty,
+        "title": "Residuals",
+        "legend": [
+            Key("--measured", "residual"),
+            Key("--rest", "within the thresholds", "area"),
+            Key("--vermillion", "contact", "line"),
+        ],
+        "groups": [Group([_figure(content, j) for j in range(len(content.joints))], columns="one")],
+        "note": f"At most {MOST_POINTS_OF_RESIDUAL} points a line: the largest residual of each "
+        "interval.",
+    }
+    limits = {**empty, "title": "Thresholds", "tables": [thresholds_table(content, relative=True)]}
+    sections = [Shown("contacts", "Contacts", fill("figures.html", verdict))]
+    if content.warnings:
+        notes = fill("notes.html", {"notes": content.warnings})
+        sections.append(Shown("notes", "Limits of this result", notes))
+    sections += [
+        Shown("residuals", "Residuals and thresholds over time", fill("figures.html", figures)),
+        Shown("thresholds", "Thresholds", fill("figures.html", limits)),
+        Shown("details", "Notes", fill("notes.html", {"notes": content.details}), folded=True),
+    ]
+    title = f"{content.robot}: contacts in {content.trace.run}"
+    return page_of(title, content.robot, "inspected", version("steelyard"), sections)
+
+
+def _figure(content: ContactContent, j: int) -> Figure:
+    trace = content.trace
+    at = _largest(np.abs(trace.residual[j]), MOST_POINTS_OF_RESIDUAL)
+    t, residual = trace.t[at], trace.residual[j, at]
+    low, high = (bound[at] for bound in _allowed(content, j))
+    inside = np.zeros(len(t), dtype=bool)
+    for event in content.events:
+        if any(load.joint == content.joints[j] for load in event.joints):
+            inside |= (t >= event.start) & (t <= event.end)
+    touched = np.where(inside, residual, np.nan)
+    return Figure(
+        content.joints[j],
+        f"Residual of {content.joints[j]} over time, with thresholds",
+        "time [s]",
+        f"residual [{content.units[j]}]",
+        [
+            area("within the thresholds", t, low, high, "--rest"),
+            line("residual", t, residual, "--measured", width=1.2),
+            line("contact", t, touched, "--vermillion", width=2.5),
+        ],
+        {"showlegend": False},
+    )
+
+
+def _allowed(content: ContactContent, j: int) -> tuple[Array, Array]:
+    """Residuals of a joint that are no contact, least and greatest; zero where none is known."""
+    trace, thresholds = content.trace, content.thresholds
+    level = np.nan_to_num(thresholds.at(trace.ranges(thresholds.edges))[j])
+    mean = trace.residual[j] - trace.changes(thresholds.edges)[j]
+    change = thresholds.changes[j]
+    return np.fmax(-level, mean - change), np.fmin(level, mean + change)
+
+
+def _largest(size: Array, most: int) -> Array:
+    """Indices of at most so many samples: the largest of each of as many stretches."""
+    step = max(1, -(-len(size) // most))
+    starts = np.arange(0, len(size), step)
+    return np.array([a + int(np.argmax(size[a : a + step])) for a in starts], dtype=np.intp)

@@ -1,0 +1,1 @@
+"""Joint controllers, and torques of a model along a motion."""

@@ -1,0 +1,1 @@
+"""Drift of friction, offsets and effort scales."""

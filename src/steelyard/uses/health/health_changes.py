@@ -1,0 +1,307 @@
+r"""What drifted, and when: changes of friction, offsets and effort scales over windows and logs.
+
+A quantity may settle within a log, $a + b\,e^{-t/T}$ as it does when the robot gets warm, or change
+at a time within it; its level may change from one log on, or steadily over the logs; or it differs
+from the model's. Every shape is tested against none, its free time counted, all joints, quantities
+and logs counted: $p$ times the number of tests must stay below `LEVEL`.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import floor, log10
+from typing import Any, Literal
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.estimate.estimate import Z95
+from steelyard.uses.health.health_windows import HealthQuantity, Series
+
+Shape = Literal["settles", "steps within", "steps", "drifts", "differs"]
+
+FALSE_DRIFT_LEVEL = 0.01
+"""Probability of any false claim of drift in a robot without."""
+
+LEAST_CHANGE = {"dry friction": 0.1, "viscous friction": 0.1, "offset": 0.1, "effort scale": 0.02}
+"""Least change that is called a drift: of friction and scale relative, of an offset relative to the
+joint's friction."""
+
+LEAST_WINDOWS_OF_CHANGE = 6
+"""Windows of a log that a change within it needs."""
+
+SETTLING = np.geomspace(0.05, 2.0, 12)
+"""Time constants that are compared, over the length of the log."""
+
+SETTLING_TIMES_COMPARED = 4.0
+"""Independent time constants among them: a fourfold penalty for choosing one."""
+
+ENOUGH_LOGS = 4
+"""Logs whose scatter shows how far a model errs with other motions."""
+
+OTHER_MOTION = 0.5
+"""Share of a log's residual that parameters may take up with another motion, where fewer logs are
+given."""
+
+UNKNOWN_SCATTER = 4.0
+"""Scatter of windows over their variances that is assumed of few windows."""
+
+CLEAR_HALF_WIDTHS = 3.0
+"""Half-widths from which on a large change is reported even where windows are too few for
+significance."""
+
+
+@dataclass(frozen=True)
+class HealthChange:
+    """A change of a quantity.
+
+    Attributes:
+        joint: The joint.
+        quantity: Which.
+        shape: `settles` and `steps within` a log, `steps` and `drifts` over logs, `differs` from
+            the model.
+        size: Change; relative, or in the unit of the effort.
+        half_width: Of its 95 % interval.
+        unit: `""` for a relative change, else `Nm` or `N`.
+        logs: Names of the first and last log that it concerns.
+        time: Time constant or time of the step within a log [s]; `None` over logs.
+        p: Probability that chance alone does that in any of the tests.
+        matters: Whether it is significant, and large enough to be called a drift.
+        unproven: Whether it is large and excludes zero by `CLEAR_HALF_WIDTHS` half-widths, but is
+            not significant: windows are too few.
+    """
+
+    joint: str
+    quantity: HealthQuantity
+    shape: Shape
+    size: float
+    half_width: float
+    unit: str
+    logs: tuple[str, str]
+    time: float | None
+    p: float
+    matters: bool
+    unproven: bool
+
+    @property
+    def when(self) -> str:
+        """When, for people to read."""
+        first, last = self.logs
+        if self.shape == "settles":
+            return f"settles within {first}, time constant {minutes(self.time)}"
+        if self.shape == "steps within":
+            return f"in {first} at {minutes(self.time)}"
+        if self.shape == "steps":
+            return f"between {first} and {last}"
+        return f"from {first} to {last}" if self.shape == "drifts" else f"model to {last}"
+
+    @property
+    def text(self) -> str:
+        """Size with its interval, for people to read."""
+        if self.unit:
+            digits = min(12, max(0, 1 - floor(log10(max(self.half_width, 1e-12)))))
+            return f"{self.size:+.{digits}f} ± {self.half_width:.{digits}f} {self.unit}"
+        return f"{round(100.0 * self.size):+d} ± {100.0 * self.half_width:.0f} %"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {**vars(self), "logs": list(self.logs), "when": self.when}
+
+
+def minutes(seconds: float | None) -> str:
+    """A time for people to read."""
+    if seconds is None:
+        return ""
+    return f"{seconds:.0f} s" if seconds < 120.0 else f"{seconds / 60.0:.0f} min"
+
+
+def changes_of(series: Sequence[Series], names: Sequence[str]) -> tuple[HealthChange, ...]:
+    """What changed, the most certain first; of a quantity and place the best shape alone.
+
+    Args:
+        series: All quantities.
+        names: Names of the logs, in the order of time.
+    """
+    tests = max(1, len(series) * (len(names) + 2))
+    found = [change for one in series for change in _tested(one, names, tests)]
+    return tuple(sorted(found, key=lambda change: (not change.matters, change.p)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Weighted least squares: coefficients, their covariance, and the sum of squares."""
+
+    values: Array
+    covariance: Array
+    square: float
+
+
+def _fit(columns: Array, y: Array, std: Array) -> _Fit:
+    design, target = columns / std[:, None], y / std
+    covariance = np.asarray(np.linalg.pinv(design.T @ design), dtype=np.float64)
+    values = covariance @ (design.T @ target)
+    return _Fit(values, covariance, float(np.sum(np.square(target - design @ values))))
+
+
+def _tested(one: Series, names: Sequence[str], tests: int) -> Iterator[HealthChange]:
+    std = one.std * np.sqrt(_inflation(one))
+    levels: list[tuple[int, float, float]] = []
+    for log in np.unique(one.log):
+        mine = one.log == log
+        t, y, s = one.t[mine], one.value[mine], std[mine]
+        constant = _fit(np.ones((len(y), 1)), y, s)
+        level, spread = float(constant.values[0]), float(np.sqrt(constant.covariance[0, 0]))
+        if len(y) >= LEAST_WINDOWS_OF_CHANGE:
+            best = _within(one, t, y, s, constant.square, names[int(log)], tests)
+            yield best
+            if best.p < FALSE_DRIFT_LEVEL:
+                later = t > t[0] + 0.5 * (t[-1] - t[0])
+                settled = _fit(np.ones((int(later.sum()), 1)), y[later], s[later])
+                level, spread = float(settled.values[0]), float(np.sqrt(settled.covariance[0, 0]))
+        levels.append((int(log), level, spread))
+    apart = OTHER_MOTION * float(np.median(one.single)) if len(levels) < ENOUGH_LOGS else 0.0
+    if len(levels) > 1:
+        change, apart = _over_logs(one, levels, apart, names, tests)
+        yield change
+    number, level, spread = levels[-1]
+    variance = spread**2 + one.known**2 + apart**2
+    chance = _chance(level**2 / variance, 1, len(one.t)) * tests
+    places = ("model", names[number])
+    yield _change(one, "differs", level, float(np.sqrt(variance)), places, None, chance, few=True)
+
+
+def _inflation(one: Series) -> float:
+    """By how much windows scatter more than their deviations say, neighbours alike included."""
+    residuals = []
+    for log in np.unique(one.log):
+        mine = one.log == log
+        t, y, s = one.t[mine], one.value[mine], one.std[mine]
+        if len(y) > 3:
+            shapes = [_settling(t, _constant(t, y, s)), _step(len(y), _best_cut(y, s))]
+            found = min(
+                (y - x @ _fit(x, y, s).values for x in shapes), key=lambda r: r / s @ (r / s)
+            )
+            residuals.append(found / s)
+    free = sum(len(own) - 3 for own in residuals)
+    if free < 3:
+        return UNKNOWN_SCATTER
+    square = sum(float(own @ own) for own in residuals)
+    neighbours = sum(float(own[1:] @ own[:-1]) for own in residuals)
+    alike = float(np.clip(neighbours / max(square, 1e-300), 0.0, 0.8))
+    return max(1.0, square / free) * (1.0 + alike) / (1.0 - alike)
+
+
+def _constant(t: Array, y: Array, s: Array) -> float:
+    """The time constant that a settling value fits best with."""
+    constants = SETTLING * float(t[-1] - t[0])
+    return float(min(constants, key=lambda tau: _fit(_settling(t, tau), y, s).square))
+
+
+def _settling(t: Array, tau: float) -> Array:
+    """Columns of the settled value and of what is left of the start, shape `(w, 2)`."""
+    return np.column_stack([np.ones(len(t)), np.exp(-(t - t[0]) / tau)])
+
+
+def _chance(statistic: float, parameters: int, count: int) -> float:
+    """Probability that chance alone makes a sum of squares fall that much; by rounding, below 0."""
+    from scipy.special import fdtrc
+
+    freedom = max(count - parameters - 1, 1)
+    return float(fdtrc(parameters, freedom, max(statistic, 0.0) / parameters))
+
+
+def _within(
+    one: Series, t: Array, y: Array, s: Array, constant: float, name: str, tests: int
+) -> HealthChange:
+    """The best change within a log."""
+    tau = _constant(t, y, s)
+    settling = _fit(_settling(t, tau), y, s)
+    ends = _settling(t, tau)[[0, -1]]
+    across = ends[1] - ends[0]
+    cut = _best_cut(y, s)
+    step = _fit(_step(len(t), cut), y, s)
+    p_settling = _chance(constant - settling.square, 1, len(t)) * SETTLING_TIMES_COMPARED
+    p_step = _chance(constant - step.square, 1, len(t)) * len(t)
+    if settling.square <= step.square or p_settling <= p_step:
+        size = float(across @ settling.values)
+        spread = float(np.sqrt(across @ settling.covariance @ across))
+        return _change(one, "settles", size, spread, (name, name), tau, p_settling * tests)
+    size, spread = float(step.values[1]), float(np.sqrt(step.covariance[1, 1]))
+    at = 0.5 * float(t[cut - 1] + t[cut])
+    return _change(one, "steps within", size, spread, (name, name), at, p_step * tests)
+
+
+def _best_cut(y: Array, s: Array) -> int:
+    """The sample from which on a changed value fits best; two or more are on either side."""
+    return min(range(2, len(y) - 1), key=lambda k: _fit(_step(len(y), k), y, s).square)
+
+
+def _step(count: int, at: int) -> Array:
+    """Columns of the value before, and of the change from sample `at` on, shape `(count, 2)`."""
+    return np.column_stack([np.ones(count), np.arange(count) >= at])
+
+
+def _over_logs(
+    one: Series,
+    levels: Sequence[tuple[int, float, float]],
+    apart: float,
+    names: Sequence[str],
+    tests: int,
+) -> tuple[HealthChange, float]:
+    """The best change of the level over logs, and by how much logs scatter around it.
+
+    Every log may have a motion of its own, with which the model errs in its own way. Of
+    `ENOUGH_LOGS` logs their scatter shows by how much, of fewer `apart` is assumed.
+    """
+    count, number = len(levels), [log for log, _, _ in levels]
+    y, s = (np.array([level[k] for level in levels]) for k in (1, 2))
+    s = np.hypot(s, apart)
+    constant = _fit(np.ones((count, 1)), y, s).square
+    cut = min(range(1, count), key=lambda k: _fit(_step(count, k), y, s).square)
+    step, looks = _fit(_step(count, cut), y, s), 2.0 * (count - 1)
+    shape: Shape = "steps"
+    logs = (names[number[cut - 1]], names[number[cut]])
+    best, free = step, max(count - 3, 1)
+    if count > 2:
+        trend = _fit(np.column_stack([np.ones(count), np.linspace(0.0, 1.0, count)]), y, s)
+        if trend.square < step.square:
+            best, shape, looks, free = trend, "drifts", 2.0, max(count - 2, 1)
+            logs = (names[number[0]], names[number[-1]])
+    known = count < ENOUGH_LOGS
+    scatter = 1.0 if known else max(1.0, best.square / free)
+    p = _chance((constant - best.square) / scatter, 1, len(one.t) if known else free + 2)
+    size, spread = float(best.values[1]), float(np.sqrt(scatter * best.covariance[1, 1]))
+    found = _change(one, shape, size, spread, logs, None, p * looks * tests, few=known)
+    return found, apart if known else float(np.sqrt(scatter - 1.0) * np.median(s))
+
+
+def _change(
+    one: Series,
+    shape: Shape,
+    size: float,
+    spread: float,
+    logs: tuple[str, str],
+    time: float | None,
+    p: float,
+    *,
+    few: bool = False,
+) -> HealthChange:
+    """A change as tested; of `few` windows or logs one of `CLEAR_HALF_WIDTHS` is reported too."""
+    large = abs(size) >= LEAST_CHANGE[one.quantity] * one.scale
+    return HealthChange(
+        joint=one.joint,
+        quantity=one.quantity,
+        shape=shape,
+        size=size,
+        half_width=Z95 * spread,
+        unit=one.unit,
+        logs=logs,
+        time=time,
+        p=min(p, 1.0),
+        matters=bool(large and p < FALSE_DRIFT_LEVEL),
+        unproven=bool(
+            few
+            and large
+            and p >= FALSE_DRIFT_LEVEL
+            and abs(size) > CLEAR_HALF_WIDTHS * Z95 * spread
+        ),
+    )

@@ -1,0 +1,230 @@
+"""The page of `steelyard health`, and the same in the terminal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from steelyard.estimate.estimate import Z95
+from steelyard.report.figures import Figure, Group, Key, area, line
+from steelyard.report.page import Shown, fill, page_of
+from steelyard.report.tables import PlainTable, Row, narrow_table
+from steelyard.report.words import NONE
+from steelyard.uses.health.health_changes import CLEAR_HALF_WIDTHS, FALSE_DRIFT_LEVEL, LEAST_CHANGE
+from steelyard.uses.health.health_windows import QUANTITIES
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import Console
+
+    from steelyard.uses.health.health_changes import HealthChange
+    from steelyard.uses.health.health_windows import Series
+
+
+QUANTITY_HEADINGS = ("dry", "viscous", "offset", "effort scale")
+"""The quantities, as short as columns need them."""
+
+
+@dataclass(frozen=True, eq=False)
+class HealthContent:
+    """Everything that the page shows.
+
+    Attributes:
+        robot: The robot's name.
+        joints: Names of the joints.
+        logs: Names of the logs, in the order of time.
+        series: Quantities over windows.
+        changes: All that was tested.
+        warnings: What qualifies the result.
+        notes: How the logs were processed.
+    """
+
+    robot: str
+    joints: Sequence[str]
+    logs: tuple[str, ...]
+    series: tuple[Series, ...]
+    changes: tuple[HealthChange, ...]
+    warnings: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def drifts(self) -> tuple[HealthChange, ...]:
+        """What is significant and large enough."""
+        return tuple(change for change in self.changes if change.matters)
+
+    @property
+    def unproven(self) -> tuple[HealthChange, ...]:
+        """What is large, but of too few windows to be significant."""
+        drifted = {(change.joint, change.quantity) for change in self.drifts}
+        return tuple(c for c in self.changes if c.unproven and (c.joint, c.quantity) not in drifted)
+
+    @property
+    def named(self) -> tuple[HealthChange, ...]:
+        """Drifts and unproven changes; of one within or over logs, not that it differs too."""
+        found = (*self.drifts, *self.unproven)
+        timed = {(c.joint, c.quantity) for c in found if c.shape != "differs"}
+        return tuple(c for c in found if c.shape != "differs" or (c.joint, c.quantity) not in timed)
+
+    @property
+    def headline(self) -> str:
+        """How much drifted."""
+        joints = dict.fromkeys(change.joint for change in self.drifts)
+        count = len(self.logs)
+        logs = self.logs[0] if count == 1 else f"{count} logs"
+        if not joints and self.unproven:
+            joints = dict.fromkeys(change.joint for change in self.unproven)
+            return f"{len(joints)} of {len(self.joints)} joints differ in {logs}, drift not proven"
+        if not joints:
+            return f"No drift in {logs}"
+        return f"{len(joints)} of {len(self.joints)} joints drifted in {logs}"
+
+    @property
+    def limits(self) -> tuple[str, ...]:
+        """What qualifies the result."""
+        by: dict[str, dict[str, None]] = {}
+        for change in self.unproven:
+            by.setdefault(change.joint, {})[change.quantity] = None
+        if not by:
+            return self.warnings
+        count = len(self.logs)
+        logs = "one log" if count == 1 else f"these {count} logs"
+        joints = "; ".join(f"{joint} ({', '.join(what)})" for joint, what in by.items())
+        return (
+            f"{logs} cannot tell drift from an error of the model in other motions or from other "
+            f"efforts; beyond {CLEAR_HALF_WIDTHS:g} half-widths: {joints}. Give longer logs, or "
+            "several",
+            *self.warnings,
+        )
+
+    @property
+    def claim(self) -> str:
+        """What counts as a drift."""
+        return (
+            "A drift is significant (probability of any false one "
+            f"{100.0 * FALSE_DRIFT_LEVEL:.0f} %, "
+            f"{len(self.changes)} changes tested) and changes friction by "
+            f"{100.0 * LEAST_CHANGE['dry friction']:.0f} %, the effort scale by "
+            f"{100.0 * LEAST_CHANGE['effort scale']:.0f} % or an offset by "
+            f"{100.0 * LEAST_CHANGE['offset']:.0f} % of the joint's friction, at least."
+        )
+
+
+def drifts_table(content: HealthContent) -> PlainTable:
+    """One row per drift or unproven change."""
+    rows = [
+        Row((change.joint, change.quantity, change.text, change.when, chance(change.p)))
+        for change in content.named
+    ]
+    headings = ("joint", "what", "change ± 95 %", "when", "p")
+    return PlainTable("", "", headings, rows, (0, 1, 3))
+
+
+def chance(p: float) -> str:
+    """A probability for people to read."""
+    return "< 1e-6" if p < 1e-6 else f"{p:.1g}"
+
+
+def joints_table(content: HealthContent) -> PlainTable:
+    """One row per joint: the level in the last log against the model, marked where it drifted."""
+    last = {
+        (change.joint, change.quantity): change
+        for change in content.changes
+        if change.shape == "differs"
+    }
+    marks = {(change.joint, change.quantity): " ?" for change in content.unproven}
+    marks |= {(change.joint, change.quantity): " !" for change in content.drifts}
+    rows = []
+    for joint in content.joints:
+        cells = []
+        for quantity in QUANTITIES:
+            change = last.get((joint, quantity))
+            mark = marks.get((joint, quantity), "")
+            cells.append(NONE if change is None else f"{change.text}{mark}")
+        rows.append(Row((joint, *cells)))
+    words = "Level in the last log relative to the model, with its 95 % interval; ! drift"
+    words += "; ? differs, drift not proven." if content.unproven else "."
+    return PlainTable("", words, ("joint", *QUANTITY_HEADINGS), rows)
+
+
+def health_lines(content: HealthContent, console: Console) -> None:
+    """Print what drifted, and one line per joint."""
+    from rich.text import Text
+
+    console.print(Text(content.headline, style="bold"))
+    console.print(Text(content.claim))
+    for warning in content.limits:
+        console.print(Text(f"! {warning}", style="yellow"))
+    if content.named:
+        console.print(narrow_table(drifts_table(content)))
+    table = joints_table(content)
+    console.print(Text(f"\n{table.words}"))
+    joints = narrow_table(table)
+    joints.columns[0].no_wrap = True
+    console.print(joints)
+
+
+def render_health(content: HealthContent) -> str:
+    """The page as HTML text, to be written as UTF-8."""
+    empty = {"words": "", "tables": (), "folded": "", "legend": (), "note": "", "groups": ()}
+    verdict = {
+        **empty,
+        "title": "Drift",
+        "words": f"{content.headline}. {content.claim}",
+        "tables": [drifts_table(content)] if content.named else [],
+    }
+    joints = {**empty, "title": "Joints", "tables": [joints_table(content)]}
+    figures = {
+        **empty,
+        "title": "Changes over time",
+        "legend": [Key("--measured", "windows"), Key("--interval", "95 % interval", "area")],
+        "groups": _groups(content),
+        "note": "Change from the model of every window; logs follow each other without the time "
+        f"between them. Lines are interrupted between logs: {', '.join(content.logs)}.",
+    }
+    sections = [Shown("drift", "Drift", fill("figures.html", verdict))]
+    if content.limits:
+        limits = fill("notes.html", {"notes": content.limits})
+        sections.append(Shown("limits", "Limits of this result", limits))
+    sections += [
+        Shown("joints", "Joints", fill("figures.html", joints)),
+        Shown("windows", "Changes over time", fill("figures.html", figures)),
+        Shown("notes", "Notes", fill("notes.html", {"notes": content.notes}), folded=True),
+    ]
+    title = f"{content.robot}: health"
+    return page_of(title, content.robot, "inspected", version("steelyard"), sections)
+
+
+def _groups(content: HealthContent) -> list[Group]:
+    found = []
+    for joint in content.joints:
+        mine = [one for one in content.series if one.joint == joint]
+        drifts = [change for change in content.named if change.joint == joint]
+        words = "; ".join(f"{change.quantity} {change.text}" for change in drifts)
+        if mine:
+            found.append(Group([_figure(one) for one in mine], joint, words or "no drift"))
+    return found
+
+
+def _figure(one: Series) -> Figure:
+    """Windows of one quantity, the logs one after another."""
+    factor, unit = (1.0, one.unit) if one.unit else (100.0, "%")
+    logs = np.unique(one.log)
+    lengths = [float(one.t[one.log == log].max()) for log in logs]
+    starts = np.concatenate([[0.0], np.cumsum(lengths)])
+    traces = []
+    for log, start in zip(logs, starts, strict=False):
+        mine = one.log == log
+        t = (start + one.t[mine]) / 60.0
+        value, half = factor * one.value[mine], factor * Z95 * one.std[mine]
+        traces += [
+            area("95 %", t, value - half, value + half, "--interval"),
+            line("window", t, value, "--measured", mode="lines+markers", marker={"size": 4}),
+        ]
+    label = f"Change of the {one.quantity} of {one.joint} over time"
+    return Figure(
+        one.quantity, label, "time in logs [min]", f"change [{unit}]", traces, {"showlegend": False}
+    )

@@ -1,0 +1,171 @@
+r"""Friction, offsets and effort scales of a robot over windows of its normal operation.
+
+The rigid bodies of a robot stay what they are. Per joint $j$ and window the model's residual is
+explained by relative changes of its own parts,
+
+$$ \tau_j - \hat\tau_j = \delta_c\,\hat\tau_{c,j} + \delta_v\,\hat\tau_{v,j} + \delta_o
+   + \delta_s\,\hat\tau_{b,j} , $$
+
+dry friction, friction that grows with speed, offset and bodies (their scale is that of the efforts:
+a drive gain, or a payload). The sums of products of a window give all four with their deviations;
+what the model lacks shows as scatter between windows, which widens them.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.information.information import Information
+from steelyard.model.model import Model
+
+HealthQuantity = Literal["dry friction", "viscous friction", "offset", "effort scale"]
+QUANTITIES: tuple[HealthQuantity, ...] = (
+    "dry friction",
+    "viscous friction",
+    "offset",
+    "effort scale",
+)
+
+LEAST_WINDOW = 10.0
+"""Least length of a window [s]."""
+
+MOST_WINDOWS_OF_LOG = 32
+"""Windows of a log at most."""
+
+DETERMINED = 1e-8
+"""Least eigenvalue of a window's normal matrix, columns of unit length, that is used."""
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """A quantity of one joint over windows.
+
+    Attributes:
+        joint: The joint.
+        quantity: Which.
+        unit: `""` for a relative change, else `Nm` or `N`.
+        log: Number of the log of each window, rising, shape `(w,)`.
+        t: Middle of each window from the log's start, shape `(w,)` [s].
+        value: Change from the model, shape `(w,)`.
+        std: Its standard deviation by the window's residuals, shape `(w,)`.
+        single: The same from a single sample, shape `(w,)`: what residuals that another motion
+            explains may change.
+        scale: What a change is compared with in `MATTERS`.
+        known: Standard deviation of the model's own value.
+    """
+
+    joint: str
+    quantity: HealthQuantity
+    unit: str
+    log: Array
+    t: Array
+    value: Array
+    std: Array
+    single: Array
+    scale: float
+    known: float
+
+
+def windowed(information: Information, duration: float) -> Information:
+    """The information of a log in at most `MOST_WINDOWS_OF_LOG` windows of `LEAST_WINDOW` or more."""
+    return information.merged(max(1, min(MOST_WINDOWS_OF_LOG, int(duration / LEAST_WINDOW))))
+
+
+def series_of(identified: IdentifiedModel, logs: Sequence[Information]) -> tuple[Series, ...]:
+    """Changes from the model, per joint, quantity and window.
+
+    Args:
+        identified: The model.
+        logs: What the logs say about the columns of its base regressor, one by one, in the order of
+            time, efforts as logged.
+    """
+    gains, units = identified.signals.gains, identified.model.robot.effort_units
+    scaled = [log.scaled(gains, units) for log in logs]
+    return tuple(
+        series for row in range(len(units)) for series in _of_joint(identified, scaled, row)
+    )
+
+
+def _groups(model: Model) -> dict[str, HealthQuantity]:
+    """The quantity that every parameter belongs to, by name; those of bodies are absent."""
+    found: dict[str, HealthQuantity] = {}
+    for term in model.terms:
+        for parameter in term.parameters(model.robot):
+            if term.cause == "offset":
+                found[parameter.name] = "offset"
+            elif term.cause == "friction":
+                faster = "s" in parameter.unit
+                found[parameter.name] = "viscous friction" if faster else "dry friction"
+    return found
+
+
+def _of_joint(
+    identified: IdentifiedModel, logs: Sequence[Information], row: int
+) -> Iterator[Series]:
+    layout, estimate = logs[0].layout, identified.estimate
+    seen = [layout.columns[k] for k in layout.sees[row]]
+    known = estimate.parameters.as_dict()
+    values = np.array([known.get(name, 0.0) for name in seen])
+    groups = _groups(identified.model)
+    of = np.array([groups.get(name, "effort scale") for name in seen])
+    parts = np.array([np.where(of == q, 1.0 if q == "offset" else values, 0.0) for q in QUANTITIES])
+    transform = np.column_stack([*np.pad(parts, ((0, 0), (0, 1))), np.append(-values, 1.0)])
+    grams = np.concatenate([log.row_grams(row) for log in logs])
+    counts = np.concatenate([log.counts[:, row] for log in logs])
+    small = np.einsum("ki,wkl,lj->wij", transform, grams, transform)
+    total = small.sum(axis=0)
+    used = [k for k in range(len(QUANTITIES)) if total[k, k] > 0.0]
+    solved = [
+        _solved(gram[np.ix_([*used, -1], [*used, -1])], n)
+        for gram, n in zip(small, counts, strict=True)
+    ]
+    kept = [k for k, one in enumerate(solved) if one is not None]
+    if not kept:
+        return
+    found = [one for one in solved if one is not None]
+    log = np.concatenate([np.full(len(one.windows), k) for k, one in enumerate(logs)])[kept]
+    middle = [0.5 * (w.start + w.stop) for one in logs for w in one.windows]
+    t = np.array(middle)[kept]
+    coordinate = identified.model.robot.coordinates[row]
+    friction = float(np.sqrt(sum(total[k, k] for k in (0, 1)) / max(counts.sum(), 1.0)))
+    stds = _relative_std(identified, seen, parts)
+    for place, k in enumerate(used):
+        value = np.array([one[0][place] for one in found])
+        std = np.array([one[1][place] for one in found])
+        quantity = QUANTITIES[k]
+        offset = quantity == "offset"
+        unit, scale = (coordinate.effort_unit, friction) if offset else ("", 1.0)
+        single = std * np.sqrt(counts[kept])
+        yield Series(coordinate.name, quantity, unit, log, t, value, std, single, scale, stds[k])
+
+
+def _solved(gram: Array, count: float) -> tuple[Array, Array] | None:
+    """Changes and their standard deviations; `None` of a window that does not show them all."""
+    matrix, vector, square = gram[:-1, :-1], gram[:-1, -1], float(gram[-1, -1])
+    lengths = np.sqrt(np.diag(matrix))
+    if count <= len(lengths) + 1 or not np.all(lengths > 0.0):
+        return None
+    unit = matrix / lengths[:, None] / lengths
+    if np.linalg.eigvalsh(unit)[0] < DETERMINED:
+        return None
+    inverse = np.linalg.inv(unit) / lengths[:, None] / lengths
+    values = inverse @ vector
+    rest = max(square - float(values @ vector), 1e-12 * square)
+    return values, np.sqrt(np.diag(inverse) * rest / (count - len(lengths)))
+
+
+def _relative_std(identified: IdentifiedModel, seen: Sequence[str], parts: Array) -> list[float]:
+    """Standard deviation of the model's own value of each quantity, along its parameters."""
+    place = {name: k for k, name in enumerate(identified.estimate.parameters.names)}
+    mine = [k for k, name in enumerate(seen) if name in place]
+    at = [place[seen[k]] for k in mine]
+    covariance = identified.estimate.covariance[np.ix_(at, at)]
+    found = []
+    for part in parts[:, mine]:
+        size = float(part @ part)
+        found.append(float(np.sqrt(part @ covariance @ part)) / size if size else 0.0)
+    return found

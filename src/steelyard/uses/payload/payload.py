@@ -1,0 +1,267 @@
+"""What a robot carries, from logs and an identified model: what `steelyard payload` does."""
+
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from steelyard.base.arguments import checked
+from steelyard.base.errors import DataError
+from steelyard.base.progress import Progress, silent
+from steelyard.estimate.friction.mixes import has_memory
+from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.estimate.information.gather import gather
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.information.samples import gather_samples
+from steelyard.estimate.payload.load_case import carrier
+from steelyard.estimate.payload.payload_estimate import PayloadEstimate
+from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
+from steelyard.identify.run_notes import dropped
+from steelyard.identify.scores import fitted_before, processing_of
+from steelyard.runs.named_logs import (
+    LogArgument,
+    log_files,
+    paths_of,
+    prepared,
+    recording_of,
+    refuse_overlaps,
+)
+from steelyard.runs.run import Run
+from steelyard.uses.other_efforts import refuse_without
+from steelyard.uses.payload.payload_body import PayloadKnowledge, SolidShape
+from steelyard.uses.payload.payload_events import PayloadEvents, find_payload_events
+from steelyard.uses.payload.payload_of_runs import identify_payload as payload_of
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadTask:
+    """Logs with a payload, and the model; checked as far as that is possible before reading.
+
+    Attributes:
+        identified: The model.
+        loaded: Logs with the payload.
+        unloaded: Logs without it.
+        frame: Frame of the results; that of the last link if `None`.
+        known: What is known of the payload.
+    """
+
+    identified: IdentifiedModel
+    loaded: list[LogArgument]
+    unloaded: list[LogArgument]
+    frame: str | None
+    known: PayloadKnowledge = PayloadKnowledge()
+
+    def done(self, gain_uncertainty: float | None, progress: Progress) -> PayloadEstimate:
+        """The estimate, with the model's cut-off frequencies."""
+        identified, count = self.identified, len(self.loaded)
+        recordings = [
+            recording_of(log, identified.signals) for log in (*self.loaded, *self.unloaded)
+        ]
+        regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
+        runs = prepared(recordings, processing_of(identified), progress)
+        refuse_compensated(identified, runs)
+        rests = has_memory(identified.model.terms)
+        of_runs = [
+            gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in runs
+        ]
+        found = payload_of(
+            identified,
+            of_runs[:count],
+            self.frame,
+            unloaded=of_runs[count:],
+            gain=gain_uncertainty,
+            known=self.known,
+        )
+        notes = (*found.notes, *dropped(identified.model, runs), *self._fitted_before())
+        return replace(found, notes=notes)
+
+    def events(
+        self, gain_uncertainty: float | None, progress: Progress
+    ) -> tuple[PayloadEvents, ...]:
+        """When the payload changes along each log with it.
+
+        Raises:
+            DataError: Logs without payload are given, or knowledge that no event uses.
+        """
+        if self.unloaded or self.known != PayloadKnowledge():
+            raise DataError(
+                "events are found with the model alone",
+                where="--unloaded" if self.unloaded else "--mass, --com, --box, ...",
+                fix="leave these out with --when, or weigh without --when",
+            )
+        identified = self.identified
+        recordings = [recording_of(log, identified.signals) for log in self.loaded]
+        regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
+        rests = has_memory(identified.model.terms)
+        runs = prepared(recordings, processing_of(identified), progress)
+        refuse_compensated(identified, runs)
+        return tuple(
+            find_payload_events(
+                identified,
+                gather_samples(regressor, run, rests=rests, threads=threads, progress=progress),
+                self.frame,
+                gain=gain_uncertainty,
+            )
+            for run in runs
+        )
+
+    def _fitted_before(self) -> tuple[str, ...]:
+        """A log that the model was identified from weighs nothing against it."""
+        return tuple(
+            f"the model was identified from {log.path.name}: compared with itself it has no payload"
+            for log in self.loaded
+            if not self.unloaded and fitted_before(self.identified, log)
+        )
+
+
+def refuse_compensated(identified: IdentifiedModel, runs: Sequence[Run]) -> None:
+    """Efforts of a payload's logs contain gravity and friction as those of the model.
+
+    Raises:
+        LogError: They do not.
+    """
+    cutoff, sigma = residual_cutoff(identified, runs), np.asarray(identified.estimate.sigma)
+    for run in runs:
+        refuse_without(residual_trace(identified, run, cutoff), sigma, identified.joints)
+
+
+def payload_inputs(
+    model: str | Path | IdentifiedModel,
+    logs: str | Path | Iterable[str | Path],
+    frame: str | None,
+    unloaded: str | Path | Iterable[str | Path],
+    known: PayloadKnowledge,
+) -> PayloadTask:
+    """The model and the logs; the arguments and errors are those of `identify_payload`."""
+    identified = load_model(model)
+    carrier(identified.model.robot, frame)
+    if identified.signals.effort_kind == "gravity_compensated_torque":
+        raise DataError(
+            "the efforts of this model are gravity-compensated: they do not contain the weight of "
+            "what the controller compensates",
+            where=f"robot '{identified.model.robot.name}', [signals.effort] kind",
+            fix="log efforts with gravity (currents or joint torques), and identify from these",
+        )
+    with_it, without = log_files(paths_of(logs, least=1)), log_files(paths_of(unloaded))
+    refuse_overlaps([*with_it, *without], [])
+    return PayloadTask(identified, with_it, without, frame, known)
+
+
+def known_of(
+    mass: float | None,
+    com: Sequence[float] | None,
+    box: Sequence[float] | None,
+    cylinder: Sequence[float] | None,
+    sphere: float | None,
+) -> PayloadKnowledge:
+    """What is known of a payload; the arguments and errors are those of `identify_payload`."""
+    shapes = []
+    if box is not None:
+        x, y, z = counted("box", box, 3)
+        shapes.append(SolidShape.box((x, y, z)))
+    if cylinder is not None:
+        shapes.append(SolidShape.cylinder(*counted("cylinder", cylinder, 2)))
+    if sphere is not None:
+        shapes.append(SolidShape.sphere(sphere))
+    if len(shapes) > 1:
+        raise DataError(
+            f"the payload is {' and '.join(shape.words for shape in shapes)}",
+            where="what is known of the payload",
+            fix="give one of box, cylinder and sphere",
+        )
+    centre = None
+    if com is not None:
+        x, y, z = counted("com", com, 3)
+        centre = (x, y, z)
+    return PayloadKnowledge(mass, centre, shapes[0] if shapes else None)
+
+
+def counted(name: str, given: Sequence[float], count: int) -> list[float]:
+    """The numbers of an argument that has so many.
+
+    Raises:
+        DataError: It has not.
+    """
+    if len(given) != count:
+        raise DataError(
+            f"'{name}' has {len(given)} numbers",
+            where="what is known of the payload",
+            fix=f"give {count}, in metres",
+        )
+    return list(given)
+
+
+@checked(gain_uncertainty=0.0)
+def identify_payload(
+    model: str | Path | IdentifiedModel,
+    logs: str | Path | Iterable[str | Path],
+    frame: str | None = None,
+    *,
+    unloaded: str | Path | Iterable[str | Path] = (),
+    gain_uncertainty: float | None = None,
+    mass: float | None = None,
+    com: Sequence[float] | None = None,
+    box: Sequence[float] | None = None,
+    cylinder: Sequence[float] | None = None,
+    sphere: float | None = None,
+    progress: Progress = silent,
+) -> PayloadEstimate:
+    """Identify a payload: physically consistent mass, centre and inertia, with 95 % intervals.
+
+    Args:
+        model: The model, its `model.json`, or the folder that contains it.
+        logs: Logs with the payload.
+        frame: Frame of the results; that of the last link if `None`.
+        unloaded: Logs without the payload: arm and payload are then identified together.
+        gain_uncertainty: Relative standard deviation of each gain of the efforts; if `None`, 0.02
+            for efforts of motors, or 0 for others and if effort scales were identified with the
+            model.
+        mass: Known mass [kg].
+        com: Known centre of mass in the frame, x, y and z [m].
+        box: Edges of a box along the frame's axes, x, y and z [m]: a prior of the inertia.
+        cylinder: Diameter and length of a cylinder along z [m], likewise.
+        sphere: Diameter of a sphere [m], likewise.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used, or there is no such frame.
+
+    Example:
+        >>> carried = identify_payload("arm-model", "other.csv")
+        >>> abs(carried.mass) < 0.1
+        True
+    """
+    known = known_of(mass, com, box, cylinder, sphere)
+    return payload_inputs(model, logs, frame, unloaded, known).done(gain_uncertainty, progress)
+
+
+@checked(gain_uncertainty=0.0)
+def payload_events(
+    model: str | Path | IdentifiedModel,
+    log: str | Path,
+    frame: str | None = None,
+    *,
+    gain_uncertainty: float | None = None,
+    progress: Progress = silent,
+) -> PayloadEvents:
+    """Find when a robot picks something up and puts it down, and how heavy it is.
+
+    Args:
+        model: The model, its `model.json`, or the folder that contains it.
+        log: A log in which the payload may change.
+        frame: Frame of the payloads; that of the last link if `None`.
+        gain_uncertainty: Relative standard deviation of each gain of the efforts, see
+            `identify_payload`.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used, the log is too short, or there is no such frame.
+
+    Example:
+        >>> payload_events("arm-model", "other.csv").events
+        ()
+    """
+    task = payload_inputs(model, log, frame, (), PayloadKnowledge())
+    return task.events(gain_uncertainty, progress)[0]

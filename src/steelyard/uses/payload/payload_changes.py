@@ -1,0 +1,375 @@
+r"""When a payload changes: a likelihood ratio over its ten columns on a sliding window.
+
+What the model does not explain is a payload's ten columns times its numbers, friction of the day,
+and noise. At every instant the payloads of the windows before and after, $\hat\phi_1$ and
+$\hat\phi_2$ with covariances $C_1$ and $C_2$, give
+
+$$ D = (\hat\phi_1 - \hat\phi_2)^T (C_1 + C_2)^{-1} (\hat\phi_1 - \hat\phi_2) , $$
+
+twice the logarithm of the ratio of likelihoods of two payloads and of one. Residuals of a model are
+correlated and heavier than normal ones: $D$ counts relative to its own quantiles along the log,
+most of which contains no change.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.base.arrays import Array
+from steelyard.estimate.estimate import Z95
+from steelyard.estimate.information.information import Information
+
+CHANGE_STEP = 0.1
+"""Length of the windows that are added up [s]."""
+
+CHANGE_SPAN = 3.0
+"""Length of the sliding window on each side [s], of samples that count."""
+
+FALSE_EVENTS_PER_HOUR = 0.1
+"""False events per hour that the threshold allows."""
+
+FIRST, LEVELS = (0.1, 0.25), (0.5, 0.9, 0.99)
+"""Quantiles of the statistic that are compared with those of normal, white residuals: of the whole
+log, and of what is left of it beside the changes that this gives beyond doubt."""
+
+DOUBTLESS_CHANGE = 3.0
+"""Squares over the threshold from which on a change is no residual of the model."""
+
+Places = NDArray[np.integer[Any]]
+
+LEAST_WINDOWS_OF_LOG = 3
+"""Windows of the span that a log must have for a change to be sought."""
+
+OUTLYING_WINDOW = 5.0
+"""Squares left in a window over their median from which on it weighs less."""
+
+LEAST_TIME_OF_CHANGES = 0.5
+"""Least time between two changes [s], of samples that count."""
+
+IMPROVING_PASSES = 5
+"""Passes in which times of changes are improved with those of their neighbours."""
+
+
+@dataclass(frozen=True, eq=False)
+class SlidingMass:
+    """A payload's mass in a window of `CHANGE_SPAN` around each time, without friction of the day.
+
+    Attributes:
+        t: Middle of the windows, shape `(w,)` [s].
+        mass: Likewise [kg].
+        half_width: Half-width of the 95 % interval, residuals as they are along the log, likewise;
+            that of a single window, without the errors of model and gains.
+    """
+
+    t: Array
+    mass: Array
+    half_width: Array
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadWindows:
+    """What short windows of a run say about a payload, friction of the day taken out.
+
+    Attributes:
+        starts: Of the windows that have samples, shape `(w,)` [s].
+        stops: Likewise.
+        matrix: Information about the payload's ten numbers, shape `(w, 10, 10)`.
+        vector: Shape `(w, 10)`.
+        square: Squares of the efforts less the model's, shape `(w,)`.
+        prior: Weak information about any payload, shape `(10, 10)`.
+    """
+
+    starts: Array
+    stops: Array
+    matrix: Array
+    vector: Array
+    square: Array
+    prior: Array
+
+    def damped(self) -> "PayloadWindows":
+        """The same with single windows that no payload around them explains weighing less."""
+        size = len(self.starts)
+        count = min(round(CHANGE_SPAN / CHANGE_STEP), size)
+        first = np.clip(np.arange(size) - count // 2, 0, size - count)
+        matrix, vector = (s[first + count] - s[first] for s in self._sums)
+        mean = np.linalg.solve(matrix + self.prior, vector[..., None])[..., 0]
+        left = self.square - 2.0 * np.sum(self.vector * mean, axis=1)
+        left = np.maximum(left + np.einsum("wi,wij,wj->w", mean, self.matrix, mean), 1e-300)
+        weight = np.minimum(1.0, OUTLYING_WINDOW * np.median(left) / left)
+        return replace(
+            self,
+            matrix=self.matrix * weight[:, None, None],
+            vector=self.vector * weight[:, None],
+            square=self.square * weight,
+        )
+
+    def gain(self, first: Places, last: Places) -> Array:
+        """Squares that a payload of its own explains in windows `first` to `last`, excluded."""
+        sums = self._sums
+        matrix, vector = (s[last] - s[first] for s in sums)
+        solved = np.linalg.solve(matrix + self.prior, vector[..., None])[..., 0]
+        return np.asarray(np.sum(vector * solved, axis=-1))
+
+    def sliding_mass(self, inflation: float) -> SlidingMass:
+        """The mass over time.
+
+        Args:
+            inflation: How many times larger squares are than by normal, white residuals.
+        """
+        count = min(round(CHANGE_SPAN / CHANGE_STEP), len(self.starts))
+        first = np.arange(len(self.starts) - count + 1)
+        matrix, vector = (s[first + count] - s[first] for s in self._sums)
+        covariance = np.linalg.inv(matrix + self.prior)
+        mass = np.einsum("wj,wj->w", covariance[:, 0], vector)
+        middle = 0.5 * (self.starts[first] + self.stops[first + count - 1])
+        return SlidingMass(middle, mass, Z95 * np.sqrt(inflation * covariance[:, 0, 0]))
+
+    @cached_property
+    def _sums(self) -> tuple[Array, Array]:
+        return _cumulated(self.matrix), _cumulated(self.vector)
+
+    def statistic(self) -> tuple[Array, Array, Array]:
+        """`D` at the start of every window, what it is expected to be by white noise, `(w,)`.
+
+        Both are zero and one where a side has less than the span. The third is what a change by 1
+        kg at the frame's origin adds to `D`, zero there likewise.
+        """
+        count = round(CHANGE_SPAN / CHANGE_STEP)
+        values, expected = np.zeros(len(self.starts)), np.ones(len(self.starts))
+        of_mass = np.zeros(len(self.starts))
+        if len(self.starts) < 2 * count:
+            return values, expected, of_mass
+        at = np.arange(count, len(self.starts) - count + 1)
+        sides = []
+        for first, last in ((at - count, at), (at, at + count)):
+            matrix, vector = (s[last] - s[first] for s in self._sums)
+            covariance = np.linalg.inv(matrix + self.prior)
+            mean = np.einsum("wij,wj->wi", covariance, vector)
+            sides.append((covariance, mean, covariance @ matrix @ covariance))
+        (before, one, noise), (after, other, more) = sides
+        inverse = np.linalg.inv(before + after)
+        change = one - other
+        at = at[at < len(self.starts)]
+        kept = slice(len(at))
+        values[at] = np.einsum("wi,wij,wj->w", change, inverse, change)[kept]
+        expected[at] = np.trace(inverse @ (noise + more), axis1=1, axis2=2)[kept]
+        of_mass[at] = inverse[kept, 0, 0]
+        return values, expected, of_mass
+
+
+@dataclass(frozen=True)
+class PayloadChange:
+    """A change of the payload.
+
+    Attributes:
+        time: When [s].
+        earliest: Start of the 95 % interval of the time [s].
+        latest: Its end.
+        ratio: Squares that it explains over the threshold.
+    """
+
+    time: float
+    earliest: float
+    latest: float
+    ratio: float
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadChanges:
+    """All changes of a run.
+
+    Attributes:
+        changes: In order of time.
+        least_mass: Change by a mass at the frame's origin that half of the places of the log show;
+            infinite if none does [kg].
+        inflation: How many times larger the statistic is than by normal, white residuals.
+        threshold: Squares that a change has to explain.
+        sliding: The mass over time.
+    """
+
+    changes: tuple[PayloadChange, ...]
+    least_mass: float
+    inflation: float
+    threshold: float
+    sliding: SlidingMass
+
+
+def payload_windows(
+    information: Information, n_drift: int, drift: Array, variances: Array, size: float
+) -> PayloadWindows:
+    """Windows about the payload alone.
+
+    Args:
+        information: Windows of `CHANGE_STEP` about friction's deviations, then the payload's ten
+            numbers; efforts less those of the model.
+        n_drift: Number of the deviations.
+        drift: Their standard deviations, shape `(n_drift,)`.
+        variances: Of the residuals, shape `(rows,)`.
+        size: Mass that a payload may have [kg].
+    """
+    width = n_drift + 11
+    grams = np.zeros((len(information.windows), width, width))
+    for row, seen in enumerate(information.layout.sees):
+        index = np.array([*seen, width - 1])
+        grams[:, index[:, None], index] += information.row_grams(row) / variances[row]
+    prior = np.diag(np.concatenate([[size], np.full(3, 0.3 * size), np.full(6, 0.1 * size)]) ** -2)
+    group = np.arange(len(grams)) // round(CHANGE_SPAN / CHANGE_STEP)
+    blocks = np.array([grams[group == k].sum(axis=0) for k in range(group[-1] + 1)])
+    deviations = _deviations(blocks, n_drift, drift, prior)
+    turn = np.concatenate([-deviations, [1.0]])
+    outer = [*range(n_drift), width - 1]
+    efforts = grams[:, :, outer] @ turn
+    return PayloadWindows(
+        np.array([w.start for w in information.windows]),
+        np.array([w.stop for w in information.windows]),
+        grams[:, n_drift:-1, n_drift:-1],
+        efforts[:, n_drift:-1],
+        efforts[:, outer] @ turn,
+        prior,
+    )
+
+
+def _deviations(blocks: Array, n_drift: int, drift: Array, prior: Array) -> Array:
+    """Friction's deviations, whatever payload each block of time carries, shape `(n_drift,)`."""
+    cross, inner = blocks[:, :n_drift, n_drift:-1], blocks[:, n_drift:-1, n_drift:-1] + prior
+    through = cross @ np.linalg.inv(inner)
+    matrix = blocks[:, :n_drift, :n_drift] - through @ cross.swapaxes(1, 2)
+    vector = blocks[:, :n_drift, -1] - np.einsum("kij,kj->ki", through, blocks[:, n_drift:-1, -1])
+    scale = np.maximum(drift, 1e-12)
+    total = matrix.sum(axis=0) * scale[:, None] * scale + np.eye(n_drift)
+    return np.asarray(scale * np.linalg.solve(total, scale * vector.sum(axis=0)))
+
+
+def changes_of(windows: PayloadWindows) -> PayloadChanges:
+    """Where the payload changes.
+
+    Candidates are peaks of the statistic above the threshold, at least a span apart. Their times
+    are those of the greatest likelihood between their neighbours; those that explain no more than
+    the threshold are left out again.
+    """
+    from scipy.special import chdtri
+
+    windows = windows.damped()
+    values, expected, of_mass = windows.statistic()
+    tested = values > 0.0
+    freedom = float(np.median(expected[tested])) if tested.any() else 10.0
+    surprise = float(chdtri(freedom, FALSE_EVENTS_PER_HOUR * CHANGE_STEP / 3600.0))
+    ratios, beside, places = values / expected, tested, []
+    for levels in (FIRST, LEVELS):
+        inflation = _inflation(ratios[beside], levels, freedom)
+        threshold = inflation * surprise
+        places = _peaks(ratios * freedom, threshold, round(CHANGE_SPAN / CHANGE_STEP))
+        places = _needed(windows, places, threshold)
+        sure = [
+            p for p, some in _all_explained(windows, places) if some > DOUBTLESS_CHANGE * threshold
+        ]
+        near = np.abs(np.arange(len(values))[:, None] - np.array(sure, dtype=float)[None])
+        beside = tested & np.all(
+            near > round((CHANGE_SPAN + LEAST_TIME_OF_CHANGES) / CHANGE_STEP), axis=1
+        )
+    changes = []
+    for k, place in enumerate(places):
+        low, high = _neighbours(windows, places, k)
+        earliest, latest = _interval(windows, low, place, high, inflation)
+        ratio = _explained(windows, place, low, high) / threshold
+        time = 0.5 * float(windows.stops[place - 1] + windows.starts[place])
+        changes.append(PayloadChange(time, earliest, latest, ratio))
+    shown = of_mass[tested] * freedom / expected[tested] / threshold
+    least_mass = float(np.median(shown)) ** -0.5 if tested.any() else np.inf
+    sliding = windows.sliding_mass(inflation)
+    return PayloadChanges(tuple(changes), least_mass, inflation, threshold, sliding)
+
+
+def _peaks(values: Array, threshold: float, apart: int) -> list[int]:
+    """Numbers of the greatest values above a threshold, none within `apart` of a greater one."""
+    left, places = values.copy(), []
+    while left.max(initial=0.0) > threshold:
+        place = int(np.argmax(left))
+        places.append(place)
+        left[max(0, place - apart) : place + apart] = 0.0
+    return sorted(places)
+
+
+def _improved(windows: PayloadWindows, places: list[int], numbers: range) -> list[int]:
+    """Some changes where the likelihood of the payloads beside them is greatest."""
+    places = list(places)
+    for _ in range(IMPROVING_PASSES):
+        before = list(places)
+        for k in numbers:
+            low, high = _neighbours(windows, places, k)
+            at, gains = _profile(windows, low, high)
+            places[k] = int(at[np.argmax(gains)])
+        if places == before:
+            break
+    return places
+
+
+def _inflation(ratios: Array, levels: Sequence[float], freedom: float) -> float:
+    """How many times larger the statistic is than by normal, white residuals, at least one."""
+    from scipy.special import gammaincinv
+
+    if not len(ratios):
+        return 1.0
+    expected = 2.0 * gammaincinv(0.5 * freedom, levels) / freedom
+    return max(1.0, float(np.max(np.quantile(ratios, levels) / expected)))
+
+
+def _needed(windows: PayloadWindows, places: list[int], least: float) -> list[int]:
+    """Changes at their best times, without those that explain less than some squares."""
+    places = _improved(windows, places, range(len(places)))
+    while places:
+        explained = [some for _, some in _all_explained(windows, places)]
+        weakest = int(np.argmin(explained))
+        if explained[weakest] > least:
+            break
+        del places[weakest]
+        beside = range(max(0, weakest - 1), min(len(places), weakest + 1))
+        places = _improved(windows, places, beside)
+    return places
+
+
+def _all_explained(windows: PayloadWindows, places: list[int]) -> list[tuple[int, float]]:
+    """Each change and the squares that it explains."""
+    return [
+        (place, _explained(windows, place, *_neighbours(windows, places, k)))
+        for k, place in enumerate(places)
+    ]
+
+
+def _explained(windows: PayloadWindows, place: int, low: int, high: int) -> float:
+    """Squares that two payloads explain more than one."""
+    one, other, both = windows.gain(np.array([low, place, low]), np.array([place, high, high]))
+    return float(one + other - both)
+
+
+def _neighbours(windows: PayloadWindows, places: list[int], k: int) -> tuple[int, int]:
+    """Windows at which the payloads beside a change begin and end."""
+    ends = [0, *places, len(windows.starts)]
+    return ends[k], ends[k + 2]
+
+
+def _profile(windows: PayloadWindows, low: int, high: int) -> tuple[Places, Array]:
+    """Squares explained by two payloads that change at each window between two."""
+    apart = round(LEAST_TIME_OF_CHANGES / CHANGE_STEP)
+    at = np.arange(low + apart, high - apart + 1)
+    return at, windows.gain(np.full(len(at), low), at) + windows.gain(at, np.full(len(at), high))
+
+
+def _interval(
+    windows: PayloadWindows, low: int, place: int, high: int, inflation: float
+) -> tuple[float, float]:
+    """95 % interval of the time of a change; all of a pause without samples."""
+    at, gains = _profile(windows, low, high)
+    inside = at[gains >= gains[at == place] - 3.84 * inflation]
+    near = inside[np.abs(inside - place) <= round(CHANGE_SPAN / CHANGE_STEP)]
+    return float(windows.stops[near[0] - 1]) - CHANGE_STEP, float(
+        windows.starts[near[-1]]
+    ) + CHANGE_STEP
+
+
+def _cumulated(values: Array) -> Array:
+    return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])

@@ -1,0 +1,1 @@
+"""Contact, payload and wrench on samples as they arrive."""

@@ -1,0 +1,309 @@
+"""External torque, contact and payload on a stream: what `steelyard watch` does."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError, LogError
+from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.estimate.effort_uncertainty import rest_speed_of
+from steelyard.estimate.external.observer import PER_PERIOD
+from steelyard.estimate.external.residual_peaks import (
+    HOLD,
+    SETTLED,
+    ContactThresholds,
+    ResidualPeaks,
+)
+from steelyard.estimate.friction.mixes import has_memory
+from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.information.samples import gather_samples
+from steelyard.estimate.payload.load_case import carrier
+from steelyard.estimate.scores.residuals import (
+    FORGOTTEN,
+    ResidualTrace,
+    greatest,
+    sliding_friction,
+    supported_rate,
+)
+from steelyard.identify.scores import fitted_before, processing_of
+from steelyard.logs.contents import windowed
+from steelyard.logs.formats import open_log
+from steelyard.logs.log import parse_log_argument
+from steelyard.runs.named_logs import LogArgument, log_files, paths_of
+from steelyard.runs.prepare import prepare
+from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.runs.sample_stream import SampleStream
+from steelyard.uses.contact.contact import edges_of, left_out_words
+from steelyard.uses.contact.contact_events import without_contact
+from steelyard.uses.payload.payload_events import PayloadEvents, find_payload_events
+from steelyard.uses.watch.records import StreamFiles
+from steelyard.uses.watch.stream_events import Detect, PayloadStream
+from steelyard.uses.watch.watcher import StreamEvent, Watcher, rests_of, velocity_of
+
+
+@dataclass(frozen=True, eq=False)
+class WatchStart:
+    """A watcher, and what it rests on.
+
+    Attributes:
+        watcher: Takes rows.
+        model: The model.
+        notes: What thresholds were calibrated on, and what is not sought and why.
+    """
+
+    watcher: Watcher
+    model: IdentifiedModel
+    notes: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        watcher, robot, known = self.watcher, self.model.robot, self.watcher.thresholds
+        return {
+            "event": "start",
+            "robot": robot.name,
+            "joints": list(robot.joint_names),
+            "units": list(robot.effort_units),
+            "bandwidth_hz": watcher.observer.bandwidth,
+            "frame": watcher.frame,
+            "thresholds": None if known is None else known.to_dict(),
+            "notes": list(self.notes),
+        }
+
+
+def start_watch(
+    model: str | Path | IdentifiedModel,
+    frame: str | None = None,
+    *,
+    calibrate: str | Path | Iterable[str | Path] = (),
+    rate: float | None = None,
+    bandwidth: float | None = None,
+    every: float | None = None,
+    progress: Progress = silent,
+) -> WatchStart:
+    """Begin to watch a stream.
+
+    Args:
+        model: The model, its `model.json`, or the folder that contains it.
+        frame: Frame that a wrench is estimated on; none if `None`.
+        calibrate: Logs of motion without contact, not fitted, recorded as the stream is, to
+            calibrate thresholds with; if there are none, the motion that was left out in turn when
+            the model was identified.
+        rate: False alarms per hour of all joints together, see `contact`.
+        bandwidth: Of the observer [Hz]; if `None`, that of the model's own thresholds.
+        every: Time between two estimates [s]; if `None`, ten in a period of the bandwidth.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used, there is no such frame, or the calibration does not
+            support the rate.
+    """
+    identified = load_model(model)
+    given = log_files(paths_of(calibrate))
+    calibration = identified.calibration
+    own = None if calibration is None else calibration.peaks
+    cutoff = bandwidth or (identified.cutoffs.score if own is None else own.cutoff)
+    observer = identified.observe(frame, bandwidth=cutoff)
+    thresholds: ContactThresholds | None = None
+    notes: list[str]
+    if given:
+        thresholds, notes = _calibrated(identified, given, cutoff, own, rate, progress)
+    elif own is not None and own.cutoff == cutoff:
+        thresholds = _thresholds(identified, own, rate)
+        notes = [
+            f"{_claim(thresholds, left_out_words(identified))}; these logs were smoothed, and "
+            "abrupt stops cause larger residuals in a stream: calibrate with logs that were "
+            "recorded like the stream (--calibrate)"
+        ]
+    elif rate is not None:
+        raise DataError(
+            "a rate of false alarms is given, but there is nothing to calibrate thresholds with",
+            where="--rate",
+            fix="give logs of motion without contact with --calibrate",
+        )
+    else:
+        notes = [
+            "contact is not sought: the model has no residuals of left-out motion "
+            f"behind {cutoff:g} Hz; give logs of motion without contact with --calibrate"
+        ]
+    payload, why = _payload(identified, frame)
+    watcher = Watcher(
+        identified,
+        observer,
+        frame,
+        thresholds,
+        payload,
+        1.0 / (PER_PERIOD * cutoff) if every is None else every,
+    )
+    return WatchStart(watcher, identified, (*notes, *why))
+
+
+def watch_rows(
+    watcher: Watcher,
+    arriving: Iterable[Array],
+    emit: Callable[[StreamEvent], None],
+    files: StreamFiles | None = None,
+    *,
+    source: str,
+    stopped: Callable[[], bool] = lambda: False,
+) -> None:
+    """Report what happens in rows as they arrive, until they end.
+
+    A contact that is still going on is ended there, also where an error ends the rows.
+
+    Args:
+        watcher: Takes the rows.
+        arriving: Consecutive rows of the columns `watcher.samples.columns`.
+        emit: Receives every event.
+        files: Receives them too, and is complete after each piece of rows.
+        source: What the rows come from.
+        stopped: Asked after each piece of rows; they end where it is `True`.
+
+    Raises:
+        SteelyardError: The rows cannot be read, or none of them can be used.
+    """
+
+    def report(events: Iterable[StreamEvent]) -> None:
+        for event in events:
+            if files is not None:
+                files.take(event)
+            emit(event)
+
+    try:
+        for rows in arriving:
+            report(watcher.take(rows))
+            if files is not None:
+                files.flush()
+            if stopped():
+                break
+        watcher.refuse_unusable(source)
+    finally:
+        if watcher.started:
+            report(watcher.end())
+
+
+def _payload(
+    identified: IdentifiedModel, frame: str | None
+) -> tuple[PayloadStream | None, tuple[str, ...]]:
+    if identified.signals.effort_kind == "gravity_compensated_torque":
+        return None, ("changes of the payload are not sought: efforts are gravity-compensated",)
+    return PayloadStream(detector_of(identified, frame)), ()
+
+
+def detector_of(identified: IdentifiedModel, frame: str | None) -> Detect:
+    """What finds changes of a payload in consecutive rows of a stream.
+
+    Raises:
+        ModelError: There is no such frame, or it does not move.
+    """
+    carrier(identified.model.robot, frame)
+    signals, processing = identified.signals, processing_of(identified)
+    rests = has_memory(identified.model.terms)
+    regressor = base_regressor(identified.model)
+
+    def detect(rows: Array) -> PayloadEvents:
+        log = LogInMemory(Path("stream"), signals.columns, rows)
+        run = prepare(Recording(log, signals).unwrapped(), processing)
+        return find_payload_events(
+            identified, gather_samples(regressor, run, rests=rests, threads=1), frame
+        )
+
+    return detect
+
+
+def _thresholds(
+    identified: IdentifiedModel, peaks: ResidualPeaks, rate: float | None
+) -> ContactThresholds:
+    friction = sliding_friction(identified, peaks.edges[:, 1])
+    return peaks.thresholds(supported_rate(peaks, rate), friction)
+
+
+def _claim(thresholds: ContactThresholds, source: str) -> str:
+    return (
+        f"thresholds for {thresholds.rate:.3g} false alarms per hour, from "
+        f"{thresholds.duration / 60.0:.1f} min of free motion: {source}"
+    )
+
+
+def _calibrated(
+    identified: IdentifiedModel,
+    logs: Sequence[LogArgument],
+    cutoff: float,
+    own: ResidualPeaks | None,
+    rate: float | None,
+    progress: Progress,
+) -> tuple[ContactThresholds, list[str]]:
+    """Thresholds from residuals as the stream has them, and what they rest on."""
+    fitted = [fitted_before(identified, log) for log in logs]
+    unseen = [log for log, old in zip(logs, fitted, strict=True) if not old]
+    if not unseen:
+        raise DataError(
+            "all calibration logs were fitted: their residuals say nothing of other motion",
+            where="--calibrate",
+            fix="give logs of other motion without contact, or leave --calibrate out",
+        )
+    traces = []
+    for number, log in enumerate(unseen):
+        report_progress(progress, "calibrating thresholds", number, len(unseen))
+        traces.append(stream_trace(identified, log, cutoff))
+    rest = rest_speed_of(
+        identified.robot.n, identified.calibration, identified.processing.rest_speed
+    )
+    edges = edges_of(rest, traces) if own is None else own.edges
+    robot, sigma = identified.robot, np.asarray(identified.estimate.sigma)
+    peaks, suspected = without_contact(traces, edges, cutoff, robot, sigma)
+    thresholds = _thresholds(identified, peaks, rate)
+    count = f"{len(unseen)} calibration {'log' if len(unseen) == 1 else 'logs'}"
+    return thresholds, [
+        _claim(thresholds, count),
+        *(one.text for one in suspected),
+        *(
+            f"{log.path.name} was fitted: its residuals say nothing of other motion; left out of "
+            "the calibration"
+            for log, old in zip(logs, fitted, strict=True)
+            if old
+        ),
+    ]
+
+
+def stream_trace(identified: IdentifiedModel, log: LogArgument, cutoff: float) -> ResidualTrace:
+    """Residuals of a log as a stream of its rows would show them.
+
+    Args:
+        identified: The model.
+        log: A finished log.
+        cutoff: Bandwidth of the observer [Hz].
+
+    Raises:
+        LogError: It has no stretch that is long enough.
+    """
+    path, cut = parse_log_argument(log.text)
+    signals, observer = identified.signals, identified.observe(bandwidth=cutoff)
+    stream, rest = SampleStream(signals, identified.robot), rests_of(identified)
+    t, residual, speed = [], [], []
+    for rows in windowed(open_log(path), stream.columns, cut):
+        for sample in stream.samples(rows):
+            moving = velocity_of(sample.dq, rest)
+            observer.step(sample.t, sample.q, moving, signals.gains * sample.effort)
+            t.append(sample.t)
+            residual.append(-observer.torque)
+            speed.append(np.abs(sample.dq))
+    name = f"{path.stem}{cut.text}"
+    first = int(np.searchsorted(t, FORGOTTEN / (2.0 * np.pi * cutoff)))
+    if len(t) < first + 2:
+        raise LogError(
+            "the log is too short for the residual's low-pass",
+            where=name,
+            fix="log for longer, or give a higher bandwidth",
+        )
+    step = float(np.median(np.diff(t)))
+    speeds = np.array(speed).T
+    slowest = -greatest(-speeds, round(HOLD / step) + 1)
+    fastest = greatest(speeds, round(SETTLED / step) + 1)
+    none = np.zeros((3, identified.robot.n, len(t)))
+    found = (np.array(residual).T, slowest, fastest, none[0], none[1:])
+    return ResidualTrace(name, np.array(t), step, *found).of(slice(first, None))

@@ -1,0 +1,1 @@
+"""External wrench without a sensor."""

@@ -1,0 +1,218 @@
+"""External wrench along a log, without a force sensor: what `steelyard wrench` does."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from steelyard.base.arguments import checked
+from steelyard.base.arrays import Array
+from steelyard.base.files import write_json, write_table
+from steelyard.base.progress import Progress, silent
+from steelyard.estimate.external.effort_to_wrench import (
+    FORCE,
+    LEVER,
+    Expected,
+    InverseJacobian,
+    Weighted,
+    WrenchMethod,
+)
+from steelyard.estimate.external.observer_program import Axes, moved_frame
+from steelyard.estimate.identified import IdentifiedModel, load_model
+from steelyard.identify.run_notes import left_out, notes_of
+from steelyard.identify.scores import fitted_before, processing_of
+from steelyard.identify.validation_data import holds_fitted_rows
+from steelyard.report.result import Result
+from steelyard.runs.named_logs import log_files, prepared, recording_of
+from steelyard.uses.control.model_torques import refuse_unknown_gains
+from steelyard.uses.wrench.external_efforts import ResidualKind
+from steelyard.uses.wrench.wrench_along_run import (
+    COMPONENTS,
+    WrenchEstimate,
+    estimated_wrench,
+    name_of,
+)
+from steelyard.uses.wrench.wrench_page import WrenchContent, render_wrench, wrench_lines
+from steelyard.uses.wrench.wrench_smoothing import DURATION, Smoothed
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+MethodName = Literal["smoothed", "weighted", "inverse"]
+
+WRENCH_TABLE_COLUMNS = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")
+"""Force and moment in tables; `steelyard simulate --wrench` reads the same names."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ExternalWrench(Result):
+    """External wrench along a log.
+
+    Attributes:
+        content: All that the page shows.
+    """
+
+    content: WrenchContent
+
+    @property
+    def estimate(self) -> WrenchEstimate:
+        """All arrays."""
+        return self.content.estimate
+
+    @property
+    def t(self) -> Array:
+        """Time from the log's start, shape `(N,)` [s]."""
+        return self.estimate.t
+
+    @property
+    def wrench(self) -> Array:
+        """Force [N] and moment [Nm] on the robot, shape `(N, 6)`."""
+        return self.estimate.wrench
+
+    @property
+    def half_width(self) -> Array:
+        """Half-width of the 95 % intervals of `wrench`, shape `(N, 6)`."""
+        return self.estimate.half_width
+
+    @property
+    def unobservable(self) -> tuple[str, ...]:
+        """Directions that the joints do not show in this log."""
+        return tuple(name_of(direction) for direction in self.estimate.unobservable)
+
+    def report(self) -> str:
+        """The report as one self-contained HTML page."""
+        return render_wrench(self.content)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What was estimated as JSON values, without the samples."""
+        found = self.estimate
+        return {
+            "log": found.run,
+            "frame": found.frame,
+            "axes": found.axes,
+            "residual": found.residual,
+            "method": found.method,
+            "bandwidth_hz": found.bandwidth,
+            "expected": {"force_N": found.expected.force, "lever_m": found.expected.lever},
+            "largest_force": {
+                "force_N": float(found.force[found.largest]),
+                "half_width_N": float(found.force_half_width[found.largest]),
+                "time_s": float(found.t[found.largest]),
+                "differs_from_zero": bool(found.pushed[found.largest]),
+            },
+            "samples": len(found.t),
+            "start_s": float(found.t[0]),
+            "end_s": float(found.t[-1]),
+            "components": [vars(row) for row in self.content.components],
+            "unobservable": [
+                {
+                    "name": name_of(one),
+                    **dict(zip(COMPONENTS, one.tolist(), strict=True)),
+                    "share_of_log": found.unobservable_share(one),
+                }
+                for one in found.unobservable
+            ],
+            "partly_unobservable_share": found.partly_unobservable,
+            "warnings": list(self.content.warnings),
+            "notes": list(self.content.details),
+        }
+
+    def table(self) -> dict[str, Array]:
+        """Columns of `wrench.csv`: time, wrench, half-widths, external efforts, data share."""
+        found = self.estimate
+        columns = {"time_s": found.t}
+        for name, own in zip(WRENCH_TABLE_COLUMNS, found.wrench.T, strict=True):
+            columns[name] = own
+        for name, own in zip(WRENCH_TABLE_COLUMNS, found.half_width.T, strict=True):
+            columns[f"half_width_{name}"] = own
+        for joint, unit, own in zip(found.joints, found.units, found.torque.T, strict=True):
+            columns[f"external_{joint}_{unit}"] = own
+        columns["least_data_share"] = found.least_data_share
+        return columns
+
+    def write(self, folder: Path) -> None:
+        """Write `report.html`, `wrench.csv` and `wrench.json`."""
+        (folder / "report.html").write_text(self.report(), encoding="utf-8")
+        write_table(folder / "wrench.csv", self.table())
+        write_json(folder / "wrench.json", self.to_dict())
+
+    def show(self, console: "Console") -> None:
+        """Print the components and what qualifies them."""
+        wrench_lines(self.content, console)
+
+
+@checked()
+def external_wrench(
+    model: str | Path | IdentifiedModel,
+    log: str | Path,
+    frame: str | None = None,
+    *,
+    residual: ResidualKind = "momentum",
+    method: MethodName = "smoothed",
+    bandwidth: float | None = None,
+    force: float = FORCE,
+    lever: float = LEVER,
+    duration: float = DURATION,
+    axes: Axes = "frame",
+    progress: Progress = silent,
+) -> ExternalWrench:
+    """Estimate the wrench that acts on a frame along a log, with 95 % intervals.
+
+    Args:
+        model: The model, its `model.json`, or the folder that contains it.
+        log: The log; `run.csv@5:20` is a window in seconds.
+        frame: Frame that the wrench acts on; that of the robot's end if `None`.
+        residual: Whether external torques are what the momentum or what the torque leaves over;
+            the momentum needs no accelerations.
+        method: `smoothed` over time, with errors of the model estimated from the same log;
+            `weighted`, each sample by itself; `inverse`, by the transposed Jacobian's inverse.
+        bandwidth: Of the external torques [Hz]; if `None`, the cut-off of the model's scores, or a
+            tenth of the log's rate if that is less.
+        force: Expected size of each component of the force [N].
+        lever: That of the moment, over `force` [m]; 0 for forces at the frame's origin.
+        duration: How long a push lasts, usually [s]; for `smoothed`.
+        axes: Whether components are along the axes of the frame or of the base.
+        progress: Receives events of progress; an exception from it stops the work.
+
+    Raises:
+        SteelyardError: A file cannot be used, the frame is fixed to the base, the log is too slow
+            or short for the bandwidth, or its efforts are not those of the model's robot.
+
+    Example:
+        >>> found = external_wrench("arm-model", "other.csv", "lower")
+        >>> found.wrench.shape == found.half_width.shape == (len(found.t), 6)
+        True
+    """
+    identified = load_model(model)
+    refuse_unknown_gains(identified)
+    moved_frame(identified.robot, frame)
+    chosen = _method(method, Expected(force, lever), duration)
+    (file,) = log_files([str(log)])
+    recording = recording_of(file, identified.signals)
+    (run,) = prepared([recording], processing_of(identified), progress, at_rest=True)
+    estimate = estimated_wrench(
+        identified,
+        run,
+        frame,
+        residual=residual,
+        method=chosen,
+        bandwidth=bandwidth,
+        axes=axes,
+        progress=progress,
+    )
+    content = WrenchContent(
+        robot=identified.robot.name,
+        estimate=estimate,
+        usual_bandwidth=identified.cutoffs.score,
+        fitted=fitted_before(identified, file) or holds_fitted_rows(identified, run),
+        left_out=left_out(run),
+        details=notes_of([run]),
+    )
+    return ExternalWrench(content)
+
+
+def _method(name: MethodName, expected: Expected, duration: float) -> WrenchMethod:
+    """The method of a name."""
+    if name == "smoothed":
+        return Smoothed(expected, duration)
+    return Weighted(expected) if name == "weighted" else InverseJacobian(expected)

@@ -1,0 +1,358 @@
+"""The page of `steelyard wrench`, and the same in the terminal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from steelyard.estimate.external.effort_to_wrench import InverseJacobian
+from steelyard.report.figures import Figure, Group, Key, Traced, area, evenly, line
+from steelyard.report.page import Shown, fill, page_of
+from steelyard.report.tables import PlainTable, Row, narrow_table
+from steelyard.report.words import NONE, significant
+from steelyard.uses.wrench.wrench_along_run import COMPONENTS, name_of
+from steelyard.uses.wrench.wrench_smoothing import OBSERVABLE
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from steelyard.base.arrays import Array
+    from steelyard.uses.wrench.wrench_along_run import WrenchEstimate
+
+
+MOST_POINTS_OF_WRENCH = 3000
+"""Points of a line, at most."""
+
+LEAST_LASTING_SHARE = 1.0 / 3.0
+"""Share of the log in which the force differs from zero from which on something else is likelier
+than pushes."""
+
+LEAST_UNEXPECTED_FORCE = 5.0
+"""Largest force over the expected one from which on something else is likelier than a push."""
+
+LEAST_VARIANCE_SHARE = 0.005
+"""Share of the expected variance below which a component is not estimated at all."""
+
+UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
+
+SOURCES = {
+    "momentum": "generalised momentum, without accelerations",
+    "torque": "measured minus predicted torque",
+}
+
+METHODS = {
+    "smoothed": "smoothed over time, errors of the model's parameters estimated from the same log",
+    "weighted": "each sample by itself, weighted by the model's uncertainty and the expected size",
+    "inverse": "inverse of the transposed Jacobian: large near singular postures",
+}
+
+
+@dataclass(frozen=True)
+class ComponentSummary:
+    """One component of the wrench over a log; values are in its unit.
+
+    Attributes:
+        component: Its name.
+        unit: `N` or `Nm`.
+        rms: Root mean square.
+        peak: The largest value, with its sign.
+        peak_half_width: Half-width of its 95 % interval.
+        peak_time_s: When it was.
+        median_half_width: Of the intervals of all samples.
+        nonzero_share: Share of the samples whose interval leaves zero out.
+        data_share: Share of the expected variance that the log removes, on average.
+        assumed_zero: Whether it is not estimated but zero, as its expected size is.
+    """
+
+    component: str
+    unit: str
+    rms: float
+    peak: float
+    peak_half_width: float
+    peak_time_s: float
+    median_half_width: float
+    nonzero_share: float
+    data_share: float
+    assumed_zero: bool
+
+    @property
+    def row(self) -> Row:
+        """For people to read; without estimates where it has none."""
+        name = f"{self.component.replace(' along', '').replace(' about', '')} [{self.unit}]"
+        width = f"± {significant(self.median_half_width, 2)}"
+        if self.assumed_zero:
+            return Row((name, NONE, "assumed zero", NONE, NONE, NONE, NONE))
+        if self.data_share < LEAST_VARIANCE_SHARE:
+            return Row((name, NONE, NONE, NONE, width, NONE, "0 %"))
+        return Row(
+            (
+                name,
+                significant(self.rms),
+                f"{significant(self.peak)} ± {significant(self.peak_half_width, 2)}",
+                f"{self.peak_time_s:.2f}",
+                width,
+                f"{100.0 * self.nonzero_share:.0f} %",
+                f"{100.0 * self.data_share:.0f} %",
+            )
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class WrenchContent:
+    """Everything that the page shows.
+
+    Attributes:
+        robot: The robot's name.
+        estimate: The wrench along the log.
+        usual_bandwidth: Cut-off of the model's scores [Hz].
+        fitted: Whether the model was fitted to this log.
+        left_out: Rows and times of the log that were not examined, for people to read.
+        details: How the log was processed.
+    """
+
+    robot: str
+    estimate: WrenchEstimate
+    usual_bandwidth: float
+    fitted: bool
+    left_out: tuple[str, ...]
+    details: tuple[str, ...]
+
+    @property
+    def headline(self) -> str:
+        """The largest force that differs from zero, or that none does."""
+        found, at = self.estimate, self.estimate.largest
+        size = significant(float(found.force[at]))
+        text = f"{size} ± {significant(float(found.force_half_width[at]), 2)} N"
+        place = f"at {found.t[at]:.2f} s of {found.run} ({found.t[-1] - found.t[0]:.1f} s)"
+        if found.pushed[at]:
+            return f"Largest force on {found.frame}: {text} {place}"
+        return (
+            f"No force on {found.frame} that differs from zero (95 %); largest estimate "
+            f"{text} {place}"
+        )
+
+    @property
+    def claim(self) -> str:
+        """What was estimated, and how."""
+        found = self.estimate
+        axes = f"axes of {found.frame}" if found.axes == "frame" else "axes of the base"
+        return (
+            f"Wrench on the robot, moments about the origin of {found.frame}, {axes}. External "
+            f"torques: {SOURCES[found.residual]}, low-pass {found.bandwidth:.3g} Hz. Wrench: "
+            f"{METHODS[found.method]}. Intervals: 95 %."
+        )
+
+    @property
+    def settings(self) -> str:
+        """The same in short."""
+        found = self.estimate
+        axes = found.frame if found.axes == "frame" else "the base"
+        return (
+            f"On the robot, moments about the frame's origin, axes of {axes}; 95 % intervals; "
+            f"{found.method}, by the {found.residual}, low-pass {found.bandwidth:.3g} Hz"
+        )
+
+    @property
+    def components(self) -> tuple[ComponentSummary, ...]:
+        """Figures of the six components."""
+        found, nonzero = self.estimate, _nonzero(self.estimate)
+        rows = []
+        for k, (name, unit) in enumerate(zip(COMPONENTS, UNITS, strict=True)):
+            own, half = found.wrench[:, k], found.half_width[:, k]
+            at = int(np.argmax(np.abs(own)))
+            rows.append(
+                ComponentSummary(
+                    component=name,
+                    unit=unit,
+                    rms=float(np.sqrt(np.mean(np.square(own)))),
+                    peak=float(own[at]),
+                    peak_half_width=float(half[at]),
+                    peak_time_s=float(found.t[at]),
+                    median_half_width=float(np.median(half)),
+                    nonzero_share=float(np.mean(nonzero[:, k])),
+                    data_share=float(np.mean(found.data_share[:, k])),
+                    assumed_zero=bool(found.assumed_zero[k]),
+                )
+            )
+        return tuple(rows)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What qualifies the result."""
+        found, warnings = self.estimate, list(self.left_out)
+        inverse = found.method == InverseJacobian.name
+        if found.unobservable:
+            names = "; ".join(
+                f"{name_of(one)} ({100.0 * found.unobservable_share(one):.0f} % of the log)"
+                for one in found.unobservable
+            )
+            warnings.append(
+                f"not observable from the joint torques of this log: {names}. "
+                + (
+                    "There the inverse multiplies errors, and gives zero with too narrow an "
+                    "interval where the Jacobian has no inverse"
+                    if inverse
+                    else "There the estimate stays near zero, with an interval of 1.4 to 2 times "
+                    "the expected size on either side"
+                )
+            )
+        elif found.partly_unobservable > 0.0:
+            at = found.least_data_share < OBSERVABLE
+            worst = COMPONENTS[int(np.argmin(found.data_share[at].mean(axis=0)))]
+            warnings.append(
+                "one direction or more is not observable in "
+                f"{100.0 * found.partly_unobservable:.2g} % of the log, near singular "
+                f"postures (mostly {worst}): "
+                + ("the inverse multiplies errors there" if inverse else "intervals there are wide")
+            )
+        if found.bandwidth < self.usual_bandwidth:
+            warnings.append(
+                f"the low-pass of {found.bandwidth:.3g} Hz hides pushes shorter than "
+                f"{0.5 / found.bandwidth:.2g} s (usual for this model: {self.usual_bandwidth:.3g} "
+                "Hz, for logs of at least ten times that rate)"
+            )
+        if self.fitted:
+            warnings.append("the model was fitted to this log: its residuals are too small")
+        return (*warnings, *self._doubts)
+
+    @property
+    def _doubts(self) -> tuple[str, ...]:
+        """That the force is likelier to be an error of the log or of the model than a push."""
+        found, doubts = self.estimate, []
+        lasting, at = float(np.mean(found.pushed)), found.largest
+        times = float(found.force[at]) / found.expected.force
+        if lasting > LEAST_LASTING_SHARE:
+            doubts.append(f"the force differs from zero in {100.0 * lasting:.0f} % of the log")
+        if found.pushed[at] and times > LEAST_UNEXPECTED_FORCE:
+            doubts.append(
+                f"the largest force is {significant(times, 2)} times the expected "
+                f"{found.expected.force:g} N"
+            )
+        if not doubts:
+            return ()
+        return (
+            f"{', '.join(doubts)}: efforts in other units or with another sign, other positions, "
+            "a payload, another tool or other drive gains are likelier than pushes; steelyard "
+            "check names what differs, steelyard payload identifies a payload",
+        )
+
+
+def _nonzero(found: WrenchEstimate) -> Array:
+    """Whether the interval of a component leaves zero out, shape `(N, 6)`."""
+    return np.asarray(np.abs(found.wrench) > found.half_width)
+
+
+def components_table(content: WrenchContent) -> PlainTable:
+    """One row per component."""
+    words = (
+        "From data: share of the expected variance (standard deviation "
+        f"{content.estimate.expected.force:.3g} N, moments {content.estimate.expected.lever:.2g} m "
+        "times that) that the log removes, mean over time."
+    )
+    headings = ("", "RMS", "largest", "at [s]", "± (median)", "not zero", "from data")
+    return PlainTable("", words, headings, [one.row for one in content.components])
+
+
+def wrench_lines(content: WrenchContent, console: Console) -> None:
+    """Print the components and what qualifies them."""
+    from rich.text import Text
+
+    console.print(Text(content.headline, style="bold"))
+    console.print(Text(content.settings))
+    for warning in content.warnings:
+        console.print(Text(f"! {warning}", style="yellow"))
+    console.print(narrow_table(components_table(content)))
+
+
+def render_wrench(content: WrenchContent) -> str:
+    """The page as HTML text, to be written as UTF-8."""
+    found = content.estimate
+    empty = {
+        "title": "",
+        "words": "",
+        "tables": (),
+        "folded": "",
+        "legend": (),
+        "note": "",
+        "groups": (),
+    }
+    verdict = {
+        **empty,
+        "title": "Wrench",
+        "words": f"{content.headline}. {content.claim}",
+        "tables": [components_table(content)],
+    }
+    over_time = {
+        **empty,
+        "legend": [Key("--measured", "estimate"), Key("--interval", "95 % interval", "area")],
+        "groups": [Group([_component(found, k) for k in range(6)], columns="one")],
+    }
+    observability = {
+        **empty,
+        "words": "Share of the expected variance that the log removes, in the direction where it "
+        f"removes least; below {OBSERVABLE:g} that direction counts as not observable.",
+        "groups": [Group([_least_data_share(found)], columns="one")],
+    }
+    torques = {
+        **empty,
+        "legend": [
+            Key("--measured", "external torque"),
+            Key("--interval", "95 % interval of the model's error", "area"),
+        ],
+        "groups": [Group([_torque(found, j) for j in range(len(found.joints))], columns="one")],
+    }
+    sections = [Shown("wrench", "Wrench", fill("figures.html", verdict))]
+    if content.warnings:
+        notes = fill("notes.html", {"notes": content.warnings})
+        sections.append(Shown("notes", "Limits of this result", notes))
+    sections += [
+        Shown("over-time", "Wrench over time", fill("figures.html", over_time)),
+        Shown("observability", "Observability", fill("figures.html", observability)),
+        Shown("torques", "External torques", fill("figures.html", torques)),
+        Shown("details", "Notes", fill("notes.html", {"notes": content.details}), folded=True),
+    ]
+    title = f"{content.robot}: wrench in {found.run}"
+    return page_of(title, content.robot, "inspected", version("steelyard"), sections)
+
+
+def _component(found: WrenchEstimate, k: int) -> Figure:
+    own, half, unit = found.wrench[:, k], found.half_width[:, k], UNITS[k]
+    at = evenly(len(found.t), MOST_POINTS_OF_WRENCH)
+    t, own, half = found.t[at], own[at], half[at]
+    kind = COMPONENTS[k].split()[0]
+    return _figure(
+        COMPONENTS[k].capitalize(),
+        f"{kind} [{unit}]",
+        [
+            area("95 % interval", t, own - half, own + half, "--interval"),
+            line("estimate", t, own, "--measured", width=1.5),
+        ],
+    )
+
+
+def _least_data_share(found: WrenchEstimate) -> Figure:
+    at = evenly(len(found.t), MOST_POINTS_OF_WRENCH)
+    t = found.t[at]
+    limit = line("limit", t, np.full(len(t), OBSERVABLE), "--vermillion", width=1, dash="dash")
+    own = line("share", t, found.least_data_share[at], "--measured", width=1.5)
+    return _figure("Least observable direction", "share", [own, limit], {"range": [0, 1]})
+
+
+def _torque(found: WrenchEstimate, j: int) -> Figure:
+    at = evenly(len(found.t), MOST_POINTS_OF_WRENCH)
+    t, half = found.t[at], found.torque_half_width[at, j]
+    traces = [
+        area("95 % interval of the model's error", t, -half, half, "--interval"),
+        line("external torque", t, found.torque[at, j], "--measured", width=1.2),
+    ]
+    return _figure(found.joints[j], f"effort [{found.units[j]}]", traces)
+
+
+def _figure(
+    title: str, y: str, traces: list[Traced], yaxis: dict[str, list[int]] | None = None
+) -> Figure:
+    layout = {"showlegend": False, **({} if yaxis is None else {"yaxis": yaxis})}
+    return Figure(title, f"{title} over time", "time [s]", y, traces, layout, height=220)

@@ -1,0 +1,190 @@
+r"""The wrench over time: a Kalman smoother that estimates the model's errors along with it.
+
+Efforts of a stretch of a log are $\tau_k = J_k^T F_k + A_k z + e_k$. What the model errs in is the
+same along the stretch: its parameters are off by $z$, of variance 1 each in the model's own
+uncertainty. Wrench and slow residuals change over time as stationary processes of first order with
+the correlation times $T$ and `ALIKE`. So what pushes is distinguished from what the model errs in
+by how it changes with the motion, and a direction that efforts do not show in a singular posture is
+known from just before and after.
+
+The smoother is linear: it is run on the efforts and on the columns of $A$ at once, least squares of
+the innovations then give $z$ [Friedland1969]. As most of the time nothing pushes, the size of the
+wrench is estimated too, over windows of $T$, by expectation maximisation.
+"""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.errors import DataError
+from steelyard.estimate.external.effort_to_wrench import (
+    Expected,
+    ExternalEfforts,
+    Wrenches,
+    learned_of,
+)
+
+DURATION = 1.0
+"""Expected duration of a push [s]."""
+
+RESIDUAL_CORRELATION_TIME = 0.4
+"""Correlation time of slow residuals [s]; residuals of a UR10e on other days have it."""
+
+LEAST_WRENCH_VARIANCE, MOST_WRENCH_VARIANCE = 1e-4, 1.0
+"""Limits of the variance of wrenches over the expected one."""
+
+ROUNDS = 4
+"""Rounds of the estimate of the wrench's size."""
+
+OBSERVABLE = 0.5
+"""Least share from data of the expected variance along an observable direction."""
+
+NEGLIGIBLE = 0.01
+"""Effect of a combination of parameters on efforts, over their noise, that is left out."""
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """Wrenches over time, with errors of the model estimated from the same log.
+
+    Attributes:
+        expected: The size of wrenches, to begin with.
+        duration: How long a push lasts, usually [s].
+    """
+
+    name: ClassVar[str] = "smoothed"
+    expected: Expected = Expected()
+    duration: float = DURATION
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.duration < np.inf:
+            raise DataError(
+                f"{self.duration:g} s is no duration of a push",
+                where="expected wrench (--duration)",
+                fix="give a time above zero, such as 1 s",
+            )
+
+    def __call__(self, efforts: ExternalEfforts) -> Wrenches:
+        """See `WrenchMethod`."""
+        efforts = _without_negligible(efforts)
+        std, size = np.sqrt(self.expected.variances), np.ones(len(efforts.torque))
+        first = values, covariance = self._posterior(efforts, size)
+        for _ in range(ROUNDS):
+            square = np.square(values) + np.diagonal(covariance, axis1=1, axis2=2)
+            size = self._averaged(size * square[:, std > 0.0].mean(axis=1), efforts.step)
+            values, covariance = self._posterior(efforts, size)
+        before = std[:, None] * first[1] * std
+        after = size[:, None, None] * covariance
+        whole = std[:, None] * (after + _unobservable(first[1], after)) * std
+        values = values * np.sqrt(size)[:, None] * std
+        return Wrenches(values, whole, learned_of(before, self.expected))
+
+    def _posterior(self, efforts: ExternalEfforts, size: Array) -> tuple[Array, Array]:
+        """Wrenches over their expected size, `(N, 6)`, and their covariances, `(N, 6, 6)`."""
+        n = efforts.torque.shape[1]
+        lasts = np.repeat([self.duration, RESIDUAL_CORRELATION_TIME], [6, n])
+        std = np.sqrt(size)[:, None] * np.sqrt(self.expected.variances)
+        loads = np.concatenate(
+            [
+                (efforts.jacobian * std[:, :, None]).swapaxes(1, 2),
+                efforts.slow[:, :, None] * np.eye(n),
+            ],
+            axis=2,
+        )
+        noise = efforts.noise[:, :, None] * efforts.correlation * efforts.noise[:, None, :]
+        before = np.eye(6 + n)
+        before[6:, 6:] = efforts.correlation
+        data = np.concatenate([efforts.torque[:, :, None], efforts.spread], axis=2)
+        smoother = _Smoother(np.exp(-efforts.step / lasts), before)
+        states, covariances, gram = smoother(data, loads, noise * efforts.per_independent)
+        off = np.linalg.inv(np.eye(len(gram) - 1) + gram[1:, 1:])
+        wrench = states[:, :6]
+        values = wrench[:, :, 0] - wrench[:, :, 1:] @ (off @ gram[1:, 0])
+        spread = wrench[:, :, 1:] @ np.linalg.cholesky(off)
+        return values, covariances[:, :6, :6] + spread @ spread.swapaxes(1, 2)
+
+    def _averaged(self, size: Array, step: float) -> Array:
+        """Mean over a window as long as a push, or twice the stretch, within limits."""
+        from scipy.ndimage import uniform_filter1d
+
+        window = 2 * max(1, round(min(0.5 * self.duration / step, len(size)))) + 1
+        return np.asarray(
+            np.clip(
+                uniform_filter1d(size, window, mode="nearest"),
+                LEAST_WRENCH_VARIANCE,
+                MOST_WRENCH_VARIANCE,
+            )
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Smoother:
+    """Kalman smoother of a stationary process, on several columns of data with the same gains.
+
+    Attributes:
+        keeps: What is left of each state after a step, shape `(m,)`.
+        before: Covariance of the states without data, shape `(m, m)`.
+    """
+
+    keeps: Array
+    before: Array
+
+    def __call__(self, data: Array, loads: Array, noise: Array) -> tuple[Array, Array, Array]:
+        """Smooth.
+
+        Args:
+            data: Shape `(N, n, c)`.
+            loads: From states to data, shape `(N, n, m)`.
+            noise: Covariance of the data's noise, shape `(N, n, n)`.
+
+        Returns:
+            States `(N, m, c)`, their covariances `(N, m, m)`, and the sum of squares and products
+            of the whitened innovations, `(c, c)`.
+        """
+        count, n, columns = data.shape
+        m = len(self.keeps)
+        added = self.before * (1.0 - np.outer(self.keeps, self.keeps))
+        states, covariances = np.empty((count, m, columns)), np.empty((count, m, m))
+        predicted, innovations = np.empty((count, m, m)), np.empty((count, n, columns))
+        state, covariance = np.zeros((m, columns)), self.before
+        for k in range(count):
+            load = loads[k]
+            shared = load @ covariance
+            root = np.linalg.cholesky(shared @ load.T + noise[k])
+            white = np.linalg.solve(root, np.concatenate([data[k] - load @ state, shared], axis=1))
+            innovations[k], gain = white[:, :columns], white[:, columns:]
+            predicted[k], states[k] = covariance, state + gain.T @ innovations[k]
+            covariances[k] = covariance - gain.T @ gain
+            state = self.keeps[:, None] * states[k]
+            covariance = self.keeps[:, None] * covariances[k] * self.keeps + added
+        carried = self.keeps[:, None] * covariances[:-1]
+        back = np.linalg.solve(predicted[1:], carried).swapaxes(1, 2)
+        states[:-1] -= back @ (self.keeps[:, None] * states[:-1])
+        covariances[:-1] -= back @ carried
+        for k in range(count - 2, -1, -1):
+            states[k] += back[k] @ states[k + 1]
+            covariances[k] += back[k] @ covariances[k + 1] @ back[k].T
+        flat = innovations.reshape(-1, columns)
+        return states, covariances, flat.T @ flat
+
+
+def _without_negligible(efforts: ExternalEfforts) -> ExternalEfforts:
+    """The same without combinations of parameters that make no difference to the efforts."""
+    std = np.hypot(efforts.slow, efforts.noise)[:, :, None]
+    flat = (efforts.spread / std).reshape(-1, efforts.spread.shape[2])
+    values, vectors = np.linalg.eigh(flat.T @ flat / len(flat))
+    return replace(efforts, spread=efforts.spread @ vectors[:, values > NEGLIGIBLE**2])
+
+
+def _unobservable(before: Array, after: Array) -> Array:
+    """What covariances are widened by along unobservable directions, shape `(N, 6, 6)`.
+
+    That nothing pushes is concluded from observable directions: along others the interval
+    stays as wide as before the size was estimated.
+    """
+    values, vectors = np.linalg.eigh(before)
+    along = np.einsum("tij,tik,tkj->tj", vectors, after, vectors)
+    lacking = np.where(values > 1.0 - OBSERVABLE, np.maximum(values - along, 0.0), 0.0)
+    return np.asarray((vectors * lacking[:, None, :]) @ vectors.swapaxes(1, 2))

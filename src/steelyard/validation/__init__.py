@@ -1,1 +1,0 @@
-"""Scores on motions that were not fitted."""

@@ -1,1 +1,0 @@
-"""A virtual robot: physics, controller and sensors with their faults."""
