@@ -123,8 +123,8 @@ def test_the_fingerprint_is_of_the_content() -> None:
 START = """
 import sys
 from invented import tree
-from steelyard.kernel.native import machine
-from steelyard.model import Model
+from steelyard.symbolic.native import machine
+from steelyard.model.model import Model
 from steelyard.estimate.information.accumulate import Accumulator
 from steelyard.estimate.information.regressor import base_regressor
 compiled = []

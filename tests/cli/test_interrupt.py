@@ -178,7 +178,7 @@ def test_ctrl_c_from_outside_while_it_works(work: Path) -> None:
 SWALLOWED = """
 import os, signal
 from steelyard.cli.main import main
-from steelyard.cli import app as commands
+from steelyard.cli import app
 
 class Deaf:
     def __del__(self):

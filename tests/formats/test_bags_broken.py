@@ -278,7 +278,7 @@ READ_IN_LITTLE = """
     from pathlib import Path
     import rosbags.typesys, mcap.records, zstandard, lz4.frame
     from steelyard.base.errors import LogError
-    from steelyard.formats import open_log
+    from steelyard.logs.formats import open_log
     now = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (now + (64 << 20), now + (64 << 20)))
     try:

@@ -163,7 +163,7 @@ def keyframes_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
         times.tolist(), q[:, followed] * ratio + offset, dq[:, followed] * ratio, strict=True
     ):
         qpos, qvel = (_keyframe_numbers(state.tolist()) for state in (position, velocity))
-    state = f'qpos="{qpos}" qvel="{qvel}"'
+        state = f'qpos="{qpos}" qvel="{qvel}"'
         lines.append(f'    <key time="{t!r}" {state}/>')
     return "\n".join([*lines, "  </keyframe>", "</mujoco>", ""])
 

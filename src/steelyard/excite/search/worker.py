@@ -1,4 +1,4 @@
-"""A process of its own that searches: `python -m steelyard.excitation.search.worker`.
+"""A process of its own that searches: `python -m steelyard.excite.search.worker`.
 
 It reads one line of JSON, the task, and writes one line per search, `{"number", "x", "whole"}`;
 when its time is spent it writes what it has reached, and ends. What goes wrong is a line too. It

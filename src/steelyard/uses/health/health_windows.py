@@ -71,7 +71,7 @@ class Series:
 
 
 def windowed(information: Information, duration: float) -> Information:
-    """The information of a log in at most `MOST_WINDOWS_OF_LOG` windows of `LEAST_WINDOW` or more."""
+    """A log's information in at most `MOST_WINDOWS_OF_LOG` windows of `LEAST_WINDOW` or more."""
     return information.merged(max(1, min(MOST_WINDOWS_OF_LOG, int(duration / LEAST_WINDOW))))
 
 
