@@ -83,7 +83,7 @@ def small_arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def searches_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Motions are searched in this process: one of its own loads all packages, in 0.8 s."""
-    from excitation.tabled import searching_here
+    from excite.tabled import searching_here
 
     monkeypatch.setattr("steelyard.excite.search.parallel_search._workers", searching_here)
 

@@ -26,7 +26,7 @@ from proofs.support.claims import Claim, main_of
 from proofs.support.safety_motion import derivative, fine_times
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
-from excitation.interpreters import Follower, URController
+from excite.interpreters import Follower, URController
 from steelyard.base.errors import SteelyardError
 from steelyard.excite.constraints.certificate import Certificate, certify
 from steelyard.excite.motion_export import exported

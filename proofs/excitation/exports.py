@@ -1,6 +1,6 @@
 """Programs for ROS 2 and UR, replayed by independent interpreters, against the motions themselves.
 
-The interpreters stand in `tests/excitation/interpreters.py`: joint_trajectory_controller's splines
+The interpreters stand in `tests/excite/interpreters.py`: joint_trajectory_controller's splines
 of degree five between points, at every millisecond and at 20 000 random times, and URScript's
 `servoj` at its control rate. The worst of 20 random motions within a real robot's limits:
 series from rest to rest, every second one slowed; and of 4 of each kind of motions of pieces, whose
@@ -14,7 +14,7 @@ import numpy as np
 from proofs.support.claims import Claim, data_folder, main_of
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
-from excitation.interpreters import Follower, URController, moments
+from excite.interpreters import Follower, URController, moments
 from steelyard.excite.motion_export import exported
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.fourier_bases import BlendedFourier, RampedFourier

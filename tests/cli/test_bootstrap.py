@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from estimation.test_least_squares import data
+from estimate.test_least_squares import data
 from steelyard.base.progress import silent
 from steelyard.estimate.estimators import offer_of
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from excitation.tabled import OPEN, QUICK, arm
+from excite.tabled import OPEN, QUICK, arm
 from steelyard.cli.app import app, expanded
 from steelyard.excite.trajectories.trajectory_files import read_motion
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from check.fitted import log
 from cli.conftest import Command
 from cli.river_files import edited
-from diagnosis.fitted import log
 from short_arm import without_wrist
 from steelyard.simulate.truth import random_truth
 

@@ -442,7 +442,7 @@ def rendered_only(content: ReportContent, *names: str) -> str:
     def chosen(content: ReportContent) -> list[Section]:
         return [section for section in sections_of(content) if section.name in names]
 
-    with patch("steelyard.report.page.sections_of", chosen):
+    with patch("steelyard.identify.page.section_register.sections_of", chosen):
         return render(content)
 
 

@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from browser import Rendered
-from report.conftest import EVIL, identified, robot
+from report.conftest import EVIL, robot
 from report.designed import REACH, designed_for, renamed
 from report.test_page import own_html
 from steelyard.base.progress import silent
@@ -33,13 +33,15 @@ from steelyard.excite.page.design_words import (
     tightest,
     used,
 )
-from steelyard.excite.page.robot_in_space import all_joints, skeleton, tool_path
+from steelyard.excite.page.proof_sections import DESIGN_SECTIONS, render_design
+from steelyard.excite.page.robot_in_space import skeleton, tool_path
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.identify.page.content import ReportContent
-from steelyard.identify.page.section_register import DESIGN_SECTIONS, SECTIONS, render
+from steelyard.identify.page.section_register import SECTIONS
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.excitation_sections import BoxSpans, PlaneSection, WorkspaceSection
+from steelyard.robot.skeleton import all_joints
 
 ROOM = WorkspaceSection(
     box=BoxSpans(x=(-1.0, 1.0), z=(-1.0, 1.0)),
@@ -107,7 +109,7 @@ def test_what_is_not_shown_comes_first_and_is_said(designed: Designed) -> None:
     gram[3, :] = gram[:, 3] = 0.0
     blind = replace(designed, shown=replace(designed.shown, gram=gram))
     assert expected(blind)[0].name == designed.shown.names[3]
-    words = text(render(content(blind)))
+    words = text(render_design(content(blind)))
     assert "1 base parameter will not be identifiable." in words and "not identifiable" in words
     assert "1 parameter will not be identifiable" in printed(blind)
 
@@ -176,7 +178,7 @@ def test_margins_are_compared_as_shares_of_their_limits(designed: Designed) -> N
     shares = [one.used for one in (first, *others)]
     assert shares == sorted(shares, reverse=True)
     assert {one.kind for one in others} == {"position", "velocity", "acceleration", "tool box"}
-    words = text(render(content(told)))
+    words = text(render_design(content(told)))
     assert "torquetorque of 'b' below 200 Nm9.00 Nm95.5 %" in words
     assert "smallest margin 9.00 Nm (torque of 'b' below 200 Nm)" in words
 
@@ -200,13 +202,13 @@ def test_the_ball_of_the_tool_and_what_limits_it_are_named(designed: Designed) -
         ROOM, floor=-1.0, planes=(PlaneSection(normal=(1.0, 0.0, 1.0), above=-3.0),)
     )
     ball = replace(designed, tool=Marker("tip", radius=0.05))
-    words = text(render(replace(content(ball), workspace=room)))
+    words = text(render_design(replace(content(ball), workspace=room)))
     assert "'tip' (ball of radius 50 mm): x from" in words
     assert "which stays its radius, 50 mm, away from the limits of the workspace" in words
     assert "box of the tool, plane 1, floorforbidden box" in words
-    bare = text(render(replace(content(ball), workspace=None)))
+    bare = text(render_design(replace(content(ball), workspace=None)))
     assert "stays its radius" not in bare
-    bare = text(render(replace(content(designed), workspace=None)))
+    bare = text(render_design(replace(content(designed), workspace=None)))
     assert "radius" not in bare and "forbidden box" not in bare and "floor" not in bare
 
 
@@ -230,7 +232,7 @@ def test_margins_have_a_unit_for_people() -> None:
 def test_a_motion_that_is_not_proven_is_called_so_everywhere(beyond: Designed) -> None:
     assert design_level(beyond) == "poor"
     assert "not safe" in design_headline(beyond)
-    words = text(render(content(beyond)))
+    words = text(render_design(content(beyond)))
     assert "Not proven: do not run this motion" in words
     assert re.search(r"tool box: z of 'tip' (below|above) -?0\.3 m: violated by 0\.\d+ m", words)
     assert "This motion is not proven to satisfy its limits: do not run it." in words
@@ -251,7 +253,7 @@ def test_a_safe_motion_says_what_it_shows_and_that_it_is_proven(designed: Design
         f"The motion makes {every} of {every + 3} base parameters identifiable; "
     )
     assert design_level(designed) == "good"
-    words = text(render(content(designed)))
+    words = text(render_design(content(designed)))
     figure = f"condition number (raw) {designed.shown.raw:.3g} (smaller is better)"
     assert f"4 s, Fourier series from rest to rest; {figure}, best of 7 searches in 2.5 s" in words
     assert "Limits: tool box (tool point only)." in words
@@ -268,7 +270,7 @@ def test_what_was_not_looked_at_is_said(designed: Designed) -> None:
     told = _noted(designed, gap, "the acceleration is a guess")
     assert "; every checked limit is proven to hold at all times" in design_headline(told)
     assert design_level(told) == "fair"
-    words = text(render(content(told)))
+    words = text(render_design(content(told)))
     assert "Not covered: torque is not limited: nothing is known <b>" in words
     assert "Assumed the acceleration is a guess" in words
     lines = " ".join(printed(told).split())
@@ -278,7 +280,7 @@ def test_what_was_not_looked_at_is_said(designed: Designed) -> None:
         "; every limit is proven to hold at all times" in design_headline(guess)
         and design_level(guess) == "good"
     )
-    assert "Not covered:" not in text(render(content(designed)))
+    assert "Not covered:" not in text(render_design(content(designed)))
 
 
 def test_what_is_left_out_as_asked_is_said_but_no_reason_to_doubt(designed: Designed) -> None:
@@ -315,7 +317,9 @@ def test_parameters_hidden_behind_others_are_no_good_motion(designed: Designed) 
 
 def test_the_way_to_the_start_is_said_not_to_be_covered(designed: Designed) -> None:
     said = "not covered are the approach to the start posture"
-    assert said in text(render(content(designed))) and said in " ".join(printed(designed).split())
+    assert said in text(render_design(content(designed))) and said in " ".join(
+        printed(designed).split()
+    )
 
 
 def _noted(designed: Designed, *notes: str) -> Designed:
@@ -353,12 +357,10 @@ def test_the_terminal_is_short_and_says_the_worst(designed: Designed) -> None:
 
 
 def test_the_page_of_a_motion_is_about_nothing_else(designed: Designed) -> None:
-    page = render(content(designed))
+    page = render_design(content(designed))
     for section in DESIGN_SECTIONS:
         assert f'<section id="{section.name}"' in page
     assert '<section id="verdict"' not in page and "designed with steelyard" in page
-    both = render(replace(content(designed), identified=identified(robot())))
-    assert '<section id="verdict"' in both and '<section id="design"' in both
     assert not {s.name for s in SECTIONS} & {s.name for s in DESIGN_SECTIONS}
 
 
@@ -367,7 +369,7 @@ def test_the_browser_draws_every_picture(
     designed: Designed, browse: Callable[[str], Rendered], which: str
 ) -> None:
     shown = designed if which == "plain" else renamed(designed, EVIL)
-    seen = browse(render(content(shown)))
+    seen = browse(render_design(content(shown)))
     assert seen.console == () and seen.errors == []
     pictures = seen.dom.count('class="picture')
     assert pictures == 2 + 1 + 3 + 1 + 1
@@ -375,17 +377,17 @@ def test_the_browser_draws_every_picture(
 
 
 def test_names_of_strangers_stay_text(designed: Designed) -> None:
-    page = own_html(render(content(renamed(designed, EVIL))))
+    page = own_html(render_design(content(renamed(designed, EVIL))))
     assert "<script>document.body" not in page and '<b>"' not in page
     assert "{{7*7}}" in page and "49}" not in page
 
 
 def test_the_page_stands_alone(designed: Designed) -> None:
-    page = own_html(render(content(designed)))
+    page = own_html(render_design(content(designed)))
     links = re.findall(r"""(?:src|href|action)\s*=\s*["']?([^"'\s>]*)""", page)
     assert all(link.startswith(("#", "data:")) for link in links)
     assert "http:" not in page and "https:" not in page
-    assert len(render(content(designed)).encode()) < 6_000_000
+    assert len(render_design(content(designed)).encode()) < 6_000_000
 
 
 def test_the_path_is_that_of_two_links(designed: Designed) -> None:

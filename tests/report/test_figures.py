@@ -12,7 +12,6 @@ from report.conftest import rendered_only
 from steelyard.base.arrays import Parameters
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.scores.residuals import PARTS
-from steelyard.excite.page.robot_in_space import frame_origins
 from steelyard.identify.page.conditioning import CorrelationsSection, correlations
 from steelyard.identify.page.content import ReportContent, fitted_samples, unseen_samples
 from steelyard.identify.page.effort_figures import (
@@ -29,6 +28,7 @@ from steelyard.identify.page.section_register import render
 from steelyard.report.figures import Figure
 from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Frame
+from steelyard.robot.skeleton import frame_origins
 
 
 def unpacked(values: dict[str, str]) -> np.ndarray:

@@ -9,7 +9,7 @@ from rich.console import Console
 from report.conftest import EVIL, diagnosis
 from steelyard.check.examine import Diagnosis
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Severity
-from steelyard.check.findings_page import CheckContent, CheckSection, findings_of, render_check
+from steelyard.check.findings_page import CheckContent, findings_of, render_check
 from steelyard.check.findings_text import (
     by_edits,
     check_headline,
@@ -20,6 +20,7 @@ from steelyard.check.findings_text import (
     tally,
 )
 from steelyard.check.subject import refusal
+from steelyard.identify.page.logs_and_settings import CheckSection
 
 
 def content(name: str = "arm", most: float = 1.0) -> CheckContent:

@@ -18,6 +18,7 @@ from report.test_models import models_content
 from report.test_page import own_html
 from report.test_tracking import tracking_content
 from steelyard.check.findings_page import render_check
+from steelyard.excite.page.proof_sections import render_design
 from steelyard.identify.comparison.estimators_page import render_comparison
 from steelyard.identify.comparison.models_page import render_models
 from steelyard.identify.page.content import ReportContent
@@ -56,7 +57,7 @@ def pages(usual: ReportContent, nasty: ReportContent) -> dict[str, str]:
         "comparison": render_comparison(usual),
         "models": render_models(models_content("full", "better excitation", "reduced")),
         "check": render_check(check_content("arm")),
-        "motion": render(motion_content(designed_for(robot()))),
+        "motion": render_design(motion_content(designed_for(robot()))),
         "tracking": render_tracking(tracking_content(robot())),
         "contact": render_contact(contact_content()),
         "wrench": render_wrench(wrench_content()),

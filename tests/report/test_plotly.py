@@ -39,7 +39,7 @@ def test_the_version_is_the_one_stated():
 
 def test_kinds_of_trace_of_all_figures_are_in_the_copy():
     kinds = set(re.findall(r"plotly\.js/lib/(\w+)", ENTRY.read_text(encoding="utf-8"))) - {"core"}
-    report = Path(PLOTLY).parents[1]
+    report = Path(PLOTLY).parents[2]
     texts = [path.read_text(encoding="utf-8") for path in report.rglob("*.py")]
     used = {kind for kind in KINDS if any(f'"type": "{kind}"' in text for text in texts)}
     assert used and used <= kinds

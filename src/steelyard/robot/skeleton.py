@@ -46,7 +46,7 @@ def all_joints(robot: Robot, q: Array) -> Array:
     return np.array(rows)
 
 
-def places(robot: Robot, frames: Sequence[Frame], joints: Array) -> Array:
+def frame_origins(robot: Robot, frames: Sequence[Frame], joints: Array) -> Array:
     """Origins of frames, shape `(N, F, 3)` [m], at positions of all joints `(N, n_joints)`."""
     rotations, origins = bodies_along(robot, joints)
     at = [origins[f.body + 1] + rotations[f.body + 1] @ f.position for f in frames]
@@ -61,7 +61,7 @@ def body_poses(robot: Robot, joints: Array) -> tuple[Array, Array]:
 
 def sticks(robot: Robot, joints: Array) -> Array:
     """The robot as one broken line, from each joint to the next."""
-    at = places(robot, body_frames(robot), joints[None])[0]
+    at = frame_origins(robot, body_frames(robot), joints[None])[0]
     gap = np.full(3, np.nan)
     pairs = [(body.parent + 1, k + 1) for k, body in enumerate(robot.bodies)]
     return np.array([row for a, b in pairs for row in (at[a], at[b], gap)])

@@ -135,7 +135,7 @@ class SampleStream:
         return RowVerdict.KEPT
 
     def _jump(self, t: float, x: Array) -> RowVerdict:
-        """Whether positions jump farther than joints can move, up to `JUMPS_UNTIL_RESTART` times."""
+        """Whether positions jump farther than joints can move, up to `JUMPS_UNTIL_RESTART`."""
         step = t + self._shift - self._last
         if self._q is None or self._jumps == JUMPS_UNTIL_RESTART:
             self._jumps = 0

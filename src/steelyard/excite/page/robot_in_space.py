@@ -13,7 +13,7 @@ from steelyard.excite.collision.cell import up_of
 from steelyard.excite.collision.robot_shapes import along
 from steelyard.model.equations.kinematics import frame_of
 from steelyard.robot.robot import Frame, Robot
-from steelyard.robot.skeleton import body_frames, places, sticks
+from steelyard.robot.skeleton import body_frames, frame_origins, sticks
 
 if TYPE_CHECKING:
     from steelyard.excite.constraints.markers import Marker
@@ -160,7 +160,7 @@ def tool_frame(robot: Robot, tool: Marker) -> Frame:
 
 def tool_path(robot: Robot, tool: Marker, joints: Array) -> Array:
     """Positions of the tool's centre, shape `(N, 3)` [m]."""
-    return places(robot, [tool_frame(robot, tool)], joints)[:, 0]
+    return frame_origins(robot, [tool_frame(robot, tool)], joints)[:, 0]
 
 
 def skeleton(robot: Robot, tool: Marker, joints: Array) -> Array:
@@ -175,5 +175,5 @@ def skeleton(robot: Robot, tool: Marker, joints: Array) -> Array:
         Two ends and a gap of NaN per stick, shape `(3 sticks, 3)` [m].
     """
     last = tool_frame(robot, tool)
-    ends = places(robot, [body_frames(robot)[last.body + 1], last], joints[None])[0]
+    ends = frame_origins(robot, [body_frames(robot)[last.body + 1], last], joints[None])[0]
     return np.concatenate([sticks(robot, joints), ends, np.full((1, 3), np.nan)])

@@ -1,0 +1,116 @@
+"""A load that is picked up and an offset that jumps in the middle of a run are found."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from check.conftest import Arm
+from steelyard.base.arrays import Array
+from steelyard.check.finding import Finding, Severity
+from steelyard.check.fitted.change_in_run import ChangeInRun
+from steelyard.check.fitted.fitted_case import FittedCase
+from steelyard.check.fitted.within_run import scale_drifts
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.nonlinear.fields import information_from
+from steelyard.robot.rigid_body import Inertia
+from steelyard.runs.prepare import prepare
+from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LogInMemory, Recording
+
+HALF = 2300
+"""Row at which something changes: in the middle of a window, after 11.5 of 20 s."""
+
+
+def found(arm: Arm, table: Array, *, fitted: bool = True) -> tuple[Finding, ...]:
+    signals = arm.reference.signals
+    run = prepare(Recording(LogInMemory(Path("log"), arm.columns, table), signals), Processing())
+    if not fitted:
+        return ChangeInRun()(FittedCase(arm.reference, unseen=(run,)))
+    information = information_from([run])(base_regressor(arm.reference.model))
+    return ChangeInRun()(FittedCase(arm.reference, fitted=(run,), information=information))
+
+
+def with_load(arm: Arm, mass: float) -> Array:
+    """The log with a load at the last link from the middle on."""
+    ten = Inertia.about_com(mass, [0.02, -0.01, 0.08], np.eye(3) * 0.0025 * mass).ten
+    last = arm.robot.bodies[-1].name
+    names = [name for name in arm.truth.values.names if name.endswith(f".{last}")][:10]
+    values = {name: arm.truth.values[name] + x for name, x in zip(names, ten, strict=True)}
+    loaded = arm.truth.changed(**values)
+    more = loaded.model.at(loaded.values).torque(arm.motion)
+    more -= arm.truth.model.at(arm.truth.values).torque(arm.motion)
+    table = arm.table.copy()
+    table[HALF:, arm.at("tau{}_Nm")] += more[HALF:]
+    return table
+
+
+@pytest.mark.parametrize("fitted", [True, False])
+def test_a_load_that_is_picked_up_is_weighed(arm: Arm, fitted: bool) -> None:
+    (finding,) = found(arm, with_load(arm, 1.2), fitted=fitted)
+    assert finding.severity == Severity.WRONG and finding.log == "log"
+    assert "picks up a payload of 1.2" in finding.says
+    start, stop = (
+        float(x) for x in finding.says.split("between ")[1].split(" s")[0].split(" and ")
+    )
+    assert start <= 11.5 <= stop <= start + 6.0
+    assert finding.fix is not None and f"@{stop:.3g}:" in finding.fix.says
+
+
+def test_an_offset_that_jumps_is_found_with_its_joint(arm: Arm) -> None:
+    table = arm.table.copy()
+    column = arm.at("tau{}_Nm")[1]
+    jump = 0.2 * float(np.std(table[:, column]))
+    table[HALF:, column] += jump
+    (finding,) = found(arm, table)
+    assert finding.joints == (arm.robot.joint_names[1],) and finding.severity
+    value = float(finding.says.split("jumps by ")[1].split(" ")[0])
+    assert value == pytest.approx(jump, rel=0.03)
+
+
+def test_a_sound_log_is_no_change_and_slow_drift_is_of_friction(arm: Arm) -> None:
+    assert found(arm, arm.table) == ()
+    drift = arm.table.copy()
+    efforts = arm.at("tau{}_Nm")
+    ramp = np.linspace(-0.05, 0.05, len(drift))[:, None] * drift[:, efforts].std(axis=0)
+    drift[:, efforts] += ramp * np.sign(arm.motion.dq)
+    (finding,) = found(arm, drift)
+    assert finding.severity == Severity.OK and "friction drifts" in finding.says
+
+
+@pytest.mark.parametrize("law", ["lugre", "directional_coulomb", "cubic"])
+def test_all_laws_of_friction_count_as_friction(arm: Arm, law: str) -> None:
+    signals = arm.reference.signals
+    run = prepare(
+        Recording(LogInMemory(Path("log"), arm.columns, arm.table), signals), Processing()
+    )
+    known = information_from([run])(base_regressor(arm.reference.model))
+    names = tuple(name.replace("coulomb.", f"{law}.") for name in known.layout.columns)
+    named = replace(known, layout=replace(known.layout, columns=names))
+    assert names != known.layout.columns
+    for friction in (True, False):
+        assert scale_drifts(named, friction=friction) == scale_drifts(known, friction=friction)
+
+
+def test_a_scale_that_drifts_is_named_with_its_joints(arm: Arm) -> None:
+    table = arm.table.copy()
+    efforts = arm.at("tau{}_Nm")
+    table[:, efforts] *= np.linspace(1.0, 1.3, len(table))[:, None]
+    (finding,) = found(arm, table)
+    assert finding.severity == Severity.DOUBTFUL and finding.log == "log"
+    assert "the effort scale drifts" in finding.says and len(finding.joints) >= 2
+    changes = [float(part.split(" %")[0]) for part in finding.says.split("by about ")[1:]]
+    assert changes == pytest.approx([26.0] * len(changes), abs=6.0)
+
+
+def test_friction_that_falls_is_no_drift_of_the_scale(arm: Arm) -> None:
+    names = [n for n in arm.truth.values.names if n.startswith(("coulomb.", "viscous."))]
+    less = arm.truth.changed(**{name: 0.5 * arm.truth.values[name] for name in names})
+    change = less.model.at(less.values).torque(arm.motion)
+    change -= arm.truth.model.at(arm.truth.values).torque(arm.motion)
+    table = arm.table.copy()
+    table[:, arm.at("tau{}_Nm")] += np.linspace(0.0, 1.0, len(table))[:, None] * change
+    (finding,) = found(arm, table)
+    assert finding.severity == Severity.OK and finding.headline
+    assert "friction drifts" in finding.says and "scale" not in finding.says

@@ -1,0 +1,196 @@
+"""What residuals say of a model: errors planted into simulated logs are named, noise is not."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+from check.fitted import case, demo_arm, log
+from steelyard.base.arrays import Array
+from steelyard.check.finding import Finding, Severity
+from steelyard.check.fitted import model_error
+from steelyard.check.fitted.causes import Cause, LeftOutGain
+from steelyard.check.fitted.model_error import ModelError
+from steelyard.estimate.information.information import Information
+from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.nonlinear.fields import information_from
+from steelyard.model.laws.load_dependent import LoadDependent
+from steelyard.model.laws.register import DEFAULT_TERMS
+from steelyard.model.laws.stribeck import Stribeck
+from steelyard.model.terms.term import Term
+from steelyard.robot.file.robot_file import LoadedRobot
+from steelyard.robot.robot import Body, Robot
+from steelyard.simulate.truth import random_truth
+
+
+@pytest.fixture(scope="module")
+def loaded(tmp_path_factory: pytest.TempPathFactory) -> LoadedRobot:
+    return demo_arm(tmp_path_factory.mktemp("arm"))
+
+
+def found(
+    loaded: LoadedRobot,
+    folder: Path,
+    robot: Robot | None = None,
+    terms: Sequence[Term] = DEFAULT_TERMS,
+    offset: Sequence[float] = (0.0,) * 6,
+) -> tuple[Finding, ...]:
+    """The check of a plain fit of two runs of a robot that is not what its file says."""
+    paths = [folder / f"run{seed}.parquet" for seed in (1, 2)]
+    truth = random_truth(loaded.robot if robot is None else robot, 1, terms=terms)
+    for seed, path in enumerate(paths, start=1):
+        log(path, truth, seed, offset)
+    return ModelError()(case(loaded, paths))
+
+
+def with_body(robot: Robot, index: int, **fields: Any) -> Robot:
+    bodies = [
+        Body(**{**vars(body), **(fields if k == index else {})})
+        for k, body in enumerate(robot.bodies)
+    ]
+    return robot.changed(bodies=tuple(bodies))
+
+
+def test_noise_alone_says_nothing(loaded: LoadedRobot, tmp_path: Path) -> None:
+    assert found(loaded, tmp_path) == ()
+
+
+def test_a_zero_offset_is_named_with_its_value(loaded: LoadedRobot, tmp_path: Path) -> None:
+    (finding,) = found(loaded, tmp_path, offset=(0.0, 0.0, 0.1, 0.0, 0.0, 0.0))
+    assert finding.severity == Severity.DOUBTFUL and finding.joints == ("elbow",)
+    assert (
+        "zero offset of elbow 0.099" in finding.says and "x the measurement noise" in finding.says
+    )
+    assert finding.fix is not None
+    (edit,) = finding.fix.edits
+    assert edit.path == ("signals", "position_offset")
+    assert edit.value[2] == pytest.approx(0.1, abs=0.005)
+    assert [x for k, x in enumerate(edit.value) if k != 2] == [0.0] * 5
+
+
+def test_the_last_joint_turns_its_body_and_nothing_else(
+    loaded: LoadedRobot, tmp_path: Path
+) -> None:
+    assert found(loaded, tmp_path, offset=(0.3, 0.0, 0.0, 0.0, 0.0, 0.3)) == ()
+
+
+def test_a_longer_link_is_named(loaded: LoadedRobot, tmp_path: Path) -> None:
+    body = loaded.robot.bodies[2]
+    (finding,) = found(loaded, tmp_path, with_body(loaded.robot, 2, position=1.1 * body.position))
+    assert finding.severity == Severity.DOUBTFUL
+    assert "position of joint elbow" in finding.says
+
+
+def test_a_tilted_axis_is_named(loaded: LoadedRobot, tmp_path: Path) -> None:
+    body, tilt = loaded.robot.bodies[4], np.deg2rad(5.0)
+    turn = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
+    axes = turn if abs(body.axis[0]) < 0.9 else turn[[1, 2, 0]][:, [1, 2, 0]]
+    (finding,) = found(loaded, tmp_path, with_body(loaded.robot, 4, rotation=body.rotation @ axes))
+    assert finding.severity == Severity.DOUBTFUL and "axis of joint wrist_bend" in finding.says
+
+
+def test_a_tilted_base_is_named_as_such(loaded: LoadedRobot, tmp_path: Path) -> None:
+    down = 9.81 * np.array([np.sin(0.05), 0.0, -np.cos(0.05)])
+    (finding,) = found(loaded, tmp_path, loaded.robot.changed(gravity=down))
+    assert "tilt of the base (axis of shoulder_turn)" in finding.brief
+    assert finding.brief.endswith(
+        "Check gravity (or mounting) in [robot], its direction in the frame of the base"
+    )
+
+
+@pytest.mark.parametrize("term", [Stribeck(speed=0.1), LoadDependent()], ids=lambda t: t.law)
+def test_a_friction_law_that_lacks_is_a_remark(
+    term: Term, loaded: LoadedRobot, tmp_path: Path
+) -> None:
+    (finding,) = found(loaded, tmp_path, terms=(*DEFAULT_TERMS, term))
+    assert "(worst joint: " in finding.says and "joints above 1.5 x)" in finding.says
+    assert finding.severity == Severity.OK and finding.headline
+    causes = finding.says.partition("not additive): ")[2]
+    assert f"(term {term.law})" in causes.split(",")[0]
+    assert "geometry" not in causes  # many columns explain anything; single causes are named
+    assert f"(term {term.law}) the error on left-out motion falls from " in finding.brief
+    assert finding.brief.endswith(" % (least squares, fitted logs). Add it to [model] terms")
+    assert finding.says.endswith(
+        ". Errors on left-out motion: least squares without prior, cross-validation over runs"
+    )
+
+
+def test_a_gain_on_left_out_motion_is_that_of_a_fit_to_the_other_run(
+    loaded: LoadedRobot, tmp_path: Path
+) -> None:
+    paths = [tmp_path / f"run{seed}.parquet" for seed in (1, 2)]
+    term = Stribeck(speed=0.1)
+    truth = random_truth(loaded.robot, 1, terms=(*DEFAULT_TERMS, term))
+    for seed, path in enumerate(paths, start=1):
+        log(path, truth, seed)
+    fitted = case(loaded, paths)
+    cause, gain = fitted.tested[0]
+    assert cause.kind == term.law and gain is not None and gain.confirmed
+    model, weights = fitted.identified.model, 1.0 / np.square(fitted.identified.estimate.sigma)
+    for terms, error in ((model.terms, gain.before), ((*model.terms, term), gain.after)):
+        regressor = base_regressor(replace(model, terms=terms))
+        first, second = (information_from([run])(regressor) for run in fitted.fitted)
+        assert error == pytest.approx(left_out_error(first, second, weights), rel=0.02)
+
+
+def left_out_error(first: Information, second: Information, weights: Array) -> float:
+    """The error on each run from the other [%], by the normal equations themselves."""
+    logs = []
+    for fitted, tested in ((first, second), (second, first)):
+        matrix, vector, _ = fitted.normal(weights)
+        scale = np.sqrt(np.diag(matrix))
+        values = np.linalg.solve(matrix / scale[:, None] / scale, vector / scale) / scale
+        squares, sizes = tested.residual_squares(values), tested.effort_squares()
+        typical = np.exp(np.mean(np.log(np.sqrt(squares / sizes))))
+        logs.append(np.log(100.0 * np.sqrt(typical * np.sqrt(squares.sum() / sizes.sum()))))
+    return float(np.exp(np.mean(logs)))
+
+
+def test_a_term_that_predicts_other_motion_worse_is_not_recommended(
+    loaded: LoadedRobot, tmp_path: Path
+) -> None:
+    paths = [tmp_path / f"run{seed}.parquet" for seed in (1, 2)]
+    for stiffness, seed, path in zip((6.0, 0.0), (1, 2), paths, strict=True):
+        log(path, random_truth(loaded.robot, 1), seed)
+        table = pl.read_parquet(path)
+        pulled = [pl.col(f"tau{k}_Nm") + stiffness * pl.col(f"q{k}_rad") for k in range(1, 7)]
+        table.with_columns(pulled).write_parquet(path)
+    fitted = case(loaded, paths)
+    (finding,) = ModelError()(fitted)
+    assert "a spring (term spring) would explain most" in finding.brief
+    gain = fitted.tested[0][1]
+    assert gain is not None and gain.after > gain.before
+    larger = f"{100.0 * (gain.after / gain.before - 1.0):.0f} % larger with it"
+    assert finding.brief.endswith(f": not confirmed on left-out motion (error {larger})")
+    assert "Add it" not in finding.brief and finding.fix is None
+    run = fitted.fitted[0]
+    (once,) = ModelError()(replace(fitted, fitted=(run, run)))
+    assert once.brief.endswith("not tested on left-out motion, the logs are too short")
+
+
+@pytest.mark.parametrize("turns", [(0, 1, -1, 0, 0, 0), (0, 0, 2, 0, -1, 0)])
+def test_zeros_that_are_quarter_turns_away_are_found(
+    turns: tuple[int, ...], loaded: LoadedRobot, tmp_path: Path
+) -> None:
+    offset = [0.5 * np.pi * turn for turn in turns]
+    (finding,) = found(loaded, tmp_path, offset=offset)
+    assert finding.severity == Severity.DOUBTFUL and finding.fix is not None
+    assert "joint zeros other than those of the model file: " in finding.brief
+    assert "or the axis of the next joint is turned by as much" in finding.fix.says
+    (edit,) = finding.fix.edits
+    assert edit.path == ("signals", "position_offset")
+    np.testing.assert_allclose(np.cos(np.subtract(edit.value, offset)), 1.0, atol=1e-6)
+
+
+def test_errors_of_models_with_scales_are_to_be_compared_as_logged() -> None:
+    spring = Cause("spring", "", "a spring", ("spring.a",), 100.0, 0.5)
+    tested = ((spring, LeftOutGain(3.0, 2.0, True, "run")),)
+    falls = "With a spring the error on left-out motion falls from 3 to 2 % "
+    falls += "(least squares, fitted logs)"
+    assert model_error.term_advice(tested, False) == f"{falls}. Add it to [model] terms"
+    assert model_error.term_advice(tested, True).startswith(f"{falls} at the present effort scales")
+    assert model_error.term_advice(tested, True).endswith("only if the error as logged then falls")

@@ -1,0 +1,375 @@
+"""What may be concluded where nothing but a nominal model is known, which may be far off."""
+
+import re
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from check.test_model_based import (
+    DQ,
+    GAINS,
+    TAU,
+    Q,
+    edits,
+    in_amperes,
+    names,
+    with_payload,
+    wrong,
+)
+from steelyard.check.case import knowledge_of
+from steelyard.check.decision import decidable, support
+from steelyard.check.decision.gain_sources import _listed_sources
+from steelyard.check.decision.ranking import ranking
+from steelyard.check.decision.verdict import judge_log
+from steelyard.check.finding import Edit, Severity
+from steelyard.check.findings_text import check_headline
+from steelyard.check.hypotheses.bodies import consistent_bodies
+from steelyard.check.hypotheses.likelihood import keeps_evidence
+from steelyard.check.hypotheses.surroundings import _DirectionResidual
+from steelyard.model.model import Model
+from steelyard.robot.file.toml_edits import edited
+
+
+def nominal_times(arm, factor: float) -> None:
+    """Make all links of the URDF heavier."""
+    urdf = arm.path.parent / "demo_arm.urdf"
+    text = urdf.read_text()
+    for number in ("mass value", "ixx", "iyy", "izz", "ixy", "ixz", "iyz"):
+        text = re.sub(
+            rf'{number}="([^"]+)"',
+            lambda found, number=number: f'{number}="{factor * float(found[1])!r}"',
+            text,
+        )
+    urdf.write_text(text)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_findings_hold_what_their_explanations_were_compared_with(arm, known):
+    ranked = [f for f in arm.examined(arm.table, known=known).findings if f.hypotheses]
+    assert ranked and all(f.nominal is not known for f in ranked)
+    for finding in ranked:
+        assert [h.says for h in finding.hypotheses if h.declared] == ["as declared"]
+
+
+def test_slopes_of_the_direction_of_gravity(arm):
+    case = arm.case(arm.table, known=False)
+    ranked = ranking(case, case.logs[0])
+    left = _DirectionResidual(ranked.likelihood, ranked.declared.interpretation)
+    at = np.array([0.3, -0.8, 0.4])
+    steps = 1e-5 * np.eye(3)
+    squares = [np.sum(np.square([left(at + h), left(at - h)]), axis=1) for h in steps]
+    numeric = np.array([ahead - behind for ahead, behind in squares]) / 2e-5
+    np.testing.assert_allclose(2.0 * left.slopes(at).T @ left(at), numeric, rtol=1e-4)
+
+
+@pytest.mark.parametrize("factor", [0.3, 3.5])
+def test_a_clean_log_is_not_refused_for_wrong_masses(arm, factor):
+    nominal_times(arm, factor)
+    found = arm.examined(arm.table, known=False)
+    assert found.severity <= Severity.DOUBTFUL and not found.edits
+    for doubtful in (f for f in found.findings if f.severity):
+        assert "links are" in doubtful.says and "efforts are off" in doubtful.says
+    case = arm.case(arm.table, known=False)
+    ranked = ranking(case, case.logs[0])
+    bodies = consistent_bodies(ranked.likelihood, ranked.declared.interpretation)
+    assert bodies.scale * factor == pytest.approx(1.0, rel=0.3)
+    assert bodies.percent < 4.0 < ranked.declared.percent
+
+
+def test_currents_as_torques_are_refused_without_numbers(arm):
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] /= GAINS
+    found = arm.examined(table, known=False)
+    assert wrong(found) == ["effort kind"] and not found.edits
+    fix = next(f.fix for f in found.findings if f.severity)
+    assert fix is not None and 'gain = "identify"' in fix.says and "--loaded" in fix.says
+
+
+def test_order_and_kind_are_searched_together(six):
+    order, table = [1, 2, 0, 3, 5, 4], six.table.copy()
+    for pattern in (Q, DQ, TAU):
+        table[:, six.at(pattern)] = six.table[:, np.array(six.at(pattern))[order]]
+    table[:, six.at(TAU)] /= np.array([9.0, 12.0, 7.5, 11.0, 6.0, 8.0])[order]
+    found = six.examined(table, known=False)
+    assert wrong(found) == ["joint order", "effort kind"]
+    back = np.argsort(order)
+    assert edits(found) == {
+        "signals.position": names(Q, back),
+        "signals.velocity": names(DQ, back),
+        "signals.effort.columns": names(TAU, back),
+    }
+
+
+def test_all_signs_of_efforts_and_a_unit_are_found_together(arm):
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] *= -1000.0
+    found = arm.examined(table, known=False)
+    assert "effort sign" in wrong(found)
+    assert edits(found)["signals.effort.gain"] == [-1.0] * 3
+
+
+def test_a_gain_of_one_joint_is_found_but_not_written(arm):
+    table = arm.table.copy()
+    table[:, arm.at(TAU)[1]] *= 0.02
+    found = arm.examined(table, known=False)
+    assert wrong(found) == ["effort kind"] and not found.edits
+
+
+def test_one_sign_is_not_hidden_by_wrong_masses(six):
+    nominal_times(six, 0.65)
+    table = six.table.copy()
+    table[:, six.at(TAU)[1]] *= -1.0
+    found = six.examined(table, known=False)
+    assert wrong(found) == ["effort sign"]
+    assert edits(found)["signals.effort.gain"] == [1.0, -1.0, 1.0, 1.0, 1.0, 1.0]
+
+
+def test_efforts_alone_in_another_order_are_not_hidden_by_wrong_masses(six):
+    nominal_times(six, 0.65)
+    order, table = [0, 2, 1, 3, 4, 5], six.table.copy()
+    table[:, six.at(TAU)] = six.table[:, np.array(six.at(TAU))[order]]
+    found = six.examined(table, known=False)
+    assert wrong(found) == ["joint order"]
+    assert edits(found) == {"signals.effort.columns": names(TAU, order)}
+
+
+def open_ones(found) -> list[str]:
+    return [f.check for f in found.findings if not f.answered]
+
+
+@pytest.mark.parametrize("factor", [0.65, 1.0])
+def test_a_nominal_model_does_not_say_that_a_loaded_arm_is_empty(arm, factor):
+    nominal_times(arm, factor)
+    found = arm.examined(with_payload(arm, 1.0), known=False)
+    finding = next(f for f in found.findings if f.check == "payload")
+    assert finding.severity or not finding.answered
+    assert "no error" not in check_headline(found)
+
+
+def test_a_right_nominal_model_answers_what_a_wrong_one_leaves_open(arm):
+    m, known = arm.motion, knowledge_of(None, arm.robot)
+    torque = known.torque(m.q.T, m.dq.T, m.ddq.T, arm.robot.gravity).T
+    table, noise = arm.table.copy(), np.random.default_rng(0).standard_normal(torque.shape)
+    table[:, arm.at(TAU)] = torque + m.dq + 0.01 * torque.std(axis=0) * noise
+    found = arm.examined(table, known=False)
+    assert found.severity == Severity.OK
+    assert not {"payload", "mounting", "joint order", "effort sign"} & set(open_ones(found))
+
+
+def test_efforts_that_are_off_leave_unit_gain_and_payload_open(arm):
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] /= GAINS
+    found = arm.examined(table, known=False)
+    assert {"effort unit", "gain", "payload"} <= set(open_ones(found))
+
+
+def test_an_order_that_rests_the_joint_in_motion_is_no_explanation(arm):
+    table = arm.table.copy()
+    still = [j for j in range(3) if j != 1]
+    for pattern, value in ((Q, 0.3), (DQ, 0.0)):
+        table[:, np.array(arm.at(pattern))[still]] = value
+    table[:, arm.at(TAU)] *= -40.0
+    case = arm.case(table, known=False)
+    likelihood = ranking(case, case.logs[0]).likelihood
+    for order in ((2, 1, 0),):
+        assert keeps_evidence(likelihood, likelihood.declared.changed(position=order))
+    assert not keeps_evidence(likelihood, likelihood.declared.changed(position=(1, 0, 2)))
+    assert not keeps_evidence(likelihood, likelihood.declared.changed(effort=(0, 2, 1)))
+    found = arm.examined(table, known=False)
+    assert "joint order" not in wrong(found)
+    assert not {"signals.position", "signals.effort.columns"} & set(edits(found))
+
+
+def test_gains_that_no_log_fixes_are_doubtful(arm):
+    text = edited(in_amperes(arm), [Edit(("signals", "effort", "gain"), "identify")])
+    found = arm.examined(arm.table, text, known=False)
+    finding = next(f for f in found.findings if f.check == "gain")
+    assert finding.severity == Severity.DOUBTFUL and "nothing determines the scale" in finding.says
+    assert finding.fix is not None and "--payload-mass" in finding.fix.says
+    case = arm.case(arm.table, text, known=False)
+    assert "identify demo_arm.toml log --loaded" in _listed_sources(case, sure=True)
+    assert "demo_arm.toml LOG... --loaded" in _listed_sources(
+        replace(case, logs=case.logs * 2), sure=True
+    )
+    one = ["identify", 12.0, "identify"]
+    text = edited(in_amperes(arm), [Edit(("signals", "effort", "gain"), one)])
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] /= GAINS
+    found = arm.examined(table, text, known=False)
+    finding = next(f for f in found.findings if f.check == "gain")
+    assert finding.severity == Severity.OK or "do not show the gain" in finding.says
+    assert {"gain", "payload"} <= set(open_ones(found))
+
+
+def test_an_order_of_positions_or_of_efforts_is_written_with_a_margin_only(arm, monkeypatch):
+    order, table = [0, 2, 1], arm.table.copy()
+    table[:, arm.at(TAU)] = arm.table[:, np.array(arm.at(TAU))[order]]
+    case = arm.case(table, known=False)
+    decision = judge_log(case, case.logs[0])
+    ((hypothesis, severity),) = decision.winners
+    assert hypothesis.fixed and severity == Severity.WRONG
+    likelihood = decision.ranking.likelihood
+    assert support._unrivalled(likelihood, [(hypothesis, severity)]) == [(hypothesis, severity)]
+    monkeypatch.setattr(support, "SUPPORT_MARGIN", 1e9)
+    ((hypothesis, severity),) = support._unrivalled(likelihood, [(hypothesis, severity)])
+    assert not hypothesis.fixed and severity == Severity.DOUBTFUL
+    assert (
+        "efforts in the order" in hypothesis.says and "columns of positions are" in hypothesis.says
+    )
+
+
+def test_the_mirror_of_an_order_pairs_the_same_columns(arm):
+    case = arm.case(arm.table, known=False)
+    before = ranking(case, case.logs[0]).declared.interpretation
+    moved = before.changed(position=(1, 2, 0))
+    for after in (moved, before.changed(effort=(1, 2, 0))):
+        mirror = support._mirror(before, after)
+        assert set(zip(mirror.position, mirror.effort, strict=True)) == set(
+            zip(after.position, after.effort, strict=True)
+        )
+        assert mirror.position != after.position and mirror.effort != after.effort
+
+
+@pytest.mark.parametrize(
+    ("gravity", "factor"), [("[0.0, 0.0, 9.81]", 2.0), ("[3.355, 0.0, -9.218]", 0.5)]
+)
+def test_gravity_declared_elsewhere_is_found_whatever_links_weigh(arm, gravity, factor):
+    nominal_times(arm, factor)
+    text = arm.text.replace("[robot]", f"[robot]\ngravity = {gravity}", 1)
+    found = arm.examined(arm.table, text, known=False)
+    assert wrong(found) == ["mounting"]
+    direction = np.array(edits(found)["robot.gravity"])
+    assert direction @ [0.0, 0.0, -1.0] / np.linalg.norm(direction) > np.cos(np.deg2rad(1.0))
+
+
+def with_one_unknown_gain(arm, gains=GAINS):
+    """The text of the robot file and a log in amperes; the last gain is to be identified."""
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] /= GAINS
+    gain = [*gains[:-1].tolist(), "identify"]
+    return table, edited(in_amperes(arm), [Edit(("signals", "effort", "gain"), gain)])
+
+
+def test_reversed_gravity_is_found_beside_an_unknown_gain(arm):
+    table, text = with_one_unknown_gain(arm)
+    text = text.replace("[robot]", "[robot]\ngravity = [0.0, 0.0, 9.81]", 1)
+    found = arm.examined(table, text, known=False)
+    assert wrong(found) == ["mounting"]
+    assert edits(found)["robot.gravity"] == [0.0, 0.0, -9.81]
+
+
+@pytest.mark.parametrize("turned", [(0,), (1,), (0, 1)])
+def test_a_wrong_sign_is_found_beside_an_unknown_gain(arm, turned):
+    gains = np.where(np.isin(np.arange(3), turned), -GAINS, GAINS)
+    table, text = with_one_unknown_gain(arm, gains)
+    found = arm.examined(table, text, known=False)
+    assert set(wrong(found)) == {"effort sign"}
+    assert edits(found)["signals.effort.gain"] == [*GAINS[:-1].tolist(), "identify"]
+
+
+def test_exchanged_efforts_are_found_beside_an_unknown_gain(arm):
+    table, text = with_one_unknown_gain(arm)
+    first, second, _ = arm.at(TAU)
+    table[:, [first, second]] = table[:, [second, first]]
+    found = arm.examined(table, text, known=False)
+    assert wrong(found) == ["joint order"]
+
+
+def test_a_right_file_with_an_unknown_gain_is_ok(arm):
+    found = arm.examined(*with_one_unknown_gain(arm), known=False)
+    assert not wrong(found)
+
+
+@pytest.mark.parametrize(("factor", "mounted"), [(0.7, ""), (1.5, "\ngravity = [9.81, 0.0, 0.0]")])
+def test_efforts_in_kilonewtonmetres_are_a_unit_not_a_gain(arm, factor, mounted):
+    nominal_times(arm, factor)
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] *= 1e-3
+    text = arm.text.replace("[robot]", "[robot]" + mounted, 1)
+    found = arm.examined(table, text, known=False)
+    if mounted:
+        assert set(wrong(found)) == {"mounting", "effort unit"}
+        assert edits(found)["signals.effort.gain"] == [1000.0] * 3
+        return
+    assert wrong(found) == ["effort unit"]
+    assert edits(found) == {"signals.effort.gain": [1000.0] * 3}
+
+
+@pytest.mark.parametrize("declared", [True, False])
+def test_a_placeholder_for_speed_makes_no_degrees(arm, declared):
+    urdf = arm.path.parent / "demo_arm.urdf"
+    urdf.write_text(re.sub(r'velocity="[^"]*"', 'velocity="0.1"', urdf.read_text()))
+    text = re.sub(r"\n\[robot\.limits.*?(?=\n\[)", "", arm.text, flags=re.DOTALL)
+    if not declared:
+        text = re.sub(r"\nvelocity = .*", "", text)
+    found = arm.examined(arm.table, text, known=False)
+    assert not {"position", "velocity", "excitation"} & {
+        f.check for f in found.findings if f.severity
+    }
+
+
+def test_a_constant_pull_is_not_called_a_mounting(arm):
+    case = arm.case(arm.table, known=False)
+    likelihood = ranking(case, case.logs[0]).likelihood
+    pulls = np.linalg.norm(likelihood.size) * np.array([0.5, 0.0, 0.3])
+    table = arm.table.copy()
+    q = table[:, arm.at(Q)]
+    table[:, arm.at(TAU)] += pulls * np.cos(2.0 * q + 0.7)
+    found = arm.examined(table, known=False)
+    assert not any(f.check == "mounting" and f.severity is Severity.WRONG for f in found.findings)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-12])
+def test_efforts_of_no_size_end_in_a_finding(arm, size):
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] *= size
+    found = arm.examined(table, known=False)
+    assert not found.edits and found.severity
+
+
+@pytest.mark.parametrize("lean", [0.0, 1.5])
+def test_a_mounting_that_leans_is_proposed_as_it_is(arm, lean):
+    tilt = np.deg2rad(lean)
+    true = 9.81 * np.array([np.sin(tilt), 0.0, -np.cos(tilt)])
+    robot = replace(arm.truth.robot, gravity=true)
+    torque = Model(robot, arm.truth.model.terms).at(arm.truth.values).torque(arm.motion)
+    noise = np.random.default_rng(0).standard_normal(torque.shape)
+    table = arm.table.copy()
+    table[:, arm.at(TAU)] = torque + 0.01 * torque.std(axis=0) * noise
+    text = arm.text.replace("[robot]", "[robot]\ngravity = [0.0, 9.81, 0.0]", 1)
+    found = np.array(edits(arm.examined(table, text, known=False))["robot.gravity"])
+    if lean == 0.0:
+        np.testing.assert_array_equal(found, [0.0, 0.0, -9.81])
+    else:
+        np.testing.assert_allclose(found, true, atol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("misfit", "free", "identified", "hides"),
+    [
+        (15.0, 8.0, False, True),
+        (15.0, 2.0, False, False),
+        (15.0, 2.0, True, True),
+        (15.0, None, False, True),
+        (10.0, 8.0, False, False),
+    ],
+)
+def test_a_misfit_hides_faults_unless_other_link_inertias_explain_it(
+    misfit: float,
+    free: float | None,
+    identified: bool,
+    hides: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bodies = None if free is None else SimpleNamespace(percent=free)
+    monkeypatch.setattr(decidable, "possible", lambda *_: bodies)
+    likelihood = SimpleNamespace(
+        knowledge=SimpleNamespace(identified=identified),
+        score=lambda _: SimpleNamespace(percent=np.array([misfit])),
+    )
+    ranking = SimpleNamespace(likelihood=likelihood, declared=SimpleNamespace(interpretation=None))
+    decision = cast(Any, SimpleNamespace(ranking=ranking, winners=()))
+    assert decidable.misfit_hides(decision) == hides

@@ -1,0 +1,74 @@
+"""A delay of efforts shows in the residuals of a fit, if it is the same in all joints."""
+
+import numpy as np
+import pytest
+
+from check.conftest import Arm
+from steelyard.base.arrays import Array
+from steelyard.check.decision.checks import EFFORT_DELAY
+from steelyard.check.finding import Severity
+from steelyard.check.hypotheses.friction_evidence import by_presliding, delays_of, residual_delay
+from steelyard.check.identifiability import clean_runs, customary_model
+from steelyard.estimate.information.regressor import base_regressor
+
+
+def late(arm: Arm, seconds: Array) -> Array:
+    """The log with each joint's effort logged that much later."""
+    table = arm.table.copy()
+    t = table[:, 0]
+    for column, delay in zip(arm.at("tau{}_Nm"), seconds, strict=True):
+        table[:, column] = np.interp(t - delay, t, arm.table[:, column])
+    return table
+
+
+@pytest.mark.parametrize("delay", [-0.02, 0.004, 0.012, 0.03])
+def test_a_short_delay_is_found_without_a_reference(arm: Arm, delay: float) -> None:
+    case = arm.case(late(arm, np.full(3, delay)), known=False)
+    finding, *others = EFFORT_DELAY(case)
+    assert all(other.severity == Severity.OK for other in others)
+    assert finding.severity == Severity.WRONG and finding.fix is not None
+    (edit,) = finding.fix.edits
+    assert edit.path == ("signals", "effort", "delay")
+    assert edit.value == pytest.approx(delay, abs=3e-4)
+    assert ("early" if delay < 0.0 else "late") in finding.says
+
+
+def test_efforts_in_time_and_lags_that_differ_are_no_delay(arm: Arm) -> None:
+    assert residual_delay(arm.case(arm.table, known=False), "effort delay") is None
+    lags = np.array([0.002, 0.011, 0.03])
+    assert residual_delay(arm.case(late(arm, lags), known=False), "effort delay") is None
+
+
+def test_presliding_friction_explains_its_own_lag_and_no_delay(arm: Arm) -> None:
+    presliding = arm.table.copy()
+    for q, tau in zip(arm.at("q{}_rad"), arm.at("tau{}_Nm"), strict=True):
+        steps = np.diff(presliding[:, q], prepend=presliding[0, q])
+        kept = np.exp(-2.0 * np.abs(steps) / np.std(steps))
+        state = np.zeros(len(steps))
+        for k in range(1, len(steps)):
+            state[k] = kept[k] * state[k - 1] + (1.0 - kept[k]) * np.sign(steps[k])
+        presliding[:, tau] += 0.6 * np.std(presliding[:, tau]) * (state - np.sign(steps))
+    shares = []
+    for table in (presliding, late(arm, np.full(3, 0.012))):
+        case = arm.case(table, known=False)
+        model, (run,) = customary_model(case), clean_runs(case)
+        regressor = base_regressor(model)
+        shares.append((by_presliding(model, regressor, run), delays_of(regressor, run).gone))
+    assert shares[0][0] > max(shares[0][1], 0.9)
+    assert shares[1][0] < shares[1][1]
+
+
+def test_a_declared_delay_is_counted_in(arm: Arm) -> None:
+    text = arm.text.replace('unit = "Nm"', 'unit = "Nm"\ndelay = 0.01')
+    finding = residual_delay(arm.case(late(arm, np.full(3, 0.014)), text, known=False), "x")
+    assert finding is not None and finding.fix is not None
+    assert finding.fix.edits[0].value == pytest.approx(0.014, abs=3e-4)
+
+
+def test_a_log_with_a_gap_is_not_used(arm: Arm) -> None:
+    table = late(arm, np.full(3, 0.012))
+    t = table[:, 0]
+    whole = arm.case(table, known=False)
+    assert residual_delay(whole, "effort delay") is not None
+    gap = np.abs(t - 0.5 * (t[0] + t[-1])) < 0.15
+    assert residual_delay(arm.case(table[~gap], known=False), "effort delay") is None
