@@ -1,5 +1,9 @@
 r"""Estimators that simulate the robot: instrumental variables, DIDIM, closed-loop output error.
 
+DIDIM: direct and inverse dynamic identification models, from torques alone [Gautier2013].
+Closed-loop output error: the values whose simulation shows the measured torques [Landau2001].
+
+
 Least squares is biased where the regressor $W$ holds noise. Instruments $Z$, the regressor along
 the motion that the model makes in the same closed loop, hold none of it, and
 $\phi = (Z^T \Omega W)^{-1} Z^T \Omega \tau$ is unbiased [Janot2014]. They are simulated anew with
