@@ -4,14 +4,19 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: demo test check bench prove studies docs plotly clean
+.PHONY: demo test test-all check bench prove studies docs plotly clean
 
 demo: $(VENV)/.base
 	$(BIN)/steelyard demo -o $$(mktemp -d)/demo
 
 # compiled tests are kept for the next time; a worker without work takes half of what the other has left
+PYTEST = PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n 2 --dist worksteal
+
 test: $(VENV)/.test
-	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n 2 --dist worksteal
+	$(PYTEST) -m "not slow"
+
+test-all: $(VENV)/.test
+	$(PYTEST)
 
 check: $(VENV)/.test $(VENV)/.check
 	$(BIN)/ruff check .

@@ -200,6 +200,7 @@ def test_a_designed_motion_can_be_pickled(folder: Path, tmp_path: Path) -> None:
         np.testing.assert_array_equal(after.margins(*state).values, before.margins(*state).values)
 
 
+@pytest.mark.slow
 def test_robots_and_models_are_accepted_as_read(folder: Path) -> None:
     robot = steelyard.load_robot(folder / "arm.toml")
     found = steelyard.identify(robot, folder / "fit.csv")
@@ -224,6 +225,7 @@ def test_a_robot_file_without_changes_is_not_saved(folder: Path) -> None:
         found.fixed.save()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "ignored"),
     [("WLS", True), ("Huber", True), ("least_squares", False), ("OLS", False), ("SDP", False)],

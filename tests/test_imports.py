@@ -100,6 +100,7 @@ def _nodes(path: Path) -> tuple[ast.AST, ...]:
 FILES = sorted(p for p in PACKAGE.rglob("*.py") if p != PACKAGE / "__init__.py")
 
 
+@pytest.mark.slow
 def test_imports_go_one_way() -> None:
     backward = [
         f"{path.relative_to(PACKAGE)} imports {name}, which comes later"
@@ -153,6 +154,7 @@ def test_foreign_packages_stay_in_their_files(package: str) -> None:
     assert users == ONE_FILE[package]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("module", "heavy"),
     [

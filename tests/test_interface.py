@@ -33,6 +33,7 @@ QUANTITIES = sorted(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [n for n in steelyard.__all__ if n != "terms"] + [f"Dynamics.{n}" for n in QUANTITIES],
@@ -102,6 +103,7 @@ def test_quantities_add_up_to_the_torque(folder: Path) -> None:
     np.testing.assert_allclose(model.bias(q[0], dq[0]), np.array(expected, dtype=float), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_results_print_save_and_tabulate(folder: Path, tmp_path: Path) -> None:
     found = steelyard.identify(
         folder / "arm.toml", folder / "fit.csv", validate=folder / "other.csv"
@@ -136,6 +138,7 @@ def test_results_print_save_and_tabulate(folder: Path, tmp_path: Path) -> None:
     assert again.scores["band_hz"].to_list() == [errors.cutoff] * 2
 
 
+@pytest.mark.slow
 def test_scores_print_as_a_table_per_log(folder: Path) -> None:
     scores = steelyard.validate(folder / "arm-model", folder / "other.csv").scores
     assert repr(scores) == str(scores)

@@ -136,6 +136,7 @@ print(len(compiled), "steelyard.model.equations.trace" in sys.modules)
 """
 
 
+@pytest.mark.slow
 def test_a_second_start_neither_traces_nor_compiles(tmp_path: Path) -> None:
     tests = str(Path(__file__).parent)
     env = {**os.environ, "STEELYARD_CACHE": str(tmp_path), "PYTHONPATH": tests}

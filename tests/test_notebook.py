@@ -4,6 +4,8 @@ import importlib.util
 import json
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parent.parent
 NOTEBOOK = json.loads((ROOT / "docs/tutorials/notebook.ipynb").read_text(encoding="utf-8"))
 
@@ -16,6 +18,7 @@ def hook() -> object:
     return module
 
 
+@pytest.mark.slow
 def test_cells_print_what_is_stored() -> None:
     notebook = hook()
     assert notebook.outputs(NOTEBOOK) == notebook.stored(NOTEBOOK)  # type: ignore[attr-defined]

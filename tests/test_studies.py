@@ -55,6 +55,7 @@ def in_this_process(processes: int) -> Iterator[Callable[..., Iterator[Any]]]:
     yield mapped
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("searches_here")
 def test_quick_form(
     tmp_path: Path,

@@ -16,6 +16,7 @@ PAGES = sorted((ROOT / "docs/tutorials").glob("*.md"))
 BLOCK = re.compile(r'^```(sh|text|toml)(?: title="([^"]+)")?\n(.*?)^```', re.M | re.S)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("searches_here")
 @pytest.mark.skipif(sys.platform == "win32", reason="the commands are of a POSIX shell")
 @pytest.mark.parametrize("page", [pytest.param(page, id=page.stem) for page in PAGES])

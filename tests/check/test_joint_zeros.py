@@ -46,6 +46,7 @@ def test_an_offset_is_doubtful_with_the_line_that_corrects_it(tmp_path: Path) ->
     np.testing.assert_allclose(edit.value, [0.0, 0.2, 0.0, 0.0, 0.0, 0.0], atol=0.01)
 
 
+@pytest.mark.slow
 def test_zeros_that_are_quarter_turns_away_are_doubtful(tmp_path: Path) -> None:
     (finding,) = JointZeros()(case(tmp_path, (0.0, 0.5 * np.pi, -0.5 * np.pi, 0.0, 0.0, 0.0)))
     assert finding.severity == Severity.DOUBTFUL and finding.joints == ("shoulder_lift", "elbow")
@@ -65,6 +66,7 @@ def turned_case(folder: Path, joint: int, turn: float) -> Case:
     return case_of(subject, log_files([str(path)]), None, silent)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("joint", "degrees"), [(1, 90), (4, -90)])
 def test_nominal_masses_name_the_joint_that_is_turned(
     tmp_path: Path, joint: int, degrees: int
@@ -98,6 +100,7 @@ def test_with_that_line_no_offset_stands_out(tmp_path: Path) -> None:
     assert "not identifiable: shoulder_turn, flange_roll" in finding.figure
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joint, offset", [(1, 0.15), (1, -0.4), (2, 0.3), (2, 1.5)])
 def test_a_reference_finds_the_joint_and_its_offset(arm, joint: int, offset: float) -> None:
     table = arm.table.copy()
@@ -197,6 +200,7 @@ def test_unknown_gains_leave_the_question_open(tmp_path: Path) -> None:
     assert JointZeros()(replace(case_of_unknown, loaded=bodiless)) == ()
 
 
+@pytest.mark.slow
 def test_an_offset_that_other_errors_explain_as_well_is_open(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

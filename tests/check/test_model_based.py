@@ -235,6 +235,7 @@ def test_a_payload_left_on(arm):
     assert finding.picture is not None
 
 
+@pytest.mark.slow
 def test_two_faults_at_once(six):
     table = six.table.copy()
     order = [1, 0, 2, 3, 4, 5]

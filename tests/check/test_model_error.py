@@ -78,6 +78,7 @@ def test_the_last_joint_turns_its_body_and_nothing_else(
     assert found(loaded, tmp_path, offset=(0.3, 0.0, 0.0, 0.0, 0.0, 0.3)) == ()
 
 
+@pytest.mark.slow
 def test_a_longer_link_is_named(loaded: LoadedRobot, tmp_path: Path) -> None:
     body = loaded.robot.bodies[2]
     (finding,) = found(loaded, tmp_path, with_body(loaded.robot, 2, position=1.1 * body.position))
@@ -85,6 +86,7 @@ def test_a_longer_link_is_named(loaded: LoadedRobot, tmp_path: Path) -> None:
     assert "position of joint elbow" in finding.says
 
 
+@pytest.mark.slow
 def test_a_tilted_axis_is_named(loaded: LoadedRobot, tmp_path: Path) -> None:
     body, tilt = loaded.robot.bodies[4], np.deg2rad(5.0)
     turn = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
@@ -102,6 +104,7 @@ def test_a_tilted_base_is_named_as_such(loaded: LoadedRobot, tmp_path: Path) -> 
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("term", [Stribeck(speed=0.1), LoadDependent()], ids=lambda t: t.law)
 def test_a_friction_law_that_lacks_is_a_remark(
     term: Term, loaded: LoadedRobot, tmp_path: Path
@@ -172,6 +175,7 @@ def test_a_term_that_predicts_other_motion_worse_is_not_recommended(
     assert once.brief.endswith("not tested on left-out motion, the logs are too short")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turns", [(0, 1, -1, 0, 0, 0), (0, 0, 2, 0, -1, 0)])
 def test_zeros_that_are_quarter_turns_away_are_found(
     turns: tuple[int, ...], loaded: LoadedRobot, tmp_path: Path

@@ -65,6 +65,7 @@ def test_slopes_of_the_direction_of_gravity(arm):
     np.testing.assert_allclose(2.0 * left.slopes(at).T @ left(at), numeric, rtol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.3, 3.5])
 def test_a_clean_log_is_not_refused_for_wrong_masses(arm, factor):
     nominal_times(arm, factor)
@@ -88,6 +89,7 @@ def test_currents_as_torques_are_refused_without_numbers(arm):
     assert fix is not None and 'gain = "identify"' in fix.says and "--loaded" in fix.says
 
 
+@pytest.mark.slow
 def test_order_and_kind_are_searched_together(six):
     order, table = [1, 2, 0, 3, 5, 4], six.table.copy()
     for pattern in (Q, DQ, TAU):
@@ -103,6 +105,7 @@ def test_order_and_kind_are_searched_together(six):
     }
 
 
+@pytest.mark.slow
 def test_all_signs_of_efforts_and_a_unit_are_found_together(arm):
     table = arm.table.copy()
     table[:, arm.at(TAU)] *= -1000.0
@@ -118,6 +121,7 @@ def test_a_gain_of_one_joint_is_found_but_not_written(arm):
     assert wrong(found) == ["effort kind"] and not found.edits
 
 
+@pytest.mark.slow
 def test_one_sign_is_not_hidden_by_wrong_masses(six):
     nominal_times(six, 0.65)
     table = six.table.copy()
@@ -127,6 +131,7 @@ def test_one_sign_is_not_hidden_by_wrong_masses(six):
     assert edits(found)["signals.effort.gain"] == [1.0, -1.0, 1.0, 1.0, 1.0, 1.0]
 
 
+@pytest.mark.slow
 def test_efforts_alone_in_another_order_are_not_hidden_by_wrong_masses(six):
     nominal_times(six, 0.65)
     order, table = [0, 2, 1, 3, 4, 5], six.table.copy()

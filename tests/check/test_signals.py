@@ -272,6 +272,7 @@ def test_a_sound_log_is_ok(tmp_path: Path, seed: int) -> None:
     assert found.edits == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", list(FAULTS))
 def test_a_fault_is_found_alone_with_its_fix(tmp_path: Path, fault: str) -> None:
     change, check, severity, edits, joints = FAULTS[fault]
@@ -290,6 +291,7 @@ def test_a_fault_is_found_alone_with_its_fix(tmp_path: Path, fault: str) -> None
         assert corrected.severity == Severity.OK
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", list(FAULTS))
 def test_every_picture_is_small_and_whole(tmp_path: Path, fault: str) -> None:
     found = diagnosis(tmp_path, FAULTS[fault][0](sound()))
@@ -492,6 +494,7 @@ def test_the_standard_error_of_the_lag_is_honest(tmp_path: Path) -> None:
     assert 0.5 < float(np.std(off)) < 1.5
 
 
+@pytest.mark.slow
 def test_every_order_of_the_velocities_is_found(tmp_path: Path) -> None:
     rng = np.random.default_rng(6)
     for seed in range(6):

@@ -97,6 +97,7 @@ def test_factors_that_no_link_explains_stay_wrong(tmp_path: Path, log) -> None:
     assert named(found, "effort kind").severity == Severity.WRONG and not found.edits
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joint", [2, 4])
 def test_a_sign_is_not_taken_for_another_last_link(tmp_path: Path, log, joint: int) -> None:
     columns, table = log[0], log[1].copy()

@@ -76,6 +76,7 @@ def test_the_gears_of_the_log_are_not_doubted(folder: Path) -> None:
     assert finding.severity == Severity.OK and finding.answered, finding
 
 
+@pytest.mark.slow
 def test_a_wrong_sign_is_found_as_one_of_positions_and_efforts(folder: Path) -> None:
     ratios = (100.0, 100.0, 80.0)
     diagnosis = examine(case_with(folder, ratios, COUPLING), quick=True)

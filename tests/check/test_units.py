@@ -117,6 +117,7 @@ def test_placeholders_for_limits_of_speed_say_little(tmp_path: Path, lines: str)
     assert units_found(tmp_path, in_degrees(sound()), text) == (WRONG, edits)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", [ROBOT, UNLIMITED, LEFT_OUT])
 @pytest.mark.parametrize("rest", [0.0, 0.01, 0.3])
 def test_joints_that_rest_have_the_units_of_the_one_that_moves(

@@ -119,6 +119,7 @@ def test_set_points_beside_measured_efforts_get_no_gains(
         assert not left and printed["edits"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "path", "value"),
     [
@@ -183,6 +184,7 @@ def thinned(tmp_path: Path) -> Path:
     return log
 
 
+@pytest.mark.slow
 def test_reversed_gravity_is_found_beside_joints_that_nothing_explains(
     thinned: Path, tmp_path: Path, command: Command
 ) -> None:
@@ -194,6 +196,7 @@ def test_reversed_gravity_is_found_beside_joints_that_nothing_explains(
     assert load_robot(tmp_path / "tx40-fixed.toml").robot.gravity.tolist() == [0.0, 0.0, -9.81]
 
 
+@pytest.mark.slow
 def test_a_wrong_transmission_leaves_the_check_inconclusive(
     thinned: Path, tmp_path: Path, command: Command
 ) -> None:

@@ -41,6 +41,7 @@ def longer(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return folder / "identification.csv", folder / "validation.csv"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("selection", ["auto", "auto_memoryless"])
 def test_friction_is_chosen_and_reported(
     selection: str, given: Path, longer: tuple[Path, Path], tmp_path: Path, command: Command
@@ -116,6 +117,7 @@ def test_knowledge_that_plain_least_squares_passes_over_is_checked_and_reported(
     assert done.exit_code == 2 and "'forarm'" in done.stderr
 
 
+@pytest.mark.slow
 def test_friction_that_drives_is_named(given: Path, tmp_path: Path, command: Command) -> None:
     reversed_efforts = ('unit = "Nm"', 'unit = "Nm"\ngain = -1.0')
     robot = edited(given, tmp_path, reversed_efforts)

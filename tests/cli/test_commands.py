@@ -216,6 +216,7 @@ def test_several_logs_to_validate(command: Command, tmp_path: Path) -> None:
     assert [run["motion"] for run in result["identification"]] == ["fitted"]
 
 
+@pytest.mark.slow
 def test_an_effort_that_is_always_zero_has_no_percentage(
     identified: Path, given: Path, command: Command, tmp_path: Path
 ) -> None:
@@ -338,6 +339,7 @@ def test_simulate_draws_by_its_seed(command: Command, tmp_path: Path) -> None:
     assert truth[0] == truth[1] != truth[2]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("searches_here")
 def test_demo(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = demonstration._ROBOT_FILE

@@ -42,6 +42,7 @@ def test_runs_are_left_out_in_turn(command, tmp_path: Path) -> None:
     assert "Estimators compared" in page and "Data quality" in page
 
 
+@pytest.mark.slow
 def test_errors_are_those_of_a_validation(command, tmp_path: Path) -> None:
     """The model of one log, scored on the other where joints move."""
     done = command("compare", ROBOT, LOG, OTHER, "--estimators", "WLS", "--json")
@@ -154,6 +155,7 @@ def test_what_to_write_into_the_robot_file(section, now, given: Path) -> None:
     assert lines_of(file) == {name: f'[estimation] method = "{name}"' for name in names}
 
 
+@pytest.mark.slow
 def test_the_robot_files_weights_count(command, given: Path, tmp_path: Path) -> None:
     equal = edited(given, tmp_path, ("[signals]", '[estimation]\nweights = "equal"\n\n[signals]'))
     means = {}
@@ -166,6 +168,7 @@ def test_the_robot_files_weights_count(command, given: Path, tmp_path: Path) -> 
     assert means[ROBOT][0] != pytest.approx(means[equal][0], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_advice_has_its_line(command) -> None:
     done = command("compare", ROBOT, LOG, OTHER, "--estimators", "WLS", "OLS")
     text = words(done.output)

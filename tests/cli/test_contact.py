@@ -125,6 +125,7 @@ def at_rest(model: IdentifiedModel, speed: float, path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_log_at_rest_lacks_no_friction(identified: Path, tmp_path: Path) -> None:
     data = json.loads((identified / "model.json").read_text().replace('"coulomb', '"dahl'))
     terms = data["model"]["terms"]
@@ -134,6 +135,7 @@ def test_a_log_at_rest_lacks_no_friction(identified: Path, tmp_path: Path) -> No
     assert steelyard.contact(model, f"{log}@30:", calibrate=f"{log}@:30").events == ()
 
 
+@pytest.mark.slow
 def test_rests_calibrate_beside_motion(given: Path, identified: Path, tmp_path: Path) -> None:
     model = replace(steelyard.load_model(identified), calibration=None)
     rest, moving = at_rest(model, 0.0, tmp_path / "rest.csv"), given / "validation.csv"

@@ -103,6 +103,7 @@ def test_scales_are_not_adopted_while_the_side_of_the_gears_is_open(
     assert model.effort_scales is None and model.signals.gains.tolist() == [1.0] * model.robot.n
 
 
+@pytest.mark.slow
 def test_scales_are_off_where_the_robot_file_says_so(
     given: Path, command: Command, tmp_path: Path, logs: list[Path]
 ) -> None:
@@ -119,6 +120,7 @@ def test_scales_are_off_where_the_robot_file_says_so(
     assert "Without scales (effort_scales =" in unescape(page)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("written", "words"),
     [

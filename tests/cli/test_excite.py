@@ -90,6 +90,7 @@ def test_a_folder_is_never_overwritten(made: Path) -> None:
     assert (made / "out" / "trajectory.json").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_json(made: Path) -> None:
     out = made / "planned"
     options = ("--motion", "sweeps", "--json", "-o", out)
@@ -101,6 +102,7 @@ def test_json(made: Path) -> None:
     assert all(Path(path).is_file() for path in found["files"].values())
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("searches_here")
 def test_options_take_the_place_of_tables(made: Path) -> None:
     options = ("--motion", "raw_fourier", "--period", "5", "--harmonics", "2", "--seed", "3")
@@ -153,6 +155,7 @@ def test_a_planned_motion_that_does_not_keep_everything(tmp_path: Path) -> None:
     assert "z of 'tool' above 0.5 m" in (tmp_path / "out" / "certificate.json").read_text()
 
 
+@pytest.mark.slow
 def test_what_is_not_covered_has_an_exit_code_of_its_own(tmp_path: Path) -> None:
     arm(tmp_path, f'{FREE}[excitation.motion]\nkind = "sweeps"\n')
     done = run("excite", tmp_path / "arm.toml", "--format", "ros2", "-o", tmp_path / "out")
@@ -181,6 +184,7 @@ def test_too_few_points_for_a_wall_are_not_covered(tmp_path: Path) -> None:
     ran(*start, "--rate", enough, "-o", tmp_path / "enough")
 
 
+@pytest.mark.slow
 def test_the_headline_says_what_the_box_is_about(made: Path) -> None:
     box = "box = {z = [-3.0, 3.0]}\n[excitation.motion]\nkind = 'sweeps'\n"
     arm(made, ANY + box)
@@ -202,6 +206,7 @@ unit = "Nm"
 """
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("searches_here")
 def test_after_an_earlier_log(tmp_path: Path) -> None:
     arm(tmp_path, ANY + QUICK + SIGNALS)
@@ -299,6 +304,7 @@ def best_found(process: "subprocess.Popen[str]", terminal: int) -> bool:
     return b"best" in shown
 
 
+@pytest.mark.slow
 @linux
 def test_ctrl_c_in_a_terminal(tmp_path: Path) -> None:
     """The bar shows the best so far; the summary says that it was stopped."""
@@ -315,6 +321,7 @@ def test_ctrl_c_in_a_terminal(tmp_path: Path) -> None:
     assert "stopped" in out and (tmp_path / "out" / "report.html").is_file()
 
 
+@pytest.mark.slow
 @linux
 def test_ctrl_c_for_all_processes_keeps_the_best_so_far(tmp_path: Path) -> None:
     ours, theirs = pty.openpty()
@@ -333,6 +340,7 @@ def test_ctrl_c_for_all_processes_keeps_the_best_so_far(tmp_path: Path) -> None:
     assert names and gone(names)
 
 
+@pytest.mark.slow
 @linux
 def test_ctrl_c_twice_leaves_nothing(tmp_path: Path) -> None:
     process = started(tmp_path)
@@ -348,6 +356,7 @@ def test_ctrl_c_twice_leaves_nothing(tmp_path: Path) -> None:
     assert gone(names)
 
 
+@pytest.mark.slow
 @linux
 def test_ctrl_c_before_anything_is_found_leaves_nothing(tmp_path: Path) -> None:
     process = started(tmp_path)
@@ -359,6 +368,7 @@ def test_ctrl_c_before_anything_is_found_leaves_nothing(tmp_path: Path) -> None:
     assert gone(names)
 
 
+@pytest.mark.slow
 @linux
 def test_killed_it_leaves_no_processes(tmp_path: Path) -> None:
     process = started(tmp_path)

@@ -86,6 +86,7 @@ def at_terminal(command: Sequence[str], given: Sequence[str]) -> tuple[int, str]
     return os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]), said.decode()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("command")
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
 def test_at_a_terminal_answers_go_into_the_file(tmp_path: Path) -> None:
@@ -100,6 +101,7 @@ def test_at_a_terminal_answers_go_into_the_file(tmp_path: Path) -> None:
     np.testing.assert_array_equal(loaded.robot.gravity, [0.0, 0.0, 9.81])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("command")
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
 def test_signals_of_motors_are_asked_for_ratios_coupling_and_zeros(tmp_path: Path) -> None:
@@ -119,6 +121,7 @@ def test_signals_of_motors_are_asked_for_ratios_coupling_and_zeros(tmp_path: Pat
     assert loaded.signals.position_offset == pytest.approx([0.0, -np.pi / 2, 1.5])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("command")
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
 def test_no_input_asks_nothing_at_a_terminal(tmp_path: Path) -> None:
@@ -184,6 +187,7 @@ def test_the_last_of_several_logs_validates(command: Command, tmp_path: Path) ->
     assert rows.endswith(f"steelyard identify {tmp_path / 'rows.toml'} '{LOG}#100:900'\n")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new", "what"),
     [("tau2_Nm", "shoulder", "efforts"), ("q2_rad", "angle", "positions")],

@@ -99,6 +99,7 @@ def test_ctrl_c_at_the_start_leaves_nothing(function: str, work: Path) -> None:
     assert leftovers(work) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("function", "arguments"),
     [
@@ -133,6 +134,7 @@ def test_ctrl_c_leaves_nothing(
     assert leftovers(work) == []
 
 
+@pytest.mark.slow
 def test_ctrl_c_comes_too_late_once_results_take_their_place(
     work: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -145,6 +147,7 @@ def test_ctrl_c_comes_too_late_once_results_take_their_place(
     assert names == ["model.json", "parameters.csv", "report.html"]
 
 
+@pytest.mark.slow
 def test_the_reduced_model_stays_when_the_next_motion_is_stopped(
     identified: Path,
     work: Path,
@@ -160,6 +163,7 @@ def test_the_reduced_model_stays_when_the_next_motion_is_stopped(
     assert Path("small/model.json").exists() and not Path("motion").exists()
 
 
+@pytest.mark.slow
 def test_ctrl_c_from_outside_while_it_works(work: Path) -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "steelyard", "simulate", ROBOT, "--period", "200"],
@@ -193,6 +197,7 @@ main()
 """
 
 
+@pytest.mark.slow
 def test_ctrl_c_that_a_callback_swallows_is_not_lost(work: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", SWALLOWED, *IDENTIFY],

@@ -35,6 +35,7 @@ def mjcf(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_notes_of_the_model_file_are_reported_by_every_command(
     command: Command, mjcf: Path, tmp_path: Path
 ) -> None:

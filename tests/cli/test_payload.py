@@ -100,6 +100,7 @@ def test_a_log_that_the_model_knows_is_reported(
     assert "the model was identified from identification.csv" in words
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("when", [(), ("--when",)])
 def test_a_log_that_no_payload_explains_is_named(
     when: tuple[str, ...], picking: Path, identified: Path, command: Command, tmp_path: Path
@@ -221,6 +222,7 @@ def picking(given: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_when_a_load_is_picked_up_and_put_down(
     picking: Path, identified: Path, command: Command, tmp_path: Path
 ) -> None:
@@ -263,6 +265,7 @@ def test_what_is_carried_all_along_is_no_event(
     assert "no change of payload" in words and "carried from" in words
 
 
+@pytest.mark.slow
 def test_a_load_that_the_model_lacks_is_reported(
     picking: Path, given: Path, identified: Path, command: Command
 ) -> None:
@@ -304,6 +307,7 @@ def test_a_log_too_short_for_changes_is_refused(
     assert "too short to find when a payload changes" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_model_that_knows_nothing_of_the_bodies_weighs_nothing(
     picking: Path, identified: Path
 ) -> None:

@@ -29,6 +29,7 @@ def base(folder: Path) -> dict[str, float]:
     return steelyard.load_model(folder).estimate.parameters.as_dict()
 
 
+@pytest.mark.slow
 def test_init_takes_a_rate_and_the_estimate_is_that_of_the_timed_log(
     command: Command, given: Path, timeless: Path, tmp_path: Path
 ) -> None:
@@ -53,6 +54,7 @@ def test_init_takes_a_rate_and_the_estimate_is_that_of_the_timed_log(
     assert done.exit_code == 0, done.output
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.5, 10.0])
 def test_a_rate_that_velocities_contradict_is_named_with_the_true_one(
     command: Command, given: Path, timeless: Path, tmp_path: Path, factor: float
@@ -118,6 +120,7 @@ def test_one_clock_is_declared(
     assert done.exit_code == 2 and words in " ".join(done.output.split())
 
 
+@pytest.mark.slow
 def test_a_simulated_log_without_a_clock_comes_at_the_declared_rate(
     command: Command, given: Path, tmp_path: Path
 ) -> None:

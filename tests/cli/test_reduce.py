@@ -131,6 +131,7 @@ def test_keep_and_drop_by_pattern(identified: Path, log: Path, command: Command)
     assert "offset" not in terms
 
 
+@pytest.mark.slow
 def test_a_reduced_model_is_reduced_further(
     identified: Path, log: Path, command: Command, work: Path
 ) -> None:
@@ -155,6 +156,7 @@ def six_fewer(
     return out, [one.name for one in load_model(out).estimate.removed]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "stop", ["one_standard_error", "bic", "tolerance=300", "condition=1e9", "ratio=1e9", "refit"]
 )
@@ -220,6 +222,7 @@ def test_the_terminal_counts_what_is_left(identified: Path, log: Path, command: 
     assert "; 3 removed, taken as zero" in words
 
 
+@pytest.mark.slow
 def test_the_next_motion_is_of_the_smaller_model(
     identified: Path, brief: Path, log: Path, command: Command, work: Path
 ) -> None:
@@ -235,6 +238,7 @@ def test_the_next_motion_is_of_the_smaller_model(
     assert load_robot(brief).robot.n == load_model("smaller").model.robot.n
 
 
+@pytest.mark.slow
 def test_the_loop_goes_on_where_it_was_interrupted(
     brief: Path, work: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -57,6 +57,7 @@ def test_validate_knows_rows_that_were_fitted(
     assert "copied was fitted" in " ".join(command("validate", identified, copied).stdout.split())
 
 
+@pytest.mark.slow
 def test_a_repeated_motion_is_not_called_unseen(
     command: Command, identified: Path, repeated: Path, tmp_path: Path
 ) -> None:

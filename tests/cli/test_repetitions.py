@@ -5,6 +5,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from short_arm import without_wrist
 from steelyard.base.motion import run
 from steelyard.excite.trajectories.fourier import random_fourier
@@ -13,6 +15,7 @@ from steelyard.simulate.truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 
 
+@pytest.mark.slow
 def test_only_fitted_logs_are_averaged(command: Callable[..., Any], tmp_path: Path) -> None:
     robot = without_wrist(tmp_path).robot
     truth = random_truth(robot, 3)

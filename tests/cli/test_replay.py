@@ -150,6 +150,7 @@ def test_a_motion_of_another_robot_is_refused(command: Command, tmp_path: Path) 
     assert done.exit_code == 2 and "no column for joint" in done.output
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT for a child")
 def test_ctrl_c_ends_it_cleanly(motion: Path, tmp_path: Path) -> None:
     pytest.importorskip("viser")

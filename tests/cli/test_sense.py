@@ -40,6 +40,7 @@ def test_an_effort_that_never_changes_is_no_effort(
     assert "effort of elbow (column 'tau3_Nm') never changes" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_simulated_log_looks_as_the_robot_file_says(
     given: Path, command: Command, tmp_path: Path
 ) -> None:

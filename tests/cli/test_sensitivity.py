@@ -46,6 +46,7 @@ def test_the_report_has_a_section_for_it(swept: tuple[str, Path], identified: Pa
     assert "Fits with other cut-offs" not in (identified / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_the_terminal_shows_it(command, given: Path, tmp_path: Path) -> None:
     log, out = f"{given / 'identification.csv'}@0:5", tmp_path / "out"
     options = ("--sensitivity", "--no-check", "-o", out)

@@ -27,6 +27,7 @@ def efforts(folder: Path) -> np.ndarray:
     return table.select([name for name in table.columns if name.startswith("tau")]).to_numpy()
 
 
+@pytest.mark.slow
 def test_a_payload_is_carried_between_its_times(command: Command, tmp_path: Path) -> None:
     given = {
         "bare": (),
@@ -113,6 +114,7 @@ def kinds(given: Path, tmp_path: Path) -> dict[str, Path]:
     return files
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [*KINDS, "csv"])
 def test_motions_of_every_kind_are_followed(
     kind: str, kinds: dict[str, Path], command: Command, tmp_path: Path
@@ -129,6 +131,7 @@ def test_motions_of_every_kind_are_followed(
     assert np.abs(q - wanted).max() < 0.05 < np.ptp(wanted, axis=0).min()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["fourier", "csv", "chained"])
 def test_periods_repeat_the_motion(
     kind: str, kinds: dict[str, Path], command: Command, tmp_path: Path
@@ -167,6 +170,7 @@ def test_a_motion_that_does_not_return_has_no_periods(
         assert command(*run).exit_code == 0
 
 
+@pytest.mark.slow
 def test_a_dry_run_goes_the_same_way_slowly(
     kinds: dict[str, Path], command: Command, tmp_path: Path
 ) -> None:

@@ -262,6 +262,7 @@ def test_a_random_true_robot_is_stated(command: Command, motion: Path, tmp_path:
     assert told["random_truth"] and words in told["headline"]
 
 
+@pytest.mark.slow
 def test_track_compares_with_and_without_the_model(
     command: Command, given: Path, identified: Path, motion: Path, tmp_path: Path
 ) -> None:

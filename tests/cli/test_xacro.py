@@ -34,6 +34,7 @@ def test_arguments_belong_to_the_file() -> None:
     assert expanded(["init", "a.urdf", "x:=1"]) == ["init", "a.urdf x:=1"]
 
 
+@pytest.mark.slow
 def test_from_a_xacro_file_to_a_model(command: Command, arm: Path, tmp_path: Path) -> None:
     given = (arm, "name:=left", "mass:=3")
     done = command("simulate", *given, "--seed", 1, "--period", 5, "-o", tmp_path / "sim")

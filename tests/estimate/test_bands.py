@@ -49,6 +49,7 @@ def scored(model: IdentifiedModel, run: Run, cutoff: float | None = None) -> Run
     return score(model.valued, run, GAINS, model.cutoffs.score, bands=Bands.of(model))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.0, 2.0])
 def test_the_band_holds_what_was_not_fitted(factor: float) -> None:
     inside = []

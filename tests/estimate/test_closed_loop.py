@@ -149,6 +149,7 @@ def torque_error(estimate: Estimate) -> float:
     return float(np.linalg.norm(dense @ values - wanted) / np.linalg.norm(wanted))
 
 
+@pytest.mark.slow
 @every
 def test_exact_data_give_the_truth(offer: Offer) -> None:
     estimate = made(offer)(exact())  # type: ignore[operator]
@@ -159,6 +160,7 @@ def test_exact_data_give_the_truth(offer: Offer) -> None:
     assert estimate.blind == ()
 
 
+@pytest.mark.slow
 @every
 def test_intervals_hold_the_truth(offer: Offer) -> None:
     inside = total = 0
@@ -170,6 +172,7 @@ def test_intervals_hold_the_truth(offer: Offer) -> None:
     assert inside / total > 0.85
 
 
+@pytest.mark.slow
 @every
 def test_noise_of_positions_does_not_bias_as_it_biases_least_squares(offer: Offer) -> None:
     data = differenced(6e-4, 0.01)

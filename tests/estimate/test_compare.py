@@ -401,6 +401,7 @@ def test_json_has_no_value_that_json_lacks() -> None:
     assert one["failures"][0]["left_out"] == "run2"
 
 
+@pytest.mark.slow
 def test_every_registered_estimator_of_information_can_be_compared() -> None:
     offers = [o for o in ESTIMATORS if o.needs == "information" and not o.slow]
     for one in compare(offers, CONTEXT, parts_of()).scores:

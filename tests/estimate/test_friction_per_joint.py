@@ -94,6 +94,7 @@ def choose(runs: list[Run], events: list[Event]) -> FrictionChoice:
     return choose_friction(MODEL, runs, WeightedLeastSquares(), consistent, progress=watch)
 
 
+@pytest.mark.slow
 def test_every_joint_gets_its_length_whatever_the_order_of_the_logs() -> None:
     runs = [logged((1e-3, 1e-2), seed) for seed in range(3)]
     events: list[Event] = []
@@ -115,6 +116,7 @@ def test_no_length_per_joint_where_one_is_best_for_all() -> None:
     assert lengths and not any(isinstance(length, tuple) for length in lengths)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("upper", "lower", "joints"),
     [(0.2, 0.3, None), (0.2, 0.9, ("upper_joint",)), (0.8, 0.9, ())],

@@ -115,6 +115,7 @@ def compare(found: Sequence[Array], expected: Sequence[Array], rtol: float = 1e-
         np.testing.assert_allclose(mine, theirs, rtol=rtol, atol=1e-8 * (size + 1e-9))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("term", CASES, ids=name_of)
 def test_information_and_slopes_of_every_term(term: Term) -> None:
     sharp = shows(geared(), [term], SHARP)
@@ -133,6 +134,7 @@ SOFT = [t for t in CASES if not getattr(t, "threshold", 0.0)]
 """With a threshold the law jumps away from zero speed, where nothing is softened."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("term", SOFT, ids=name_of)
 def test_softened_laws_have_slopes_at_low_speed(term: Term) -> None:
     soft = shows(geared(), [term], 0.5)
@@ -186,6 +188,7 @@ CLOSED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chain", CLOSED)
 def test_passive_joints_move_with_the_independent_ones(chain: str) -> None:
     robot = CLOSED[chain]()

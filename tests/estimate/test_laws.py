@@ -118,6 +118,7 @@ def deviations(estimate: Estimate, least_learned: float = 0.0) -> dict[str, floa
 every = pytest.mark.parametrize("offer", OFFERS, ids=lambda offer: offer.name)
 
 
+@pytest.mark.slow
 @every
 @pytest.mark.parametrize("name", CASES)
 def test_exact_data_give_the_truth(offer: Offer, name: str) -> None:

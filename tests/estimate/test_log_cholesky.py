@@ -253,6 +253,7 @@ def test_bodies_without_prior_stop_at_the_margin() -> None:
     assert sizes.min() == pytest.approx(solver.form.margin, rel=1e-2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "log", "prior"),
     [

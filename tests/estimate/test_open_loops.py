@@ -103,6 +103,7 @@ def test_the_first_stretch_is_printed_with_the_number_of_others() -> None:
     assert first_dropped(stretches[:1]) == stretches[:1] and first_dropped(()) == ()
 
 
+@pytest.mark.slow
 def test_dropped_samples_leave_no_trace() -> None:
     regressor = base_regressor(Model(robot(), (RigidBody(),)))
     first, second = (gather(regressor, run_of(x)) for x in (0.0, 1000.0))
@@ -124,6 +125,7 @@ def test_open_loops_stop_by_default() -> None:
     assert f"closure error {first.gap:.3g} m" in caught.value.wrong
 
 
+@pytest.mark.slow
 def test_scores_keep_what_is_closed() -> None:
     run = run_of(1000.0)
     model = Model(robot(), (RigidBody(),))

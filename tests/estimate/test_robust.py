@@ -100,6 +100,7 @@ def test_outliers_hardly_matter(loss: Huber | Tukey) -> None:
     assert robust < 0.4 * plain
 
 
+@pytest.mark.slow
 @ids
 @pytest.mark.parametrize("outliers", [0.0, 0.05])
 def test_intervals_hold_the_truth(loss: Huber | Tukey, outliers: float) -> None:

@@ -116,6 +116,7 @@ def test_what_is_not_proven_does_not_hold(tmp_path: Path) -> None:
     assert json.loads(text)["constraints"][0]["margins"][0]["proven"] is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", MAKERS, ids=lambda make: make.__name__)
 def test_files_say_what_was_proven_of_which_motion(make, tmp_path: Path) -> None:
     of, notes = make(np.random.default_rng(3)), ("torque is not limited",)

@@ -29,6 +29,7 @@ def least(found: Clearance, motion: FourierMotion) -> np.ndarray:
     return np.minimum(coarse.min(axis=0), fine.min(axis=0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "seed"), [("snake", 0), ("snake", 1), ("panda", 0), ("ur10", 1)])
 def test_proven_is_below_the_least_sample_and_near(tmp_path: Path, name: str, seed: int) -> None:
     makers: dict[str, Callable[[], LoadedRobot]]

@@ -17,6 +17,7 @@ from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_joint_trajectories_are_followed_at_all_times(name: str) -> None:
     robot = arm(7, 0)

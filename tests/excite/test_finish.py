@@ -52,6 +52,7 @@ def wild(design: Problem, seed: int, size: float) -> Array:
     return size * np.random.default_rng(seed).standard_normal(shape)
 
 
+@pytest.mark.slow
 @ALL
 @pytest.mark.parametrize(("jerk", "size"), [(False, 1e4), (True, 3.0)])
 def test_wild_motions_keep_all_limits_at_all_times(name: str, jerk: bool, size: float) -> None:
@@ -280,6 +281,7 @@ def test_after_the_deadline_one_motion_is_finished_and_no_more(
     assert best.criterion_value < one.criterion_value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["rest, from to", "quintic, from", "reaching"])
 def test_real_walls_are_kept_at_all_times(name: str) -> None:
     inequalities = [box(0.7), torques()]

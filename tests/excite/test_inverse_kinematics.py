@@ -29,6 +29,7 @@ def random_places(tooled: Arm, count: int, seed: int = 0) -> tuple[np.ndarray, n
     return np.array([p for p, _ in poses]), np.array([r for _, r in poses])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur10", "panda"])
 def test_postures_bring_the_tool_to_the_place_in_the_attitude(name: str) -> None:
     tooled = arm(name)

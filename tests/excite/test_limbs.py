@@ -160,6 +160,7 @@ def found(problem: Problem, steps: int, seed: int) -> list[Array]:
     return sorted(ends, key=lambda x: problem.objective.value(x, 64.0))
 
 
+@pytest.mark.slow
 def test_limbs_are_found_better_with_as_many_steps_than_all_joints_at_once() -> None:
     limbs, whole = design(), replace(design())
     whole.__dict__["limbs"] = (

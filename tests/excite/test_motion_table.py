@@ -194,6 +194,7 @@ def test_square(tmp_path: Path) -> None:
     np.testing.assert_allclose(box, [[0.39, 0.09, 0.35], [0.51, 0.21, 0.35]], atol=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("key", "value", "longer"),
     [
@@ -253,6 +254,7 @@ def test_pick_and_place(tmp_path: Path) -> None:
     assert again.duration != motion.duration
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     [{"cycles": 4}, {"lift": 0.0}, {"path": '"joint"'}, {"dwell": 0.5}, {"speed": 0.1}],

@@ -42,6 +42,7 @@ def of_starts(design: Problem, count: int) -> Array:
     return np.sort([design.objective(x, 64.0)[0] for x in starts])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "method", "constrained"),
     [
@@ -103,6 +104,7 @@ def test_the_watcher_is_called_at_every_generation_and_can_stop(method: str) -> 
     assert len(reported) == 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("constrained", [False, True])
 @pytest.mark.parametrize("name", FAMILIES)
 def test_any_genes_are_a_motion_inside_or_none(name: str, constrained: bool) -> None:

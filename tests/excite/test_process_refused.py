@@ -8,6 +8,7 @@ from steelyard.excite.planned.process import Box, PickAndPlace, Square, Waypoint
 from tooled import DOWN, arm, boxes, plan
 
 
+@pytest.mark.slow
 def test_a_box_out_of_reach_names_the_least_move_that_works() -> None:
     pick, place = boxes("ur10")
     far = Box((1.5, 0.3, 0.2), place.size)

@@ -91,6 +91,7 @@ def test_progress_counts_searches_as_well_as_seconds(tmp_path: Path) -> None:
     assert seen[-1].done >= 300.0 and {event.total for event in seen} == {600.0}
 
 
+@pytest.mark.slow
 def test_time_ends_it_and_keeps_what_there_is(tmp_path: Path) -> None:
     begun = time.monotonic()
     found = harvest(tmp_path, SearchBudget(3.0))
@@ -216,6 +217,7 @@ print(found.certificate.holds, found.searches)
 """
 
 
+@pytest.mark.slow
 def test_from_a_script_without_a_main_guard(tmp_path: Path) -> None:
     """Its own folder must not reach the processes: here lies a module that would break them."""
     arm(tmp_path, TABLES)

@@ -59,6 +59,7 @@ PAIRS = [(n, w) for n in FAMILIES for w in CONSTRAINTS if "from" not in n or w !
 """Start and end postures are outside of the tight box."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "constrained"), PAIRS)
 def test_starts_are_strictly_inside(name: str, constrained: str) -> None:
     inequalities = problem(FAMILIES[name], CONSTRAINTS[constrained]).inequalities

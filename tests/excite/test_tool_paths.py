@@ -291,6 +291,7 @@ def test_frames_and_starts_that_cannot_be_led() -> None:
         along_path(robot, limits, "tip", path, start=[0.0, 2.5])
 
 
+@pytest.mark.slow
 def test_a_fast_path_says_in_how_much_more_time_it_would_keep_the_limits() -> None:
     robot, limits = planar()
     places = {"centre": [0.4, 0.1, 0.0], "radius": 0.05, "normal": UP}

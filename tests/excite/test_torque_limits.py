@@ -87,6 +87,7 @@ def test_torque_without_friction_is_pinocchios() -> None:
     np.testing.assert_allclose(least, expected, atol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("laws", LAWS)
 def test_bounds_hold_the_torque_of_every_law(laws: str) -> None:
     arm, states = valued(tree(), LAWS[laws]), drawn_states(4)

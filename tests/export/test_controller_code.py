@@ -100,6 +100,7 @@ def libraries(
     return cache(library)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "precision"), COMPARED)
 def test_every_law_is_that_of_python(
     name: str,
@@ -125,6 +126,7 @@ def compiled(controller: Controller, folder: Path) -> tuple[CCode, Library]:
     return code, Library([written(code, folder)], folder, "double")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["tree", "six-bar", "spatial"])
 def test_every_function_is_that_of_python(name: str, tmp_path: Path) -> None:
     robot = tree() if name == "tree" else CHAINS[name]()
@@ -200,6 +202,7 @@ def test_friction_of_a_velocity_that_is_no_number_is_none(tmp_path: Path) -> Non
     assert np.isnan(found).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "precision"), [(tree(), "float"), (five_bar(), "double")], ids=PRECISIONS
 )

@@ -103,6 +103,7 @@ def test_chains_that_cannot_close_are_refused(tmp_path: Path) -> None:
     assert "do not close" in error and not len(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [tree, five_bar])
 def test_the_node_fills_efforts_of_joints_in_any_order(make: object, tmp_path: Path) -> None:
     robot: Robot = make()  # type: ignore[operator]

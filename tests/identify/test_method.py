@@ -44,6 +44,7 @@ def found(folder: Path, robot: str = "", **options: object) -> Identification:
     return steelyard.identify(path, log(folder), check=False, **options)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("offer", ESTIMATORS, ids=lambda offer: offer.name)
 def test_a_model_comes_of_every_estimator(folder: Path, offer, tmp_path: Path) -> None:
     result = found(folder, method=offer.name)

@@ -22,6 +22,7 @@ def recorded(robot: Robot, period: float, periods: int, folder: Path) -> Path:
     return folder / "log.csv"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("period", "periods"), [(6.0, 2), (9.0, 1)])
 def test_the_second_part_ends_with_the_first_round(
     period: float, periods: int, tmp_path: Path
@@ -40,6 +41,7 @@ def test_the_second_part_ends_with_the_first_round(
     assert propose_cut(robot, [f"{log}@{second.rsplit('@')[-1]}"]) == ProposedCut((second,))
 
 
+@pytest.mark.slow
 def test_a_log_whose_motion_repeats_early_is_left_whole(tmp_path: Path) -> None:
     robot = without_wrist(tmp_path)
     log = recorded(robot.robot, 2.0, 5, tmp_path)

@@ -105,6 +105,7 @@ def test_cut_files_are_read_up_to_where_they_end(whole: Whole, part: float) -> N
         np.testing.assert_array_equal(table[:, 1], np.arange(len(table)))
 
 
+@pytest.mark.slow
 @FUZZED
 @given(st.lists(st.tuples(st.floats(0.0, 1.0, exclude_max=True), st.integers(1, 255)), max_size=4))
 def test_flipped_bits_do_no_harm(whole: Whole, flips: list[tuple[float, int]]) -> None:

@@ -60,6 +60,7 @@ def test_zero_offsets_are_derivatives_by_position(name: str, tmp_path: Path) -> 
         np.testing.assert_allclose(column, (ahead - behind) / (2 * STEP), rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", [0, 1, 2])
 @pytest.mark.parametrize("kind", ["position", "axis"])
 def test_displaced_frames_are_those_of_another_robot(kind: str, index: int) -> None:

@@ -100,6 +100,7 @@ def test_description_round_trips(term: Term) -> None:
     assert term_of(json.loads(json.dumps(description_of(term))), "here") == term
 
 
+@pytest.mark.slow
 @both(CASES)
 def test_energy_over_a_closed_motion(case: LawCase) -> None:
     """No friction law gives energy; springs, gravity and inertia give back what they took."""
@@ -120,6 +121,7 @@ def test_energy_over_a_closed_motion(case: LawCase) -> None:
         assert power.sum() > 0.05 * through
 
 
+@pytest.mark.slow
 @each(SPEED_LAWS)
 @settings(max_examples=40, deadline=None)
 @given(dq=SPEEDS)
@@ -129,6 +131,7 @@ def test_friction_never_gives_energy(term: Term, dq: list[float]) -> None:
     assert np.all(np.array([p.lower for p in term.parameters(ROBOT)]) == 0.0)
 
 
+@pytest.mark.slow
 @each(case for case in STATIC if case.odd)
 @settings(max_examples=40, deadline=None)
 @given(dq=SPEEDS)

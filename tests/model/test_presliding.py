@@ -48,6 +48,7 @@ def integrated(rate: Callable[[float, float], float], times: np.ndarray) -> np.n
     return np.concatenate(states)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("length", [1e-3, 0.02, 0.3])
 def test_dahl_solves_its_equation(length: float) -> None:
     t, state = motion(50)

@@ -48,6 +48,7 @@ def robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     return ROBOTS[request.param](tmp_path_factory.mktemp("robot"))
 
 
+@pytest.mark.slow
 def test_trees_are_pinocchios(robot: Robot) -> None:
     model, oracle, s = valued(robot), pinocchio_model(robot), body_map(robot)
     data, rotor = oracle.createData(), rotors(robot, model)

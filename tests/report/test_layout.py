@@ -30,6 +30,8 @@ from steelyard.uses.health.health_page import render_health
 from steelyard.uses.payload.payload_page import render_payload_events
 from steelyard.uses.wrench.wrench_page import render_wrench
 
+pytestmark = pytest.mark.slow
+
 PAGES = (
     "identification",
     "comparison",

@@ -85,6 +85,7 @@ def test_names_of_strangers_stay_text(nasty):
     assert "{{7*7}}" in page and "49}" not in page
 
 
+@pytest.mark.slow
 def test_many_runs_and_joints_stay_small(usual):
     run = run_score("run", tuple(f"joint{k}" for k in range(10)), 2_000)
     many = replace(usual, scores=(), fitted=(run,) * 64)

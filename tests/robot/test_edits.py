@@ -145,6 +145,7 @@ def meant(data: dict[str, Any], edit: Edit) -> None:
         data[last] = edit.value
 
 
+@pytest.mark.slow
 @given(edits=EDITS)
 def test_edits_mean_what_they_say(edits: list[Edit]) -> None:
     text, data = TEXT, tomllib.loads(TEXT)

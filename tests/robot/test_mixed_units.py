@@ -87,6 +87,7 @@ def test_units_that_are_not_those_of_the_joints_are_not_taken(
         guess_columns(SCARA, columns(position))
 
 
+@pytest.mark.slow
 def test_a_simulated_scara_is_identified_without_a_change(tmp_path: Path) -> None:
     urdf, robot, run = (tmp_path / name for name in ("scara.urdf", "scara.toml", "run"))
     urdf.write_text(scara())

@@ -371,6 +371,7 @@ HOSTILE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HOSTILE)
 def test_expressions_that_are_refused(write: Write, name: str) -> None:
     start = time.process_time()
@@ -430,6 +431,7 @@ def test_a_file_that_includes_itself(write: Write) -> None:
         expand(path, {})
 
 
+@pytest.mark.slow
 def test_macros_that_double(write: Write) -> None:
     doubled = "".join(macro(f"m{k}", f"<xacro:m{k + 1}/>" * 2) for k in range(60))
     path = write(

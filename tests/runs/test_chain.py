@@ -59,6 +59,7 @@ def spoilt(sines, seconds: float = 60.0) -> tuple[np.ndarray, dict[str, np.ndarr
     return t, motion
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CHAINS)
 @pytest.mark.parametrize("velocities", [False, True])
 def test_any_split_gives_the_same(recording, sines, monkeypatch, name: str, velocities) -> None:

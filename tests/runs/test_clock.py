@@ -117,6 +117,7 @@ def test_a_clock_set_back_goes_on_when_it_has_caught_up(recording, sines) -> Non
     assert (np.diff(found) > 0.0).all()
 
 
+@pytest.mark.slow
 @settings(
     deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )

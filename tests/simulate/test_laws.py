@@ -194,6 +194,7 @@ def felt(robot: Robot, law: Term, seed: int = 2) -> tuple[np.ndarray, np.ndarray
     return run.tau[inner], torque[inner], part[inner]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "case", [c for c in CASES if c.simulated and c.law != "rotor_inertia"], ids=name_of
 )
@@ -216,6 +217,7 @@ def test_a_free_swing_keeps_its_energy(pendulum: Robot, pendulum_truth: Truth) -
     assert np.ptp(energy) < 1e-5 * (energy[0] + 9.81 * 0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "case", [c for c in CASES if c.units is not None and c.energy == "taken"], ids=name_of
 )

@@ -47,6 +47,7 @@ def test_a_carried_payload_is_a_heavier_body(arm: Robot) -> None:
     assert np.abs(q - states[0][:6]).max() > 0.01
 
 
+@pytest.mark.slow
 def test_it_is_taken_and_let_go_in_mid_run(arm: Robot) -> None:
     truth = random_truth(arm, 1)
     motion = random_fourier(arm, seed=2, period=3.0)

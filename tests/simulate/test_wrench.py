@@ -33,6 +33,7 @@ def frictionless(robot: Robot) -> Truth:
     return random_truth(robot, 0).drifted(0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axes", ["base", "frame"])
 @pytest.mark.parametrize("payload", [None, Payload.ball(2.0, "tool")])
 def test_at_rest_the_joints_hold_it(arm: Robot, axes: Axes, payload: Payload | None) -> None:

@@ -21,6 +21,7 @@ def slow(speed: float, n: int) -> Motion:
     return Motion([0.0], np.zeros((1, n)), np.full((1, n), speed), np.zeros((1, n)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=name_of)
 def test_it_is_the_torque_of_every_law_where_joints_move(case: LawCase) -> None:
     law = case.on(ROBOT)

@@ -38,6 +38,7 @@ def named(found: tuple[HealthChange, ...]) -> list[HealthChange]:
     return [change for change in found if change.matters]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stated", [1.0, 3.0])
 def test_constant_quantities_are_not_named(stated: float) -> None:
     false = 0

@@ -73,6 +73,7 @@ def test_in_a_pause_the_time_is_anywhere() -> None:
     assert found.time == pytest.approx(22.5, abs=0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("memory", [0.0, 0.6, 0.9])
 def test_residuals_alone_are_no_change(memory: float) -> None:
     """An hour of correlated, heavy-tailed residuals at one false event in ten hours."""
