@@ -1,4 +1,4 @@
-"""How the package is built: files and lines per room, modules that import most, time of a start.
+"""How large the package is, what its functions reach, and how fast it starts.
 
 `python -m proofs.product.structure SRC` prints the table of another checkout's `src/steelyard`.
 """
@@ -10,6 +10,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import TypeVar
@@ -20,38 +21,128 @@ PACKAGE = Path(__file__).parents[2] / "src" / "steelyard"
 LARGEST = 24
 """Files that a folder may hold, so that its list is read at a glance."""
 
+MOST = {
+    "lines": 90_000,
+    "files": 400,
+    "files that health reaches": 270,
+    "files that validate reaches": 270,
+}
+
 STARTS = 5
 
 T = TypeVar("T")
 
 
-def sizes(package: Path) -> list[tuple[str, int, int]]:
-    """Folder, number of files, number of lines; the largest first."""
-    files = [path for path in package.rglob("*.py") if path.name != "__init__.py"]
-    lines = {path: len(path.read_text("utf-8").splitlines()) for path in files}
-    count = Counter(path.parent for path in files)
-    return [
-        (
-            folder.relative_to(package).as_posix(),
-            n,
-            sum(lines[f] for f in files if f.parent == folder),
+@dataclass(frozen=True)
+class Figures:
+    """How large a checkout of the package is.
+
+    Attributes:
+        counts: Numbers by their names.
+        largest: Files in the largest folders, with their names.
+        fan_out: Modules that import most modules of the package, with their numbers.
+    """
+
+    counts: dict[str, int]
+    largest: list[tuple[int, str]]
+    fan_out: list[tuple[int, str]]
+
+
+def measured(package: Path) -> Figures:
+    """The figures of `src/steelyard` of a checkout."""
+    files = {_module(package, path): path for path in package.rglob("*.py")}
+    trees = {name: ast.parse(path.read_text("utf-8")) for name, path in files.items()}
+    graph = {name: _imported(tree) & set(files) for name, tree in trees.items()}
+    graph["steelyard"] = set()
+    counts = Counter[str]()
+    for name, path in files.items():
+        lines, nodes = path.read_text("utf-8").splitlines(), list(ast.walk(trees[name]))
+        texts = {n for node in nodes if _is_text(node) for n in _rows(node)}
+        counts["lines"] += len(lines)
+        counts["lines of docstrings"] += len(texts)
+        counts["blank lines"] += sum(
+            not line.strip() for n, line in enumerate(lines, 1) if n not in texts
         )
-        for folder, n in count.most_common()
-    ]
+        counts["functions"] += sum(isinstance(node, ast.FunctionDef) for node in nodes)
+        counts["classes"] += sum(isinstance(node, ast.ClassDef) for node in nodes)
+        counts["numeric constants of modules"] += sum(map(_is_number, trees[name].body))
+        counts["files"] += path.name != "__init__.py"
+    counts["folders"] = len({path.parent for path in files.values()})
+    for name, home in _homes(trees["steelyard"]).items():
+        if name in ("health", "validate", "identify", "design_excitation"):
+            counts[f"files that {name} reaches"] = len(_reached(graph, f"steelyard.{home}"))
+    folders = Counter(str(p.parent.relative_to(package)) for p in files.values())
+    return Figures(
+        dict(counts),
+        sorted(((n, folder) for folder, n in folders.items()), reverse=True)[:5],
+        sorted(((len(names), name) for name, names in graph.items()), reverse=True)[:5],
+    )
 
 
-def fan_out(package: Path) -> list[tuple[str, int]]:
-    """Modules of the package that each module imports, lazily or not; the most first."""
-    found = []
-    for path in package.rglob("*.py"):
-        tree = ast.walk(ast.parse(path.read_text("utf-8")))
-        names = {
-            node.module
-            for node in tree
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("steelyard.")
-        }
-        found.append((path.relative_to(package).as_posix(), len(names)))
-    return sorted(found, key=lambda pair: -pair[1])
+def _module(package: Path, path: Path) -> str:
+    parts = ("steelyard", *path.relative_to(package).with_suffix("").parts)
+    return ".".join(parts).removesuffix(".__init__")
+
+
+def _rows(node: ast.AST) -> range:
+    return range(node.lineno, node.end_lineno + 1)  # type: ignore[attr-defined]
+
+
+def _is_text(node: ast.AST) -> bool:
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )
+
+
+def _is_number(node: ast.stmt) -> bool:
+    """Whether a statement of a module names a number, or an expression of numbers."""
+    value = getattr(node, "value", None)
+    if not isinstance(node, ast.Assign | ast.AnnAssign) or value is None:
+        return False
+    parts = list(ast.walk(value))
+    numbers = [part for part in parts if isinstance(part, ast.Constant)]
+    rest = (ast.operator, ast.unaryop, ast.Load, ast.BinOp, ast.UnaryOp, ast.Name, ast.Constant)
+    return (
+        all(isinstance(part, rest) for part in parts)
+        and bool(numbers)
+        and all(isinstance(number.value, int | float) for number in numbers)
+    )
+
+
+def _imported(tree: ast.Module) -> set[str]:
+    """Names of modules that a module imports, lazily or not; those for types alone left out."""
+    typed = {
+        id(inner)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+        for inner in ast.walk(node)
+    }
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and id(node) not in typed:
+            found |= {str(node.module)} | {f"{node.module}.{name.name}" for name in node.names}
+    return found - {"steelyard"}
+
+
+def _homes(tree: ast.Module) -> dict[str, str]:
+    """Modules of the public names, from the table in `__init__.py`."""
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_HOMES":
+            return dict(ast.literal_eval(node.value))
+    raise LookupError("no table of public names")
+
+
+def _reached(graph: dict[str, set[str]], start: str) -> set[str]:
+    seen: set[str] = set()
+    waiting = [start]
+    while waiting:
+        name = waiting.pop()
+        if name not in seen:
+            seen.add(name)
+            waiting += graph[name]
+    return seen
 
 
 def fastest(*command: str) -> float:
@@ -113,25 +204,35 @@ def way() -> tuple[int, int, int]:
 
 def main() -> list[Claim]:
     """Sizes and times."""
-    rooms, hubs = sizes(PACKAGE), fan_out(PACKAGE)
+    figures = measured(PACKAGE)
     bare = fastest("-c", "pass")
     imported = fastest("-W", "error", "-c", "import steelyard") - bare
     helped = fastest("-m", "steelyard", "--help")
-    total = sum(lines for _, _, lines in rooms)
-    widest = ", ".join(f"{name} {count}" for name, count, _ in rooms[:5])
-    most = ", ".join(f"{name} {count}" for name, count in hubs[:5])
+    bounded = [
+        Claim(name, f"{figures.counts[name]}", f"<= {most}", figures.counts[name] <= most)
+        for name, most in MOST.items()
+    ]
+    told = [
+        Claim(name, f"{count}", "reported", True)
+        for name, count in figures.counts.items()
+        if name not in MOST
+    ]
+    largest = ", ".join(f"{folder} {n}" for n, folder in figures.largest)
+    widest = ", ".join(f"{name.removeprefix('steelyard.')} {n}" for n, name in figures.fan_out)
+    ways = " ".join(map(str, way()))
     return [
+        *bounded,
+        *told,
         Claim(
-            f"{len(rooms)} folders, files in the largest",
-            widest,
+            "files of the largest folders",
+            largest,
             f"<= {LARGEST}",
-            rooms[0][1] <= LARGEST,
+            figures.largest[0][0] <= LARGEST,
         ),
-        Claim("modules that import most modules", most, "reported", True),
-        Claim("lines of the package", f"{total}", "reported", True),
+        Claim("modules that import most modules", widest, "reported", True),
         Claim(
             "public names entered from log to information, to estimate, to page",
-            " ".join(map(str, way())),
+            ways,
             "reported",
             True,
         ),
@@ -147,9 +248,9 @@ def main() -> list[Claim]:
 
 if __name__ == "__main__":
     if len(sys.argv) > 1:
-        for name, count, lines in sizes(Path(sys.argv[1])):
-            print(f"{name:<34} {count:4} files {lines:6} lines")
-        for name, number in fan_out(Path(sys.argv[1]))[:5]:
-            print(f"{name:<50} imports {number}")
-        sys.exit()
-    main_of(main)
+        other = measured(Path(sys.argv[1]))
+        for name, count in measured(PACKAGE).counts.items():
+            print(f"{name:<34} {other.counts.get(name, 0):7} {count:7}")
+        print("imports most modules", other.fan_out, measured(PACKAGE).fan_out, sep="\n")
+    else:
+        main_of(main)
