@@ -55,10 +55,7 @@ class CompiledQuantity:
     def along(self, values: Array, arguments: Sequence[ArrayLike], t: Array | None = None) -> Array:
         """Entries at one configuration, or along samples; see `Dynamics.evaluate`.
 
-        Args:
-            values: Parameters of the whole model.
-            arguments: Each of shape `(n,)` or `(N, n)`.
-            t: Times, for messages, shape `(N,)`.
+        `values` are the parameters of the whole model; arguments have shape `(n,)` or `(N, n)`.
         """
         n, names = self.part.robot.n, self.quantity.arguments
         first = shaped(names[0], arguments[0], [(n,), (None, n)])
@@ -79,11 +76,7 @@ class CompiledQuantity:
         return result.reshape(*first.shape[:-1], *self.quantity.shape(self.part))
 
     def check_arguments(self, arguments: Sequence[Array]) -> None:
-        """No argument is beyond what the machine code computes with.
-
-        Raises:
-            DataError: A value is not finite, or a position beyond 1e5 rad.
-        """
+        """No argument is infinite, and no position beyond 1e5 rad, else it is a `DataError`."""
         for name, x in zip(self.quantity.arguments, arguments, strict=True):
             check_finite(name, x)
         check_angles(arguments[0])
@@ -91,10 +84,7 @@ class CompiledQuantity:
     def channels(self, scan: Scan, block: Sequence[Array], t: Array | None = None) -> Array:
         """Channels of consecutive samples; velocities and accelerations not given are zero.
 
-        Args:
-            scan: What the samples before left behind.
-            block: The arguments, each of shape `(n, N)`.
-            t: Times, for messages, shape `(N,)`.
+        `scan` has what the samples before left behind; arguments have the shape `(n, N)`.
         """
         given, rest = (
             dict(zip(self.quantity.arguments, block, strict=True)),
@@ -103,14 +93,9 @@ class CompiledQuantity:
         return scan(block[0], given.get("dq", rest), given.get("ddq", rest), t)
 
     def check(self, q: Array, entries: Array) -> None:
-        """No silent NaN, and no mass matrix that no mechanism has.
+        """`DataError` for silent NaN, or a mass matrix that no mechanism has.
 
-        Args:
-            q: Positions, shape `(N, n)`.
-            entries: The quantity there, shape `(N, entries)`.
-
-        Raises:
-            DataError: A value is not finite, or a mass matrix not positive definite.
+        Positions have the shape `(N, n)`, the quantity's entries there `(N, entries)`.
         """
         if self.quantity.pivot and not (possible := entries[:, -1] > 0.0).all():
             posture = ", ".join(f"{x:.4g}" for x in q[int(np.argmin(possible))])
@@ -130,11 +115,7 @@ class CompiledQuantity:
 
 
 def check_angles(q: Array) -> None:
-    """Machine code reduces angles exactly only up to a limit.
-
-    Raises:
-        DataError: A position lies beyond it, or is not a number.
-    """
+    """Machine code reduces angles exactly only up to a limit, beyond which it is a `DataError`."""
     if q.size and not np.abs(q).max() <= MAX_ANGLE:
         raise DataError(
             f"a joint position lies beyond {MAX_ANGLE:g} rad or is not finite",
@@ -169,13 +150,7 @@ class Stepper(Dynamics):
     def __init__(
         self, robot: Robot, compiled: Callable[[Quantity], CompiledQuantity], values: Array
     ) -> None:
-        """Begin.
-
-        Args:
-            robot: The robot.
-            compiled: Machine code of a quantity.
-            values: All parameters of the model.
-        """
+        """Begin with machine code of quantities and all parameters of the model."""
         self._robot, self._compiled, self._values = robot, compiled, values
         self._samples: dict[Quantity, _Sample] = {}
 

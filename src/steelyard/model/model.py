@@ -138,14 +138,7 @@ class ValuedModel(Dynamics):
         return self.model.compiled(quantity).along(self.values.values, arguments, t)
 
     def block(self, q: Array, dq: Array, ddq: Array, channels: Array | None = None) -> Array:
-        """Efforts of one block, joint-major.
-
-        Args:
-            q: Positions, shape `(n, B)`.
-            dq: Velocities, shape `(n, B)`.
-            ddq: Accelerations, shape `(n, B)`.
-            channels: Shape `(n_channels, B)`, see `Scan`; `None` for a model without.
-        """
+        """Efforts of one block, joint-major; `q`, `dq`, `ddq` `(n, B)`, channels `(n_channels, B)`."""
         channels = np.empty((0, q.shape[1])) if channels is None else channels
         code = self.model.torque_code
         shared = [False, False, False, False, True]

@@ -21,9 +21,6 @@ def model_with_open_friction(loaded: LoadedRobot) -> Model:
     """The model that a robot file describes, with the customary terms where it names none.
 
     Where friction is to be chosen, it is left out; on the link side no rotor is felt.
-
-    Raises:
-        ModelError: A term is of the motors' side, but efforts are logged on the link side.
     """
     behind = loaded.signals is not None and loaded.signals.effort_kind == "link_torque"
     if loaded.terms is None:

@@ -73,10 +73,9 @@ class Equations:
         return [term for term in self.terms if isinstance(term, Presliding)]
 
     def started(self, state: JointState) -> list[Scalar]:
-        """Memory of friction before the first step of a motion.
+        """Memory of friction before the first step of a motion, from its first state.
 
-        Args:
-            state: Independent joints at the first sample; channels are the passive positions.
+        The state is of independent joints; its channels are the passive positions.
         """
         full, _ = completed(self.robot, state)
         return [x for term in self._remembering for x in term.started(self.robot, full)]
@@ -84,11 +83,9 @@ class Equations:
     def stepped(
         self, state: JointState, memory: Sequence[Scalar]
     ) -> tuple[list[Scalar], list[Scalar]]:
-        """Memory of friction after one step, and all channels there.
+        """Memory of friction after one step, and all channels there, from the memory before it.
 
-        Args:
-            state: Independent joints at the step's end; channels are the passive positions.
-            memory: Before the step.
+        The state at the step's end is of independent joints, its channels the passive positions.
         """
         full, _ = completed(self.robot, state)
         after: list[Scalar] = []
@@ -101,11 +98,7 @@ class Equations:
         return after, channels
 
     def columns(self, state: JointState) -> Columns:
-        """Regressor entries `(effort row, standard parameter)` over symbols.
-
-        Args:
-            state: Independent joints, and all channels.
-        """
+        """Regressor entries `(effort row, standard parameter)` over symbols, with all channels."""
         full, torque_map = completed(self.robot, state)
         entries: dict[tuple[int, int], Scalar] = {}
         for start, term, seen in self._seen(full):
@@ -207,11 +200,7 @@ class Equations:
         return Equations(tree, (RigidBody(),))
 
     def scan(self, drop: bool = False) -> Scan:
-        """Begin to compute channels along a motion.
-
-        Args:
-            drop: Whether a loop that cannot close is passed over, see `Scan.closed`.
-        """
+        """Begin to compute channels along a motion, past loops that cannot close if `drop`."""
         return Scan(self.robot, self.terms, self._rigid_torque, drop)
 
     def _rigid_torque(self, q: Array, dq: Array, ddq: Array, tens: Array) -> Array:

@@ -30,11 +30,8 @@ def ignored_statements(
 ) -> dict[str, str]:
     """Statements of the model file that are ignored, and a line of each with all it is about.
 
-    Args:
-        mechanism: What the model file says.
-        robot: Its robot; what is about joints that do not move is left out.
-        answered: What the robot file says itself.
-        limited: Joints whose limit of effort the robot file gives.
+    Left out is what is about joints that do not move, what the robot file answers itself, and
+    limits of effort of joints for which it gives them (`limited`).
     """
     moving = {body.joint for body in robot.bodies}
     unlimited = set(robot.joint_names) - set(limited)

@@ -63,9 +63,6 @@ def without_free_joints(
 
     Loose bodies are left out, and so is what floats beside a base that is given. A ball joint
     stays where the model file has it, if it is locked or other joints are listed.
-
-    Raises:
-        ModelError: A robot floats and no base is given, or a ball joint is not locked.
     """
     root = mechanism.root if base is None else base
     trees = floating_trees(mechanism, root)
@@ -168,13 +165,7 @@ def _without(mechanism: Mechanism, trees: Collection[Joint], base: str) -> Mecha
 def refuse_coupled(
     mechanism: Mechanism, masters: Mapping[str, str], moving: Collection[str]
 ) -> None:
-    """Raise if a joint moves that a coupling ties.
-
-    Args:
-        mechanism: The mechanism.
-        masters: By joint, the joint that it follows, or itself.
-        moving: Names of the joints that move.
-    """
+    """Raise if one of the joints that move, or of their masters, is tied by a coupling."""
     for coupling in mechanism.couplings:
         tied = dict.fromkeys(masters[name] for name in coupling.joints if name in masters)
         if not any(name in moving for name in tied):
@@ -217,18 +208,12 @@ def followers_of(
 
 
 def narrowed(limits: Limits, followers: Sequence[tuple[Drive, Limits]]) -> tuple[Limits, bool]:
-    """Limits that keep the followers of a joint within theirs as well.
+    """Limits that keep the followers of a joint within theirs as well, and whether a range is left.
 
     A follower at `x = ratio * q + offset` within `[lower, upper]` keeps `q` between
     `(lower - offset) / ratio` and `(upper - offset) / ratio`, and its speed limit counts as
-    `velocity / |ratio|`. A follower with an empty range is taken as unlimited.
-
-    Args:
-        limits: The joint's own.
-        followers: How each follows, and its limits.
-
-    Returns:
-        The limits, the effort as it was, and whether a range is left; if not, it is the joint's.
+    `velocity / |ratio|`. A follower with an empty range is taken as unlimited. The effort stays as
+    it was; if no range is left, it is the joint's.
     """
     lower, upper, velocity = limits.lower, limits.upper, limits.velocity
     for drive, own in followers:

@@ -67,15 +67,10 @@ def _carriers(robot: Robot, body: int) -> list[int]:
 
 
 def residual(robot: Robot, q: Array) -> tuple[Array, Array]:
-    """What the pins lack, and how it changes.
+    """What the pins lack at all joints `q` `(n_joints,)`, and how it changes.
 
-    Args:
-        robot: The robot.
-        q: All joints, shape `(n_joints,)`.
-
-    Returns:
-        Distances of the pins' points along the axes of their frame, shape `(3 n_loops,)` [m], and
-        their derivative, shape `(3 n_loops, n_joints)`.
+    Distances of the pins' points along the axes of their frame, shape `(3 n_loops,)` [m], and their
+    derivative, shape `(3 n_loops, n_joints)`.
     """
     lacks = np.zeros((len(robot.loops), 3))
     slopes = np.zeros((len(robot.loops), 3, robot.n_joints))
@@ -155,8 +150,7 @@ def closest(robot: Robot, q: Array, free: Sequence[int]) -> Array:
 def loop_equations(robot: Robot) -> LoopEquations:
     """The equations that determine a robot's passive joints.
 
-    Raises:
-        ModelError: The loops do not close near the assembly, or do not determine these joints.
+    It is a `ModelError` if the loops do not close near the assembly, or do not determine them.
     """
     return checked_equations(robot, [f"robot '{robot.name}', loop '{x.name}'" for x in robot.loops])
 
@@ -302,17 +296,8 @@ def passive_joints(
     """Names of the joints that the loops determine.
 
     If nobody says which: those of the loops' joints that are not to be identified, or that no
-    actuator drives.
-
-    Args:
-        mechanism: The mechanism.
-        masters: By joint, the joint that it follows, or itself.
-        free: Joints that could move.
-        joints: Those to be identified; `None` if not given.
-        closing: What the robot file says.
-
-    Raises:
-        ModelError: Nothing says which.
+    actuator drives. `masters` are the joints that joints follow, themselves for most; `free` joints
+    could move; `joints` are those to be identified, if given.
     """
     pins = (*mechanism.pins, *closing.pins)
     if not pins:
@@ -350,15 +335,9 @@ def between(mechanism: Mechanism, pin: Pin) -> set[str]:
 def closed_robot(
     robot: Robot, mechanism: Mechanism, closing: Closing
 ) -> tuple[Robot, tuple[str, ...]]:
-    """The robot with its loops, assembled where they close.
+    """The robot with its loops, assembled where they close; a note on where its passive joints are.
 
     Pins between links that do not move against each other are checked and left out.
-
-    Returns:
-        The robot, and a note on where its passive joints are.
-
-    Raises:
-        ModelError: The loops do not close, or do not determine the passive joints.
     """
     if not robot.coordinates:
         raise ModelError(

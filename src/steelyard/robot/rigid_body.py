@@ -111,12 +111,7 @@ class Inertia:
         return pseudo
 
     def moved(self, rotation: ArrayLike, position: ArrayLike) -> "Inertia":
-        """The same body seen from a frame in which this link frame has the given placement.
-
-        Args:
-            rotation: Shape `(3, 3)`, this frame's axes in the new frame.
-            position: Shape `(3,)` [m], this frame's origin in the new frame.
-        """
+        """The same body in a frame that sees this link frame with a rotation and position [m]."""
         placement = np.eye(4)
         placement[:3, :3], placement[:3, 3] = rotation, position
         return Inertia.from_pseudo(placement @ self.pseudo @ placement.T)
@@ -137,8 +132,7 @@ class Inertia:
     def flaw(self, tolerance: float = 1e-9) -> str | None:
         """Why no body can have these numbers, or `None` if one can.
 
-        Args:
-            tolerance: How far below zero an eigenvalue may be, relative to the largest one.
+        Eigenvalues may be below zero by `tolerance`, relative to the largest one.
         """
         if not np.isfinite(self.ten).all():
             return "a value is not finite"
@@ -195,11 +189,7 @@ def clean_rotation(rotation: ArrayLike, dirt: float = DIRT) -> Array:
 
 
 def clean_axis(axis: ArrayLike, dirt: float = DIRT) -> Array:
-    """The unit vector along `axis`, its entries below `dirt` set to zero.
-
-    Raises:
-        ValueError: The axis has no direction.
-    """
+    """The unit vector along `axis`, small entries zero; `ValueError` if it has no direction."""
     vector = np.array(axis, dtype=np.float64)
     length = float(np.linalg.norm(vector))
     if not 1e-9 < length < np.inf:

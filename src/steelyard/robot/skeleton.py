@@ -11,12 +11,7 @@ from steelyard.robot.robot import Body, Frame, Robot
 
 
 def bodies_along(robot: Robot, q: Array) -> tuple[list[Array], list[Array]]:
-    """Axes `(N, 3, 3)` and origins `(N, 3)` [m] of the base and all bodies.
-
-    Args:
-        robot: The robot; its loops are open.
-        q: Positions of all joints, shape `(N, n_joints)`.
-    """
+    """Axes `(N, 3, 3)` and origins `(N, 3)` [m] of base and bodies; joints `q` `(N, n_joints)`."""
     count = len(q)
     rotations = [np.broadcast_to(np.eye(3), (count, 3, 3))]
     origins = [np.zeros((count, 3))]
@@ -29,12 +24,9 @@ def bodies_along(robot: Robot, q: Array) -> tuple[list[Array], list[Array]]:
 
 
 def all_joints(robot: Robot, q: Array) -> Array:
-    """Positions of all joints, those that loops determine too, shape `(N, n_joints)`.
+    """Positions `(N, n_joints)` of all joints along a motion of the independent ones `q` `(N, n)`.
 
-    Args:
-        robot: The robot.
-        q: Of the independent joints along a motion, shape `(N, n)` [rad; m]; each row is closed
-            from the one before it, the first one from the assembly.
+    Each row is closed from the one before it, the first one from the assembly.
     """
     if not robot.passive:
         return q

@@ -28,16 +28,11 @@ _LIBRARY = 4e-15
 def enclosed(
     program: Program, lower: Sequence[Array], upper: Sequence[Array]
 ) -> tuple[Array, Array]:
-    """Bounds of a program's outputs over boxes.
+    """Lower and upper bounds of a program's outputs over boxes, each `(len(program.outputs), B)`.
 
-    Args:
-        program: The program.
-        lower: Per input lower bounds, `(entries, B)`, or `(entries,)` where all boxes share them.
-        upper: Likewise upper bounds.
-
-    Returns:
-        Lower and upper bounds, each `(len(program.outputs), B)`; infinite where nothing is known,
-        such as after a division by an interval that holds zero.
+    Per input lower and upper bounds, `(entries, B)`, or `(entries,)` where all boxes share them.
+    Results are infinite where nothing is known, such as after a division by an interval that holds
+    zero.
     """
     n_boxes = next(x.shape[1] for x, a in zip(lower, program.inputs, strict=True) if not a.shared)
     result = np.empty((2, len(program.outputs), n_boxes))

@@ -110,14 +110,9 @@ _NUMPY_OPERATIONS: dict[str, Callable[..., Array]] = {
 
 
 def run(program: Program, inputs: Sequence[Array]) -> Array:
-    """Evaluate a program.
+    """Evaluate a program: outputs `(len(program.outputs), N)`.
 
-    Args:
-        program: The program.
-        inputs: One array per input: `(entries, N)`, or `(entries,)` where all samples share it.
-
-    Returns:
-        Shape `(len(program.outputs), N)`.
+    One array per input: `(entries, N)`, or `(entries,)` where all samples share it.
     """
     n_samples = next(
         x.shape[1] for x, a in zip(inputs, program.inputs, strict=True) if not a.shared
@@ -172,9 +167,7 @@ class Writer:
     def inlined(self, program: Program, given: Mapping[tuple[int, int], int]) -> list[int]:
         """Add all steps of a program; the steps that hold its outputs.
 
-        Args:
-            program: The program.
-            given: Steps that take the place of input entries `(array, entry)`.
+        `given` are steps that take the place of input entries `(array, entry)`.
         """
         numbers: list[int] = []
         for step in program.steps:
@@ -274,13 +267,10 @@ class _Softener(Writer):
 
 
 def softened(program: Program, velocity: int, widths: int | float) -> Program:
-    """The program with jumps at zero speed spread over the widths.
+    """The program with jumps at zero speed spread over widths.
 
-    Args:
-        program: The program.
-        velocity: Number of its input array of velocities.
-        widths: Number of its input array of widths, one per velocity; or a width for all, a
-            float.
+    `velocity` is the number of its input array of velocities, `widths` that of its array of widths,
+    one per velocity; or a width for all, a float.
     """
     writer = _Softener(program, velocity, widths)
     for step in program.steps:

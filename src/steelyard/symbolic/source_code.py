@@ -59,12 +59,9 @@ def variables_of(program: Program) -> tuple[dict[int, int], int]:
 
 
 def source_of(program: Program, outputs: Sequence[str], syntax: Syntax) -> ProgramSource:
-    """A program as statements.
+    """A program as statements of a language; `outputs` is where each output entry is stored.
 
-    Args:
-        program: The program; its input arrays go by their names.
-        outputs: Where each output entry is stored.
-        syntax: The language.
+    Its input arrays go by their names.
     """
     place, count = variables_of(program)
     entries: dict[int, list[str]] = {}
@@ -155,15 +152,9 @@ def c_function(
     outputs: Sequence[tuple[str, int]],
     precision: Precision = "double",
 ) -> CFunction:
-    """A program as one function `void name(const T q[n], ..., T tau[n])`.
+    """A program as one function `void name(const T q[n], ..., T tau[n])` of one precision.
 
-    Output arrays are filled while inputs are still read: they must not overlap.
-
-    Args:
-        program: The program; its input arrays become arguments of the same names.
-        name: The function's name.
-        outputs: Names and entries of the output arrays, in the order of the program's outputs.
-        precision: Type of all numbers.
+    Output arrays, by name and size, are filled while inputs are still read: they must not overlap.
     """
     places = [f"{array}[{k}]" for array, size in outputs for k in range(size)]
     source = source_of(program, places, c_syntax_of(precision))

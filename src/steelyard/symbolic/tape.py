@@ -247,13 +247,8 @@ def edges(tape: Tape, variables: Sequence[int]) -> Edges:
 def backward(tape: Tape, between: Edges, seeds: Mapping[int, int]) -> dict[int, int]:
     r"""Derivatives $\sum_k s_k\,\partial y_k / \partial x$ by all values $x$, in reverse mode.
 
-    Args:
-        tape: The tape.
-        between: The edges from the variables on.
-        seeds: Value $y_k$ to its seed $s_k$.
-
-    Returns:
-        Value to derivative; values that the outputs do not depend on are left out.
+    From the edges behind the variables and the seeds $s_k$ of values $y_k$; values that the outputs
+    do not depend on are left out.
     """
     slopes = dict(seeds)
     add, mul = tape.add, tape.mul

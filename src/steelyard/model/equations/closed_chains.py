@@ -37,12 +37,7 @@ COFACTORS = 3
 
 
 def solved(matrix: list[list[Scalar]], sides: Sequence[list[Scalar]]) -> list[list[Scalar]]:
-    """Solutions of a square system, one per right-hand side.
-
-    Args:
-        matrix: Rows.
-        sides: Right-hand sides.
-    """
+    """Solutions of a square system of rows, one per right-hand side."""
     if len(matrix) > COFACTORS:
         return _by_normal_equations(matrix, sides)
     size = range(len(matrix))
@@ -142,13 +137,9 @@ class _Arm:
 def completed(robot: Robot, state: JointState) -> tuple[JointState, Any]:
     """The state of all joints, and the map `G` by which passive torques load independent joints.
 
-    Args:
-        robot: The robot.
-        state: Independent joints; the first channels are the positions of the passive ones.
-
-    Returns:
-        All joints, with the other channels, and `G`, indexed `[passive][independent]`, `None`
-        where it is zero by structure; `None` as a whole for a tree.
+    The first channels of the state of independent joints are the positions of the passive ones; the
+    others are handed on. `G` is indexed `[passive][independent]`, `None` where it is zero by
+    structure, and `None` as a whole for a tree.
     """
     if not robot.passive:
         return state, None
@@ -180,13 +171,7 @@ def completed(robot: Robot, state: JointState) -> tuple[JointState, Any]:
 
 
 def corrected(robot: Robot, q: Sequence[Scalar], passive: Sequence[Scalar]) -> list[Scalar]:
-    """One Newton step of the passive positions, and then the squared gap of every pin [m²].
-
-    Args:
-        robot: The robot.
-        q: Independent joints.
-        passive: Passive joints, where the squared gaps are taken.
-    """
+    """One Newton step of the passive positions, and the squared gap of every pin [m²] before it."""
     equations = loop_equations(robot)
     arms = _arms(robot, [*q, *passive])
     slopes = _slopes(equations, arms)

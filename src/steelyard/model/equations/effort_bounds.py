@@ -166,11 +166,9 @@ class _Freed:
 
 
 def _freed(law: Program) -> tuple[Program, list[set[int]], int]:
-    """A program whose signs are inputs, and in which comparisons hold.
+    """A program whose signs are inputs, the last, and in which comparisons hold.
 
-    Returns:
-        The program, with the signs as its last input, the signs that every output depends on, and
-        how many there are.
+    With it, the signs that every output depends on, and how many there are.
     """
     new = _Freed([], [], len(law.inputs))
     place: list[int] = []

@@ -36,11 +36,9 @@ def mass_and_bias(efforts: Efforts, n: int) -> tuple[list[list[Scalar]], list[Sc
 
 
 def accelerations(efforts: Efforts, applied: Sequence[Scalar]) -> tuple[list[Scalar], list[Scalar]]:
-    r"""Accelerations under applied efforts, by $M = L D L^T$.
+    """Accelerations under applied efforts, by $M = L D L^T$, and the pivots `D`.
 
-    Returns:
-        Accelerations and pivots `D`; the pivots are positive if and only if the mass matrix is
-        positive definite.
+    The pivots are positive if and only if the mass matrix is positive definite.
     """
     mass, bias = mass_and_bias(efforts, len(applied))
     sides = [tau - rest for tau, rest in zip(applied, bias, strict=True)]
@@ -63,13 +61,9 @@ def accelerations(efforts: Efforts, applied: Sequence[Scalar]) -> tuple[list[Sca
 def runge_kutta(program: Program, n: int) -> Program:
     """One step of the classical fourth-order method, efforts held.
 
-    Args:
-        program: Inputs as `inputs`; outputs are `n` accelerations, then pivots.
-        n: Number of joints.
-
-    Returns:
-        Inputs as `inputs`, and the step [s]; outputs are the new `q` and `dq`, then the least pivot
-        of all stages.
+    Of a program with inputs as `inputs`, and `n` accelerations, then pivots as outputs. It has the
+    same inputs, and the step [s]; outputs are the new `q` and `dq`, then the least pivot of all
+    stages.
     """
     writer = Writer()
     step = writer.push("input", STEP, 0)

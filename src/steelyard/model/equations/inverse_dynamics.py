@@ -102,18 +102,10 @@ def inverse_dynamics(
 def carried_point(
     robot: Robot, q: Sequence[Scalar], body: int, point: ArrayLike, ancestor: int = -1
 ) -> tuple[Vector, dict[int, Vector]]:
-    """Where a point that is fixed to a body is, seen from one of the bodies that carry it.
+    """Where a point `(3,)` [m] in a body's frame is, seen from one of the bodies that carry it.
 
-    Args:
-        robot: The tree.
-        q: All joints' positions [rad; m].
-        body: Index of the body; -1 is the base.
-        point: Shape `(3,)` [m], in the body's frame.
-        ancestor: Index of the body that looks, at or before `body`; -1 is the base.
-
-    Returns:
-        The position in the ancestor's frame, shape `(3,)` [m], and its derivatives by the joints
-        between the two, by index of the joint.
+    Bodies are given by index, -1 is the base. Returns the position in the ancestor's frame, shape
+    `(3,)` [m], and its derivatives by the joints between the two, by index of the joint.
     """
     position, slopes = _constant(point), dict[int, Vector]()
     while body != ancestor:

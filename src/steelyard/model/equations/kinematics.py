@@ -91,33 +91,18 @@ class FrameKinematics:
     code: Code
 
     def __call__(self, q: Array) -> tuple[Array, Array, Array]:
-        """Position `(N, 3)`, rotation `(N, 3, 3)` and Jacobian `(N, 6, n)` at `q`, `(N, n)`.
-
-        Raises:
-            DataError: A loop cannot close.
-        """
+        """Position `(N, 3)`, rotation `(N, 3, 3)` and Jacobian `(N, 6, n)` at `q`, `(N, n)`."""
         values = self.code([q.T, passive_positions(self.robot, q.T)]).T
         count = len(q)
         jacobian = values[:, 12:].reshape(count, 6, self.robot.n)
         return values[:, :3], values[:, 3:12].reshape(count, 3, 3), jacobian
 
     def pose(self, q: Array) -> tuple[Array, Array]:
-        """Where the frame is in the base frame.
-
-        Args:
-            q: Shape `(N, n)` [rad; m].
-
-        Returns:
-            Its origin, shape `(N, 3)` [m], and its axes, the columns of `(N, 3, 3)`.
-        """
+        """Origin `(N, 3)` [m] and axes, the columns of `(N, 3, 3)`, at `q`, `(N, n)`."""
         return self(q)[:2]
 
     def jacobian(self, q: Array) -> Array:
-        """Joint speeds to the origin's velocity and the angular velocity, shape `(N, 6, n)`.
-
-        Args:
-            q: Shape `(N, n)` [rad; m].
-        """
+        """Joint speeds to the origin's velocity and the angular velocity, shape `(N, 6, n)`."""
         return self(q)[2]
 
 
@@ -129,11 +114,7 @@ def last_frame(robot: Robot) -> str:
 
 
 def frame_of(robot: Robot, name: str) -> Frame:
-    """The frame of that name: of a moving link, or of one that is fixed to a link or the base.
-
-    Raises:
-        ModelError: The robot has none.
-    """
+    """The frame of that name: of a moving link, or of one that is fixed to a link or the base."""
     frames = {
         body.name: Frame(body.name, k, np.eye(3), np.zeros(3))
         for k, body in enumerate(robot.bodies)
@@ -148,15 +129,7 @@ def frame_of(robot: Robot, name: str) -> Frame:
 
 
 def frame_kinematics(robot: Robot, frame: str | Frame) -> FrameKinematics:
-    """Pose and Jacobian of a frame.
-
-    Args:
-        robot: The robot.
-        frame: The frame, or its name.
-
-    Raises:
-        ModelError: There is none of that name.
-    """
+    """Pose and Jacobian of a frame."""
     chosen = frame_of(robot, frame) if isinstance(frame, str) else frame
 
     def build() -> tuple[Program, dict[str, Any]]:
@@ -173,16 +146,10 @@ def frame_kinematics(robot: Robot, frame: str | Frame) -> FrameKinematics:
 def frame_outputs(
     robot: Robot, frame: Frame, q: Sequence[Scalar], passive: Sequence[Scalar]
 ) -> list[Scalar]:
-    r"""Position, rotation and Jacobian of a frame, row by row.
+    r"""Position, rotation and Jacobian of a frame, row by row; loops are closed at the positions.
 
     Passive joints follow the independent ones with $\dot q_p = G \dot q_a$, so that a frame behind
     them has the Jacobian $J_a + J_p G$.
-
-    Args:
-        robot: The robot.
-        frame: The frame.
-        q: Independent joints.
-        passive: Passive joints, where the loops are closed.
     """
     positions = [*q, *passive]
     position, slopes = carried_point(robot, positions, frame.body, frame.position)
@@ -198,13 +165,8 @@ def frame_outputs(
 def points_on(robot: Robot, carriers: Sequence[int], places: ArrayLike) -> Points:
     """Points of bodies, for their positions and derivatives.
 
-    Args:
-        robot: The robot.
-        carriers: Per point the index of its body; -1 is the base.
-        places: Shape `(m, 3)` [m], each in its body's frame.
-
-    Raises:
-        ModelError: Loops decide where one is.
+    Per point the index of its body, -1 for the base, and its place in that frame, `(m, 3)` [m]. It
+    is a `ModelError` if loops decide where one is.
     """
     points = frozen(places, (len(carriers), 3))
     for body in carriers:
@@ -230,16 +192,9 @@ def points_on(robot: Robot, carriers: Sequence[int], places: ArrayLike) -> Point
 
 
 def positions_of(robot: Robot, carriers: Sequence[int], places: ArrayLike, q: Array) -> Array:
-    """Positions of points along one motion, where compiling `points_on` would take longer.
+    """Positions `(N, m, 3)` of points as of `points_on` along one motion `q`, `(N, n)`.
 
-    Args:
-        robot: The robot.
-        carriers: Per point the index of its body; -1 is the base.
-        places: Shape `(m, 3)` [m], each in its body's frame.
-        q: Shape `(N, n)` [rad; m].
-
-    Returns:
-        Shape `(N, m, 3)` [m].
+    For where compiling `points_on` would take longer.
     """
     from steelyard.model.equations.trace import symbolic
 
@@ -274,11 +229,7 @@ def _moving_points(robot: Robot, carriers: Sequence[int], points: Array) -> dict
 
 
 def refuse_passive(robot: Robot, body: int, name: str) -> None:
-    """Points with programs of their motion hang on independent joints only.
-
-    Raises:
-        ModelError: A joint that loops determine carries the body.
-    """
+    """Points with programs of their motion hang on independent joints only."""
     while body >= 0:
         link = robot.bodies[body]
         if link.coordinate >= robot.n:
@@ -339,15 +290,9 @@ class FrameMotion:
     code: Code
 
     def __call__(self, q: Array, passive: Array, dq: Array) -> tuple[Array, Array, Array, Array]:
-        """At one sample.
+        """Origin `(3,)` [m], axes `(3, 3)`, Jacobian `(6, n)` and drift `(6,)`, in the base frame.
 
-        Args:
-            q: Independent joints, shape `(n,)` [rad; m].
-            passive: Passive joints, where the loops are closed, shape `(n_passive,)`.
-            dq: Velocities of the independent joints, shape `(n,)`.
-
-        Returns:
-            Origin `(3,)` [m], axes `(3, 3)`, Jacobian `(6, n)` and drift `(6,)`, in the base frame.
+        At one sample: independent `q` `(n,)`, passive joints where the loops close, and `dq` `(n,)`.
         """
         values = self.code([q[:, None], passive[:, None], dq[:, None]])[:, 0]
         jacobian = values[12:-6].reshape(6, self.robot.n)

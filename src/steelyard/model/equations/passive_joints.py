@@ -61,15 +61,10 @@ class Follower:
         self._drift = np.zeros(len(robot.passive))
 
     def __call__(self, q: Array, stop: bool = False) -> tuple[Array, NDArray[np.bool_]]:
-        """Passive positions of consecutive samples.
+        """Passive positions of consecutive samples `q` `(n, N)`, and whether loops close, `(N,)`.
 
-        Args:
-            q: Independent joints, shape `(n, N)`.
-            stop: Whether to look no further behind a sample that is not closed.
-
-        Returns:
-            Shape `(n_passive, N)`, and whether the loops are closed, shape `(N,)`; where they are
-            not, the positions are those of the last sample that was closed.
+        Where they are not, the positions are those of the last sample that was closed; with `stop`
+        nothing behind it is looked at.
         """
         passive = np.empty((len(self.robot.passive), q.shape[1]))
         good = np.zeros(q.shape[1], dtype=bool)
@@ -122,14 +117,7 @@ class Follower:
 def open_loop(
     follower: Follower, q: Array, closed: NDArray[np.bool_], t: Array | None
 ) -> DataError:
-    """What to say of the first sample that is not closed.
-
-    Args:
-        follower: It stopped there.
-        q: Independent joints, shape `(n, N)`.
-        closed: Whether each sample is closed, shape `(N,)`.
-        t: Times, shape `(N,)` [s]; `None` if samples have none.
-    """
+    """What to say of the first sample that is not closed, where the follower stopped."""
     first = int(np.argmin(closed))
     name, gap = follower.gap(q[:, first])
     when = "at this sample" if t is None else f"at t = {t[first]:.4f} s"
@@ -149,15 +137,7 @@ def open_loop(
 
 
 def passive_positions(robot: Robot, q: Array) -> Array:
-    """Positions of the passive joints of consecutive samples, shape `(n_passive, N)`.
-
-    Args:
-        robot: The robot.
-        q: Independent joints, shape `(n, N)`.
-
-    Raises:
-        DataError: A loop cannot close.
-    """
+    """Positions `(n_passive, N)` of the passive joints of consecutive samples `q`, `(n, N)`."""
     if not robot.passive:
         return np.empty((0, q.shape[1]))
     follower = Follower(robot)
@@ -172,12 +152,7 @@ def all_joints(
 ) -> tuple[Array, Array, Array]:
     """Positions, velocities and accelerations of all joints, each `(n_joints, N)`.
 
-    Args:
-        robot: The robot.
-        q: Independent joints, shape `(n, N)`.
-        dq: Their velocities.
-        ddq: Their accelerations.
-        passive: Positions of the passive joints, shape `(n_passive, N)`.
+    From those of the independent ones `(n, N)`, and positions of the passive ones `(n_passive, N)`.
     """
     if not robot.passive:
         return q, dq, ddq
@@ -188,14 +163,11 @@ def all_joints(
 
 
 def random_positions(robot: Robot, n_samples: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Positions anywhere; where there are loops, a walk from the assembly on which they close.
+    """Positions anywhere `(n, N)`; with loops, a walk from the assembly, and passive ones.
 
     The walk keeps to the limits of the independent joints, away from dead points, and passes no
     singular posture, so that the mechanism stays assembled as it is: a parallelogram whose bars lie
-    in one line could go on as an antiparallelogram.
-
-    Returns:
-        Independent joints, shape `(n, N)`, and passive ones, shape `(n_passive, N)`.
+    in one line could go on as an antiparallelogram. Passive positions have shape `(n_passive, N)`.
     """
     if not robot.passive:
         return rng.uniform(-np.pi, np.pi, (robot.n, n_samples)), np.empty((0, n_samples))

@@ -13,11 +13,7 @@ Entries = Mapping[tuple[int, int], Scalar]
 
 
 def symbolic(build: Callable[..., Sequence[Scalar]], inputs: Sequence[InputArray]) -> Program:
-    """Trace `build`, called with one list of scalar symbols per input array.
-
-    Raises:
-        NotImplementedError: The equations use an operation that no backend knows.
-    """
+    """Trace `build`, called with one list of scalar symbols per input array."""
     with Tape().recording() as tape:
         outputs = build(*_symbols(tape, inputs))
         return tape.program(inputs, _numbers(tape, outputs))
@@ -63,13 +59,8 @@ def affine(
 def pulled_back(program: Program, arrays: Sequence[int]) -> Program:
     r"""The reverse derivative of a program, $\sum_k s_k \, \partial y_k / \partial x$.
 
-    Args:
-        program: Inputs $x$, outputs $y$.
-        arrays: Numbers of the input arrays by whose entries it is differentiated.
-
-    Returns:
-        Inputs as the program's, and the seeds $s$, one per output; outputs are the derivatives,
-        array by array.
+    Inputs are the program's, and the seeds $s$, one per output $y$; outputs are the derivatives by
+    the entries $x$ of the input arrays whose numbers are given, array by array.
     """
     inputs = (*program.inputs, InputArray("seeds", len(program.outputs)))
     with Tape().recording() as tape:

@@ -77,15 +77,7 @@ class GravityCompensator(Term):
         return Placed(pulls=(Pull(self._name, self.links, self.points, stiffness, preload),))
 
     def length(self, robot: Robot, q: Any) -> tuple[Scalar, dict[int, Scalar]]:
-        """The spring's length [m] and its derivatives by the joints that stretch it.
-
-        Args:
-            robot: The robot.
-            q: All joints' positions [rad; m].
-
-        Raises:
-            ModelError: The robot has no such link, or both move as one.
-        """
+        """The spring's length [m] at all joints `q`, and its slopes by the joints that stretch it."""
         (first, near), (second, far) = (
             _on_body(robot, *end) for end in zip(self.links, self.points, strict=True)
         )

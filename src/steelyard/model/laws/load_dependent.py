@@ -54,11 +54,7 @@ class LoadDependent(OneState):
         object.__setattr__(self, "reference", _numbers(self.reference))
 
     def with_reference(self, values: Mapping[str, float]) -> Self:
-        """The same law with another reference model.
-
-        Args:
-            values: Parameters by name; those that are not numbers of bodies do not matter.
-        """
+        """The same law with another reference model; parameters of other laws do not matter."""
         bodies = {n: float(v) for n, v in values.items() if n.split(".")[0] in INERTIAL_NAMES}
         if not bodies:
             raise ModelError(
@@ -85,11 +81,7 @@ class LoadDependent(OneState):
         return found
 
     def reference_of(self, robot: Robot) -> Array:
-        """Ten numbers per body of the reference, shape `(10 n_bodies,)`.
-
-        Raises:
-            ModelError: The reference names no body's number, or nothing is known of the bodies.
-        """
+        """Ten numbers per body of the reference, shape `(10 n_bodies,)`."""
         if not self.reference:
             if not robot.nominal.any():
                 raise ModelError(

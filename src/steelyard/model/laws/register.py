@@ -34,11 +34,7 @@ REQUIRED = ("dissipation", "cause", "shown_by", "in_model_files")
 
 
 def complete(law: type[Term]) -> type[Term]:
-    """The law, if all is known of it that other rooms ask for.
-
-    Raises:
-        TypeError: Something is missing, or does not fit the rest.
-    """
+    """The law, if all is known of it that other rooms ask for; else `TypeError`."""
     names = {field.name for field in dataclasses.fields(cast(Any, law))}
     flaws = [] if "law" in vars(law) else ["lacks 'law'"]
     flaws += [f"lacks '{name}'" for name in REQUIRED if not hasattr(law, name)]

@@ -82,11 +82,7 @@ class Axis:
 def coordinates(
     robot: Robot, joints: Any = None, motors: Any = None, along: Any = None
 ) -> tuple[Axis, ...]:
-    """Coordinates by the names of joints and motors, and as sums; all joints if nothing is named.
-
-    Raises:
-        ModelError: The robot has no joint or motor of a name, or a coordinate is none.
-    """
+    """Coordinates by the names of joints and motors, and as sums; all joints if none is named."""
     if joints is None and motors is None and along is None:
         return tuple(_joint(robot, c.name) for c in robot.coordinates)
     named = [_joint(robot, name) for name in _listed(joints, "joints")]
@@ -105,13 +101,7 @@ def each(
 def spread(
     axes: Sequence[Axis], value: Callable[[int, Axis], Scalar], first: int = 0
 ) -> dict[tuple[int, int], Scalar]:
-    """Columns of one parameter per axis: an effort of `value` along it, per unit.
-
-    Args:
-        axes: The coordinates.
-        value: Effort along the axis of a number.
-        first: Number of the first parameter.
-    """
+    """Columns from parameter `first` on, one per axis: the effort along it per unit."""
     columns: dict[tuple[int, int], Scalar] = {}
     for k, axis in enumerate(axes):
         effort = value(k, axis)
@@ -122,11 +112,7 @@ def spread(
 
 
 def per_axis(values: float | tuple[float, ...], axes: Sequence[Axis], law: str) -> list[float]:
-    """One value of a field for every axis, from one for all or a list.
-
-    Raises:
-        ModelError: Their number does not fit, one is not above zero, or they are not known yet.
-    """
+    """One positive value of a field for every axis, from one for all or a list."""
     if isinstance(values, Find):
         raise ModelError(
             f"a nonlinear parameter of term '{law}' is not estimated yet",
@@ -145,11 +131,7 @@ def per_axis(values: float | tuple[float, ...], axes: Sequence[Axis], law: str) 
 
 
 def named_axis(robot: Robot, name: str) -> Axis:
-    """The coordinate of a joint or, where no joint has the name, of a motor.
-
-    Raises:
-        ModelError: The robot has neither.
-    """
+    """The coordinate of a joint or, where no joint has the name, of a motor."""
     gears = robot.transmission
     if gears is not None and name in gears.motors and name not in (c.name for c in robot.joints):
         return _motor(robot, name)
@@ -261,14 +243,10 @@ def directions(
     law: str,
     shape: str = DEFAULT_SHAPE,
 ) -> list[Scalar]:
-    r"""Direction of motion along every axis, from -1 to 1.
+    """Direction of motion along every axis, from -1 to 1.
 
-    Args:
-        axes: The coordinates.
-        dq: All joints' velocities [rad/s; m/s].
-        smoothing: Speed $w$ of the smooth law $s(v/w)$; zero for the sign.
-        law: Name of the term, for messages.
-        shape: A name of `SHAPES`.
+    The smooth law $s(v/w)$ of a name in `SHAPES` over the speed $w$ `smoothing`; the sign if that
+    is zero.
     """
     speeds = [axis.of(dq) for axis in axes]
     if is_zero(smoothing):
@@ -283,11 +261,7 @@ def is_zero(value: Any) -> bool:
 
 
 def refuse_shape(law: str, shape: str, smoothing: Field) -> None:
-    """The name of a smooth law goes with a speed within which it turns.
-
-    Raises:
-        ModelError: There is no such law, or no such speed.
-    """
+    """The name of a smooth law goes with a speed within which it turns."""
     refuse_unknown(law, "shape", shape, tuple(SHAPES))
     if is_zero(smoothing) and shape != DEFAULT_SHAPE:
         raise ModelError(
@@ -298,11 +272,7 @@ def refuse_shape(law: str, shape: str, smoothing: Field) -> None:
 
 
 def refuse_negative(law: str, **fields: Any) -> None:
-    """Fields that are speeds or lengths are finite numbers, not negative; or still to be found.
-
-    Raises:
-        ModelError: One is not.
-    """
+    """Fields that are speeds or lengths are finite numbers, not negative; or still to be found."""
     for name, value in fields.items():
         for number in value if isinstance(value, tuple) else (value,):
             if isinstance(number, Find):
@@ -317,11 +287,7 @@ def refuse_negative(law: str, **fields: Any) -> None:
 
 
 def refuse_not_positive(law: str, **fields: Any) -> None:
-    """Fields that a law divides by are finite numbers above zero; or still to be found.
-
-    Raises:
-        ModelError: One is not.
-    """
+    """Fields that a law divides by are finite numbers above zero; or still to be found."""
     refuse_negative(law, **fields)
     for name, value in fields.items():
         if 0.0 in (value if isinstance(value, tuple) else (value,)):
@@ -333,11 +299,7 @@ def refuse_not_positive(law: str, **fields: Any) -> None:
 
 
 def refuse_unknown(law: str, name: str, value: Any, known: Sequence[Any]) -> None:
-    """A field with a choice has one of its values.
-
-    Raises:
-        ModelError: It has another.
-    """
+    """A field with a choice has one of its values."""
     if value not in known:
         raise ModelError(
             f"term '{law}' has {name} = {value!r}",

@@ -32,12 +32,8 @@ def torque_slope(
 ) -> Array:
     """Change of the bodies' torques with a displacement of joint frames, `(n_joints, N)`.
 
-    Args:
-        robot: A tree.
-        motion: `q, dq, ddq` of all joints, each `(n_joints, N)`.
-        tens: Ten numbers per body, shape `(10 n_bodies,)`.
-        move: What is differentiated by: displacements per unit, in each joint's own frame,
-            shape `(MOVES n_bodies,)`.
+    Of a tree along `q, dq, ddq`, each `(n_joints, N)`, with ten numbers per body, `(10 n_bodies,)`;
+    `move` are displacements per unit, each joint's in its own frame, `(MOVES n_bodies,)`.
     """
     code, shared = placement_code(robot), (False, False, False, True, True)
     ahead, behind = (

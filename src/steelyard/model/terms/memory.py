@@ -58,25 +58,12 @@ class Presliding(ActsOnAxes, StatefulTerm):
     def steps(
         self, axes: Sequence[Axis], moved: Sequence[Scalar], speeds: Sequence[Scalar]
     ) -> list[StateStep]:
-        """One step of every state.
-
-        Args:
-            axes: The coordinates.
-            moved: Change of position along each.
-            speeds: Speed along each, at the end of the step.
-        """
+        """One step of every state, from changes of position and speeds at its end along axes."""
 
     def channels(
         self, robot: Robot, state: JointState, states: Sequence[Scalar], torque: RigidTorque
     ) -> list[Scalar]:
-        """Channels after a step; by default the states.
-
-        Args:
-            robot: The robot.
-            state: All joints.
-            states: After the step.
-            torque: Of the rigid bodies.
-        """
+        """Channels after a step; by default the states after it."""
         return list(states)
 
     def n_channels(self, robot: Robot) -> int:
@@ -89,12 +76,7 @@ class Presliding(ActsOnAxes, StatefulTerm):
         return len(axes) + len(self.lengths_of(axes))
 
     def started(self, robot: Robot, state: JointState) -> list[Scalar]:
-        """Memory before the first step of a motion, see `remember`.
-
-        Args:
-            robot: The robot.
-            state: All joints at the first sample.
-        """
+        """Memory before the first step of a motion, see `remember`, from the state of all joints."""
         axes = self.axes(robot)
         here, speeds = ([axis.of(x) for axis in axes] for x in (state.q, state.dq))
         return [*here, *_begun(speeds, self.lengths_of(axes))]
@@ -102,13 +84,7 @@ class Presliding(ActsOnAxes, StatefulTerm):
     def stepped(
         self, robot: Robot, state: JointState, memory: Sequence[Scalar]
     ) -> tuple[list[Scalar], list[Scalar]]:
-        """Memory and channels after one step.
-
-        Args:
-            robot: The robot.
-            state: All joints at the step's end.
-            memory: Before the step.
-        """
+        """Memory and channels after one step, from all joints at its end and the memory before."""
         axes = self.axes(robot)
         here, speeds = ([axis.of(x) for axis in axes] for x in (state.q, state.dq))
         moved = [x - last for x, last in zip(here, memory[: len(axes)], strict=True)]
@@ -195,11 +171,8 @@ class Scan:
     ) -> None:
         """Begin.
 
-        Args:
-            robot: The robot.
-            terms: All terms of the model.
-            rigid_torque: Torques of the bodies as a tree, for terms with a reference.
-            drop: Whether a loop that cannot close is passed over; what is remembered ends there.
+        `rigid_torque` are torques of the bodies as a tree, for terms with a reference. With `drop`
+        a loop that cannot close is passed over; what is remembered ends there.
         """
         self.robot = robot
         self.closed: NDArray[np.bool_] = np.ones(0, dtype=bool)

@@ -48,17 +48,10 @@ def is_search(given: Any) -> bool:
 
 
 def search_of(law: type[Any], field: str, given: Any, where: str) -> Find:
-    """The search that a value of a file requests.
+    """The search that a value of a file requests for a law's field.
 
-    Args:
-        law: Type of the term.
-        field: Name of its field.
-        given: `"find"`, or a table with `find` (bounds, or `true` for the law's own) and, if there
-            is to be one value per joint, `per_joint = true`.
-        where: For messages.
-
-    Raises:
-        ModelError: The field cannot be found, or the request has another form.
+    `given` is `"find"`, or a table with `find` (bounds, or `true` for the law's own) and, if there
+    is to be one value per joint, `per_joint = true`.
     """
     default = searchable(law, field, where)
     table = {FIND: True} if given == FIND else given
@@ -83,11 +76,7 @@ def search_of(law: type[Any], field: str, given: Any, where: str) -> Find:
 
 
 def searchable(law: type[Any], field: str, where: str) -> tuple[float, float]:
-    """The law's own bounds of a field.
-
-    Raises:
-        ModelError: The field is none that can be found.
-    """
+    """The law's own bounds of a field; `ModelError` if it cannot be found."""
     bounds: Mapping[str, tuple[float, float]] = law.bounds
     if field not in bounds:
         others = " and ".join(f"'{name}'" for name in bounds) or "none of its keys"
@@ -100,11 +89,7 @@ def searchable(law: type[Any], field: str, where: str) -> tuple[float, float]:
 
 
 def finds_of(term: Any) -> dict[str, Find]:
-    """The fields of a term that are to be found, by name.
-
-    Raises:
-        ModelError: One of them is none that can be found.
-    """
+    """The fields of a term that are to be found, by name."""
     given = {f.name: getattr(term, f.name) for f in fields(term)}
     found = {name: value for name, value in given.items() if isinstance(value, Find)}
     for name in found:

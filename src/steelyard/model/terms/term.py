@@ -103,11 +103,8 @@ class Term(ABC):
     ) -> Array:
         """What invented parameters are measured by, shape `(parameters,)`.
 
-        Args:
-            robot: The robot.
-            at_torque: Value at which each parameter alone loads a joint with its typical torque,
-                shape `(parameters,)`.
-            inertia: Typical inertia that a coordinate moves [kg m²; kg].
+        `at_torque` has the value at which each parameter alone loads a joint with its typical
+        torque, `inertia` the typical inertia that a coordinate moves [kg m²; kg].
         """
         return at_torque
 
@@ -149,10 +146,7 @@ class StatefulTerm(Term):
     def remember(self, robot: Robot, samples: TermSamples, memory: Any) -> tuple[Array, Any]:
         """Channels `(n_channels, N)` of consecutive samples, and the memory at their end.
 
-        Args:
-            robot: The robot.
-            samples: The samples.
-            memory: What the call before returned; `None` at the start of a motion.
+        `memory` is what the call before returned; `None` at the start of a motion.
         """
 
 
@@ -180,11 +174,7 @@ class ActsOnAxes(Term):
     per_run: bool = False
 
     def axes(self, robot: Robot) -> tuple[Axis, ...]:
-        """The coordinates it acts along.
-
-        Raises:
-            ModelError: The robot has no joint or motor of a name, or a coordinate is none.
-        """
+        """The coordinates it acts along."""
         return coordinates(robot, self.joints, self.motors, self.along)
 
     @property

@@ -22,16 +22,7 @@ WORST = 1e8
 def build_transmission(
     section: TransmissionSection, joints: Sequence[str], locate: Callable[..., str]
 ) -> Transmission:
-    """The gears between motors and joints.
-
-    Args:
-        section: What the file says.
-        joints: Names of the identified joints.
-        locate: Places in the file, for messages.
-
-    Raises:
-        ModelError: Numbers or names do not fit, or the matrix cannot be inverted.
-    """
+    """The gears between motors and the identified joints, as the robot file declares them."""
     motors = section.motors or tuple(f"motor_{k + 1}" for k in range(len(joints)))
     if len(motors) != len(joints):
         raise ModelError(
@@ -239,11 +230,7 @@ def gains_of(
 
 
 def check_count(got: int, what: str, coordinates: Sequence[Coordinate], where: str) -> None:
-    """There is one of something per joint.
-
-    Raises:
-        ModelError: There is another number.
-    """
+    """There is one of something per joint."""
     if got != len(coordinates):
         names = ", ".join(c.name for c in coordinates)
         raise ModelError(

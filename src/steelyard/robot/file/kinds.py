@@ -27,11 +27,7 @@ class Kinds:
     def fields(
         self, given: str | Mapping[str, Any], where: str
     ) -> tuple[type[Any], dict[str, Any]]:
-        """The dataclass that a name, or a table with it, is of, and its fields as they stand there.
-
-        Raises:
-            ModelError: There is no such kind, or a field is missing or unknown.
-        """
+        """The dataclass that a name, or a table with it, is of, and its fields as they stand."""
         table = {self.key: given} if isinstance(given, str) else dict(given)
         name = table.pop(self.key, None)
         if not isinstance(name, str) or name not in self.register:
@@ -60,11 +56,7 @@ class Kinds:
         return kind, table
 
     def built(self, given: str | Mapping[str, Any], where: str) -> Any:
-        """The value, its fields of the types that the dataclass declares.
-
-        Raises:
-            ModelError: As of `fields`, or a field is of another type or not to be had.
-        """
+        """The value, its fields of the types that the dataclass declares."""
         kind, table = self.fields(given, where)
         hints = get_type_hints(kind)
         try:

@@ -150,15 +150,9 @@ def read_model(path: Path, arguments: Mapping[str, str]) -> ModelFile:
 def robot_of_model(
     model: ModelFile, *, base: str | None = None, locked: Mapping[str, float] | None = None
 ) -> LoadedRobot:
-    """The robot of a model file alone.
+    """The robot of a model file alone, with a base, its root if none is given, and locked joints.
 
-    Args:
-        model: The file.
-        base: The link that is fixed to the world; `None` is its root.
-        locked: Positions of joints that do not move [rad; m].
-
-    Raises:
-        ModelError: The file leaves open what a robot is, such as the base of one that floats.
+    It is a `ModelError` if the file leaves open what a robot is, such as a floating one's base.
     """
     mechanism, path = model.mechanism, model.sources[0].path
     robot, notes = _whole(mechanism, base, locked)

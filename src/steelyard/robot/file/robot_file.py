@@ -37,11 +37,7 @@ from steelyard.robot.robot import Limits, Robot
 
 
 def closing_of(section: RobotSection, mechanism: Mechanism, places: Places) -> Closing:
-    """The closed chains of a robot file.
-
-    Raises:
-        ModelError: A loop is between links that do not exist, or two loops have one name.
-    """
+    """The closed chains of a robot file."""
     names = [link.name for link in mechanism.links]
     pins: list[Pin] = []
     for index, loop in enumerate(section.loops):
@@ -121,11 +117,7 @@ def load_robot_file(path: str | Path) -> RobotFile:
 
 
 def robot_text(path: Path) -> str:
-    """The text of a robot file, its lines ended by newlines.
-
-    Raises:
-        ModelError: It cannot be read, or is no text.
-    """
+    """The text of a robot file, its lines ended by newlines."""
     try:
         text = read_bytes(path, "a robot file (.toml), a URDF or an MJCF").decode("utf-8-sig")
     except UnicodeDecodeError as error:

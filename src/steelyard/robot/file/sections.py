@@ -471,8 +471,7 @@ class RobotFile(Section):
 def as_declared(declared: Any, value: Any) -> Any:
     """A value from a file as a type says it, strictly; lists are tuples.
 
-    Raises:
-        ValueError: It is of another type; the message says which is wanted.
+    A `ValueError` says which type is wanted, where it is of another.
     """
     strict = ConfigDict(strict=True, allow_inf_nan=False)
     value = tuple(value) if isinstance(value, list) else value

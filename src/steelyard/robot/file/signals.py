@@ -98,11 +98,7 @@ class Signals:
     commanded_velocity_scale: Array | None = None
 
     def of_commanded(self) -> Signals:
-        """The same efforts beside the commanded motion instead of the measured one.
-
-        Raises:
-            ModelError: The columns of the commanded motion are not known.
-        """
+        """The same efforts beside the commanded motion instead of the measured one."""
         if self.commanded_position is None:
             raise ModelError(
                 "the columns of the commanded motion are not known",
@@ -136,11 +132,7 @@ class Signals:
     def logged_efforts(self, torque: Array) -> Array:
         r"""Effort columns of joint torques, $y = S^{-1} E^{-1} \operatorname{diag}(k)^{-1} \tau$.
 
-        Args:
-            torque: Joint torques, shape `(..., n)` [Nm; N].
-
-        Returns:
-            Shape of `torque`, in the units, with the signs and on the side of `effort`.
+        Torques have the shape `(..., n)` [Nm; N]; columns the units, signs and side of `effort`.
         """
         base = torque / self.gains
         if self.effort_map is not None:
@@ -154,17 +146,7 @@ def build_signals(
     locate: Locate,
     gears: Transmission | None = None,
 ) -> Signals:
-    """The signals a robot file declares, for the joints it identifies.
-
-    Args:
-        section: What the file says.
-        coordinates: The joints.
-        locate: Places in the file, for messages.
-        gears: Gears between motors and joints, for signals of the motors' side.
-
-    Raises:
-        ModelError: Columns, units or gains do not fit the joints.
-    """
+    """The signals a robot file declares, for the joints it identifies and gears, if it has any."""
     check_sides(section, gears, locate)
     position = _columns(section.position, coordinates, locate("signals", "position"))
     effort = _columns(section.effort.columns, coordinates, locate("signals", "effort", "columns"))
@@ -221,11 +203,7 @@ def build_signals(
 def _commanded(
     section: SignalsSection, coordinates: Sequence[Coordinate], locate: Locate
 ) -> tuple[tuple[str, ...] | None, tuple[str, ...] | None]:
-    """Columns of commanded positions and velocities, as far as they are declared.
-
-    Raises:
-        ModelError: There are velocities without positions, or columns do not fit the joints.
-    """
+    """Columns of commanded positions and velocities, as far as they are declared."""
     if section.commanded_position is None and section.commanded_velocity is not None:
         raise ModelError(
             "commanded_velocity is given, but no commanded_position",
@@ -243,11 +221,7 @@ def _commanded(
 
 
 def _clock(section: SignalsSection, locate: Locate) -> tuple[str, float]:
-    """Column of time and seconds per its unit: of the rows' numbers, if only their rate is given.
-
-    Raises:
-        ModelError: There are both, or none.
-    """
+    """Column of time, or of the rows' numbers if only a rate is given, and seconds per its unit."""
     if section.rate is None and section.time is not None:
         return section.time, TIME_UNITS[section.time_unit]
     if section.rate is not None and section.time is None:

@@ -212,11 +212,7 @@ def shown(key: KeyPath) -> str:
 
 
 def checked(path: Path, text: str, schema: type[Schema]) -> tuple[Schema, Places]:
-    """The text as a value of the schema, and where its keys are.
-
-    Raises:
-        ModelError: The text is not TOML, or a key is unknown, missing or of the wrong type.
-    """
+    """The text as a value of the schema, and where its keys are."""
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

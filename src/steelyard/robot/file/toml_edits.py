@@ -51,9 +51,6 @@ def edited(text: str, changes: Sequence[KeyChange]) -> str:
     """A TOML text with some keys changed, one after the other.
 
     A new key goes behind the last one of its table, a new table to the end of the text.
-
-    Raises:
-        ModelError: The text is not TOML, or a path leads through what is no table.
     """
     for change in changes:
         text = _changed(text, change.path, plain(change.value))

@@ -179,11 +179,6 @@ def by_number(
     """Groups of `count` columns alike but for their last number, 0 or 1 onwards; best first.
 
     Units differ where kinds of joints do: `q1_rad, q2_rad, q3_m` is a group too.
-
-    Args:
-        count: Columns in a group.
-        columns: Columns of one quantity.
-        kinds: Of the joints, one per column; none if all names must be alike.
     """
     mixed: dict[tuple[str, ...], list[tuple[int, Column]]] = defaultdict(list)
     columns = list(columns)
@@ -202,14 +197,9 @@ def by_number(
 
 
 def partly_by_number(count: int, columns: Iterable[Column]) -> tuple[Column | None, ...]:
-    """The largest group of columns alike but for their last number, with its gaps.
+    """The largest group of columns alike but for their last number, 0 or 1 onwards, with its gaps.
 
-    Args:
-        count: Places, 0 or 1 onwards; more than half of them have a column.
-        columns: Columns of one quantity.
-
-    Returns:
-        A column or `None` for each place; nothing if there is no such group.
+    A column or `None` for each of `count` places, more than half of them columns; else nothing.
     """
     groups = [
         (stem, tuple(group.get(k + first) for k in range(count)))
@@ -278,11 +268,7 @@ LISTED = 3
 
 
 def give_up(wrong: str, columns: Sequence[str], fix: str = IN_FILE) -> NoReturn:
-    """Refuse columns, with all their names.
-
-    Raises:
-        LogError: Always.
-    """
+    """Refuse columns, with all their names."""
     if all(map(UNNAMED.fullmatch, columns)):
         raise LogError(
             "the log's columns have no names: the file seems to have no header line",

@@ -73,14 +73,8 @@ def guess_signals(
 ) -> tuple[Signals, tuple[str, ...]]:
     """Signals of a log for a robot without a robot file, and the reasons.
 
-    Args:
-        robot: The robot; the log must cover all its joints.
-        columns: Names of the log's columns.
-        sample: Some values of columns, for units that names do not state.
-
-    Raises:
-        LogError: The columns cannot be assigned, or do not cover the joints.
-        ModelError: The columns hold motor current: gains are needed, which a log cannot give.
+    The columns must cover all joints, and gains of currents would be needed, which a log cannot
+    give. Some values of columns tell units that names do not state.
     """
     guess = guess_columns(robot.coordinates, columns, sample)
     refuse_motors(guess, columns)
@@ -106,21 +100,12 @@ def guess_columns(
     rate: float | None = None,
     geared: bool = False,
 ) -> Guess:
-    """The columns of time, positions and efforts, and their units.
+    """The columns of time, positions and efforts, and their units; `LogError` if unassigned.
 
     Columns are matched by the joints' names if they carry them, else by their numbers. Columns of
     targets and commands are passed over; velocities are used if the sample shows that they are
-    worth it.
-
-    Args:
-        coordinates: The joints.
-        columns: Names of the log's columns.
-        sample: Some values of columns.
-        rate: Of the log's rows [Hz], if it has no column of time.
-        geared: Whether gear ratios are given: positions far beyond the limits are of motors then.
-
-    Raises:
-        LogError: They cannot be assigned.
+    worth it. A `rate` [Hz] is for logs without a column of time; if gear ratios are given
+    (`geared`), positions far beyond the limits are of motors.
     """
     values = {name: finite(values) for name, values in (sample or {}).items()}
     kinds: dict[Quantity, list[Column]] = {}
@@ -204,12 +189,7 @@ def _gears(
 
 
 def velocities_beside(position: Sequence[str], columns: Sequence[str]) -> tuple[str, ...]:
-    """Velocity columns that are called as the position columns are; none if one lacks its own.
-
-    Args:
-        position: The position columns, in the joints' order.
-        columns: All columns of the log.
-    """
+    """Velocity columns that are called as the position columns are; none if one lacks its own."""
     found: dict[tuple[str, ...], list[str]] = {}
     for column in map(Column, columns):
         if column.quantity == "velocity":
@@ -219,11 +199,7 @@ def velocities_beside(position: Sequence[str], columns: Sequence[str]) -> tuple[
 
 
 def refuse_motors(guess: Guess, columns: Sequence[str]) -> None:
-    """Signals of motors need gear ratios, which a model file alone does not give.
-
-    Raises:
-        LogError: The guess has such signals.
-    """
+    """Signals of motors need gear ratios, which a model file alone does not give."""
     section = guess.section
     if section.coordinates == "motor":
         named = _names(section.position)

@@ -87,10 +87,7 @@ def _is_current(column: Column) -> bool:
 
 
 def link_side(robot: str, joints: Sequence[str]) -> str:
-    """What in the names of a robot and its joints says that torques are those on the link side.
-
-    Empty if nothing does.
-    """
+    """What in the names of a robot and its joints says that torques are those on the link side."""
     found = (LINK_SIDE.search(name.lower()) for name in (robot, *joints))
     return next((match.group() for match in found if match), "")
 
@@ -191,9 +188,7 @@ def whole_numbers(columns: Sequence[Column], values: Mapping[str, Array]) -> boo
 def regressed(motors: Sequence[Array], joints: Sequence[Array]) -> Gears | None:
     r"""Gears from positions of both sides, $q_m = R\,q + c$; `None` where they do not fit.
 
-    Args:
-        motors: Positions of the motors, one array `(N,)` each, NaN where broken.
-        joints: Positions of the joints, likewise [rad; m].
+    One array `(N,)` per motor and per joint [rad; m], NaN where broken.
     """
     sides = np.array([*motors, *joints], dtype=np.float64)
     rows = sides[:, np.isfinite(sides).all(axis=0)]

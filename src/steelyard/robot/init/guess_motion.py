@@ -193,13 +193,8 @@ def judged(
 ) -> VelocityGuess:
     """Velocity columns that are used, all or none, their unit, and why.
 
-    Args:
-        velocity: Columns that look like velocities, joint by joint.
-        position: The position columns.
-        joints: Their joints.
-        unit: Of the positions: one, one per joint, or `None` for rad and m.
-        clock: What the robot file says of time.
-        sample: Values of columns from the first row on.
+    Columns are listed joint by joint; `unit` is that of the positions: one, one per joint, or
+    `None` for rad and m; `sample` has values from the first row on.
     """
     names = [c.name for c in (*position, *velocity)]
     shown = listed(velocity)
@@ -253,12 +248,8 @@ def _in_unit(
 ) -> tuple[Comparison | None, list[str]]:
     """Velocities in the positions' unit per second, or in the one in which they are the derivative.
 
-    Args:
-        t: Time, shape `(N,)` [s].
-        q: Positions, joint by joint, each `(N,)` [rad; m].
-        logged: Velocities as logged, likewise.
-        own: Units of the positions, per second.
-        joints: Their joints.
+    Time `(N,)` [s], positions [rad; m] and velocities as logged joint by joint, each `(N,)`; `own`
+    are the units of the positions per second.
     """
 
     def read(units: Sequence[str]) -> Comparison | None:
@@ -279,10 +270,7 @@ def _in_unit(
 def compared(t: Array, q: Sequence[Array], v: Sequence[Array]) -> Comparison | None:
     """Compare velocities with positions; `None` where too little moves.
 
-    Args:
-        t: Time, shape `(N,)` [s].
-        q: Positions, joint by joint, each `(N,)`.
-        v: Velocities in the same units per second, likewise.
+    Time `(N,)` [s]; positions and, in the same units per second, velocities, each `(N,)`.
     """
     rows = np.array([*q, *v])
     with np.errstate(invalid="ignore"):
@@ -349,17 +337,8 @@ def guess_positions(
     """Unit and side of position columns, by their names and by the joints' limits.
 
     Positions far beyond the limits in rad, but within them in deg, are in deg whatever their names
-    say, unless they are known to be behind gears.
-
-    Args:
-        columns: The position columns.
-        joints: Their joints.
-        values: Finite values of columns.
-        every: All columns of the log, for messages.
-        geared: Whether gear ratios are given, or efforts are of motors by their names.
-
-    Raises:
-        LogError: They are counts, which have no unit.
+    say, unless they are known to be behind gears: ratios are given, or efforts are of motors by
+    their names. Counts have no unit, which is a `LogError` that lists `every` column of the log.
     """
     if all(column.of_motor for column in columns):
         unit, reason = _motor_unit(columns)

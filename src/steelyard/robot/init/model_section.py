@@ -53,14 +53,7 @@ def model_part(
     known: Known,
     gears: Gears | None,
 ) -> str:
-    """The torque terms, and whether friction laws are chosen from the data.
-
-    Args:
-        springs: Springs of the model file, by joint.
-        guess: The columns, whose efforts may be measured on the link side.
-        known: Whether friction laws can be chosen.
-        gears: Gears, whose coupled motors act on two joints.
-    """
+    """The torque terms, and whether friction laws are chosen from the data."""
     behind = guess is not None and guess.section.effort.kind == "link_torque"
     laws = [] if known.auto else ["coulomb", "viscous"]
     names = ["rigid_body", *([] if behind else ["rotor_inertia"]), *laws, "offset"]

@@ -42,13 +42,6 @@ def proposed(reference: str | Path, base: str | None = None) -> Proposal:
 
     The floating body with most joints becomes the base. Ball joints are locked, joints of
     couplings, and loops of hands; of other loops those that make none of the joints passive.
-
-    Args:
-        reference: The URDF, the MJCF, or the xacro file with its arguments.
-        base: The link to be fixed to the world, if somebody says.
-
-    Raises:
-        ModelError: The file cannot be used.
     """
     path, arguments = split_reference(reference)
     if path.suffix.lower() == ".toml":

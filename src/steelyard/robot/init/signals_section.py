@@ -110,14 +110,7 @@ KINDS = (
 
 
 def signals_part(guess: Guess, moving: Sequence[Coordinate], known: Known, file: str) -> str:
-    """What the columns of the log seem to be, each guess with its reason.
-
-    Args:
-        guess: The columns.
-        moving: The joints.
-        known: Gains, if any.
-        file: Name of the robot file, for commands.
-    """
+    """What the columns of the log seem to be, each guess with its reason."""
     section, effort = guess.section, guess.section.effort
     reasons = "\n".join(comment(reason, "# * ") for reason in guess.reasons)
     wrong = "".join(comment(f"CHECK, contradictory: {why}.") + "\n" for why in guess.contradictions)

@@ -93,17 +93,10 @@ def assigned(
     rate: float | None = None,
     geared: bool = False,
 ) -> Assignment:
-    """Joints to identify, and the columns of a log.
+    """Joints to identify, and the columns of a log, whose units some values tell.
 
-    Args:
-        proposal: What `proposed` gave for the model file.
-        columns: Names of the log's columns; `None` without a log.
-        sample: Some values of the columns, for their units.
-        rate: Of the log's rows [Hz], if it has no column of time.
-        geared: Whether gear ratios are given.
-
-    Raises:
-        LogError: Nothing but the time is missing, and no rate is given.
+    A `rate` [Hz] stands for a column of time; `geared` says that gear ratios are given. It is a
+    `LogError` if only the time is missing, and no rate given.
     """
     robot = proposal.loaded.robot
     hands = _hands(robot)
@@ -142,17 +135,11 @@ def _behind_the_gears(guess: Guess, robot: str) -> Guess:
 def drafted(
     proposal: Proposal, assignment: Assignment, output_path: Path, known: Known = _NOTHING
 ) -> Draft:
-    """A commented robot file.
+    """A commented robot file; the model's path is given from where the text will be written.
 
     Joints of hands are locked, and so are joints that the log has no columns for. Where the
     columns of the log are unknown, `[signals]` is left as a comment that lists them; where gears
     are, `[robot.transmission]` is, and `load_robot` refuses the file until they are filled in.
-
-    Args:
-        proposal: What `proposed` gave for the model file.
-        assignment: What `assigned` gave for the log.
-        output_path: Where the text will be written: the model's path is given from there.
-        known: What is known beyond the columns.
     """
     robot, springs = proposal.loaded.robot, proposal.loaded.springs
     free, moving = assignment.free, assignment.moving

@@ -41,9 +41,6 @@ def compiled(path: Path) -> Compiled:
     """MuJoCo's model of an MJCF, absent meshes, height fields and images replaced.
 
     The inertia of every other body is the one that MuJoCo computes with all files there.
-
-    Raises:
-        ModelError: MuJoCo cannot compile the file for another reason.
     """
     import mujoco
 
@@ -82,12 +79,8 @@ def compiled(path: Path) -> Compiled:
 def _refuse_circle(path: Path, above: tuple[Path, ...], fine: set[Path]) -> None:
     """Raise if a file attaches itself, or one that does: MuJoCo recurses until the process dies.
 
-    Files that are absent, or no XML, are left to MuJoCo.
-
-    Args:
-        path: The file.
-        above: The files that it is in.
-        fine: Files that need no second look; those found here are added.
+    Files that are absent, or no XML, are left to MuJoCo. `above` are the files that it is in,
+    `fine` those that need no second look; those found here are added.
     """
     resolved = Path(os.path.realpath(path))
     if resolved in above:
@@ -171,8 +164,7 @@ def _replace_absent_meshes(
 ) -> tuple[list[tuple[Any, str]], list[tuple[Any, str]]]:
     """Put spheres for the geoms of absent meshes.
 
-    Returns:
-        The geoms, and the bodies whose inertia needs them, each with the mesh's name.
+    Returns the geoms, and the bodies whose inertia needs them, each with the mesh's name.
     """
     import mujoco
 

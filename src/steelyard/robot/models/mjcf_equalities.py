@@ -62,11 +62,7 @@ class Equalities:
         return mimics
 
     def pins(self, origins: Mapping[int, Placement]) -> list[Pin]:
-        """`connect` equalities between bodies or sites.
-
-        Args:
-            origins: Frame of every body in that of its link.
-        """
+        """`connect` equalities between bodies or sites; `origins` are of bodies in their links."""
         import mujoco
 
         model, pins = self.model, []

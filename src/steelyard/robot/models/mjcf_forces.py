@@ -182,12 +182,7 @@ class Actuators:
 
 
 def springs_of(model: Any, name: Naming) -> dict[str, JointSpring]:
-    """Springs of the joints, by joint, unless the file switches springs off.
-
-    Args:
-        model: A compiled model (`mujoco.MjModel`).
-        name: Names of its objects.
-    """
+    """Springs of the joints of a compiled model, by joint, unless the file switches springs off."""
     if _off(model, mujoco.mjtDisableBit.mjDSBL_SPRING):
         return {}
     springs = {}

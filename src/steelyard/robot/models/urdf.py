@@ -24,15 +24,12 @@ _SIX = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")
 
 
 def read_urdf(path: Path) -> Mechanism:
-    r"""The mechanism of a URDF file.
+    """The mechanism of a URDF file, which is a tree of joints.
 
     Visuals, collisions and unknown elements are passed over. `rpy` is
     $R_z(y) R_y(p) R_x(r)$; the rotation of an inertial's origin turns its tensor; a joint
     without `<axis>` moves about x; a mass without `<inertia>` is a point. A speed limit of zero
     means that it is unknown.
-
-    Raises:
-        ModelError: The file is not a URDF of a tree of joints; it names file, line and element.
     """
     root = read_xml(path)
     if root.tag != "robot":

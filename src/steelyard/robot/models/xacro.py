@@ -75,13 +75,8 @@ def expand(
 ) -> Expansion | None:
     """The URDF that a xacro file stands for; `None` for a file that is none.
 
-    Args:
-        path: The file.
-        arguments: What `$(arg NAME)` stands for; the others have the file's defaults.
-        packages: Folders of packages, beside those above the file and of the environment.
-
-    Raises:
-        ModelError: It cannot be expanded, has no such argument, or holds no robot.
+    `$(arg NAME)` is one of the arguments, or the file's default; packages are looked for in the
+    folders given, those above the file and those of the environment.
     """
     if not is_xacro(path):
         if arguments:

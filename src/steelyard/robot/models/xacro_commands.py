@@ -31,11 +31,7 @@ class Packages:
     model: Path
 
     def find(self, name: str) -> Path:
-        """The folder of a package.
-
-        Raises:
-            XacroError: There is none.
-        """
+        """The folder of a package; `XacroError` if there is none."""
         if re.fullmatch(r"[\w-][\w.-]*", name):
             for place in self._places():
                 for folder in (place / name, place):
@@ -60,9 +56,6 @@ class Packages:
 
         A file of a package that is not found may lie below a folder above the model all the same:
         copies of packages often have other names.
-
-        Raises:
-            XacroError: The package is not found, and the file neither.
         """
         text = text.removeprefix("file://")
         if not text.startswith("package://"):
@@ -122,12 +115,8 @@ LARGEST = 20_000
 def load_yaml(path: Path, number: Callable[[str], Any]) -> Any:
     """Tables, lists and scalars of a YAML file; nothing else is constructed.
 
-    Args:
-        path: The file.
-        number: Evaluates the expression of a value with a unit, `!degrees 90`.
-
-    Raises:
-        XacroError: It is missing, no YAML, too large, or asks for other objects.
+    `number` evaluates the expression of a value with a unit, `!degrees 90`. A file that is missing,
+    no YAML, too large, or asks for other objects is a `XacroError`.
     """
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
@@ -226,11 +215,7 @@ class Commands:
         }
 
     def of(self, command: str, scope: Names) -> Any:
-        """What stands for `$(command)`.
-
-        Raises:
-            XacroError: It is not known, or cannot be had.
-        """
+        """What stands for `$(command)`; `XacroError` if it is not known, or cannot be had."""
         name, _, rest = command.strip().partition(" ")
         words = rest.split()
         if name == "eval":

@@ -50,9 +50,6 @@ class Expander:
         """The outermost element of the file, expanded.
 
         Its own attributes come last: its name is often an argument that is declared inside.
-
-        Raises:
-            ModelError: A file cannot be read, or not be expanded.
         """
         root = read_xml(self.files[0])
         try:

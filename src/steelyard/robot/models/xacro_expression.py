@@ -64,22 +64,14 @@ class Names:
     """What names of an expression stand for; as a value, a namespace: `arm.length`."""
 
     def value(self, name: str) -> Any:
-        """The value of a name.
-
-        Raises:
-            XacroError: It has none.
-        """
+        """The value of a name; `XacroError` if it has none."""
         if name in FUNCTIONS:
             return FUNCTIONS[name]
         raise XacroError(f"'{name}' is not defined", f"define '{name}' before it is used")
 
 
 def evaluate(text: str, names: Names, budget: Budget) -> Any:
-    """The value of an expression.
-
-    Raises:
-        XacroError: It is no expression, does what is not supported, fails, or is too large.
-    """
+    """The value of an expression; `XacroError` if it has none, does too much or is too large."""
     shown = text if len(text) < 200 else f"{text[:200]}..."
     try:
         if len(text) > LENGTH:

@@ -27,11 +27,7 @@ class Budget:
         self.left = steps
 
     def spend(self, steps: int) -> None:
-        """Take some of it.
-
-        Raises:
-            XacroError: There is none left.
-        """
+        """Take some of it; `XacroError` if there is none left."""
         self.left -= steps
         if self.left < 0:
             raise XacroError(
@@ -41,11 +37,7 @@ class Budget:
 
 
 def bounded(value: Any, budget: Budget) -> Any:
-    """The value itself.
-
-    Raises:
-        XacroError: It is too large.
-    """
+    """The value itself; `XacroError` if it is too large."""
     if isinstance(value, int) and value.bit_length() > BITS:
         raise XacroError(f"a whole number has more than {BITS} binary digits")
     if isinstance(value, complex):
@@ -91,11 +83,7 @@ def literal(value: Any) -> Any:
 
 
 def as_truth(value: Any, text: str) -> bool:
-    """The truth of a condition.
-
-    Raises:
-        XacroError: It has none.
-    """
+    """The truth of a condition; `XacroError` if it has none."""
     if not isinstance(value, str):
         return bool(value)
     if value in ("true", "True", "false", "False"):
@@ -115,11 +103,7 @@ def whole_text(results: list[Any]) -> Any:
 
 
 def remainder(left: Any, right: Any) -> Any:
-    """`left % right` of numbers, or numbers written into a text.
-
-    Raises:
-        XacroError: The text may ask for wide columns.
-    """
+    """`left % right` of numbers, or numbers in a text; `XacroError` if it may be wide."""
     if not isinstance(left, str):
         return left % right
     if "*" in left or re.search(r"\d{4}", left):
@@ -130,11 +114,7 @@ def remainder(left: Any, right: Any) -> Any:
 
 
 def power(base: Any, exponent: Any) -> Any:
-    """`base ** exponent`, without giant whole numbers.
-
-    Raises:
-        XacroError: The result would be too large.
-    """
+    """`base ** exponent`; `XacroError` instead of giant whole numbers."""
     if isinstance(base, int) and isinstance(exponent, int) and exponent > 0:
         if base.bit_length() * exponent > 2 * BITS:
             raise XacroError(f"a power has more than {BITS} binary digits")
@@ -142,11 +122,7 @@ def power(base: Any, exponent: Any) -> Any:
 
 
 def product(left: Any, right: Any) -> Any:
-    """`left * right`, without giant texts or lists.
-
-    Raises:
-        XacroError: The result would be too large.
-    """
+    """`left * right`; `XacroError` instead of giant texts or lists."""
     for many, times in ((left, right), (right, left)):
         if isinstance(many, str | list | tuple) and isinstance(times, int):
             if len(many) * times > TEXT:

@@ -130,11 +130,8 @@ def read_xml(path: Path) -> Element:
     """The root element of an XML file.
 
     A prefix that is never declared makes a namespace of its own, and blank lines may stand before
-    the declaration: ROS and Pinocchio pass over both.
-
-    Raises:
-        ModelError: The file is missing, is not XML, or defines entities (which could grow without
-            bound or reach other files).
+    the declaration: ROS and Pinocchio pass over both. Entities are refused: they could grow without
+    bound or reach other files.
     """
     from defusedxml.common import DefusedXmlException
     from defusedxml.ElementTree import DefusedXMLParser, ParseError

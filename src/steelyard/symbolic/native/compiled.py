@@ -38,14 +38,9 @@ class Code:
     sample: Any
 
     def __call__(self, inputs: Sequence[Array], shared: Sequence[bool] | None = None) -> Array:
-        """Evaluate at any number of samples.
+        """Evaluate at any number of samples: shape `(n_outputs, N)`.
 
-        Args:
-            inputs: Per array `(entries, N)`, or `(entries,)` where all samples share it.
-            shared: Which inputs are shared; none if `None`.
-
-        Returns:
-            Shape `(n_outputs, N)`.
+        Per array `(entries, N)`, or `(entries,)` where all samples share it, as `shared` says.
         """
         flags = shared or [False] * len(inputs)
         n_samples = next(x.shape[1] for x, one in zip(inputs, flags, strict=True) if not one)
@@ -68,10 +63,8 @@ class Code:
 def compiled(description: Any, build: Callable[[], tuple[Program, dict[str, Any]]]) -> Code:
     """Machine code for what `description` stands for.
 
-    Args:
-        description: Everything the program depends on, as JSON; its hash names the cache entry.
-        build: Makes the program and states about it what callers need; called only if the cache has
-            no sound entry.
+    That is everything the program depends on, as JSON; its hash names the cache entry. `build`
+    makes the program and states about it what callers need, if the cache has no sound entry.
     """
     lanes = machine.lanes()
     key = cache.key_of([ENGINE, machine.version(), machine.host(), lanes, description])
@@ -167,16 +160,9 @@ def _padded(x: Array, n_samples: int) -> Array:
 
 
 def recurrence(decay: Array, drive: Array, bound: Array, start: Array) -> tuple[Array, Array]:
-    r"""$y_k = \operatorname{clip}(a_k y_{k-1} + b_k, \pm c_k)$, row by row.
+    r"""$y_k = \operatorname{clip}(a_k y_{k-1} + b_k, \pm c_k)$, row by row, and its last column.
 
-    Args:
-        decay: $a$, shape `(rows, N)`.
-        drive: $b$, shape `(rows, N)`.
-        bound: $c$, shape `(rows, N)`.
-        start: $y_{-1}$, shape `(rows,)`.
-
-    Returns:
-        $y$, shape `(rows, N)`, and its last column, where the next call goes on.
+    $a, b, c$ have shape `(rows, N)`, `start` is $y_{-1}$; the next call goes on from the last.
     """
     a, b, c = (np.ascontiguousarray(x, dtype=np.float64) for x in (decay, drive, bound))
     if not a.shape == b.shape == c.shape or start.shape != a.shape[:1]:

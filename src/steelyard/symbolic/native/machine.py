@@ -54,12 +54,9 @@ class Library:
     """
 
     def __init__(self, code: bytes, symbols: Sequence[str], calls: "Library | None" = None) -> None:
-        """Load an object file.
+        """Load an object file; `symbols` are functions to be called from Python.
 
-        Args:
-            code: The object file.
-            symbols: Functions to be called from Python.
-            calls: A library whose functions it calls, loaded before and kept as long.
+        `calls` is a library whose functions it calls, loaded before and kept as long.
         """
         self.name, self._calls = f"steelyard{next(_NUMBER)}", calls
         with _LOCK:
@@ -74,12 +71,8 @@ class Library:
     def function(self, symbol: str, n_arguments: int, answers: bool = False) -> Any:
         """A callable of 64-bit integers and addresses.
 
-        Args:
-            symbol: Name of the function.
-            n_arguments: Number of its arguments.
-            answers: Whether it returns an integer; it keeps the interpreter's lock then, which
-                takes longer to give away than a function of a microsecond. Others run beside other
-                threads.
+        If it answers, it returns an integer and keeps the interpreter's lock, which takes longer to
+        give away than a function of a microsecond. Others run beside other threads.
         """
         arguments = [ctypes.c_int64] * n_arguments
         prototype = (
