@@ -138,7 +138,7 @@ class ValuedModel(Dynamics):
         return self.model.compiled(quantity).along(self.values.values, arguments, t)
 
     def block(self, q: Array, dq: Array, ddq: Array, channels: Array | None = None) -> Array:
-        """Efforts of one block, joint-major; `q`, `dq`, `ddq` `(n, B)`, channels `(n_channels, B)`."""
+        """Efforts of one block, joint-major; `q`, `dq`, `ddq` `(n, B)`, `channels` `(_, B)`."""
         channels = np.empty((0, q.shape[1])) if channels is None else channels
         code = self.model.torque_code
         shared = [False, False, False, False, True]

@@ -292,7 +292,7 @@ class FrameMotion:
     def __call__(self, q: Array, passive: Array, dq: Array) -> tuple[Array, Array, Array, Array]:
         """Origin `(3,)` [m], axes `(3, 3)`, Jacobian `(6, n)` and drift `(6,)`, in the base frame.
 
-        At one sample: independent `q` `(n,)`, passive joints where the loops close, and `dq` `(n,)`.
+        At one sample: independent `q` `(n,)`, passive joints where loops close, and `dq` `(n,)`.
         """
         values = self.code([q[:, None], passive[:, None], dq[:, None]])[:, 0]
         jacobian = values[12:-6].reshape(6, self.robot.n)

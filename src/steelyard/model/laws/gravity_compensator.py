@@ -77,7 +77,7 @@ class GravityCompensator(Term):
         return Placed(pulls=(Pull(self._name, self.links, self.points, stiffness, preload),))
 
     def length(self, robot: Robot, q: Any) -> tuple[Scalar, dict[int, Scalar]]:
-        """The spring's length [m] at all joints `q`, and its slopes by the joints that stretch it."""
+        """The spring's length [m] at all joints `q`, and its slopes by joints that stretch it."""
         (first, near), (second, far) = (
             _on_body(robot, *end) for end in zip(self.links, self.points, strict=True)
         )

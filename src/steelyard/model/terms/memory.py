@@ -76,7 +76,7 @@ class Presliding(ActsOnAxes, StatefulTerm):
         return len(axes) + len(self.lengths_of(axes))
 
     def started(self, robot: Robot, state: JointState) -> list[Scalar]:
-        """Memory before the first step of a motion, see `remember`, from the state of all joints."""
+        """Memory before the first step of a motion, see `remember`, from the state of joints."""
         axes = self.axes(robot)
         here, speeds = ([axis.of(x) for axis in axes] for x in (state.q, state.dq))
         return [*here, *_begun(speeds, self.lengths_of(axes))]
