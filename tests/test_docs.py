@@ -11,7 +11,7 @@ from steelyard.cli.app import app
 from steelyard.model.laws.register import term_of
 from steelyard.model.terms.open_fields import finds_of
 from steelyard.robot.file.sections import RobotFile
-from steelyard.robot.file.toml import Section, checked
+from steelyard.robot.file.toml import Section, checked, meanings_of
 
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]
@@ -114,5 +114,5 @@ def sections(base: type[Section] = Section) -> list[type[Section]]:
 
 @pytest.mark.parametrize("section", sections(), ids=lambda section: section.__name__)
 def test_every_key_of_the_robot_file_is_described(section: type[Section]) -> None:
-    described = re.findall(r"^ {8}(\w+): \S", section.__doc__ or "", re.M)
-    assert described == list(section.model_fields)
+    described = meanings_of(section)
+    assert sorted(described) == sorted(section.model_fields) and all(described.values())

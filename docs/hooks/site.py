@@ -25,7 +25,7 @@ from pydantic.fields import FieldInfo
 import steelyard
 from steelyard.cli.app import app
 from steelyard.robot.file.sections import RobotFile
-from steelyard.robot.file.toml import Section
+from steelyard.robot.file.toml import Section, meanings_of
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOK = ROOT / "docs/tutorials/notebook.ipynb"
@@ -130,12 +130,10 @@ def keys_page() -> str:
             chosen = f", kind = {_type(kind.annotation)}" if kind and len(sections) > 1 else ""
             lines += [f"## {path}{chosen}", "", _escaped(about.split("\n\nAttributes:")[0]), ""]
             lines += ["| key | value | default | meaning |", "|---|---|---|---|"]
-            attributes = dict(re.findall(r"^    (\w+): (.+(?:\n {8}.+)*)", about, re.M))
+            meanings = meanings_of(section)
             for name, field in section.model_fields.items():
-                meaning = " ".join(attributes[name].split())
-                lines.append(
-                    f"| `{name}` | {_value(field)} | {_default(field)} | {_cell(meaning)} |"
-                )
+                cells = (_value(field), _default(field), _cell(meanings[name]))
+                lines.append(f"| `{name}` | " + " | ".join(cells) + " |")
             lines.append("")
     return "\n".join(lines)
 

@@ -13,52 +13,53 @@ from steelyard.robot.file.motion_sections import (
     Share,
 )
 from steelyard.robot.file.motion_sections import BoxSpans as BoxSpans
-from steelyard.robot.file.toml import Name, Names, Numbers, Positive, Section, Vector
+from steelyard.robot.file.toml import (
+    Many,
+    Name,
+    Names,
+    Numbers,
+    Pair,
+    Positive,
+    Section,
+    Vector,
+    key,
+)
 
-PerJoint = Positive | Annotated[tuple[Positive, ...], Field(strict=False)] | dict[str, Positive]
-Pairs = Annotated[
-    tuple[Annotated[tuple[Name, Name], Field(strict=False)], ...], Field(strict=False)
-]
+PerJoint = Positive | Many[Positive] | dict[str, Positive]
+Pairs = Many[Pair]
 
 WATER = 1000.0
 """Density that a load without a radius is taken to have [kg/m³]."""
 
 
 class MotionLimitsSection(Section):
-    """What joints may do; what is left out says the robot, or is assumed and noted.
+    """What joints may do; what is left out says the robot, or is assumed and noted."""
 
-    Attributes:
-        share: Share of the robot's limits that the motion may use.
-        position_margin: Distance from each end of the range [rad; m]; 2 % of it if left out.
-        velocity: Greatest speed, one for all joints, one each, or by joint [rad/s; m/s]; the
-            robot's if left out.
-        acceleration: Greatest acceleration, likewise [rad/s²; m/s²].
-        jerk: Greatest jerk, likewise [rad/s³; m/s³].
-        effort: Greatest effort, likewise [Nm; N]; `robot`: the robot's limits; `any`: none.
-        power: Greatest mechanical power, likewise [W].
-        total_power: Greatest mechanical power of all joints together [W].
-    """
-
-    share: Share = 0.95
-    position_margin: Annotated[float, Field(ge=0.0)] | None = None
-    velocity: PerJoint | None = None
-    acceleration: PerJoint | None = None
-    jerk: PerJoint | None = None
-    effort: PerJoint | Literal["robot", "any"] = "robot"
-    power: PerJoint | None = None
-    total_power: Positive | None = None
+    share: Share = key(0.95, "Share of the robot's limits that the motion may use.")
+    position_margin: Annotated[float, Field(ge=0.0)] | None = key(
+        None, "Distance from each end of the range [rad; m]; 2 % of it if left out."
+    )
+    velocity: PerJoint | None = key(
+        None,
+        "Greatest speed, one for all joints, one each, or by joint [rad/s; m/s]; the robot's if "
+        "left out.",
+    )
+    acceleration: PerJoint | None = key(None, "Greatest acceleration, likewise [rad/s²; m/s²].")
+    jerk: PerJoint | None = key(None, "Greatest jerk, likewise [rad/s³; m/s³].")
+    effort: PerJoint | Literal["robot", "any"] = key(
+        "robot", "Greatest effort, likewise [Nm; N]; `robot`: the robot's limits; `any`: none."
+    )
+    power: PerJoint | None = key(None, "Greatest mechanical power, likewise [W].")
+    total_power: Positive | None = key(
+        None, "Greatest mechanical power of all joints together [W]."
+    )
 
 
 class PlaneSection(Section):
-    """A half-space: normal . point >= above.
+    """A half-space: normal . point >= above."""
 
-    Attributes:
-        normal: Normal in the base frame.
-        above: Least value of normal · point [m].
-    """
-
-    normal: Vector
-    above: float
+    normal: Vector = key(..., "Normal in the base frame.")
+    above: float = key(..., "Least value of normal · point [m].")
 
 
 class WorkspaceSection(Section):
@@ -67,29 +68,20 @@ class WorkspaceSection(Section):
     `floor`, `planes` and `keep_out` hold for all links but those in `without`, the tool and the
     loads; with `only_tool`, planes and boxes hold for the tool's ball alone. `box` is always of the
     tool's ball alone.
-
-    Attributes:
-        frame: Frame of the tool; the last of the robot if left out.
-        point: Centre of the tool's ball in its frame [m].
-        radius: Radius of that ball [m].
-        floor: Height of the floor above the origin of the base [m].
-        box: Where the tool's ball may be.
-        planes: Planes that nothing may cross.
-        keep_out: Boxes that nothing may enter.
-        only_tool: Whether planes and boxes hold for the tool's ball only; the floor always
-            holds for all.
-        without: Links that floor, planes and boxes ignore.
     """
 
-    frame: Name | None = None
-    point: Vector = (0.0, 0.0, 0.0)
-    radius: Annotated[float, Field(ge=0.0)] = 0.0
-    floor: float | None = None
-    box: BoxSpans = BoxSpans()
-    planes: Annotated[tuple[PlaneSection, ...], Field(strict=False)] = ()
-    keep_out: Annotated[tuple[BoxSpans, ...], Field(strict=False)] = ()
-    only_tool: bool = False
-    without: Names = ()
+    frame: Name | None = key(None, "Frame of the tool; the last of the robot if left out.")
+    point: Vector = key((0.0, 0.0, 0.0), "Centre of the tool's ball in its frame [m].")
+    radius: Annotated[float, Field(ge=0.0)] = key(0.0, "Radius of that ball [m].")
+    floor: float | None = key(None, "Height of the floor above the origin of the base [m].")
+    box: BoxSpans = key(BoxSpans(), "Where the tool's ball may be.")
+    planes: Many[PlaneSection] = key((), "Planes that nothing may cross.")
+    keep_out: Many[BoxSpans] = key((), "Boxes that nothing may enter.")
+    only_tool: bool = key(
+        False,
+        "Whether planes and boxes hold for the tool's ball only; the floor always holds for all.",
+    )
+    without: Names = key((), "Links that floor, planes and boxes ignore.")
 
     @property
     def limits_links(self) -> bool:
@@ -98,58 +90,41 @@ class WorkspaceSection(Section):
 
 
 class CollisionSection(Section):
-    """What may not touch: the robot's bodies and the world; workspace limits ignore `without`.
+    """What may not touch: the robot's bodies and the world; workspace limits ignore `without`."""
 
-    Attributes:
-        bodies: Whether the robot's links may not touch each other.
-        margin: Least distance [m].
-        world: URDF or MJCF of obstacles, fixed to the base.
-        ignore: Pairs of links that may touch.
-        without: Links that are ignored.
-    """
-
-    bodies: bool = True
-    margin: Annotated[float, Field(ge=0.0)] = 0.01
-    world: Name | None = None
-    ignore: Pairs = ()
-    without: Names = ()
+    bodies: bool = key(True, "Whether the robot's links may not touch each other.")
+    margin: Annotated[float, Field(ge=0.0)] = key(0.01, "Least distance [m].")
+    world: Name | None = key(None, "URDF or MJCF of obstacles, fixed to the base.")
+    ignore: Pairs = key((), "Pairs of links that may touch.")
+    without: Names = key((), "Links that are ignored.")
 
 
 class CriterionSection(Section):
-    """What is minimised.
+    """What is minimised."""
 
-    Attributes:
-        kind: Criterion, such as `d_optimal`.
-        chosen: Laws or base parameters of interest; all if left out.
-        without: Laws or base parameters that the model does without: zero, not unknown. Those that
-            an earlier model was reduced by if left out.
-        weights: Weights of the joints: `equal`, by the `noise` of an earlier log, or numbers.
-        relative: Whether variances are relative to the parameters' earlier values.
-        after_earlier: Whether the information of earlier runs is added.
-    """
-
-    kind: Name = "d_optimal"
-    chosen: Names | None = None
-    without: Names | None = None
-    weights: Literal["equal", "noise"] | Numbers = "equal"
-    relative: bool = False
-    after_earlier: bool = False
+    kind: Name = key("d_optimal", "Criterion, such as `d_optimal`.")
+    chosen: Names | None = key(None, "Laws or base parameters of interest; all if left out.")
+    without: Names | None = key(
+        None,
+        "Laws or base parameters that the model does without: zero, not unknown. Those that an "
+        "earlier model was reduced by if left out.",
+    )
+    weights: Literal["equal", "noise"] | Numbers = key(
+        "equal", "Weights of the joints: `equal`, by the `noise` of an earlier log, or numbers."
+    )
+    relative: bool = key(False, "Whether variances are relative to the parameters' earlier values.")
+    after_earlier: bool = key(False, "Whether the information of earlier runs is added.")
 
 
 class LoadSection(Section):
-    """A load that may hang on the robot: a ball, to walls and for the inertia that torques count.
+    """A load that may hang on the robot: a ball for walls, with its inertia in the torques."""
 
-    Attributes:
-        mass: Mass [kg].
-        frame: Frame that carries it; the last of the robot if left out.
-        com: Centre of mass in the link's frame [m].
-        radius: Radius of its ball [m]; that of as much water if left out.
-    """
-
-    mass: Positive
-    frame: Name | None = None
-    com: Vector = (0.0, 0.0, 0.0)
-    radius: Positive | None = None
+    mass: Positive = key(..., "Mass [kg].")
+    frame: Name | None = key(None, "Frame that carries it; the last of the robot if left out.")
+    com: Vector = key((0.0, 0.0, 0.0), "Centre of mass in the link's frame [m].")
+    radius: Positive | None = key(
+        None, "Radius of its ball [m]; that of as much water if left out."
+    )
 
     @property
     def ball(self) -> float:
@@ -158,37 +133,24 @@ class LoadSection(Section):
 
 
 class SearchSection(Section):
-    """How the motion is looked for.
+    """How the motion is looked for."""
 
-    Attributes:
-        method: Search method: `gradient`, `genetic` or `cma_es`.
-    """
-
-    method: Name = "gradient"
+    method: Name = key("gradient", "Search method: `gradient`, `genetic` or `cma_es`.")
 
 
 class ExcitationSection(Section):
-    """All about the motion that is wanted.
+    """All about the motion that is wanted."""
 
-    Attributes:
-        motion: Family of motions.
-        limits: Limits of the motion.
-        workspace: Where the robot may be.
-        collision: What may not touch.
-        criterion: What is minimised.
-        loads: Loads that may hang on the robot.
-        search: How the motion is searched.
-        samples: Samples of the motion at which the criterion is computed.
-    """
-
-    motion: MotionSection = FourierSection()
-    limits: MotionLimitsSection = MotionLimitsSection()
-    workspace: WorkspaceSection | None = None
-    collision: CollisionSection | None = None
-    criterion: CriterionSection = CriterionSection()
-    loads: Annotated[tuple[LoadSection, ...], Field(strict=False)] = ()
-    search: SearchSection = SearchSection()
-    samples: Annotated[int, Field(ge=20, le=1_000_000)] = 1000
+    motion: MotionSection = key(FourierSection(), "Family of motions.")
+    limits: MotionLimitsSection = key(MotionLimitsSection(), "Limits of the motion.")
+    workspace: WorkspaceSection | None = key(None, "Where the robot may be.")
+    collision: CollisionSection | None = key(None, "What may not touch.")
+    criterion: CriterionSection = key(CriterionSection(), "What is minimised.")
+    loads: Many[LoadSection] = key((), "Loads that may hang on the robot.")
+    search: SearchSection = key(SearchSection(), "How the motion is searched.")
+    samples: Annotated[int, Field(ge=20, le=1_000_000)] = key(
+        1000, "Samples of the motion at which the criterion is computed."
+    )
 
 
 def changed_excitation(

@@ -4,26 +4,37 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BeforeValidator, Field
 
-from steelyard.robot.file.toml import Name, Positive, Section, Vector
+from steelyard.robot.file.toml import Many, Name, Positive, Section, Vector, key
 
 Share = Annotated[float, Field(gt=0.0, le=1.0)]
 Count = Annotated[int, Field(ge=1)]
 Span = Annotated[tuple[float, float], Field(strict=False)]
-Posture = Annotated[tuple[float, ...], Field(strict=False)] | dict[str, float]
+Posture = Many[float] | dict[str, float]
+
+Period = Annotated[Positive, Field(description="Length of one period [s].")]
+Harmonics = Annotated[Count, Field(description="Number of harmonics.")]
+Periods = Annotated[Count, Field(description="Number of periods.")]
+_START = "First configuration, a list or by joint [rad; m]; chosen by the search if left out."
+Start = Annotated[Posture | None, Field(description=_START)]
+End = Annotated[Posture | None, Field(description="Last configuration, likewise.")]
+_NEARBY = "Configuration near which it starts, a list or by joint [rad; m]."
+StartNearby = Annotated[Posture | None, Field(description=_NEARBY)]
+_PATH = "Path of the tool: a straight `line`, or straight in `joint` space."
+ToolPath = Annotated[Literal["line", "joint"], Field(description=_PATH)]
+Dwell = Annotated[float, Field(ge=0.0, description="Standstill between moves [s].")]
+ToolSpeed = Annotated[Positive, Field(description="Greatest speed of the tool [m/s].")]
+_ACCELERATION = "Greatest acceleration of the tool [m/s²]."
+ToolAcceleration = Annotated[Positive, Field(description=_ACCELERATION)]
+_AXIS = "Direction of the tool's z axis in the base frame; free if left out."
+ToolAxis = Annotated[Vector | None, Field(description=_AXIS)]
 
 
 class BoxSpans(Section):
-    """From least to greatest, along the axes of the base [m]; open where left out.
+    """From least to greatest, along the axes of the base [m]; open where left out."""
 
-    Attributes:
-        x: Range along x [m].
-        y: Range along y [m].
-        z: Range along z [m].
-    """
-
-    x: Span | None = None
-    y: Span | None = None
-    z: Span | None = None
+    x: Span | None = key(None, "Range along x [m].")
+    y: Span | None = key(None, "Range along y [m].")
+    z: Span | None = key(None, "Range along z [m].")
 
     @property
     def bounded(self) -> bool:
@@ -31,288 +42,178 @@ class BoxSpans(Section):
         return not (self.x is None and self.y is None and self.z is None)
 
 
-class FourierSection(Section):
-    """A finite Fourier series that starts and ends at rest.
+class MotionOfAKind(Section):
+    """What all kinds of motion have."""
 
-    Attributes:
-        kind: Kind of motion.
-        period: Length of one period [s].
-        harmonics: Number of harmonics.
-        start: First configuration, a list or by joint [rad; m]; chosen by the search if left out.
-        end: Last configuration, likewise.
-    """
+    kind: str = key(..., "Kind of motion.")
+
+
+class FourierSection(MotionOfAKind):
+    """A finite Fourier series that starts and ends at rest."""
 
     kind: Literal["fourier"] = "fourier"
-    period: Positive = 10.0
-    harmonics: Annotated[int, Field(ge=2)] = 5
-    start: Posture | None = None
-    end: Posture | None = None
+    period: Period = 10.0
+    harmonics: Annotated[int, Field(ge=2)] = key(5, "Number of harmonics.")
+    start: Start = None
+    end: End = None
 
 
-class RawFourierSection(Section):
-    """A finite Fourier series that need not rest anywhere: for rigs that get into it themselves.
-
-    Attributes:
-        kind: Kind of motion.
-        period: Length of one period [s].
-        harmonics: Number of harmonics.
-    """
+class RawFourierSection(MotionOfAKind):
+    """A finite Fourier series that need not rest anywhere: for rigs that get into it themselves."""
 
     kind: Literal["raw_fourier"]
-    period: Positive = 10.0
-    harmonics: Count = 5
+    period: Period = 10.0
+    harmonics: Harmonics = 5
 
 
-class BlendedFourierSection(Section):
-    """A Fourier series between two quintic blends, from rest and back to it.
-
-    Attributes:
-        kind: Kind of motion.
-        period: Length of one period [s].
-        harmonics: Number of harmonics.
-        periods: Number of periods.
-        blend: Length of each blend [s].
-        start: First configuration, a list or by joint [rad; m]; chosen by the search if left out.
-    """
+class BlendedFourierSection(MotionOfAKind):
+    """A Fourier series between two quintic blends, from rest and back to it."""
 
     kind: Literal["blended_fourier"]
-    period: Positive = 10.0
-    harmonics: Count = 5
-    periods: Count = 1
-    blend: Positive = 2.0
-    start: Posture | None = None
+    period: Period = 10.0
+    harmonics: Harmonics = 5
+    periods: Periods = 1
+    blend: Positive = key(2.0, "Length of each blend [s].")
+    start: Start = None
 
 
-class RampedFourierSection(Section):
-    """A Fourier series whose amplitude rises from zero and falls back to it.
-
-    Attributes:
-        kind: Kind of motion.
-        period: Length of one period [s].
-        harmonics: Number of harmonics.
-        periods: Number of periods.
-        ramp: Length of each ramp [s].
-        start: First configuration, a list or by joint [rad; m]; chosen by the search if left out.
-    """
+class RampedFourierSection(MotionOfAKind):
+    """A Fourier series whose amplitude rises from zero and falls back to it."""
 
     kind: Literal["ramped_fourier"]
-    period: Positive = 10.0
-    harmonics: Count = 5
-    periods: Count = 1
-    ramp: Positive = 2.0
-    start: Posture | None = None
+    period: Period = 10.0
+    harmonics: Harmonics = 5
+    periods: Periods = 1
+    ramp: Positive = key(2.0, "Length of each ramp [s].")
+    start: Start = None
 
 
-class SplineSection(Section):
-    """B-splines from rest to rest.
-
-    Attributes:
-        kind: Kind of motion.
-        duration: Length of the motion [s].
-        points: Number of control points.
-        degree: Degree of the splines.
-        start: First configuration, a list or by joint [rad; m]; chosen by the search if left out.
-        end: Last configuration, likewise.
-    """
+class SplineSection(MotionOfAKind):
+    """B-splines from rest to rest."""
 
     kind: Literal["spline"]
-    duration: Positive = 10.0
-    points: Annotated[int, Field(ge=7)] = 15
-    degree: Literal[3, 5] = 5
-    start: Posture | None = None
-    end: Posture | None = None
+    duration: Positive = key(10.0, "Length of the motion [s].")
+    points: Annotated[int, Field(ge=7)] = key(15, "Number of control points.")
+    degree: Literal[3, 5] = key(5, "Degree of the splines.")
+    start: Start = None
+    end: End = None
 
 
-class ReachingSection(Section):
-    """Minimum-jerk moves between postures.
-
-    Attributes:
-        kind: Kind of motion.
-        targets: Number of configurations.
-        move: Length of each move [s].
-        dwell: Standstill at each configuration [s].
-        start: First configuration, a list or by joint [rad; m]; chosen by the search if left out.
-    """
+class ReachingSection(MotionOfAKind):
+    """Minimum-jerk moves between postures."""
 
     kind: Literal["reaching"]
-    targets: Count = 8
-    move: Positive = 1.0
-    dwell: Annotated[float, Field(ge=0.0)] = 0.2
-    start: Posture | None = None
+    targets: Count = key(8, "Number of configurations.")
+    move: Positive = key(1.0, "Length of each move [s].")
+    dwell: Annotated[float, Field(ge=0.0)] = key(0.2, "Standstill at each configuration [s].")
+    start: Start = None
 
 
-class PickAndPlaceSection(Section):
-    """Random pick-and-place cycles between two boxes.
-
-    Attributes:
-        kind: Kind of motion.
-        pick: Box of the first points.
-        place: Box of the second points.
-        cycles: Number of cycles.
-        lift: Height of the lift [m].
-        path: Path of the tool: a straight `line`, or straight in `joint` space.
-        dwell: Standstill between moves [s].
-        speed: Greatest speed of the tool [m/s].
-        acceleration: Greatest acceleration of the tool [m/s²].
-        tool_axis: Direction of the tool's z axis in the base frame; free if left out.
-    """
+class PickAndPlaceSection(MotionOfAKind):
+    """Random pick-and-place cycles between two boxes."""
 
     kind: Literal["pick_and_place"]
-    pick: BoxSpans
-    place: BoxSpans
-    cycles: Count = 8
-    lift: Annotated[float, Field(ge=0.0)] = 0.1
-    path: Literal["line", "joint"] = "line"
-    dwell: Annotated[float, Field(ge=0.0)] = 0.1
-    speed: Positive = 1.0
-    acceleration: Positive = 5.0
-    tool_axis: Vector | None = None
+    pick: BoxSpans = key(..., "Box of the first points.")
+    place: BoxSpans = key(..., "Box of the second points.")
+    cycles: Count = key(8, "Number of cycles.")
+    lift: Annotated[float, Field(ge=0.0)] = key(0.1, "Height of the lift [m].")
+    path: ToolPath = "line"
+    dwell: Dwell = 0.1
+    speed: ToolSpeed = 1.0
+    acceleration: ToolAcceleration = 5.0
+    tool_axis: ToolAxis = None
 
 
-class SquareSection(Section):
-    """The edges of a horizontal square.
-
-    Attributes:
-        kind: Kind of motion.
-        centre: Centre in the base frame [m].
-        side: Length of an edge [m].
-        laps: Number of laps.
-        dwell: Standstill between moves [s].
-        speed: Greatest speed of the tool [m/s].
-        acceleration: Greatest acceleration of the tool [m/s²].
-        tool_axis: Direction of the tool's z axis in the base frame; free if left out.
-    """
+class SquareSection(MotionOfAKind):
+    """The edges of a horizontal square."""
 
     kind: Literal["square"]
-    centre: Vector
-    side: Positive
-    laps: Count = 2
-    dwell: Annotated[float, Field(ge=0.0)] = 0.1
-    speed: Positive = 1.0
-    acceleration: Positive = 5.0
-    tool_axis: Vector | None = None
+    centre: Vector = key(..., "Centre in the base frame [m].")
+    side: Positive = key(..., "Length of an edge [m].")
+    laps: Count = key(2, "Number of laps.")
+    dwell: Dwell = 0.1
+    speed: ToolSpeed = 1.0
+    acceleration: ToolAcceleration = 5.0
+    tool_axis: ToolAxis = None
 
 
-class WaypointsSection(Section):
-    """From point to point of the tool.
-
-    Attributes:
-        kind: Kind of motion.
-        points: Points of the tool in the base frame [m].
-        path: Path of the tool: a straight `line`, or straight in `joint` space.
-        dwell: Standstill between moves [s].
-        speed: Greatest speed of the tool [m/s].
-        acceleration: Greatest acceleration of the tool [m/s²].
-        tool_axis: Direction of the tool's z axis in the base frame; free if left out.
-    """
+class WaypointsSection(MotionOfAKind):
+    """From point to point of the tool."""
 
     kind: Literal["waypoints"]
-    points: Annotated[tuple[Vector, ...], Field(strict=False, min_length=2)]
-    path: Literal["line", "joint"] = "line"
-    dwell: Annotated[float, Field(ge=0.0)] = 0.1
-    speed: Positive = 1.0
-    acceleration: Positive = 5.0
-    tool_axis: Vector | None = None
+    points: Annotated[tuple[Vector, ...], Field(strict=False, min_length=2)] = key(
+        ..., "Points of the tool in the base frame [m]."
+    )
+    path: ToolPath = "line"
+    dwell: Dwell = 0.1
+    speed: ToolSpeed = 1.0
+    acceleration: ToolAcceleration = 5.0
+    tool_axis: ToolAxis = None
 
 
-class CircleSection(Section):
-    """A circle of the tool at a constant speed, started and stopped smoothly.
-
-    Attributes:
-        kind: Kind of motion.
-        centre: Centre in the base frame [m].
-        radius: Radius [m].
-        period: Time of a lap at full speed [s].
-        laps: Number of whole turns, ramps included.
-        ramp: Time in which the speed rises, and in which it falls [s].
-        normal: Axis of the turn, right-handed, in the base frame; against gravity if left out.
-        angle: Where it starts [rad], from the base's x axis in its plane.
-        tool_axis: Direction of the tool's z axis in the base frame; free if left out.
-        start: Configuration near which it starts, a list or by joint [rad; m].
-    """
+class CircleSection(MotionOfAKind):
+    """A circle of the tool at a constant speed, started and stopped smoothly."""
 
     kind: Literal["circle"]
-    centre: Vector
-    radius: Positive
-    period: Positive = 5.0
-    laps: Count = 2
-    ramp: Positive = 1.0
-    normal: Vector | None = None
-    angle: float = 0.0
-    tool_axis: Vector | None = None
-    start: Posture | None = None
+    centre: Vector = key(..., "Centre in the base frame [m].")
+    radius: Positive = key(..., "Radius [m].")
+    period: Positive = key(5.0, "Time of a lap at full speed [s].")
+    laps: Count = key(2, "Number of whole turns, ramps included.")
+    ramp: Positive = key(1.0, "Time in which the speed rises, and in which it falls [s].")
+    normal: Vector | None = key(
+        None,
+        "Axis of the turn, right-handed, in the base frame; against gravity if left out.",
+    )
+    angle: float = key(0.0, "Where it starts [rad], from the base's x axis in its plane.")
+    tool_axis: ToolAxis = None
+    start: StartNearby = None
 
 
-class CartesianReachingSection(Section):
-    """Straight minimum-jerk reaches of the tool from a home to targets and back.
-
-    Attributes:
-        kind: Kind of motion.
-        home: Where every reach begins and returns to, in the base frame [m].
-        targets: Number of targets on a circle about the home, or their positions [m].
-        radius: Radius of that circle [m].
-        normal: Normal of its plane, in the base frame; against gravity if left out.
-        angle: Direction of the first of them [rad], from the base's x axis in that plane.
-        move: Time of each reach, out or back [s].
-        dwell: Standstill after each reach [s].
-        cycles: How often all targets are visited.
-        tool_axis: Direction of the tool's z axis in the base frame; free if left out.
-        start: Configuration near which it starts, a list or by joint [rad; m].
-    """
+class CartesianReachingSection(MotionOfAKind):
+    """Straight minimum-jerk reaches of the tool from a home to targets and back."""
 
     kind: Literal["cartesian_reaching"]
-    home: Vector
-    targets: Count | Annotated[tuple[Vector, ...], Field(strict=False, min_length=1)] = 8
-    radius: Positive | None = None
-    normal: Vector | None = None
-    angle: float = 0.0
-    move: Positive = 1.0
-    dwell: Annotated[float, Field(ge=0.0)] = 0.2
-    cycles: Count = 1
-    tool_axis: Vector | None = None
-    start: Posture | None = None
+    home: Vector = key(..., "Where every reach begins and returns to, in the base frame [m].")
+    targets: Count | Annotated[tuple[Vector, ...], Field(strict=False, min_length=1)] = key(
+        8, "Number of targets on a circle about the home, or their positions [m]."
+    )
+    radius: Positive | None = key(None, "Radius of that circle [m].")
+    normal: Vector | None = key(
+        None, "Normal of its plane, in the base frame; against gravity if left out."
+    )
+    angle: float = key(
+        0.0,
+        "Direction of the first of them [rad], from the base's x axis in that plane.",
+    )
+    move: Positive = key(1.0, "Time of each reach, out or back [s].")
+    dwell: Annotated[float, Field(ge=0.0)] = key(0.2, "Standstill after each reach [s].")
+    cycles: Count = key(1, "How often all targets are visited.")
+    tool_axis: ToolAxis = None
+    start: StartNearby = None
 
 
-class SweepsSection(Section):
-    """One joint after another, back and forth at several constant speeds.
-
-    Attributes:
-        kind: Kind of motion.
-        speeds: Number of speeds.
-        slowest: Lowest speed, as a share of the greatest.
-        start: First configuration, a list or by joint [rad; m]; chosen by the search if left out.
-    """
+class SweepsSection(MotionOfAKind):
+    """One joint after another, back and forth at several constant speeds."""
 
     kind: Literal["sweeps"]
-    speeds: Count = 5
-    slowest: Share = 0.05
-    start: Posture | None = None
+    speeds: Count = key(5, "Number of speeds.")
+    slowest: Share = key(0.05, "Lowest speed, as a share of the greatest.")
+    start: Start = None
 
 
-class PosturesSection(Section):
-    """Standing still at many postures.
-
-    Attributes:
-        kind: Kind of motion.
-        count: Number of configurations.
-        dwell: Standstill at each [s].
-    """
+class PosturesSection(MotionOfAKind):
+    """Standing still at many postures."""
 
     kind: Literal["postures"]
-    count: Count = 20
-    dwell: Positive = 1.0
+    count: Count = key(20, "Number of configurations.")
+    dwell: Positive = key(1.0, "Standstill at each [s].")
 
 
-class ReplaySection(Section):
-    """A motion from a file.
-
-    Attributes:
-        kind: Kind of motion.
-        file: A `trajectory.json` or a table of samples.
-    """
+class ReplaySection(MotionOfAKind):
+    """A motion from a file."""
 
     kind: Literal["replay"]
-    file: Name
+    file: Name = key(..., "A `trajectory.json` or a table of samples.")
 
 
 def _of_a_kind(table: Any) -> Any:

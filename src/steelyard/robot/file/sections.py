@@ -6,7 +6,7 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, field_vali
 from pydantic_core import PydanticCustomError
 
 from steelyard.robot.file.excitation_sections import ExcitationSection as ExcitationSection
-from steelyard.robot.file.toml import ADVICE
+from steelyard.robot.file.toml import ADVICE, Many, Pair, key
 from steelyard.robot.file.toml import Name as Name
 from steelyard.robot.file.toml import Names as Names
 from steelyard.robot.file.toml import Numbers as Numbers
@@ -32,103 +32,72 @@ Six = Annotated[tuple[float, float, float, float, float, float], Field(strict=Fa
 
 
 class MountingSection(Section):
-    """How the base is turned against the upright world: R = Rz(yaw) Ry(pitch) Rx(roll) [deg].
+    """How the base is turned against the upright world: R = Rz(yaw) Ry(pitch) Rx(roll) [deg]."""
 
-    Attributes:
-        roll: Rotation about the base's x axis, first [deg].
-        pitch: Rotation about the fixed y axis, second [deg].
-        yaw: Rotation about the fixed z axis, last [deg].
-    """
-
-    roll: float = 0.0
-    pitch: float = 0.0
-    yaw: float = 0.0
+    roll: float = key(0.0, "Rotation about the base's x axis, first [deg].")
+    pitch: float = key(0.0, "Rotation about the fixed y axis, second [deg].")
+    yaw: float = key(0.0, "Rotation about the fixed z axis, last [deg].")
 
 
 class LimitsSection(Section):
-    """Limits of one joint that replace the model's; what is left out is taken from there.
+    """Limits of one joint that replace the model's; what is left out is taken from there."""
 
-    Attributes:
-        lower: Least position [rad; m].
-        upper: Greatest position [rad; m].
-        velocity: Greatest speed [rad/s; m/s].
-        effort: Greatest effort [Nm; N].
-    """
-
-    lower: float | None = None
-    upper: float | None = None
-    velocity: Positive | None = None
-    effort: Positive | None = None
+    lower: float | None = key(None, "Least position [rad; m].")
+    upper: float | None = key(None, "Greatest position [rad; m].")
+    velocity: Positive | None = key(None, "Greatest speed [rad/s; m/s].")
+    effort: Positive | None = key(None, "Greatest effort [Nm; N].")
 
 
 class DHLinkSection(Section):
-    """One row of a Denavit-Hartenberg table, see `dh.DHRow`.
+    """One row of a Denavit-Hartenberg table, see `dh.DHRow`."""
 
-    Attributes:
-        joint: Name of the joint; `joint_1`, `joint_2`, ... if left out.
-        kind: Type of the joint.
-        a: Length of the link [m].
-        alpha: Twist of the link, in `angle_unit`.
-        d: Offset along the joint's axis [m].
-        theta: Joint angle at position zero, in `angle_unit`.
-        mass: Mass [kg].
-        com: Centre of mass in the link's DH frame [m].
-        inertia_com: `Ixx, Ixy, Iyy, Ixz, Iyz, Izz` about the centre of mass [kg m²].
-    """
-
-    joint: Name | None = None
-    kind: Literal["revolute", "prismatic"] = "revolute"
-    a: float = 0.0
-    alpha: float = 0.0
-    d: float = 0.0
-    theta: float = 0.0
-    mass: float | None = None
-    com: Vector = (0.0, 0.0, 0.0)
-    inertia_com: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    joint: Name | None = key(None, "Name of the joint; `joint_1`, `joint_2`, ... if left out.")
+    kind: Literal["revolute", "prismatic"] = key("revolute", "Type of the joint.")
+    a: float = key(0.0, "Length of the link [m].")
+    alpha: float = key(0.0, "Twist of the link, in `angle_unit`.")
+    d: float = key(0.0, "Offset along the joint's axis [m].")
+    theta: float = key(0.0, "Joint angle at position zero, in `angle_unit`.")
+    mass: float | None = key(None, "Mass [kg].")
+    com: Vector = key((0.0, 0.0, 0.0), "Centre of mass in the link's DH frame [m].")
+    inertia_com: Six = key(
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        "`Ixx, Ixy, Iyy, Ixz, Iyz, Izz` about the centre of mass [kg m²].",
+    )
 
 
 class DHSection(Section):
-    """A Denavit-Hartenberg table.
+    """A Denavit-Hartenberg table."""
 
-    Attributes:
-        convention: `modified` (Craig, Khalil) or `standard`.
-        angle_unit: Unit of `alpha` and `theta`.
-        links: Rows of the table, from base to tip.
-    """
-
-    convention: Literal["standard", "modified"]
-    angle_unit: Literal["rad", "deg"] = "rad"
-    links: Annotated[tuple[DHLinkSection, ...], Field(strict=False, min_length=1)]
+    convention: Literal["standard", "modified"] = key(
+        ..., "`modified` (Craig, Khalil) or `standard`."
+    )
+    angle_unit: Literal["rad", "deg"] = key("rad", "Unit of `alpha` and `theta`.")
+    links: Annotated[tuple[DHLinkSection, ...], Field(strict=False, min_length=1)] = key(
+        ..., "Rows of the table, from base to tip."
+    )
 
 
 class CouplingSection(Section):
-    """A motor that turns with a joint that is not its own.
+    """A motor that turns with a joint that is not its own."""
 
-    Attributes:
-        motor: The motor.
-        joint: The joint that it turns with besides its own.
-        ratio: Motor positions per joint position.
-    """
-
-    motor: Name
-    joint: Name
-    ratio: float
+    motor: Name = key(..., "The motor.")
+    joint: Name = key(..., "The joint that it turns with besides its own.")
+    ratio: float = key(..., "Motor positions per joint position.")
 
 
 class TransmissionSection(Section):
-    """Gears between motors and joints, see `robot.Transmission`.
+    """Gears between motors and joints, see `robot.Transmission`."""
 
-    Attributes:
-        motors: Names of motors; `motor_1`, `motor_2`, ... if left out.
-        ratios: Diagonal of R in motor positions q_m = R q, in the order of the joints.
-        coupling: Entries of R outside its diagonal; `[]` states that there are none.
-        matrix: R in full, one row per motor, instead of `ratios` and `coupling`.
-    """
-
-    motors: Names | None = None
-    ratios: Numbers | None = None
-    coupling: Annotated[tuple[CouplingSection, ...], Field(strict=False)] = ()
-    matrix: Annotated[tuple[Numbers, ...], Field(strict=False)] | None = None
+    motors: Names | None = key(None, "Names of motors; `motor_1`, `motor_2`, ... if left out.")
+    ratios: Numbers | None = key(
+        None, "Diagonal of R in motor positions q_m = R q, in the order of the joints."
+    )
+    coupling: Many[CouplingSection] = key(
+        (), "Entries of R outside its diagonal; `[]` states that there are none."
+    )
+    matrix: Many[Numbers] | None = key(
+        None, "R in full, one row per motor, instead of `ratios` and `coupling`."
+    )
 
     @property
     def couplings_stated(self) -> bool:
@@ -137,76 +106,54 @@ class TransmissionSection(Section):
 
 
 class LoopSection(Section):
-    """A pin that closes a chain: a point of one link, in its frame, stays on one of another.
+    """A pin that closes a chain: a point of one link, in its frame, stays on one of another."""
 
-    Attributes:
-        name: Name in messages; `loop1`, `loop2`, ... if left out.
-        links: The two links that meet.
-        points: The loop-closure joint in the frame of each link [m].
-    """
-
-    name: Name | None = None
-    links: Annotated[tuple[Name, Name], Field(strict=False)]
-    points: Annotated[tuple[Vector, Vector], Field(strict=False)]
+    name: Name | None = key(None, "Name in messages; `loop1`, `loop2`, ... if left out.")
+    links: Pair = key(..., "The two links that meet.")
+    points: Annotated[tuple[Vector, Vector], Field(strict=False)] = key(
+        ..., "The loop-closure joint in the frame of each link [m]."
+    )
 
 
 class XacroSection(Section):
-    """How the model file is expanded, if it is a xacro file.
+    """How the model file is expanded, if it is a xacro file."""
 
-    Attributes:
-        arguments: Values of `$(arg NAME)`.
-        packages: Folders of ROS packages, or packages, relative to the robot file.
-    """
-
-    arguments: dict[str, str | bool | int | float] = {}
-    packages: Names = ()
+    arguments: dict[str, str | bool | int | float] = key({}, "Values of `$(arg NAME)`.")
+    packages: Names = key((), "Folders of ROS packages, or packages, relative to the robot file.")
 
 
 class RobotSection(Section):
-    """Which robot, which of its joints move, and how it is mounted.
+    """Which robot, which of its joints move, and how it is mounted."""
 
-    Attributes:
-        name: Name of the robot; the model's if left out.
-        source: Origin of the model and of the data, for the report.
-        urdf: URDF or xacro file.
-        mjcf: MJCF file.
-        dh: Denavit-Hartenberg table, instead of a file.
-        xacro: Expansion of a xacro file.
-        joints: Joints to identify, in the order of the log's columns; all if left out.
-        base: Link that is fixed to the world; the model's root if left out.
-        tip: Last link, or links, of the robot; all if left out.
-        gravity: Gravity in the base frame [m/s²], instead of `mounting`.
-        mounting: Orientation of the base relative to upright.
-        snap_angles: Whether entries of rotations and axes below 2e-5 are rounded to exact ones.
-        locked: Positions of joints that do not move [rad; m].
-        limits: Limits that replace those of the model, by joint.
-        transmission: Gears between motors and joints.
-        loops: Loop-closure joints of closed chains.
-        passive: Joints whose positions follow from the loops; not logged.
-        assembly: Approximate reference configuration of closed chains, by joint [rad; m].
-        open_loops: What is done with samples at which a loop cannot close: `stop` with an error, or
-            `drop` them.
-    """
-
-    name: Name | None = None
-    source: str | None = None
-    urdf: Name | None = None
-    mjcf: Name | None = None
-    dh: DHSection | None = None
-    xacro: XacroSection = XacroSection()
-    joints: Names | None = None
-    base: Name | None = None
-    tip: Name | Names | None = None
-    gravity: Vector | None = None
-    mounting: MountingSection | None = None
-    snap_angles: bool = True
-    locked: dict[str, float] = {}
-    limits: dict[str, LimitsSection] = {}
-    transmission: TransmissionSection | None = None
-    loops: Annotated[tuple[LoopSection, ...], Field(strict=False)] = ()
-    passive: Names | None = None
-    assembly: dict[str, float] = {}
-    open_loops: Literal["stop", "drop"] = "stop"
+    name: Name | None = key(None, "Name of the robot; the model's if left out.")
+    source: str | None = key(None, "Origin of the model and of the data, for the report.")
+    urdf: Name | None = key(None, "URDF or xacro file.")
+    mjcf: Name | None = key(None, "MJCF file.")
+    dh: DHSection | None = key(None, "Denavit-Hartenberg table, instead of a file.")
+    xacro: XacroSection = key(XacroSection(), "Expansion of a xacro file.")
+    joints: Names | None = key(
+        None, "Joints to identify, in the order of the log's columns; all if left out."
+    )
+    base: Name | None = key(None, "Link that is fixed to the world; the model's root if left out.")
+    tip: Name | Names | None = key(None, "Last link, or links, of the robot; all if left out.")
+    gravity: Vector | None = key(None, "Gravity in the base frame [m/s²], instead of `mounting`.")
+    mounting: MountingSection | None = key(None, "Orientation of the base relative to upright.")
+    snap_angles: bool = key(
+        True, "Whether entries of rotations and axes below 2e-5 are rounded to exact ones."
+    )
+    locked: dict[str, float] = key({}, "Positions of joints that do not move [rad; m].")
+    limits: dict[str, LimitsSection] = key({}, "Limits that replace those of the model, by joint.")
+    transmission: TransmissionSection | None = key(None, "Gears between motors and joints.")
+    loops: Many[LoopSection] = key((), "Loop-closure joints of closed chains.")
+    passive: Names | None = key(None, "Joints whose positions follow from the loops; not logged.")
+    assembly: dict[str, float] = key(
+        {}, "Approximate reference configuration of closed chains, by joint [rad; m]."
+    )
+    open_loops: Literal["stop", "drop"] = key(
+        "stop",
+        "What is done with samples at which a loop cannot close: `stop` with an error, or `drop` "
+        "them.",
+    )
 
 
 FrictionSelection = Literal["auto", "auto_memoryless"]
@@ -242,23 +189,18 @@ class ModelSection(Section):
 
 
 class EffortSection(Section):
-    """What the effort columns hold.
+    """What the effort columns hold."""
 
-    Attributes:
-        columns: Columns, or one name with `{}` for 1, 2, ... or `{joint}` for the joint's name.
-        kind: Content of the columns.
-        unit: Unit, one for all columns or one each.
-        side: Whether efforts are those of joints or of motors.
-        gain: Effort per A, Nm, N or %, one for all columns or one each; `identify` estimates it.
-        delay: Delay relative to positions [s]; it is corrected.
-    """
-
-    columns: Name | Names
-    kind: EffortKind
-    unit: EffortUnit | Annotated[tuple[EffortUnit, ...], Field(strict=False)]
-    side: Side = "joint"
-    gain: Gain | Annotated[tuple[Gain, ...], Field(strict=False)] | None = None
-    delay: Delay = 0.0
+    columns: Name | Names = key(
+        ..., "Columns, or one name with `{}` for 1, 2, ... or `{joint}` for the joint's name."
+    )
+    kind: EffortKind = key(..., "Content of the columns.")
+    unit: EffortUnit | Many[EffortUnit] = key(..., "Unit, one for all columns or one each.")
+    side: Side = key("joint", "Whether efforts are those of joints or of motors.")
+    gain: Gain | Many[Gain] | None = key(
+        None, "Effort per A, Nm, N or %, one for all columns or one each; `identify` estimates it."
+    )
+    delay: Delay = key(0.0, "Delay relative to positions [s]; it is corrected.")
 
 
 class SignalsSection(Section):
@@ -290,18 +232,12 @@ class SignalsSection(Section):
     rate: Rate | None = None
     coordinates: Side = "joint"
     position: Name | Names
-    position_unit: (
-        PositionUnit | Annotated[tuple[PositionUnit, ...], Field(strict=False)] | None
-    ) = None
-    position_sign: Annotated[tuple[Sign, ...], Field(strict=False)] | None = None
-    position_offset: (
-        Literal["identify"] | Annotated[tuple[ZeroOffset, ...], Field(strict=False)] | None
-    ) = None
+    position_unit: PositionUnit | Many[PositionUnit] | None = None
+    position_sign: Many[Sign] | None = None
+    position_offset: Literal["identify"] | Many[ZeroOffset] | None = None
     velocity: Name | Names | None = None
-    velocity_unit: (
-        VelocityUnit | Annotated[tuple[VelocityUnit, ...], Field(strict=False)] | None
-    ) = None
-    velocity_sign: Annotated[tuple[Sign, ...], Field(strict=False)] | None = None
+    velocity_unit: VelocityUnit | Many[VelocityUnit] | None = None
+    velocity_sign: Many[Sign] | None = None
     velocity_delay: Delay = 0.0
     commanded_position: Name | Names | None = None
     commanded_velocity: Name | Names | None = None
@@ -309,17 +245,11 @@ class SignalsSection(Section):
 
 
 class RepetitionsTable(Section):
-    """That a log repeats one motion; a period that is left out is found.
+    """That a log repeats one motion; a period that is left out is found."""
 
-    Attributes:
-        period: Period [s]; found from the data if left out.
-        drop_first: Periods that are left out at the start.
-        drop_last: Periods that are left out at the end.
-    """
-
-    period: Positive | None = None
-    drop_first: Annotated[int, Field(ge=0)] = 1
-    drop_last: Annotated[int, Field(ge=0)] = 1
+    period: Positive | None = key(None, "Period [s]; found from the data if left out.")
+    drop_first: Annotated[int, Field(ge=0)] = key(1, "Periods that are left out at the start.")
+    drop_last: Annotated[int, Field(ge=0)] = key(1, "Periods that are left out at the end.")
 
 
 class ProcessingSection(Section):
@@ -372,100 +302,73 @@ class EstimationSection(Section):
 
 
 class BoxSection(Section):
-    """A solid box: its edges [m] along the axes of the link's frame, and its centre there.
+    """A solid box: its edges [m] along the axes of the link's frame, and its centre there."""
 
-    Attributes:
-        size: Lengths along the axes of the link's frame [m].
-        centre: Centre in that frame [m].
-    """
-
-    size: Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
-    centre: Vector = (0.0, 0.0, 0.0)
+    size: Annotated[tuple[Positive, Positive, Positive], Field(strict=False)] = key(
+        ..., "Lengths along the axes of the link's frame [m]."
+    )
+    centre: Vector = key((0.0, 0.0, 0.0), "Centre in that frame [m].")
 
 
 class CapsuleSection(Section):
-    """A solid rod with round ends: centres of the end balls in the link's frame, radius [m].
+    """A solid rod with round ends: centres of the end balls in the link's frame, radius [m]."""
 
-    Attributes:
-        start: Centre of one end's ball in the link's frame [m].
-        end: Centre of the other's [m].
-        radius: Radius [m].
-    """
-
-    start: Vector = (0.0, 0.0, 0.0)
-    end: Vector
-    radius: Positive
+    start: Vector = key((0.0, 0.0, 0.0), "Centre of one end's ball in the link's frame [m].")
+    end: Vector = key(..., "Centre of the other's [m].")
+    radius: Positive = key(..., "Radius [m].")
 
 
 class LinkPriorSection(Section):
-    """What is known of one link before the data, in its own frame.
+    """What is known of one link before the data, in its own frame."""
 
-    Attributes:
-        source: Where the rest of the prior comes from: the `model` file, or `none`.
-        mass: Mass [kg].
-        com: Centre of mass [m].
-        inertia_com: `Ixx, Ixy, Iyy, Ixz, Iyz, Izz` about the centre of mass [kg m²].
-        box: Solid box that gives centre and inertia.
-        capsule: Solid capsule that gives centre and inertia.
-    """
-
-    source: Literal["model", "none"] = "model"
-    mass: Positive | None = None
-    com: Vector | None = None
-    inertia_com: Six | None = None
-    box: BoxSection | None = None
-    capsule: CapsuleSection | None = None
+    source: Literal["model", "none"] = key(
+        "model", "Where the rest of the prior comes from: the `model` file, or `none`."
+    )
+    mass: Positive | None = key(None, "Mass [kg].")
+    com: Vector | None = key(None, "Centre of mass [m].")
+    inertia_com: Six | None = key(
+        None, "`Ixx, Ixy, Iyy, Ixz, Iyz, Izz` about the centre of mass [kg m²]."
+    )
+    box: BoxSection | None = key(None, "Solid box that gives centre and inertia.")
+    capsule: CapsuleSection | None = key(None, "Solid capsule that gives centre and inertia.")
 
 
 class PriorSection(Section):
-    """Mass properties before the data.
+    """Mass properties before the data."""
 
-    Attributes:
-        source: Where prior masses come from: the `model` file, or `none`.
-        uncertainty: Relative standard deviation; estimated from the data if left out.
-        links: Priors of single links.
-    """
-
-    source: Literal["model", "none"] = "model"
-    uncertainty: Annotated[float, Field(ge=1e-4)] | None = None
-    links: dict[str, LinkPriorSection] = {}
+    source: Literal["model", "none"] = key(
+        "model", "Where prior masses come from: the `model` file, or `none`."
+    )
+    uncertainty: Annotated[float, Field(ge=1e-4)] | None = key(
+        None, "Relative standard deviation; estimated from the data if left out."
+    )
+    links: dict[str, LinkPriorSection] = key({}, "Priors of single links.")
 
 
 class ValidationSection(Section):
-    """How scores are formed.
+    """How scores are formed."""
 
-    Attributes:
-        cutoff: Cut-off of the low-pass of measured and predicted efforts [Hz]; if left out, 5 Hz
-            for the headline and that of the parallel filter for the other errors.
-    """
-
-    cutoff: Positive | None = None
+    cutoff: Positive | None = key(
+        None,
+        "Cut-off of the low-pass of measured and predicted efforts [Hz]; if left out, 5 Hz for "
+        "the headline and that of the parallel filter for the other errors.",
+    )
 
 
 class RobotFile(Section):
-    """The whole robot file.
+    """The whole robot file."""
 
-    Attributes:
-        robot: The robot.
-        model: Torque terms.
-        signals: Columns of logs.
-        processing: From rows to motion.
-        estimation: The estimator.
-        prior: Prior of the mass properties.
-        knowledge: Prior constraints, see Prior knowledge.
-        validation: Scores.
-        excitation: The motion that `steelyard excite` designs.
-    """
-
-    robot: RobotSection
-    model: ModelSection | None = None
-    signals: SignalsSection | None = None
-    processing: ProcessingSection = ProcessingSection()
-    estimation: EstimationSection = EstimationSection()
-    prior: PriorSection = PriorSection()
-    knowledge: Annotated[tuple[dict[str, Any], ...], Field(strict=False)] = ()
-    validation: ValidationSection = ValidationSection()
-    excitation: ExcitationSection = ExcitationSection()
+    robot: RobotSection = key(..., "The robot.")
+    model: ModelSection | None = key(None, "Torque terms.")
+    signals: SignalsSection | None = key(None, "Columns of logs.")
+    processing: ProcessingSection = key(ProcessingSection(), "From rows to motion.")
+    estimation: EstimationSection = key(EstimationSection(), "The estimator.")
+    prior: PriorSection = key(PriorSection(), "Prior of the mass properties.")
+    knowledge: Many[dict[str, Any]] = key((), "Prior constraints, see Prior knowledge.")
+    validation: ValidationSection = key(ValidationSection(), "Scores.")
+    excitation: ExcitationSection = key(
+        ExcitationSection(), "The motion that `steelyard excite` designs."
+    )
 
 
 def as_declared(declared: Any, value: Any) -> Any:

@@ -1,5 +1,6 @@
 """TOML text checked against its schema: lines of the keys, messages, the base of all sections."""
 
+import inspect
 import re
 import sys
 from collections.abc import Iterator
@@ -19,11 +20,15 @@ else:
 __all__ = ["tomllib"]
 
 
+Item = TypeVar("Item")
+Many = Annotated[tuple[Item, ...], Field(strict=False)]
+"""Any number of items of one kind."""
 Positive = Annotated[float, Field(gt=0.0)]
 Name = Annotated[str, Field(min_length=1)]
+Pair = Annotated[tuple[Name, Name], Field(strict=False)]
 Vector = Annotated[tuple[float, float, float], Field(strict=False)]
-Names = Annotated[tuple[Name, ...], Field(strict=False)]
-Numbers = Annotated[tuple[float, ...], Field(strict=False)]
+Names = Many[Name]
+Numbers = Many[float]
 
 
 ADVICE = "advice"
@@ -34,6 +39,21 @@ class Section(BaseModel):
     """A table of the robot file: no unknown keys, no silent conversions."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def meanings_of(section: type[Section]) -> dict[str, str]:
+    """Key to meaning: the `description` of its field, or its entry under `Attributes`."""
+    found: dict[str, str] = {}
+    for one in (base for base in reversed(section.__mro__) if issubclass(base, Section)):
+        entries = re.findall(r"^    (\w+): (.+(?:\n {8}.+)*)", inspect.getdoc(one) or "", re.M)
+        found |= {name: " ".join(meaning.split()) for name, meaning in entries}
+        found |= {name: f.description for name, f in one.model_fields.items() if f.description}
+    return found
+
+
+def key(default: Any, meaning: str) -> Any:
+    """A key of a section: its default, `...` for a required one, and its meaning."""
+    return Field(default, description=meaning)
 
 
 KeyPath = tuple[str | int, ...]
