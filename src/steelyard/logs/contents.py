@@ -24,12 +24,7 @@ SAMPLED_TIMES = 2000
 
 @dataclass(frozen=True)
 class TimeColumn:
-    """The column that seems to be a log's time.
-
-    Attributes:
-        name: Its name.
-        unit: `s`, `ms`, `us` or `ns`.
-    """
+    """The column that seems to be a log's time."""
 
     name: str
     unit: str
@@ -59,9 +54,6 @@ def windowed(log: Log, columns: Sequence[str], cut: Cut) -> Iterator[Array]:
 
     Seconds count from the log's first finite time; a row whose own time is none has that of the
     row before it.
-
-    Raises:
-        LogError: The cut is in seconds, but no column looks like time.
     """
     if cut.seconds == Cut().seconds:
         yield from log.parts(columns, cut.rows)

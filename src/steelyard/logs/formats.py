@@ -81,11 +81,7 @@ GROUP = 10_000
 
 
 def writer_for(path: Path) -> Writer:
-    """The writer for a file's suffix.
-
-    Raises:
-        OutputError: There is none, or the file is there already.
-    """
+    """The writer for a file's suffix."""
     writer = WRITERS.get(path.suffix.lower())
     if writer is None:
         raise OutputError(

@@ -83,11 +83,7 @@ class _Hdf5Reader:
 
 @contextmanager
 def _child_answer(path: Path, request: dict[str, Any]) -> Iterator[IO[bytes]]:
-    """The child's answer to a request.
-
-    Raises:
-        LogError: It could not read the file, or crashed.
-    """
+    """The child's answer to a request."""
     pipe = subprocess.PIPE
     child = subprocess.Popen(CHILD, stdin=pipe, stdout=pipe, stderr=pipe)
     try:
@@ -142,11 +138,7 @@ Order = Literal["<", ">"]
 
 
 def byte_order(header: bytes) -> Order:
-    """Of a file that starts with `header`.
-
-    Raises:
-        ValueError: It is no such file.
-    """
+    """Of a file that starts with `header`."""
     mark = header[126:128]
     if len(header) < MAT5_HEADER or mark not in (b"IM", b"MI"):
         raise ValueError("it is not a MATLAB file of version 5 or later")
@@ -154,11 +146,7 @@ def byte_order(header: bytes) -> Order:
 
 
 def mat5_arrays(path: Path) -> Iterator[Packed | NamedArray]:
-    """The numeric matrices of a file, those in structs too, and what else is in it.
-
-    Raises:
-        ValueError: The file is broken; so do `EOFError` and `zlib.error`.
-    """
+    """The numeric matrices of a file, those in structs too, and what else is in it."""
     size = path.stat().st_size
     with path.open("rb") as file:
         order = byte_order(file.read(MAT5_HEADER))
@@ -344,11 +332,7 @@ class _Scanner:
 
 
 def open_mat(path: Path) -> ArraysLog:
-    """The matrices of a file as a table; a struct's field is called `data.q`.
-
-    Raises:
-        LogError: Not there, not of MATLAB, or without a table.
-    """
+    """The matrices of a file as a table; a struct's field is called `data.q`."""
     require_file(path)
     with path.open("rb") as file:
         header = file.read(MAT5_HEADER)

@@ -56,11 +56,7 @@ TIME_COLUMN = re.compile("(^|_)(t|time|stamp|timestamp)(_|$)", re.IGNORECASE)
 
 
 def require_columns(path: Path, known: Sequence[str], wanted: Sequence[str]) -> None:
-    """Check that a log has the columns wanted of it, each once.
-
-    Raises:
-        LogError: One is missing or ambiguous.
-    """
+    """Check that a log has the columns wanted of it, each once."""
     fix = "name the columns of the log under [signals] of the robot file"
     missing = [column for column in dict.fromkeys(wanted) if column not in known]
     free = [column for column in known if column not in wanted]
@@ -87,11 +83,7 @@ def require_columns(path: Path, known: Sequence[str], wanted: Sequence[str]) -> 
 
 
 def require_file(path: Path) -> None:
-    """Check that there is something to read.
-
-    Raises:
-        LogError: No such file, a folder, or an empty file.
-    """
+    """Check that there is something to read."""
     if path.is_dir():
         raise LogError(
             "the log is a folder, not a file", where=str(path), fix="name one log file in it"
@@ -151,11 +143,7 @@ def _similar_files(path: Path) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Numbered:
-    """A log with the numbers of its rows, from zero, as one more column.
-
-    Attributes:
-        log: As it is on disk.
-    """
+    """A log with the numbers of its rows, from zero, as one more column."""
 
     log: Log
 
@@ -215,9 +203,6 @@ def parse_log_argument(argument: str) -> tuple[Path, Cut]:
     """File and window of a log as named on the command line.
 
     A file that really has `@` or `#` in its name is taken as it is.
-
-    Raises:
-        LogError: The window makes no sense.
     """
     if Path(argument).exists():
         return Path(argument), Cut()

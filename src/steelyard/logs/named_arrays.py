@@ -66,13 +66,7 @@ class NamedArray:
 
 @dataclass(frozen=True)
 class ColumnPlace:
-    """Where a column is: a component of an array.
-
-    Attributes:
-        member: Number of the array.
-        axis: The array's axis that the rows lie along.
-        component: Index along the other axis, or of the label.
-    """
+    """Where a column is: a component of an array."""
 
     member: int
     axis: int
@@ -100,14 +94,6 @@ class ArraysLog:
     A vector `t` is the column `t`; a matrix `q` of k columns, or of k rows, is `q_1` to `q_k`. The
     length that most numbers have in common is that of the table. Arrays of other lengths, and what
     is not made of real numbers, are left out.
-
-    Attributes:
-        path: Where the file is.
-        columns: Names of its columns.
-        places: Where each column is.
-        n_rows: Number of rows.
-        left_out: Name and reason of each array that is no part of the table.
-        read: Reads some of the columns.
     """
 
     path: Path
@@ -119,11 +105,7 @@ class ArraysLog:
 
     @classmethod
     def of(cls, path: Path, members: Sequence[NamedArray], read: Reader) -> "ArraysLog":
-        """The table in a file.
-
-        Raises:
-            LogError: There is none.
-        """
+        """The table in a file."""
         n_rows = _common_length(members)
         columns: list[tuple[str, ...]] = []
         places: list[tuple[ColumnPlace, ...]] = []

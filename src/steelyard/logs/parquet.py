@@ -35,11 +35,7 @@ TRUE, FALSE, BYTE, I16, I32, I64, DOUBLE, BINARY, LIST, SET, MAP, STRUCT = range
 
 @lru_cache(maxsize=64)
 def longest_page(path: Path, changed: int, size: int) -> int:
-    """Values of the longest page of a file as it was at a time, or a bound on them.
-
-    Raises:
-        ValueError: The end of the file, or the header of a page, is broken.
-    """
+    """Values of the longest page of a file as it was at a time, or a bound on them."""
     try:
         with path.open("rb") as file:
             return _longest(file, size)
@@ -165,12 +161,7 @@ MOST_PARQUET_COLUMNS = 1 << 16
 
 @dataclass(frozen=True)
 class ParquetLog:
-    """A Parquet file; only the requested row groups and columns are read.
-
-    Attributes:
-        path: Where it is.
-        columns: Names of its columns.
-    """
+    """A Parquet file; only the requested row groups and columns are read."""
 
     path: Path
     columns: tuple[str, ...]
@@ -239,11 +230,7 @@ def require_polars(path: Path) -> None:
 
 
 def _columns_at_once(path: Path) -> int:
-    """How many columns can be read side by side: their pages are decoded whole.
-
-    Raises:
-        ValueError: One is too many, or the file is broken.
-    """
+    """How many columns can be read side by side: their pages are decoded whole."""
     stat = path.stat()
     values = longest_page(path.resolve(), stat.st_mtime_ns, stat.st_size)
     if values > LONGEST_PAGE:
@@ -289,11 +276,6 @@ class PartitionedParquet:
 
     `part-2.parquet` comes before `part-10.parquet`; names that start with `.` or `_` are passed
     over.
-
-    Attributes:
-        path: The folder.
-        columns: Names of the columns, the same in all files.
-        files: Its files, in order.
     """
 
     path: Path
@@ -302,11 +284,7 @@ class PartitionedParquet:
 
     @classmethod
     def open(cls, path: Path) -> "PartitionedParquet":
-        """Find the files and compare their columns.
-
-        Raises:
-            LogError: There are none, one cannot be read, or two have other columns.
-        """
+        """Find the files and compare their columns."""
         try:
             found = [p for p in path.rglob("*") if p.suffix.lower() == ".parquet" and p.is_file()]
         except OSError as error:

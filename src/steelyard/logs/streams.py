@@ -13,8 +13,8 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.logs.log import require_columns
-from steelyard.logs.messages.mcap import McapFile
 from steelyard.logs.messages.message_log import MessageLog
+from steelyard.logs.messages.record_files import McapFile
 from steelyard.logs.text_table import (
     HEADER_LINES,
     Header,
@@ -35,11 +35,7 @@ Waiting = Callable[[], bool]
 
 
 def file_pieces(path: Path, waiting: Waiting) -> Iterator[bytes]:
-    """What is in a file, and what is appended to it.
-
-    Raises:
-        LogError: It cannot be read, or is replaced or cut off meanwhile.
-    """
+    """What is in a file, and what is appended to it."""
     try:
         with path.open("rb") as file:
             while True:
@@ -69,12 +65,7 @@ def _refuse_replaced(path: Path, number: int, at: int) -> None:
 
 
 def pipe_pieces(read: Callable[[], bytes], waiting: Waiting) -> Iterator[bytes]:
-    """What a pipe hands out, until its writer closes it.
-
-    Args:
-        read: Waits for bytes and returns them, none at the end; called in a thread.
-        waiting: Called while there are none.
-    """
+    """What a pipe hands out, until its writer closes it."""
     pieces: queue.Queue[bytes] = queue.Queue(PENDING_PIECES)
 
     def fill() -> None:
@@ -114,23 +105,14 @@ class Lines:
     """
 
     def __init__(self, path: Path, wanted: Sequence[str]) -> None:
-        """Begin.
-
-        Args:
-            path: Where the bytes come from, for messages.
-            wanted: Columns of the rows, in their order.
-        """
+        """Begin."""
         self._path, self._wanted = path, tuple(wanted)
         self._rest = b""
         self._header: Header | None = None
         self._json = False
 
     def rows(self, pieces: Iterable[bytes]) -> Iterator[Array]:
-        """Rows of every piece, shape `(N, len(wanted))` with N > 0.
-
-        Raises:
-            LogError: There is no table, it lacks a column, or a line does not end.
-        """
+        """Rows of every piece, shape `(N, len(wanted))` with N > 0."""
         for piece in pieces:
             self._rest += piece
             end = self._rest.rfind(b"\n") + 1
@@ -219,18 +201,7 @@ BATCH_ROWS = 16
 def rows_of(
     source: str, columns: Sequence[str], waiting: Waiting, read: Callable[[], bytes]
 ) -> Iterator[Array]:
-    """Rows of some columns as they arrive, shape `(N, len(columns))`.
-
-    Args:
-        source: A file, or `-`.
-        columns: Their names.
-        waiting: Called while there is nothing new; the rows end when it returns `False`.
-        read: Reads from standard input: some bytes, none at its end.
-
-    Raises:
-        LogError: The source is not there, of a kind that cannot be read while it is written, or
-            lacks a column.
-    """
+    """Rows of some columns as they arrive, shape `(N, len(columns))`."""
     if source == STANDARD_INPUT:
         return Lines(Path("standard input"), columns).rows(pipe_pieces(read, waiting))
     path = Path(source)

@@ -247,11 +247,7 @@ class DelimitedLog:
 
     @classmethod
     def open(cls, path: Path) -> "DelimitedLog":
-        """Read the header and guess the separator.
-
-        Raises:
-            LogError: Not there, not text, or without a table.
-        """
+        """Read the header and guess the separator."""
         require_file(path)
         try:
             with path.open("rb") as file:

@@ -133,9 +133,6 @@ def cutoffs(
         rate: [Hz].
         where: The log, for messages.
         floor: Frequency at which the spectrum of the positions meets its noise [Hz].
-
-    Raises:
-        LogError: A cut-off does not fit the rate.
     """
     matched = processing.matched_cutoff
     if matched is None:
@@ -182,11 +179,7 @@ def default_rest_speed(fast: Array, noise: Array, step_speed: Array) -> Array:
 
 
 def given_rest_speed(processing: Processing, joints: int) -> Array | None:
-    """The requested rest speeds, shape `(n,)`, or `None`.
-
-    Raises:
-        LogError: Their number or a value does not fit.
-    """
+    """The requested rest speeds, shape `(n,)`, or `None`."""
     if processing.rest_speed is None:
         return None
     speeds = np.atleast_1d(np.asarray(processing.rest_speed, dtype=np.float64))

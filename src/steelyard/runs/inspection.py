@@ -69,15 +69,7 @@ class Survey:
 
 
 def survey(recording: Recording, processing: Processing | None = None) -> Survey:
-    """Read a recording once.
-
-    Args:
-        recording: Raw rows.
-        processing: How rows are judged, and the rate of the uniform clock.
-
-    Raises:
-        LogError: Nothing in it can be used, or time does not increase.
-    """
+    """Read a recording once."""
     wanted = Processing() if processing is None else processing
     clock = learn_clock(recording)
     scan = RowScan(clock, recording)

@@ -52,11 +52,7 @@ def log_files(arguments: Sequence[str]) -> list[LogArgument]:
 
 
 def refuse_overlaps(fitted: Sequence[LogArgument], unseen: Sequence[LogArgument]) -> None:
-    """The same samples neither count twice in a fit nor test it.
-
-    Raises:
-        LogError: Two windows of one file overlap.
-    """
+    """The same samples neither count twice in a fit nor test it."""
     again = [(log, other) for n, log in enumerate(fitted) for other in fitted[:n]]
     tested = [(log, other) for log in fitted for other in unseen]
     for pairs, role in ((again, "is fitted twice"), (tested, "is both fitted and validated")):
@@ -199,11 +195,7 @@ def processing_used(wanted: Processing, runs: Sequence[Run]) -> Processing:
 
 
 def paths_of(logs: str | Path | Iterable[str | Path], least: int = 0) -> list[str]:
-    """One log or several as texts.
-
-    Raises:
-        LogError: One is no path, or there are fewer than `least`.
-    """
+    """One log or several as texts."""
     given = [logs] if isinstance(logs, str | Path) else list(logs)
     strange = next((log for log in given if not isinstance(log, str | Path)), None)
     if strange is not None or len(given) < least:

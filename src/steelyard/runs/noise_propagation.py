@@ -85,10 +85,6 @@ def motion_error(run: Run, taps: Array | None = None) -> MotionError:
 
     The median over the spectrum is a little low for runs of less than a minute. Methods that are
     not local count as the Butterworth low-pass of their cut-off.
-
-    Args:
-        run: The run; its log is read once more.
-        taps: Of the filter that residuals go through; none if `None`.
     """
     found = survey(run.recording.in_memory(), run.chain.processing)
     channels = run.recording.channels

@@ -45,9 +45,6 @@ def prepare(
         recording: Raw rows.
         processing: What is not left to the data.
         at_rest: Whether a log in which no joint moves is used, from its first row to its last.
-
-    Raises:
-        LogError: The log holds no motion that can be used; the message says why.
     """
     requested = processing = Processing() if processing is None else processing
     if processing.repetitions is not None:
@@ -85,13 +82,7 @@ def prepare(
 
 
 def prepare_mean(mean: MeanMotion, name: str, processing: Processing | None = None) -> Run:
-    """The run of a mean over repetitions.
-
-    Args:
-        mean: See `mean_of_periods` and `mean_of_logs`.
-        name: Name of the run.
-        processing: What is not left to the data.
-    """
+    """The run of a mean over repetitions."""
     wanted = Processing() if processing is None else processing
     run = prepare(mean.recording, replace(wanted, repetitions=None))
     quality = replace(run.quality, notes=(mean.words, *run.quality.notes))

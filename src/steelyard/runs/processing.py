@@ -186,10 +186,6 @@ class Processing:
 def requested_processing(section: ProcessingSection, where: Callable[..., str]) -> Processing:
     """The processing that a robot file requests.
 
-    Args:
-        section: What it says.
-        where: Places in the file, for messages.
-
     Raises:
         ModelError: There is no such method, or it has no such setting or value.
     """

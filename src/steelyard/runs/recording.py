@@ -83,12 +83,7 @@ def continuous(q: Array, near: float) -> tuple[Array, float]:
 
 @dataclass(frozen=True)
 class Channels:
-    """Order of the channels beside time: positions, velocities if logged, efforts.
-
-    Attributes:
-        joints: Number of joints, n.
-        velocities: Whether velocities are logged.
-    """
+    """Order of the channels beside time: positions, velocities if logged, efforts."""
 
     joints: int
     velocities: bool

@@ -63,9 +63,6 @@ def average_aligned(
             other.
         context: Samples before and after a repetition that are averaged too. Beyond a log's ends
             its first and last values go on.
-
-    Raises:
-        LogError: There are fewer than two repetitions, or one is another motion.
     """
     which = [log for log, places in enumerate(starts) for _ in places]
     if len(which) < 2:
@@ -163,14 +160,7 @@ class Importance:
 
 @dataclass(frozen=True, eq=False)
 class MeanMotion:
-    """The mean over repetitions, as a recording of its own.
-
-    Attributes:
-        recording: The mean repetition in a window, with context around it.
-        importance: Weights of its efforts.
-        averaged: Mean and variance of all channels, and how far repetitions lie apart.
-        words: What was averaged, in a sentence.
-    """
+    """The mean over repetitions, as a recording of its own."""
 
     recording: Recording
     importance: Importance
@@ -179,11 +169,7 @@ class MeanMotion:
 
 
 def mean_of_periods(recording: Recording, wanted: Repetitions) -> MeanMotion:
-    """The mean over the periods in one log.
-
-    Raises:
-        LogError: The motion does not repeat, or too seldom.
-    """
+    """The mean over the periods in one log."""
     loaded = recording.in_memory()
     x, rate = _evenly_sampled(loaded)
     c = loaded.channels
@@ -211,11 +197,7 @@ def mean_of_periods(recording: Recording, wanted: Repetitions) -> MeanMotion:
 
 
 def mean_of_logs(recordings: Sequence[Recording]) -> MeanMotion:
-    """The mean over logs that hold the same motion once.
-
-    Raises:
-        LogError: There are fewer than two of them, or they hold other motions.
-    """
+    """The mean over logs that hold the same motion once."""
     if not recordings:
         raise LogError("there is no log to average", where="logs", fix="give two or more")
     loaded = [recording.in_memory() for recording in recordings]

@@ -113,12 +113,7 @@ class RunData:
 
 
 class KeptBlocks:
-    """Blocks of a short run that stay in memory, for itself and for runs of another span.
-
-    Attributes:
-        source: What they were made from; empty before the first pass.
-        blocks: The number of each block's first sample in its segment, and the block.
-    """
+    """Blocks of a short run that stay in memory, for itself and for runs of another span."""
 
     def __init__(self) -> None:
         self.source: tuple[object, ...] = ()

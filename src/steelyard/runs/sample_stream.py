@@ -59,12 +59,7 @@ class SampleStream:
     """
 
     def __init__(self, signals: Signals, robot: Robot) -> None:
-        """Begin.
-
-        Args:
-            signals: Columns of the rows, in their order.
-            robot: The robot.
-        """
+        """Begin."""
         self.dropped: Counter[RowVerdict] = Counter()
         self.restarts = 0
         self.start = np.nan

@@ -22,8 +22,8 @@ from steelyard.logs.messages.byte_streams import (
     unpacked_copy,
     unpacked_whole,
 )
-from steelyard.logs.messages.mcap import MCAP_MAGIC, McapFile, unreadable
 from steelyard.logs.messages.messages import LARGEST_MESSAGE, Channel, Container, Message
+from steelyard.logs.messages.record_files import MCAP_MAGIC, McapFile, unreadable
 
 METADATA = "metadata.yaml"
 SQLITE_MAGIC = b"SQLite format 3\0"
@@ -34,11 +34,7 @@ MOST_TOPICS = 10_000
 
 @dataclass(frozen=True)
 class SqliteFile:
-    """The storage file `.db3` of a ROS 2 bag. It is opened read-only and leaves nothing beside it.
-
-    Attributes:
-        path: Where it is.
-    """
+    """The storage file `.db3` of a ROS 2 bag, opened read-only; nothing is left beside it."""
 
     path: Path
 
@@ -161,13 +157,7 @@ def _malformed(path: Path, error: Exception) -> LogError:
 
 @dataclass(frozen=True)
 class Bag2:
-    """A ROS 2 bag: a folder whose `metadata.yaml` names its files, read one after the other.
-
-    Attributes:
-        path: The folder.
-        files: Its files, in order.
-        packed: Whether each message is compressed by itself.
-    """
+    """A ROS 2 bag: a folder whose `metadata.yaml` names its files, read one after the other."""
 
     path: Path
     files: tuple[Container, ...]
@@ -175,11 +165,7 @@ class Bag2:
 
     @classmethod
     def open(cls, path: Path) -> "Bag2":
-        """Read which files the bag has.
-
-        Raises:
-            LogError: The metadata cannot be understood, or a file is missing or of another kind.
-        """
+        """Read which files the bag has."""
         metadata = path / METADATA
         try:
             with metadata.open(encoding="utf-8", errors="replace") as file:

@@ -4,13 +4,12 @@ import atexit
 import shutil
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
-from types import TracebackType
-from typing import Any, Protocol
+from typing import Any
 
 from steelyard.base.errors import LogError
 from steelyard.logs.messages.messages import Container, Message
@@ -31,47 +30,27 @@ class Damaged(Exception):
     """The bytes make no sense; says why."""
 
 
-class Bytes(Protocol):
-    """Bytes read from front to back."""
+class FileBytes(AbstractContextManager["FileBytes"]):
+    """A file from front to back; one that is still being written is waited for.
 
-    def take(self, length: int) -> bytes:
-        """The next bytes, exactly so many; `EndOfBytes` if there are fewer."""
-        ...
-
-    def skip(self, length: int) -> None:
-        """Pass over bytes."""
-        ...
-
-
-class FileBytes:
-    """A file from front to back.
-
-    Attributes:
-        at: Byte that is read next.
-        size: Bytes of the file.
+    Args:
+        path: Where it is.
+        at: Byte to start at.
+        waiting: Called while bytes are missing; they count as the end when it returns `False`.
     """
 
-    def __init__(self, path: Path, at: int = 0) -> None:
+    def __init__(self, path: Path, at: int = 0, waiting: Callable[[], bool] | None = None) -> None:
         self._file = path.open("rb", buffering=1 << 18)
+        self._path, self._waiting = path, waiting
         self.size = path.stat().st_size
-        self.at = at
-        self._file.seek(at)
+        self.at = self._file.seek(at)
 
-    def __enter__(self) -> "FileBytes":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._file.close()
 
     def take(self, length: int) -> bytes:
         """The next bytes, exactly so many."""
-        if length > self.size - self.at:
-            raise EndOfBytes
+        self._reach(length)
         data = self._file.read(length)
         if len(data) < length:
             raise EndOfBytes
@@ -80,48 +59,21 @@ class FileBytes:
 
     def skip(self, length: int) -> None:
         """Pass over bytes."""
-        if length > self.size - self.at:
-            raise EndOfBytes
-        self.at += length
-        self._file.seek(self.at)
+        self._reach(length)
+        self.at = self._file.seek(self.at + length)
 
     def upto(self, length: int) -> bytes:
         """The next bytes, fewer at the end of the file."""
+        with suppress(EndOfBytes):
+            self._reach(length)
         data = self._file.read(length)
         self.at += len(data)
         return data
 
-
-class GrowingBytes(FileBytes):
-    """A file that is still being written: waits for bytes that are not there yet.
-
-    Args:
-        path: Where it is.
-        waiting: Called while bytes are missing; they count as the end when it returns `False`.
-    """
-
-    def __init__(self, path: Path, waiting: Callable[[], bool]) -> None:
-        super().__init__(path)
-        self._path, self._waiting = path, waiting
-
-    def take(self, length: int) -> bytes:
-        """The next bytes, exactly so many, as soon as they are there."""
-        self._reach(length)
-        return super().take(length)
-
-    def skip(self, length: int) -> None:
-        """Pass over bytes, as soon as they are there."""
-        self._reach(length)
-        super().skip(length)
-
-    def upto(self, length: int) -> bytes:
-        """The next bytes, fewer at the end."""
-        with suppress(EndOfBytes):
-            self._reach(length)
-        return super().upto(length)
-
     def _reach(self, length: int) -> None:
         while length > self.size - self.at:
+            if self._waiting is None:
+                raise EndOfBytes
             self.size = self._path.stat().st_size
             if length > self.size - self.at and not self._waiting():
                 raise EndOfBytes
@@ -129,12 +81,7 @@ class GrowingBytes(FileBytes):
 
 @dataclass
 class Budget:
-    """Against small files that unpack to gigabytes: sizes of one pass over a file.
-
-    Attributes:
-        packed: Bytes unpacked so far, as stored.
-        unpacked: Bytes they became.
-    """
+    """Against small files that unpack to gigabytes: sizes of one pass over a file."""
 
     packed: int = 0
     unpacked: int = 0
@@ -213,6 +160,9 @@ class UnpackedBytes:
         return block
 
 
+Bytes = FileBytes | UnpackedBytes
+
+
 class _Piece:
     """The next so many bytes of a file, as a file of its own."""
 
@@ -234,9 +184,6 @@ def unpacked(packing: str, source: Any) -> Iterator[bytes]:
     Args:
         packing: `""`, `none`, `zstd`, `lz4` or `bz2`.
         source: A file-like object.
-
-    Raises:
-        Damaged: Not packed so, or broken.
     """
     if packing in ("", "none"):
         yield from iter(lambda: source.read(BLOCK_BYTES), b"")
@@ -297,12 +244,7 @@ ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 @dataclass(frozen=True)
 class ZstdFile:
-    """A packed file, read by way of its unpacked copy.
-
-    Attributes:
-        path: Where it is.
-        copy: Its unpacked copy, see `unpacked_copy`.
-    """
+    """A packed file, read by way of its unpacked copy."""
 
     path: Path
     copy: Container
@@ -333,11 +275,7 @@ class ZstdFile:
 
 
 def unpacked_copy(path: Path) -> Path:
-    """An unpacked copy in the folder for temporary files, kept until the program ends.
-
-    Raises:
-        LogError: The file is damaged, unpacks to far more than it should, or the disk is full.
-    """
+    """An unpacked copy in the folder for temporary files, kept until the program ends."""
     try:
         stat = path.stat()
         return _copy(path.resolve(), stat.st_mtime_ns, stat.st_size)

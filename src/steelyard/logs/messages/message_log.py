@@ -24,7 +24,6 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.logs.log import ROWS_OF_PART, RowRange, require_columns, require_file
-from steelyard.logs.messages.bag1 import BAG1_MAGIC, Bag1
 from steelyard.logs.messages.bag2 import Bag2, storage
 from steelyard.logs.messages.messages import (
     Channel,
@@ -36,6 +35,7 @@ from steelyard.logs.messages.messages import (
     decoder,
     seconds,
 )
+from steelyard.logs.messages.record_files import BAG1_MAGIC, Bag1
 from steelyard.logs.messages.topics import (
     LOG_TIME,
     STAMP,
@@ -65,10 +65,6 @@ class Track:
     topic's usual steps. Samples that are not newer than the one before them, or newer than the one
     after them, are passed over. At most `SAMPLES_KEPT_BEHIND` samples are in memory, however long
     the topic pauses.
-
-    Args:
-        samples: The topic's samples as recorded.
-        width: Values of a sample.
     """
 
     def __init__(self, samples: Iterator[Sample], width: int) -> None:
@@ -130,12 +126,6 @@ class MessageLog:
 
     A value that a message lacks is NaN. A message that cannot be decoded is a row of NaN. A joint
     state with none of the requested joints, as of a gripper that shares the topic, is no row.
-
-    Attributes:
-        path: Where it is.
-        columns: Names of its columns, joint states first.
-        container: What hands out the messages.
-        layouts: What the messages of each topic hold.
     """
 
     path: Path
@@ -149,9 +139,6 @@ class MessageLog:
 
         Args:
             path: An MCAP file, a ROS 1 bag, a ROS 2 bag's folder or one of its files.
-
-        Raises:
-            LogError: Not there, of another kind, damaged, or without numbers that can be read.
         """
         container = _container(path)
         layouts = scan_topics(container)

@@ -123,11 +123,7 @@ class Unreadable(Exception):
 
 @lru_cache(maxsize=64)
 def decoder(channel: Channel) -> Decoder:
-    """What turns the bytes of a channel's messages into messages with named fields.
-
-    Raises:
-        Unreadable: The encoding or the type is not known.
-    """
+    """What turns the bytes of a channel's messages into messages with named fields."""
     if channel.encoding == "json":
         return _guarded(json.loads)
     if channel.encoding not in ("cdr", "ros1"):
@@ -193,12 +189,7 @@ def _parsed(channel: Channel) -> "Typesdict":
 
 
 def _require_small(store: "Typestore", channel: Channel) -> None:
-    """Check a type before code is made for it.
-
-    Raises:
-        Unreadable: It lacks a part, holds itself, holds far too much, or holds any number of
-            things that need no bytes.
-    """
+    """Check a type before code is made for it."""
     from rosbags.interfaces import Nodetype
 
     sizes: dict[str, int] = {}

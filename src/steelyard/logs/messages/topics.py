@@ -60,11 +60,7 @@ def stamp_of(message: Any) -> float | None:
 
 
 class Picker:
-    """Takes the same fields out of every message.
-
-    Args:
-        wanted: Their paths.
-    """
+    """Takes the same fields out of every message."""
 
     def __init__(self, wanted: Sequence[str]) -> None:
         self._count = len(wanted)
@@ -212,16 +208,7 @@ MOST_COLUMNS = 50_000
 
 @dataclass(frozen=True)
 class Layout:
-    """What the messages of a topic hold.
-
-    Attributes:
-        name: The topic.
-        type: Type of its messages.
-        fields: Paths of the numbers in them.
-        of_joints: Whether they are joint states.
-        stamped: Whether they say when they were measured.
-        problem: Why they cannot be read; empty if they can.
-    """
+    """What the messages of a topic hold."""
 
     name: str
     type: str
@@ -283,9 +270,6 @@ def scan_topics(container: Container) -> tuple[Layout, ...]:
 
     Columns are the numbers of the first 100 messages of a topic. A topic of which none of these has
     a stamp other than zero is stamped by its log time.
-
-    Raises:
-        LogError: The file is damaged, has no messages, or more topics or columns than make sense.
     """
     looks: dict[str, _TopicScan] = {}
     announced = container.announced()

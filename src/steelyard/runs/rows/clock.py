@@ -66,11 +66,7 @@ class RowPiece:
 
 
 def learn_clock(recording: Recording) -> Clock:
-    """Step and origin of a log's clock, from its head.
-
-    Raises:
-        LogError: Time does not increase.
-    """
+    """Step and origin of a log's clock, from its head."""
     times = _head_times(recording)
     if len(times) == 1:
         raise LogError(
@@ -110,11 +106,7 @@ def nice_rate(mean_step: float) -> float:
 
 
 class RowScan:
-    """One pass over the rows of a recording's window.
-
-    Attributes:
-        counts: Rows of the window per verdict, filled while `pieces` runs.
-    """
+    """One pass over the rows of a recording's window."""
 
     def __init__(self, clock: Clock, recording: Recording) -> None:
         self.counts = np.zeros(len(RowVerdict), dtype=np.int64)
@@ -127,11 +119,7 @@ class RowScan:
         self._segment = -1
 
     def pieces(self, rows: RowRange | None = None) -> Iterator[RowPiece]:
-        """Good rows in the window, in order, part by part.
-
-        Args:
-            rows: Rows to read instead of those of the cut.
-        """
+        """Good rows in the window, in order, part by part."""
         channels = self._recording.channels
         rows = self._recording.cut.rows if rows is None else rows
         undecided = np.zeros(0), np.zeros((0, channels.count)), np.zeros(0, dtype=np.int64)

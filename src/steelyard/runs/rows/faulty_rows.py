@@ -298,11 +298,7 @@ ABRUPT_STAYS = 2
 
 
 class Extremes:
-    """The highest and lowest value of each channel and how it stays there, from parts.
-
-    Args:
-        channels: Number of channels, C.
-    """
+    """The highest and lowest value of each channel and how it stays there, from parts."""
 
     def __init__(self, channels: int) -> None:
         self._sides = [(_Top(), _Top()) for _ in range(channels)]

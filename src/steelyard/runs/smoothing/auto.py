@@ -178,13 +178,7 @@ class LowPasses:
 
 @dataclass(frozen=True)
 class LikeliestCutoffs:
-    """The filters of a log: a local method.
-
-    Attributes:
-        wide: For what has no likeliest cut-offs.
-        position: Of positions.
-        velocity: Of logged velocities.
-    """
+    """The filters of a log: a local method."""
 
     wide: Designed
     position: LowPasses | None

@@ -122,11 +122,7 @@ class Bank:
 
 @dataclass(frozen=True, eq=False)
 class Single:
-    """One convolution of channels; an operation with a halo.
-
-    Attributes:
-        bank: A bank of one filter.
-    """
+    """One convolution of channels; an operation with a halo."""
 
     bank: Bank
 
@@ -160,11 +156,7 @@ MOST_PASSES = 20
 
 
 def check_passes(passes: int, method: str) -> None:
-    """Refuse a number of passes that is not available.
-
-    Raises:
-        ModelError: It is not from 1 to `MOST_PASSES`.
-    """
+    """Refuse a number of passes that is not available."""
     if not 1 <= passes <= MOST_PASSES:
         raise ModelError(
             f"a filter cannot be applied {passes} times",
@@ -212,9 +204,6 @@ def kaiser_lowpass(suppression: float, width: float, cutoff: float) -> Array:
         suppression: Of the stop band [dB], 8 or more.
         width: Of the transition, relative to half the sampling rate.
         cutoff: Half-amplitude frequency, likewise.
-
-    Raises:
-        ValueError: The cut-off is not between 0 and 1.
     """
     if not 0.0 < cutoff < 1.0:
         raise ValueError(f"cut-off {cutoff:g} is not between 0 and 1")
@@ -283,11 +272,7 @@ def low_pass(
 
 
 def require_fitting(cutoff: float, rate: float) -> None:
-    """Check that a low-pass can be made.
-
-    Raises:
-        LogError: The cut-off does not fit the rate.
-    """
+    """Check that a low-pass can be made."""
     if not 0.0 < cutoff < 0.5 * rate:
         raise LogError(
             f"a low-pass of {cutoff:g} Hz does not fit samples at {rate:g} Hz",

@@ -85,11 +85,7 @@ class FIR:
         return repeated_smoother(Bank.of(self.taps(cutoff, rate)[None]), self.passes)
 
     def taps(self, cutoff: float, rate: float) -> Array:
-        """The filter's coefficients, odd in number, their sum 1.
-
-        Raises:
-            LogError: The transition ends above half the rate.
-        """
+        """The filter's coefficients, odd in number, their sum 1."""
         width = self.transition * cutoff
         if cutoff + 0.5 * width >= 0.5 * rate:
             raise LogError(
@@ -250,11 +246,7 @@ class SavitzkyGolay:
         return repeated_smoother(Bank.of(taps(window, self.degree, rate)[:1]), self.passes)
 
     def window_for(self, cutoff: float, rate: float) -> int:
-        """The window, or the one that passes half of an amplitude at the cut-off.
-
-        Raises:
-            LogError: The window would be longer than any.
-        """
+        """The window, or the one that passes half of an amplitude at the cut-off."""
         if self.window is not None:
             return self.window
         half = _corner(self.degree) * rate / (2.0 * np.pi * cutoff)

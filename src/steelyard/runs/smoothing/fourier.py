@@ -82,9 +82,6 @@ def fourier_series(
         frequency: Base frequency [Hz].
         harmonics: Number of harmonics, K.
         drift: Whether a straight line is fitted beside.
-
-    Raises:
-        LogError: There are too few samples or less than a period.
     """
     columns = 1 + drift + 2 * harmonics
     span = float(t[-1] - t[0]) if len(t) else 0.0
@@ -164,10 +161,6 @@ def audible_harmonics(series: Series, count: int) -> Series:
     """A series without what does not stand `HARMONIC_OVER_STD` above the noise, channel by channel.
 
     Every channel keeps its harmonics up to the last one that does.
-
-    Args:
-        series: With more harmonics than the motion has.
-        count: Samples it was fitted to.
     """
     amplitude = np.hypot(series.cosine, series.sine)
     loud = amplitude > HARMONIC_OVER_STD * np.sqrt(2.0 / count) * series.noise + 1e-15

@@ -64,9 +64,6 @@ def kalman_smoothed(
             channel's ratio is the most likely one.
         order: Derivative of the channels that is white noise: 3 for positions; 2 for velocities,
             whose acceleration then wanders and whose second derivative is not known, thus zero.
-
-    Raises:
-        LogError: There are too few samples, or time does not increase.
     """
     steps = np.diff(t, prepend=t[:1])
     if len(t) < LEAST_KALMAN_SAMPLES or not (steps[1:] > 0.0).all():

@@ -47,9 +47,6 @@ def smoothing_spline(t: Array, values: Array, weight: float | None = None) -> Sp
         t: Time, shape `(N,)` [s], increasing; steps may differ.
         values: Shape `(N,)`.
         weight: $\lambda$ [s³]; by default generalised cross-validation chooses it.
-
-    Raises:
-        LogError: There are too few samples, or time does not increase.
     """
     step = np.diff(t)
     if len(t) < LEAST_SPLINE_SAMPLES or not (step > 0.0).all():
