@@ -27,7 +27,7 @@ from steelyard.runs.prepare import prepare
 from steelyard.runs.processing import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.smoothing.fourier import Fourier
-from steelyard.runs.smoothing.kalman_smoother import Kalman
+from steelyard.runs.smoothing.kalman import Kalman
 from steelyard.runs.smoothing.method import Butterworth, Method
 from steelyard.runs.smoothing.spline import SmoothingSpline
 from steelyard.simulate.sensors import Sensors, TrueRun

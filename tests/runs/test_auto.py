@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from steelyard.base.errors import LogError
-from steelyard.runs.smoothing.auto import Auto, LowPasses, MeanPeriod, likeliest_cutoffs
+from steelyard.runs.smoothing.auto import Auto, LowPasses, likeliest_cutoffs
 from steelyard.runs.smoothing.filters import continued_at_ends
-from steelyard.runs.smoothing.kalman_smoother import kalman_smoothed
+from steelyard.runs.smoothing.kalman import kalman_smoothed
 from steelyard.runs.smoothing.method import Butterworth, Choosing
 
 RATE = 250.0
@@ -104,7 +104,7 @@ def test_joints_that_repeat_are_averaged() -> None:
     method = Auto().chosen(noisy, None, RATE, 0.8, whole=True)
     assert method.periodic == (1,)
     assert method.period == pytest.approx(4.0, abs=1e-3)
-    assert isinstance(method.designed(30.0, RATE), MeanPeriod)
+    assert method.designed(30.0, RATE).halo is None
     better, plain = applied(method, noisy), applied(once, noisy)
     inner = slice(600, -600)
     for order, true in enumerate((q, dq, ddq)):

@@ -21,8 +21,7 @@ from steelyard.runs.rows.resampling import (
     uniform,
 )
 from steelyard.runs.smoothing.fir_methods import MovingAverage
-from steelyard.runs.smoothing.kalman_filter import CausalKalman
-from steelyard.runs.smoothing.kalman_smoother import KalmanSmoother
+from steelyard.runs.smoothing.kalman import CausalKalman, KalmanSmoother
 from steelyard.runs.smoothing.method import Butterworth
 
 WHOLE = [n for n, method in METHODS.items() if method().designed(8.0, 100.0).halo is None]

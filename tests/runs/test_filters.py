@@ -11,7 +11,6 @@ from steelyard.runs.smoothing.filters import (
     Bank,
     apply,
     butterworth,
-    derivatives,
     fast_length,
     kaiser_lowpass,
     low_pass,
@@ -52,11 +51,17 @@ def test_inside_it_is_scipys_filter(order: int, cutoff: float, rate: float) -> N
     )
 
 
+def derived(values: np.ndarray, cutoff: float, rate: float) -> np.ndarray:
+    """Low-passed signal and two derivatives of a whole segment, shape `(3, N, C)`."""
+    parts = list(apply(smooth_derivatives(cutoff, rate, 2), [values.T]))
+    return np.concatenate(parts, axis=-1).transpose(0, 2, 1)
+
+
 def test_at_the_ends_value_and_slope_are_kept() -> None:
     line = np.linspace(1.0, 4.0, 500)
     np.testing.assert_allclose(zero_phase(line, 5.0, 100.0), line, atol=1e-10)
     ramp = np.stack([line, -line], axis=1)
-    _, dq, ddq = derivatives(ramp, 5.0, 100.0)
+    _, dq, ddq = derived(ramp, 5.0, 100.0)
     slope = 3.0 / 499 * 100.0
     np.testing.assert_allclose(dq, np.full((500, 2), slope) * [1, -1], atol=1e-9)
     np.testing.assert_allclose(ddq, 0.0, atol=1e-7)
@@ -89,7 +94,7 @@ def test_no_parts_give_nothing() -> None:
 
 
 def test_a_bank_without_halo_scales() -> None:
-    bank = Bank([lambda omega: np.full(len(omega), 2.0)], 0)
+    bank = Bank.of_responses([lambda omega: np.full(len(omega), 2.0)], 0)
     x = np.arange(12.0).reshape(2, 6)
     (part,) = apply(bank, [x])
     np.testing.assert_allclose(part[0], 2.0 * x, atol=1e-12)
@@ -100,7 +105,7 @@ def test_derivatives_of_a_sine_are_exact_up_to_the_filters_gain(frequency: float
     rate, cutoff = 100.0, 12.0
     t = np.arange(2000) / rate
     w = 2.0 * np.pi * frequency
-    q, dq, ddq = derivatives(np.sin(w * t)[:, None], cutoff, rate)
+    q, dq, ddq = derived(np.sin(w * t)[:, None], cutoff, rate)
     (gain,) = butterworth(cutoff, rate)(np.array([w / rate]))
     inside = slice(400, -400)
     np.testing.assert_allclose(q[inside, 0], gain * np.sin(w * t)[inside], atol=1e-10)

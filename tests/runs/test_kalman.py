@@ -6,7 +6,7 @@ import pytest
 from steelyard.base.errors import LogError
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing import Processing, smoother_of
-from steelyard.runs.smoothing.kalman_smoother import (
+from steelyard.runs.smoothing.kalman import (
     Kalman,
     KalmanSmoother,
     kalman_smoothed,

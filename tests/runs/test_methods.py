@@ -18,10 +18,8 @@ from steelyard.runs.smoothing.fir_methods import (
     FIR,
     MovingAverage,
     SavitzkyGolay,
-    central_differences,
-    moving_average,
 )
-from steelyard.runs.smoothing.kalman_filter import CausalKalman
+from steelyard.runs.smoothing.kalman import CausalKalman
 from steelyard.runs.smoothing.method import Butterworth, Method, Smoother
 
 RATE, CUTOFF = 200.0, 10.0
@@ -123,34 +121,14 @@ def test_a_fir_that_does_not_fit_says_so() -> None:
 def test_central_differences_are_those_of_the_paper() -> None:
     rng = np.random.default_rng(0)
     theta, step = rng.normal(size=(30, 2)), 0.03
-    first = central_differences(theta, 1.0 / step)
-    for k in range(1, 29):
-        np.testing.assert_allclose(first[k - 1], (theta[k + 1] - theta[k - 1]) / (2.0 * step))
-    second = central_differences(first, 1.0 / step)
+    first = (theta[2:] - theta[:-2]) / (2.0 * step)
+    second = (first[2:] - first[:-2]) / (2.0 * step)
     found = MovingAverage(5).designed(CUTOFF, 1.0 / step)(theta.T, None)
     assert found.shape == (3, 2, 30 - 8)
     np.testing.assert_array_equal(found[0], theta[4:-4].T)
     np.testing.assert_allclose(found[1], first[3:-3].T)
     for k in range(22):
         np.testing.assert_allclose(found[2][:, k], second[k : k + 5].mean(axis=0))
-
-
-def test_moving_average_ends_as_matlabs_smooth() -> None:
-    """The rule of MATLAB's documentation, written down for a span of 5."""
-    y = np.array([3.0, 1.0, 4.0, 1.0, 5.0, 9.0, 2.0, 6.0])
-    expected = [
-        y[0],
-        y[:3].mean(),
-        *(y[k - 2 : k + 3].mean() for k in range(2, 6)),
-        y[-3:].mean(),
-        y[-1],
-    ]
-    np.testing.assert_allclose(moving_average(y, 5), expected)
-    np.testing.assert_allclose(moving_average(y, 6), expected)
-    np.testing.assert_allclose(
-        moving_average(np.stack((y, 2 * y), axis=1), 5)[:, 1], 2 * np.array(expected)
-    )
-    np.testing.assert_allclose(moving_average(y, 99), moving_average(y, 7))
 
 
 @pytest.mark.parametrize("name", [name for name in SMOOTHERS if name != "kalman"])

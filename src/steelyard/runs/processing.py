@@ -12,8 +12,7 @@ from steelyard.runs.rows.resampling import INTERPOLATIONS
 from steelyard.runs.smoothing.auto import Auto
 from steelyard.runs.smoothing.fir_methods import FIR, MovingAverage, SavitzkyGolay
 from steelyard.runs.smoothing.fourier import Fourier
-from steelyard.runs.smoothing.kalman_filter import CausalKalman
-from steelyard.runs.smoothing.kalman_smoother import Kalman, KalmanSmoother
+from steelyard.runs.smoothing.kalman import CausalKalman, Kalman, KalmanSmoother
 from steelyard.runs.smoothing.method import Butterworth, Method, Smoother
 from steelyard.runs.smoothing.spline import SmoothingSpline
 from steelyard.runs.spectrum import Repetitions

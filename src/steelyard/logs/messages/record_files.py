@@ -91,9 +91,7 @@ class Walk:
         return source.take(length)
 
 
-def topics_in_index(
-    walk: Walk, path: Path, start: int, end: float = inf
-) -> frozenset[str] | None:
+def topics_in_index(walk: Walk, path: Path, start: int, end: float = inf) -> frozenset[str] | None:
     """Topics that have messages according to the records of an index; `None` if it is damaged."""
     try:
         with FileBytes(path, start) as file:

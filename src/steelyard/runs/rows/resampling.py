@@ -241,7 +241,7 @@ class Thinning:
         middle = 0.5 * (THINNING_PASSBAND + 0.5)
         width = 2.0 * (0.5 - THINNING_PASSBAND) / factor
         taps = kaiser_lowpass(THINNING_SUPPRESSION, width, 2.0 * middle / factor)
-        return cls(factor, Bank.of(taps[None]), flags)
+        return cls(factor, Bank(taps[None]), flags)
 
     @property
     def halo(self) -> int:

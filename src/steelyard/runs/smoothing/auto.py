@@ -26,14 +26,18 @@ from steelyard.runs.smoothing.filters import (
     differentiated,
     settling,
 )
-from steelyard.runs.smoothing.kalman_smoother import filtered, likeliest_ratio, likeliest_variance
-from steelyard.runs.smoothing.method import Butterworth, Designed
+from steelyard.runs.smoothing.kalman import (
+    HIGHEST_CUTOFF,
+    cutoff_of_ratio,
+    filtered,
+    likeliest_ratio,
+    likeliest_variance,
+)
+from steelyard.runs.smoothing.method import Butterworth, Designed, WholeSegment
 from steelyard.runs.spectrum import find_period, folded, mean_period, moving_span
 
 WHITE = 0.12
 """Correlation of innovations one to three samples apart up to which noise passes for white."""
-HIGHEST_CUTOFF = 0.25
-"""Highest cut-off, per sampling rate."""
 LEAST_WHITENESS_SAMPLES = 500
 """Samples from which on innovations can be tested for whiteness."""
 STILL_JOINT_STD = 0.02
@@ -93,20 +97,24 @@ class Auto:
         local = LikeliestCutoffs(wide, position, velocity)
         if self.period is None or self.cutoffs is None:
             return local
-        return MeanPeriod(local, self, rate)
+        length, joints = self.period * rate, [j - 1 for j in self.periodic]
+        bent, halo = int(ENDS_LEFT_OUT * rate / min(self.cutoffs)), local.halo
+
+        def motion(q: Array, dq: Array | None) -> Array:
+            velocity = None if dq is None else continued_at_ends(dq, halo, halo)
+            result = local(continued_at_ends(q, halo, halo), velocity)
+            start, stop = moving_span(q)
+            if stop - start >= LEAST_PERIODS * length:
+                part = result[:, joints, start:stop]
+                result[:, joints, start:stop] = folded(part, length, bent)
+            return result
+
+        return WholeSegment(motion)
 
     def chosen(
         self, q: Array, dq: Array | None, rate: float, band: float, *, whole: bool
     ) -> "Auto":
-        """The same with what is not given found in a log.
-
-        Args:
-            q: Positions, uniformly sampled, shape `(n, N)`.
-            dq: Logged velocities, the same shape, if there are any.
-            rate: [Hz].
-            band: Frequency below which the motion lives: no cut-off is lower [Hz].
-            whole: Whether the log may be worked on as a whole, which periods need.
-        """
+        """The same with what is not given found in a log; see `Choosing`."""
         cutoffs = self.cutoffs or likeliest_cutoffs(q, 3, rate, band)
         velocity = self.velocity_cutoffs
         if dq is not None and velocity is None:
@@ -132,19 +140,14 @@ def likeliest_cutoffs(x: Array, order: int, rate: float, band: float) -> tuple[f
     cutoffs = []
     for channel, large in zip(x, size > STILL_JOINT_STD * size.max(initial=0.0), strict=True):
         ratio = likeliest_ratio(channel, steps, order)
-        if large and not _is_white(filtered(channel, steps, ratio, order)):
+        kept = filtered(channel, steps, ratio, order)[3:]
+        innovation = kept[:, 9] / np.sqrt(kept[:, 10])
+        power = float(innovation @ innovation)
+        lags = [abs(float(innovation[k:] @ innovation[:-k])) for k in (1, 2, 3)]
+        if large and not (power > 0.0 and max(lags) < WHITE * power):
             return None
-        cutoff = ratio ** (0.5 / order) * rate / (2.0 * np.pi)
-        cutoffs.append(float(f"{min(max(cutoff, band), HIGHEST_CUTOFF * rate):.3g}"))
+        cutoffs.append(cutoff_of_ratio(ratio, order, rate, band))
     return tuple(cutoffs)
-
-
-def _is_white(kept: Array) -> bool:
-    """Whether the innovations that a filter kept are white."""
-    innovation = kept[3:, 9] / np.sqrt(kept[3:, 10])
-    power = float(innovation @ innovation)
-    lags = (float(innovation[k:] @ innovation[:-k]) for k in (1, 2, 3))
-    return power > 0.0 and max(abs(x) for x in lags) < WHITE * power
 
 
 class LowPasses:
@@ -162,7 +165,7 @@ class LowPasses:
         for cutoff in cutoffs:
             low = butterworth(cutoff, rate, order)
             rows = [differentiated(low, rate, times) for times in range(order)]
-            self.banks.append(Bank(rows, self.halo))
+            self.banks.append(Bank.of_responses(rows, self.halo))
 
     def __call__(self, extended: Array) -> Array:
         """Channels `(n, N + 2 halo)` to values and derivatives, `(order, n, N)`."""
@@ -211,44 +214,6 @@ class LikeliestCutoffs:
         """Channels with only the context that a part needs."""
         spare = self.halo - halo
         return extended[:, spare : extended.shape[1] - spare]
-
-
-@dataclass(frozen=True)
-class MeanPeriod:
-    """The mean over the periods where joints repeat their motion; for whole segments.
-
-    Attributes:
-        local: What happens in each period.
-        method: Says which joints, with which period and cut-offs.
-        rate: [Hz].
-    """
-
-    local: LikeliestCutoffs
-    method: Auto
-    rate: float
-
-    @property
-    def halo(self) -> None:
-        """None: a sample depends on all others."""
-        return
-
-    def __call__(self, q: Array, dq: Array | None) -> Array:
-        """Positions, and velocities if logged, of a segment to motion; see `Designed`."""
-        halo = self.local.halo
-        wide = None if dq is None else continued_at_ends(dq, halo, halo)
-        result = self.local(continued_at_ends(q, halo, halo), wide)
-        start, stop = moving_span(q)
-        length = (self.method.period or 0.0) * self.rate
-        if stop - start >= LEAST_PERIODS * length:
-            joints = [j - 1 for j in self.method.periodic]
-            part = result[:, joints, start:stop]
-            result[:, joints, start:stop] = folded(part, length, self._bent)
-        return result
-
-    @property
-    def _bent(self) -> int:
-        """Samples at each end that the filters have bent."""
-        return int(ENDS_LEFT_OUT * self.rate / min(self.method.cutoffs or (np.inf,)))
 
 
 def _is_periodic(method: Auto, cutoffs: tuple[float, ...], q: Array, rate: float) -> Auto:

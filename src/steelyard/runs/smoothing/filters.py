@@ -13,7 +13,7 @@ as well as in its transition. Central differences only approach it (with seven p
 short at a quarter of the rate), so the low-pass and the derivative are designed as one filter.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from typing import Protocol
@@ -28,12 +28,10 @@ CHUNK = 8192
 
 
 class ChunkOperation(Protocol):
-    """A local operation on uniformly sampled channels."""
+    """A local operation on uniformly sampled channels; `halo`: samples of context on each side."""
 
     @property
-    def halo(self) -> int:
-        """Samples of context needed on each side."""
-        ...
+    def halo(self) -> int: ...  # noqa: D102
 
     def __call__(self, extended: Array) -> Array:
         """Channels with context, shape `(C, N + 2 halo)`, to results, shape `(D, N)`."""
@@ -89,18 +87,15 @@ class Bank:
 
     taps: Array
 
-    def __init__(self, responses: list[Response], halo: int) -> None:
-        omega = np.linspace(0.0, np.pi, fast_length(4 * halo + 2) // 2 + 1)
-        rows = [np.fft.irfft(response(omega)) for response in responses]
-        middle = np.roll(np.array(rows), halo, axis=-1)[:, : 2 * halo + 1]
-        object.__setattr__(self, "taps", frozen(middle))
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "taps", frozen(self.taps))
 
     @classmethod
-    def of(cls, taps: Array) -> "Bank":
-        """The filters with these taps, shape `(k, 2 halo + 1)`."""
-        bank = object.__new__(cls)
-        object.__setattr__(bank, "taps", frozen(taps))
-        return bank
+    def of_responses(cls, responses: Sequence[Response], halo: int) -> "Bank":
+        """The filters with these responses, cut off behind `halo` samples."""
+        omega = np.linspace(0.0, np.pi, fast_length(4 * halo + 2) // 2 + 1)
+        rows = [np.fft.irfft(response(omega)) for response in responses]
+        return cls(np.roll(np.array(rows), halo, axis=-1)[:, : 2 * halo + 1])
 
     @property
     def halo(self) -> int:
@@ -120,16 +115,12 @@ class Bank:
         return results
 
 
-@dataclass(frozen=True, eq=False)
 class Single:
-    """One convolution of channels; an operation with a halo."""
+    """One convolution of channels, by taps of shape `(2 halo + 1,)`; an operation with a halo."""
 
-    bank: Bank
-
-    @property
-    def halo(self) -> int:
-        """Samples of context on each side."""
-        return self.bank.halo
+    def __init__(self, taps: Array) -> None:
+        self.bank = Bank(taps[None])
+        self.halo = self.bank.halo
 
     def __call__(self, extended: Array) -> Array:
         """Channels `(C, N + 2 halo)` to channels `(C, N)`."""
@@ -156,7 +147,7 @@ MOST_PASSES = 20
 
 
 def check_passes(passes: int, method: str) -> None:
-    """Refuse a number of passes that is not available."""
+    """Refuse a number of passes that is not from 1 to `MOST_PASSES`."""
     if not 1 <= passes <= MOST_PASSES:
         raise ModelError(
             f"a filter cannot be applied {passes} times",
@@ -165,28 +156,18 @@ def check_passes(passes: int, method: str) -> None:
         )
 
 
-def repeated_smoother(bank: Bank, passes: int) -> Single:
-    """A symmetric low-pass applied several times, as one convolution.
+def repeated_smoother(taps: Array, passes: int) -> Single:
+    """A symmetric low-pass `(2 halo + 1,)` applied several times, as one convolution.
 
     Its halo is that of all passes together. At the ends of a segment, which is continued by odd
     reflection, it gives what a pass after the other gives: symmetric filters of gain 1 keep the
     reflection.
-
-    Args:
-        bank: One filter, shape `(1, 2 halo + 1)`.
-        passes: How often it is applied.
     """
-    return Single(Bank.of(convolved(bank.taps, bank.taps[0], passes - 1)))
+    return Single(convolved(taps[None], taps, passes - 1)[0])
 
 
 def convolved(rows: Array, taps: Array, times: int) -> Array:
-    """Filters behind further passes of another one, shape `(k, N + times (M - 1))`.
-
-    Args:
-        rows: Their coefficients, shape `(k, N)`.
-        taps: Those of the other filter, shape `(M,)`.
-        times: Number of its passes.
-    """
+    """Filters `(k, N)` behind more passes of another one `(M,)`: `(k, N + times (M - 1))`."""
     return np.array([reduce(np.convolve, [taps] * times, row) for row in rows])
 
 
@@ -268,7 +249,8 @@ def low_pass(
     cutoff: float, rate: float, order: int = LOWPASS_ORDER, tail: float = SETTLED_TAIL
 ) -> Bank:
     """The zero-phase low-pass as an operation with a halo, its response cut off at `tail`."""
-    return Bank([butterworth(cutoff, rate, order)], settling(cutoff, rate, order, tail))
+    halo = settling(cutoff, rate, order, tail)
+    return Bank.of_responses([butterworth(cutoff, rate, order)], halo)
 
 
 def require_fitting(cutoff: float, rate: float) -> None:
@@ -305,13 +287,7 @@ def zero_phase(values: Array, cutoff: float, rate: float, order: int = LOWPASS_O
 
 
 def differentiated(response: Response, rate: float, times: int) -> Response:
-    """A filter followed by so many derivatives.
-
-    Args:
-        response: The filter; it must vanish at half the rate.
-        rate: Sampling rate [Hz].
-        times: Number of derivatives with respect to time.
-    """
+    """A filter that vanishes at half the rate [Hz], followed by so many derivatives by time."""
 
     def derivative(omega: Array) -> Array:
         return response(omega) * (1j * omega * rate) ** times
@@ -322,31 +298,14 @@ def differentiated(response: Response, rate: float, times: int) -> Response:
 def smooth_derivatives(
     cutoff: float, rate: float, highest: int, order: int = LOWPASS_ORDER
 ) -> Bank:
-    """Zero-phase low-pass and derivatives in one operation.
+    """Zero-phase Butterworth low-pass and its derivatives up to `highest`, in one operation.
 
     Args:
-        cutoff: Of the Butterworth low-pass [Hz].
+        cutoff: [Hz].
         rate: [Hz].
-        highest: Results are the low-passed signal and its derivatives up to this one.
+        highest: The highest derivative.
         order: Order of the filter that is run forward and backward.
     """
     smooth = butterworth(cutoff, rate, order)
     responses = [differentiated(smooth, rate, times) for times in range(highest + 1)]
-    return Bank(responses, settling(cutoff, rate, order))
-
-
-def derivatives(values: Array, cutoff: float, rate: float, highest: int = 2) -> Array:
-    """Low-passed signal and its derivatives of a whole segment.
-
-    Args:
-        values: Shape `(N, C)`, uniformly sampled.
-        cutoff: [Hz].
-        rate: [Hz].
-        highest: Number of derivatives.
-
-    Returns:
-        Shape `(highest + 1, N, C)`.
-    """
-    bank = smooth_derivatives(cutoff, rate, highest)
-    parts = list(apply(bank, [np.ascontiguousarray(values.T)]))
-    return np.concatenate(parts, axis=-1).transpose(0, 2, 1)
+    return Bank.of_responses(responses, settling(cutoff, rate, order))

@@ -18,7 +18,6 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError, ModelError
 from steelyard.runs.smoothing.filters import (
-    Bank,
     Single,
     check_passes,
     convolved,
@@ -78,11 +77,11 @@ class FIR:
             return np.where(omega < np.pi * (1.0 - 1e-12), gain, 0.0)
 
         every = repeated_response(response, self.passes)
-        return Differentiating(every, RINGING_TIME * middle * self.passes, rate)
+        return Differentiating.of_response(every, RINGING_TIME * middle * self.passes, rate)
 
     def smooth(self, cutoff: float, rate: float) -> Single:
         """The filter alone, for efforts."""
-        return repeated_smoother(Bank.of(self.taps(cutoff, rate)[None]), self.passes)
+        return repeated_smoother(self.taps(cutoff, rate), self.passes)
 
     def taps(self, cutoff: float, rate: float) -> Array:
         """The filter's coefficients, odd in number, their sum 1."""
@@ -131,17 +130,11 @@ class MovingAverage:
 
     def smooth(self, cutoff: float, rate: float) -> Single:
         """The average alone, for efforts."""
-        return repeated_smoother(Bank.of(np.full((1, self.span), 1.0 / self.span)), self.passes)
+        return repeated_smoother(np.full(self.span, 1.0 / self.span), self.passes)
 
 
 class CentralDifferences:
-    """Positions as they are, velocities and accelerations by central differences.
-
-    Args:
-        span: Samples over which accelerations are averaged.
-        rate: [Hz].
-        passes: How often they are averaged.
-    """
+    """Positions as they are, velocities and accelerations by central differences (p1, eq 10)."""
 
     def __init__(self, span: int, rate: float, passes: int = 1) -> None:
         self._span, self._passes, self._rate = span, passes, rate
@@ -152,46 +145,15 @@ class CentralDifferences:
         velocity = _difference(q, self._rate) if dq is None else dq[:, 1:-1]
         acceleration = _difference(velocity, self._rate)
         for _ in range(self._passes):
-            acceleration = _moving_mean(acceleration, self._span)
+            windows = np.lib.stride_tricks.sliding_window_view(acceleration, self._span, axis=1)
+            acceleration = windows.mean(axis=2)
         middle = velocity[:, self.halo - 1 : velocity.shape[1] - self.halo + 1]
         return np.stack((q[:, self.halo : q.shape[1] - self.halo], middle, acceleration))
-
-
-def central_differences(values: Array, rate: float) -> Array:
-    """Derivative of uniform samples by central differences (p1, eq 10), shape `(N - 2, C)`.
-
-    Args:
-        values: Shape `(N, C)`; the first and the last have no derivative.
-        rate: [Hz].
-    """
-    return _difference(values.T, rate).T
-
-
-def moving_average(values: Array, span: int) -> Array:
-    """The mean over `span` samples around each, over fewer at the ends: MATLAB's `smooth`.
-
-    Args:
-        values: Shape `(N,)` or `(N, C)`.
-        span: Number of samples; an even one counts as one less.
-    """
-    half = min((span - 1) // 2, (len(values) - 1) // 2)
-    sums = np.concatenate((np.zeros_like(values[:1]), np.cumsum(values, axis=0)))
-    at = np.arange(len(values))
-    reach = np.minimum(half, np.minimum(at, len(values) - 1 - at))
-    counts = (2 * reach + 1).reshape(-1, *([1] * (values.ndim - 1)))
-    mean: Array = (sums[at + reach + 1] - sums[at - reach]) / counts
-    return mean
 
 
 def _difference(x: Array, rate: float) -> Array:
     slope: Array = (x[:, 2:] - x[:, :-2]) * (0.5 * rate)
     return slope
-
-
-def _moving_mean(x: Array, span: int) -> Array:
-    windows = np.lib.stride_tricks.sliding_window_view(x, span, axis=1)
-    mean: Array = windows.mean(axis=2)
-    return mean
 
 
 HIGHEST_DEGREE = 10
@@ -234,16 +196,16 @@ class SavitzkyGolay:
                 fix=f"choose an odd number above {self.degree} and up to {LONGEST_WINDOW}",
             )
 
-    def designed(self, cutoff: float, rate: float) -> "DesignedSavitzkyGolay":
+    def designed(self, cutoff: float, rate: float) -> Differentiating:
         """The filters for a cut-off [Hz], which chooses the window if it is not given."""
         window = self.window_for(cutoff, rate)
         rows = taps(window, self.degree, rate)
-        return DesignedSavitzkyGolay(convolved(rows, rows[0], self.passes - 1))
+        return Differentiating(convolved(rows, rows[0], self.passes - 1))
 
     def smooth(self, cutoff: float, rate: float) -> Single:
         """The smoothing alone, for efforts."""
         window = self.window_for(cutoff, rate)
-        return repeated_smoother(Bank.of(taps(window, self.degree, rate)[:1]), self.passes)
+        return repeated_smoother(taps(window, self.degree, rate)[0], self.passes)
 
     def window_for(self, cutoff: float, rate: float) -> int:
         """The window, or the one that passes half of an amplitude at the cut-off."""
@@ -270,24 +232,6 @@ def _corner(degree: int) -> float:
     return float(omega[int(np.argmax(gain <= 0.5))] * half)
 
 
-class DesignedSavitzkyGolay:
-    """The three convolutions; logged velocities are smoothed and differentiated once.
-
-    Args:
-        rows: Coefficients of value, first and second derivative, shape `(3, odd)`.
-    """
-
-    def __init__(self, rows: Array) -> None:
-        self._twice, self._once, self._smooth = Bank.of(rows), Bank.of(rows[:2]), Bank.of(rows[:1])
-        self.halo = self._twice.halo
-
-    def __call__(self, q: Array, dq: Array | None) -> Array:
-        """Positions, and velocities if logged, to motion; see `Designed`."""
-        if dq is None:
-            return self._twice(q)
-        return np.concatenate((self._smooth(q), self._once(dq)))
-
-
 def taps(window: int, degree: int, rate: float) -> Array:
     """Coefficients of value, first and second derivative in the middle, shape `(3, window)`.
 
@@ -302,11 +246,7 @@ def taps(window: int, degree: int, rate: float) -> Array:
     fit = np.linalg.pinv(basis)
     rows = []
     for times in range(3):
-        derived = [
-            np.polynomial.legendre.legval(
-                0.0, np.polynomial.legendre.legder(np.eye(degree + 1)[k], times)
-            )
-            for k in range(degree + 1)
-        ]
-        rows.append(np.array(derived) @ fit * (rate / half) ** times)
+        derived = np.polynomial.legendre.legder(np.eye(degree + 1), times)
+        row = np.polynomial.legendre.legval(0.0, derived)
+        rows.append(row @ fit * (rate / half) ** times)
     return np.array(rows)[:, ::-1]

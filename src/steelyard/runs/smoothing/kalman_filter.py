@@ -1,37 +1,24 @@
-r"""The Kalman filter of sampled positions, for streams and as the method `kalman_filter`.
+r"""The Kalman filter of sampled positions, for streams.
 
 The Kalman filter with constant acceleration (p5, eqs 15 and 16): with the state
 $x = (q, \dot q, \ddot q)$ and a time step $h$
 
 $$x_k = F x_{k-1} + w,\quad
-F = \begin{pmatrix} 1 & h & h^2/2 \ 0 & 1 & h \ 0 & 0 & 1 \end{pmatrix},\quad
-Q = s \begin{pmatrix} h^5/20 & h^4/8 & h^3/6 \ h^4/8 & h^3/3 & h^2/2 \ h^3/6 & h^2/2 & h
+F = \begin{pmatrix} 1 & h & h^2/2 \\ 0 & 1 & h \\ 0 & 0 & 1 \end{pmatrix},\quad
+Q = s \begin{pmatrix} h^5/20 & h^4/8 & h^3/6 \\ h^4/8 & h^3/3 & h^2/2 \\ h^3/6 & h^2/2 & h
 \end{pmatrix},\quad y_k = q_k + v,$$
 
 where $s$ is the intensity of white jerk and $v$ white noise of the measured position.
-
-What a controller could know of the motion at every time: estimates are late, where the smoother of
-`kalman` is not. With constant acceleration and the cut-off $\omega_c$ of that smoother,
-$\omega_c^6 = s / (r T)$, positions are estimated through
-
-$$\frac{2 \omega_c p^2 + 2 \omega_c^2 p + \omega_c^3}{p^3 + 2 \omega_c p^2 + 2 \omega_c^2 p +
-\omega_c^3}$$
-
-for steps that are short against $1/\omega_c$, velocities without its first term and accelerations
-without its first two: slow accelerations are $2/\omega_c$ late, of logged velocities
-$\sqrt 2/\omega_c$.
 """
 
-from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import DataError, LogError
-from steelyard.runs.smoothing.auto import HIGHEST_CUTOFF
-from steelyard.runs.smoothing.kalman_smoother import filtered, kalman_smoothed, likeliest_ratio
+from steelyard.base.errors import DataError
+from steelyard.runs.smoothing.kalman import kalman_smoothed
 
 WHERE = "steelyard.KalmanFilter"
 POSITION_ROW = np.array([1.0, 0.0, 0.0])
@@ -145,7 +132,10 @@ class KalmanFilter:
         measured = np.atleast_1d(np.asarray(q, dtype=np.float64))
         self._check(t, measured)
         if self.steps:
-            self._predict(t - self._t)
+            motion, wander = transition(t - self._t)
+            self._state = self._state @ motion.T
+            noise = np.square(self._jerk)[:, None, None] * wander
+            self._covariance = motion @ self._covariance @ motion.T + noise
             self._correct(measured)
         else:
             self._begin(measured)
@@ -208,12 +198,6 @@ class KalmanFilter:
         self._covariance[:, 0, 0] = np.square(self._noise)
         self._covariance[:, [1, 2], [1, 2]] = np.square(self._spread)
 
-    def _predict(self, step: float) -> None:
-        motion, wander = transition(step)
-        self._state = self._state @ motion.T
-        noise = np.square(self._jerk)[:, None, None] * wander
-        self._covariance = motion @ self._covariance @ motion.T + noise
-
     def _correct(self, measured: Array) -> None:
         """The measurement of every joint; nothing where nothing was measured."""
         column = self._covariance[:, :, 0]
@@ -273,102 +257,3 @@ def _positive(name: str, value: ArrayLike) -> Array:
             fix=f"give '{name}' as a number above zero, or one per joint",
         )
     return numbers
-
-
-JointCutoffs = tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class CausalKalman:
-    """Motion by the Kalman filter: of positions, and of logged velocities if there are any.
-
-    Attributes:
-        choose: Whether the cut-offs are found by maximum `"likelihood"`, joint by joint, or are the
-            `"cutoff"` of the motion.
-        cutoffs: Cut-off of each position [Hz]; found in the log if not given.
-        velocity_cutoffs: Of each logged velocity [Hz], likewise.
-    """
-
-    name: ClassVar[str] = "kalman_filter"
-    choose: Literal["likelihood", "cutoff"] = "likelihood"
-    cutoffs: JointCutoffs | None = None
-    velocity_cutoffs: JointCutoffs | None = None
-
-    def designed(self, cutoff: float, rate: float) -> "DesignedFilter":
-        """The filter for a cut-off [Hz], where none is found, and a rate [Hz]."""
-        return DesignedFilter(self, cutoff, rate)
-
-    def chosen(
-        self, q: Array, dq: Array | None, rate: float, band: float, *, whole: bool
-    ) -> "CausalKalman":
-        """The same with the likeliest cut-offs of a log, no lower than its motion."""
-        if self.choose == "cutoff":
-            return self
-        velocity = self.velocity_cutoffs
-        if dq is not None and velocity is None:
-            velocity = _likeliest(dq, 2, rate, band)
-        position = self.cutoffs or _likeliest(q, 3, rate, band)
-        return replace(self, cutoffs=position, velocity_cutoffs=velocity)
-
-    def lateness(self, cutoff: float) -> float:
-        """How late slow accelerations are [s]: those of the joint with the lowest cut-off.
-
-        Args:
-            cutoff: Of the motion [Hz].
-        """
-        if self.velocity_cutoffs is not None:
-            return float(np.sqrt(2.0) / (2.0 * np.pi * min(self.velocity_cutoffs)))
-        return 1.0 / (np.pi * min(self.cutoffs or (cutoff,)))
-
-
-def _likeliest(x: Array, order: int, rate: float, band: float) -> JointCutoffs:
-    """The likeliest cut-off of every channel `(n, N)` [Hz]."""
-    steps = np.ones(x.shape[1])
-    ratios = np.array([likeliest_ratio(channel, steps, order) for channel in x])
-    found = np.clip(ratios ** (0.5 / order) * rate / (2.0 * np.pi), band, HIGHEST_CUTOFF * rate)
-    return tuple(float(f"{cutoff:.3g}") for cutoff in found)
-
-
-@dataclass(frozen=True)
-class DesignedFilter:
-    """The filter for one rate; a sample depends on all before.
-
-    Attributes:
-        method: Its cut-offs.
-        cutoff: Cut-off where it has none [Hz].
-        rate: [Hz].
-    """
-
-    method: CausalKalman
-    cutoff: float
-    rate: float
-
-    @property
-    def halo(self) -> None:
-        """None: a sample depends on all before."""
-        return
-
-    def __call__(self, q: Array, dq: Array | None) -> Array:
-        """Positions and logged velocities, `(n, N)`, to `q, dq, ddq`, `(3, n, N)`."""
-        position = self._states(q, self.method.cutoffs, 3)
-        if dq is None:
-            return position
-        velocity = self._states(dq, self.method.velocity_cutoffs, 2)
-        return np.stack((position[0], velocity[0], velocity[1]))
-
-    def _states(self, x: Array, cutoffs: JointCutoffs | None, order: int) -> Array:
-        """Channels `(n, N)` and their derivatives as known at each sample, `(3, n, N)`."""
-        given = (self.cutoff,) * len(x) if cutoffs is None else cutoffs
-        if len(given) != len(x):
-            raise LogError(
-                f"there are {len(given)} cut-offs for {len(x)} joints",
-                where="method 'kalman_filter' of [processing]",
-                fix="give one per joint, or leave them out",
-            )
-        steps, result = np.ones(x.shape[1]), np.empty((3, *x.shape))
-        for j, (channel, cutoff) in enumerate(zip(x, given, strict=True)):
-            ratio = (2.0 * np.pi * cutoff / self.rate) ** (2 * order)
-            kept = filtered(np.ascontiguousarray(channel), steps, ratio, order)
-            gains = kept[:, 3:6] / kept[:, 10:]
-            result[:, j] = (kept[:, :3] + gains * kept[:, 9:10]).T
-        return result * (self.rate ** np.arange(3.0))[:, None, None]

@@ -5,6 +5,7 @@ rate, a pure function from measured channels to motion. A local one says its hal
 a segment into parts gives the same; one without a halo is given the whole segment at once.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, Protocol, runtime_checkable
 
@@ -20,6 +21,7 @@ from steelyard.runs.smoothing.filters import (
     butterworth,
     check_passes,
     differentiated,
+    low_pass,
     repeated_response,
     repeated_smoother,
     settling,
@@ -27,14 +29,12 @@ from steelyard.runs.smoothing.filters import (
 
 
 class Designed(Protocol):
-    """A method made for one cut-off and rate."""
+    """A method made for one cut-off and rate; without a halo it takes the whole segment at once."""
 
     @property
-    def halo(self) -> int | None:
-        """Samples of context on each side; `None`: the whole segment at once."""
-        ...
+    def halo(self) -> int | None: ...  # noqa: D102
 
-    def __call__(self, q: Array, dq: Array | None) -> Array:
+    def __call__(self, q: Array, dq: Array | None, /) -> Array:
         """Motion of uniformly sampled channels.
 
         Args:
@@ -49,16 +49,26 @@ class Designed(Protocol):
 
 
 class Smooth(Protocol):
-    """A smoother made for one cut-off and rate."""
+    """A smoother made for one cut-off and rate; without a halo it takes the whole segment."""
 
     @property
-    def halo(self) -> int | None:
-        """Samples of context on each side; `None`: the whole segment at once."""
-        ...
+    def halo(self) -> int | None: ...  # noqa: D102
 
-    def __call__(self, extended: Array) -> Array:
+    def __call__(self, extended: Array, /) -> Array:
         """Channels with context, shape `(C, N + 2 halo)`, to smoothed ones, shape `(C, N)`."""
         ...
+
+
+class WholeSegment:
+    """A `Designed` or `Smooth` whose samples depend on all others: without a halo."""
+
+    def __init__(self, function: Callable[..., Array]) -> None:
+        self._function = function
+        self.halo: None = None
+
+    def __call__(self, *channels: Array | None) -> Array:
+        """The result for a whole segment."""
+        return self._function(*channels)
 
 
 @runtime_checkable
@@ -157,33 +167,29 @@ class Butterworth:
         """The filter and its derivatives for a cut-off [Hz] and a rate [Hz]."""
         halo = self.passes * settling(cutoff, rate, self.order)
         response = repeated_response(butterworth(cutoff, rate, self.order), self.passes)
-        return Differentiating(response, halo, rate)
+        return Differentiating.of_response(response, halo, rate)
 
     def smooth(self, cutoff: float, rate: float) -> Single:
         """The filter alone, for efforts."""
-        halo = settling(cutoff, rate, self.order)
-        bank = Bank([butterworth(cutoff, rate, self.order)], halo)
-        return repeated_smoother(bank, self.passes)
+        return repeated_smoother(low_pass(cutoff, rate, self.order).taps[0], self.passes)
 
 
 class Differentiating:
     """A symmetric low-pass and its exact derivatives; halo and results as in `Designed`.
 
     Args:
-        response: The low-pass; it must vanish at half the rate.
-        halo: Samples on each side after which its impulse response has died out.
-        rate: [Hz].
+        rows: Taps of the low-pass, its first and its second derivative, shape `(3, 2 halo + 1)`.
     """
 
-    def __init__(self, response: Response, halo: int, rate: float) -> None:
-        rows = [differentiated(response, rate, times) for times in range(3)]
-        self._twice, self._once = Bank(rows, halo), Bank(rows[:2], halo)
-        self._smooth = Bank(rows[:1], halo)
+    def __init__(self, rows: Array) -> None:
+        self._twice, self._once, self._smooth = Bank(rows), Bank(rows[:2]), Bank(rows[:1])
+        self.halo = self._twice.halo
 
-    @property
-    def halo(self) -> int:
-        """Samples of context on each side."""
-        return self._twice.halo
+    @classmethod
+    def of_response(cls, response: Response, halo: int, rate: float) -> "Differentiating":
+        """From the response of a low-pass that vanishes at half the rate [Hz]."""
+        responses = [differentiated(response, rate, times) for times in range(3)]
+        return cls(Bank.of_responses(responses, halo).taps)
 
     def __call__(self, q: Array, dq: Array | None) -> Array:
         """Positions, and velocities if logged, to motion; see `Designed`."""

@@ -15,7 +15,8 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.runs.smoothing.kalman_smoother import likelihood_stretches
+from steelyard.runs.smoothing.kalman import likelihood_stretches
+from steelyard.runs.smoothing.method import Designed, WholeSegment
 
 LEAST_SPLINE_SAMPLES = 6
 """Least number of samples."""
@@ -131,36 +132,18 @@ class SmoothingSpline:
     name: ClassVar[str] = "spline"
     choose: Literal["validation", "cutoff"] = "validation"
 
-    def designed(self, cutoff: float, rate: float) -> "DesignedSpline":
+    def designed(self, cutoff: float, rate: float) -> Designed:
         """The spline for a cut-off [Hz] and a rate [Hz]."""
-        weight = rate / (2.0 * np.pi * cutoff) ** 4
-        return DesignedSpline(weight if self.choose == "cutoff" else None, rate)
+        weight = rate / (2.0 * np.pi * cutoff) ** 4 if self.choose == "cutoff" else None
 
+        def motion(q: Array, dq: Array | None) -> Array:
+            t = np.arange(q.shape[1]) / rate
+            position = [smoothing_spline(t, x, weight) for x in q]
+            result = np.array([(s.value, s.rate, s.acceleration) for s in position])
+            if dq is not None:
+                velocity = [smoothing_spline(t, x, weight) for x in dq]
+                result[:, 1] = [s.value for s in velocity]
+                result[:, 2] = [s.rate for s in velocity]
+            return np.ascontiguousarray(result.transpose(1, 0, 2))
 
-@dataclass(frozen=True)
-class DesignedSpline:
-    r"""The smoothing spline for one rate; it needs the whole segment.
-
-    Attributes:
-        weight: $\lambda$ [s³]; `None`: by cross-validation.
-        rate: [Hz].
-    """
-
-    weight: float | None
-    rate: float
-
-    @property
-    def halo(self) -> None:
-        """None: a sample depends on all others."""
-        return
-
-    def __call__(self, q: Array, dq: Array | None) -> Array:
-        """Positions and logged velocities, `(n, N)`, to `q, dq, ddq`, `(3, n, N)`."""
-        t = np.arange(q.shape[1]) / self.rate
-        position = [smoothing_spline(t, x, self.weight) for x in q]
-        result = np.array([(s.value, s.rate, s.acceleration) for s in position])
-        if dq is not None:
-            velocity = [smoothing_spline(t, x, self.weight) for x in dq]
-            result[:, 1] = [s.value for s in velocity]
-            result[:, 2] = [s.rate for s in velocity]
-        return np.ascontiguousarray(result.transpose(1, 0, 2))
+        return WholeSegment(motion)

@@ -4,18 +4,28 @@ The acceleration of a channel wanders: its rate, the jerk, is white noise of int
 eqs 15 and 16; the covariance of a step is that of the integrated jerk, right at any step). The
 measurement adds white noise of variance $r$. Seen from the middle of a long log with even steps,
 the smoother is the zero-phase low-pass $1 / (1 + (\omega / \omega_c)^6)$ with
-$\omega_c^6 = s / (r T)$ and step $T$.
+$\omega_c^6 = s / (r T)$ and step $T$. The likelihood of the innovations depends on $r$ in closed
+form, so only the ratio is searched.
 
-The likelihood of the innovations depends on $r$ in closed form, so only the ratio is searched.
+The filter alone gives what a controller could know of the motion at every time: its estimates are
+late, where those of the smoother are not. Positions are estimated through
+
+$$\frac{2 \omega_c p^2 + 2 \omega_c^2 p + \omega_c^3}{p^3 + 2 \omega_c p^2 + 2 \omega_c^2 p +
+\omega_c^3}$$
+
+for steps that are short against $1/\omega_c$, velocities without its first term and accelerations
+without its first two: slow accelerations are $2/\omega_c$ late, of logged velocities
+$\sqrt 2/\omega_c$.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
+from steelyard.runs.smoothing.method import Designed, Smooth, WholeSegment
 from steelyard.symbolic.native import kalman_loops as loops
 
 VAGUE_START = 1e6
@@ -27,6 +37,8 @@ RATIO_GRID = 19
 LIKELIHOOD_SAMPLES = 30_000
 """Samples of which the likelihood is, in `LIKELIHOOD_STRETCHES` stretches of longer channels."""
 LIKELIHOOD_STRETCHES = 10
+HIGHEST_CUTOFF = 0.25
+"""Highest likeliest cut-off, per sampling rate."""
 LEAST_KALMAN_SAMPLES = 6
 """Least number of samples."""
 
@@ -118,6 +130,12 @@ def likeliest_ratio(values: Array, steps: Array, order: int = 3) -> float:
     return float(10.0**found.x)
 
 
+def cutoff_of_ratio(ratio: float, order: int, rate: float, lowest: float) -> float:
+    """Cut-off of the smoother with a ratio of the noises, from `lowest` on, in 3 digits [Hz]."""
+    cutoff = ratio ** (0.5 / order) * rate / (2.0 * np.pi)
+    return float(f"{min(max(cutoff, lowest), HIGHEST_CUTOFF * rate):.3g}")
+
+
 def likelihood_stretches(count: int) -> list[slice]:
     """The samples that a likelihood looks at: all, or stretches of a long channel."""
     if count <= LIKELIHOOD_SAMPLES:
@@ -172,36 +190,97 @@ class Kalman:
     name: ClassVar[str] = "kalman"
     choose: Literal["likelihood", "cutoff"] = "likelihood"
 
-    def designed(self, cutoff: float, rate: float) -> "DesignedKalman":
+    def designed(self, cutoff: float, rate: float) -> Designed:
         """The smoother for a cut-off [Hz] and a rate [Hz]."""
-        return DesignedKalman(cutoff if self.choose == "cutoff" else None, rate)
+        given = cutoff if self.choose == "cutoff" else None
+
+        def motion(q: Array, dq: Array | None) -> Array:
+            t = np.arange(q.shape[1]) / rate
+            position = kalman_smoothed(t, q.T, given)
+            if dq is None:
+                return np.stack((position.value.T, position.rate.T, position.acceleration.T))
+            velocity = kalman_smoothed(t, dq.T, given, order=2)
+            return np.stack((position.value.T, velocity.value.T, velocity.rate.T))
+
+        return WholeSegment(motion)
+
+
+JointCutoffs = tuple[float, ...]
 
 
 @dataclass(frozen=True)
-class DesignedKalman:
-    """The smoother for one rate; it needs the whole segment.
+class CausalKalman:
+    """Motion by the Kalman filter: of positions, and of logged velocities if there are any.
 
     Attributes:
-        cutoff: Half-amplitude frequency [Hz]; `None`: by likelihood.
-        rate: [Hz].
+        choose: Whether the cut-offs are found by maximum `"likelihood"`, joint by joint, or are the
+            `"cutoff"` of the motion.
+        cutoffs: Cut-off of each position [Hz]; found in the log if not given.
+        velocity_cutoffs: Of each logged velocity [Hz], likewise.
     """
 
-    cutoff: float | None
-    rate: float
+    name: ClassVar[str] = "kalman_filter"
+    choose: Literal["likelihood", "cutoff"] = "likelihood"
+    cutoffs: JointCutoffs | None = None
+    velocity_cutoffs: JointCutoffs | None = None
 
-    @property
-    def halo(self) -> None:
-        """None: a sample depends on all others."""
-        return
+    def designed(self, cutoff: float, rate: float) -> Designed:
+        """The filter for a cut-off [Hz], where none is found, and a rate [Hz]."""
 
-    def __call__(self, q: Array, dq: Array | None) -> Array:
-        """Positions and logged velocities, `(n, N)`, to `q, dq, ddq`, `(3, n, N)`."""
-        t = np.arange(q.shape[1]) / self.rate
-        position = kalman_smoothed(t, q.T, self.cutoff)
-        if dq is None:
-            return np.stack((position.value.T, position.rate.T, position.acceleration.T))
-        velocity = kalman_smoothed(t, dq.T, self.cutoff, order=2)
-        return np.stack((position.value.T, velocity.value.T, velocity.rate.T))
+        def motion(q: Array, dq: Array | None) -> Array:
+            position = _states(q, self.cutoffs, cutoff, 3, rate)
+            if dq is None:
+                return position
+            velocity = _states(dq, self.velocity_cutoffs, cutoff, 2, rate)
+            return np.stack((position[0], velocity[0], velocity[1]))
+
+        return WholeSegment(motion)
+
+    def chosen(
+        self, q: Array, dq: Array | None, rate: float, band: float, *, whole: bool
+    ) -> "CausalKalman":
+        """The same with the likeliest cut-offs of a log, no lower than its motion."""
+        if self.choose == "cutoff":
+            return self
+
+        def likeliest(x: Array, order: int) -> JointCutoffs:
+            ratios = [likeliest_ratio(channel, np.ones(x.shape[1]), order) for channel in x]
+            return tuple(cutoff_of_ratio(ratio, order, rate, band) for ratio in ratios)
+
+        velocity = self.velocity_cutoffs
+        if dq is not None and velocity is None:
+            velocity = likeliest(dq, 2)
+        return replace(self, cutoffs=self.cutoffs or likeliest(q, 3), velocity_cutoffs=velocity)
+
+    def lateness(self, cutoff: float) -> float:
+        """How late slow accelerations are [s]: those of the joint with the lowest cut-off.
+
+        Args:
+            cutoff: Of the motion [Hz].
+        """
+        if self.velocity_cutoffs is not None:
+            return float(np.sqrt(2.0) / (2.0 * np.pi * min(self.velocity_cutoffs)))
+        return 1.0 / (np.pi * min(self.cutoffs or (cutoff,)))
+
+
+def _states(
+    x: Array, cutoffs: JointCutoffs | None, cutoff: float, order: int, rate: float
+) -> Array:
+    """Channels `(n, N)` and their derivatives as the filter knows them, `(3, n, N)`."""
+    given = (cutoff,) * len(x) if cutoffs is None else cutoffs
+    if len(given) != len(x):
+        raise LogError(
+            f"there are {len(given)} cut-offs for {len(x)} joints",
+            where="method 'kalman_filter' of [processing]",
+            fix="give one per joint, or leave them out",
+        )
+    steps, result = np.ones(x.shape[1]), np.empty((3, *x.shape))
+    for j, (channel, own) in enumerate(zip(x, given, strict=True)):
+        ratio = (2.0 * np.pi * own / rate) ** (2 * order)
+        kept = filtered(np.ascontiguousarray(channel), steps, ratio, order)
+        gains = kept[:, 3:6] / kept[:, 10:]
+        result[:, j] = (kept[:, :3] + gains * kept[:, 9:10]).T
+    return result * (rate ** np.arange(3.0))[:, None, None]
 
 
 @dataclass(frozen=True)
@@ -219,31 +298,12 @@ class KalmanSmoother:
     choose: Literal["likelihood", "cutoff"] = "likelihood"
     order: Literal[2, 3] = 2
 
-    def smooth(self, cutoff: float, rate: float) -> "DesignedSmoother":
+    def smooth(self, cutoff: float, rate: float) -> Smooth:
         """The smoother for a cut-off [Hz] and a rate [Hz]."""
-        return DesignedSmoother(cutoff if self.choose == "cutoff" else None, rate, self.order)
+        given = cutoff if self.choose == "cutoff" else None
 
+        def smoothed(efforts: Array) -> Array:
+            t = np.arange(efforts.shape[1]) / rate
+            return kalman_smoothed(t, efforts.T, given, self.order).value.T
 
-@dataclass(frozen=True)
-class DesignedSmoother:
-    """The smoother of efforts for one rate; it needs the whole segment.
-
-    Attributes:
-        cutoff: Half-amplitude frequency [Hz]; `None`: by likelihood.
-        rate: [Hz].
-        order: Derivative that is white noise.
-    """
-
-    cutoff: float | None
-    rate: float
-    order: int
-
-    @property
-    def halo(self) -> None:
-        """None: a sample depends on all others."""
-        return
-
-    def __call__(self, extended: Array) -> Array:
-        """Efforts `(n, N)` to smoothed ones."""
-        t = np.arange(extended.shape[1]) / self.rate
-        return kalman_smoothed(t, extended.T, self.cutoff, self.order).value.T
+        return WholeSegment(smoothed)
