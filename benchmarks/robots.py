@@ -10,8 +10,9 @@ from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
-from steelyard.robot.file.model_source import DHRow, dh_mechanism
+from steelyard.robot.file.model_source import dh_mechanism
 from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.file.sections import DHRow
 from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Body, Coordinate, Robot

@@ -17,8 +17,9 @@ from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.model import Model
-from steelyard.robot.file.model_source import DHRow, dh_mechanism
+from steelyard.robot.file.model_source import dh_mechanism
 from steelyard.robot.file.robot_file import load_robot
+from steelyard.robot.file.sections import DHRow
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.rigid_body import Inertia

@@ -3,15 +3,26 @@ import pytest
 
 from oracles import body_positions, pinocchio_torque
 from steelyard.base.errors import ModelError
-from steelyard.robot.file.model_source import DHConvention, DHRow, dh_mechanism
+from steelyard.robot.file.model_source import DHConvention, dh_mechanism
+from steelyard.robot.file.sections import DHRow
 from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.rigid_body import turn
 from steelyard.robot.robot import Robot
 
 ROWS = (
-    DHRow(0.1, 0.4, 0.3, 0.2, mass=2.0, com=(0.1, 0.2, -0.1), inertia_com=(0.1, 0, 0.2, 0, 0, 0.2)),
-    DHRow(0.5, -np.pi / 2, 0.05, -0.6, "prismatic", mass=1.0, com=(0.0, 0.1, 0.3)),
-    DHRow(0.2, np.pi / 2, -0.1, np.pi / 2, mass=0.5, com=(0.3, 0.0, 0.1)),
+    DHRow(
+        a=0.1,
+        alpha=0.4,
+        d=0.3,
+        theta=0.2,
+        mass=2.0,
+        com=(0.1, 0.2, -0.1),
+        inertia_com=(0.1, 0, 0.2, 0, 0, 0.2),
+    ),
+    DHRow(
+        a=0.5, alpha=-np.pi / 2, d=0.05, theta=-0.6, kind="prismatic", mass=1.0, com=(0.0, 0.1, 0.3)
+    ),
+    DHRow(a=0.2, alpha=np.pi / 2, d=-0.1, theta=np.pi / 2, mass=0.5, com=(0.3, 0.0, 0.1)),
 )
 
 

@@ -30,6 +30,12 @@ def frozen(values: ArrayLike, shape: Sequence[int | None] | None = None) -> Arra
     return array
 
 
+def set_fields(value: object, **fields: object) -> None:
+    """Set fields of a frozen dataclass, for its `__post_init__`."""
+    for name, content in fields.items():
+        object.__setattr__(value, name, content)
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One parameter of a model: name, unit, physical bounds, and the prior value if known."""

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from steelyard.base.arrays import frozen
 from steelyard.base.errors import ModelError, advice, listing
 from steelyard.robot.joint_reduction import (
     Drive,
@@ -200,7 +201,7 @@ def reduced(
         mechanism.name,
         bodies,
         coordinates[: len(active)],
-        root_gravity if gravity is None else gravity,
+        root_gravity if gravity is None else frozen(gravity),
         passive=coordinates[len(active) :],
         frames=frames,
     )

@@ -1,13 +1,11 @@
 """The mechanism as a model file describes it: links, joints, mimics and pins, nothing merged."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Literal
 
-from numpy.typing import ArrayLike
-
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.base.errors import ModelError, advice
 from steelyard.robot.rigid_body import DIRT, Inertia, Placement, clean_axis, turn
 from steelyard.robot.robot import Limits
@@ -111,15 +109,10 @@ class Pin:
     name: str
     links: tuple[str, str]
     points: Array
-    where: str
+    where: str = "the mechanism"
 
-    def __init__(
-        self, name: str, links: tuple[str, str], points: ArrayLike, where: str = "the mechanism"
-    ) -> None:
-        object.__setattr__(self, "name", name)
-        object.__setattr__(self, "links", links)
-        object.__setattr__(self, "points", frozen(points, (2, 3)))
-        object.__setattr__(self, "where", where)
+    def __post_init__(self) -> None:
+        set_fields(self, points=frozen(self.points, (2, 3)))
 
 
 @dataclass(frozen=True)
@@ -194,14 +187,14 @@ class Joint:
 
     def __post_init__(self) -> None:
         if is_placeholder(self.limits.effort):
-            object.__setattr__(self, "placeholder", self.limits.effort)
-            object.__setattr__(self, "limits", replace(self.limits, effort=float("inf")))
+            unlimited = replace(self.limits, effort=float("inf"))
+            set_fields(self, placeholder=self.limits.effort, limits=unlimited)
         if not self.movable:
-            object.__setattr__(self, "axis", frozen((1.0, 0.0, 0.0)))
+            set_fields(self, axis=frozen((1.0, 0.0, 0.0)))
             return
         try:
             axis = clean_axis(frozen(self.axis, (3,)), self.placement.dirt)
-            object.__setattr__(self, "axis", frozen(axis))
+            set_fields(self, axis=frozen(axis))
         except ValueError:
             raise ModelError(
                 f"the axis of joint '{self.name}' has no direction: {self.axis}",
@@ -264,49 +257,26 @@ class Mechanism:
     """
 
     name: str
-    links: tuple[Link, ...]
-    joints: tuple[Joint, ...]
-    gravity: Array
-    where: str
-    pins: tuple[Pin, ...]
-    driven: tuple[str, ...]
-    pulled: tuple[str, ...]
-    rest: Mapping[str, float]
-    springs: Mapping[str, JointSpring]
-    statements: tuple[ModelNote, ...]
-    couplings: tuple[Coupling, ...]
-    notes: tuple[str, ...]
+    links: Sequence[Link]
+    joints: Sequence[Joint]
+    gravity: Array = field(default_factory=lambda: frozen((0.0, 0.0, -9.81)))
+    where: str = "the mechanism"
+    _: KW_ONLY
+    pins: Sequence[Pin] = ()
+    driven: Sequence[str] = ()
+    pulled: Sequence[str] = ()
+    rest: Mapping[str, float] = field(default_factory=dict)
+    springs: Mapping[str, JointSpring] = field(default_factory=dict)
+    statements: Sequence[ModelNote] = ()
+    couplings: Sequence[Coupling] = ()
+    notes: Sequence[str] = ()
 
-    def __init__(
-        self,
-        name: str,
-        links: Sequence[Link],
-        joints: Sequence[Joint],
-        gravity: ArrayLike = (0.0, 0.0, -9.81),
-        where: str = "the mechanism",
-        *,
-        pins: Sequence[Pin] = (),
-        driven: Sequence[str] = (),
-        pulled: Sequence[str] = (),
-        rest: Mapping[str, float] = MappingProxyType({}),
-        springs: Mapping[str, JointSpring] = MappingProxyType({}),
-        statements: Sequence[ModelNote] = (),
-        couplings: Sequence[Coupling] = (),
-        notes: Sequence[str] = (),
-    ) -> None:
-        object.__setattr__(self, "name", name)
-        object.__setattr__(self, "links", tuple(links))
-        object.__setattr__(self, "joints", tuple(joints))
-        object.__setattr__(self, "gravity", frozen(gravity, (3,)))
-        object.__setattr__(self, "where", where)
-        object.__setattr__(self, "pins", tuple(pins))
-        object.__setattr__(self, "driven", tuple(driven))
-        object.__setattr__(self, "pulled", tuple(pulled))
-        object.__setattr__(self, "rest", MappingProxyType(dict(rest)))
-        object.__setattr__(self, "springs", MappingProxyType(dict(springs)))
-        object.__setattr__(self, "statements", tuple(statements))
-        object.__setattr__(self, "couplings", tuple(couplings))
-        object.__setattr__(self, "notes", tuple(notes))
+    def __post_init__(self) -> None:
+        for name in "links joints pins driven pulled statements couplings notes".split():
+            set_fields(self, **{name: tuple(getattr(self, name))})
+        for name in ("rest", "springs"):
+            set_fields(self, **{name: MappingProxyType(dict(getattr(self, name)))})
+        set_fields(self, gravity=frozen(self.gravity, (3,)))
         _check_names(self)
         _check_tree(self)
         _check_mimics(self)
@@ -328,7 +298,7 @@ class Mechanism:
 
     def changed(self, **fields: Any) -> "Mechanism":
         """The same mechanism with some of its attributes replaced."""
-        return Mechanism(**{**vars(self), **fields})
+        return replace(self, **fields)
 
     def joint(self, name: str) -> Joint:
         """The joint of that name; `KeyError` if there is none."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, frozen, set_fields
 
 INERTIAL_NAMES = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 INERTIAL_UNITS = ("kg", "kg m", "kg m", "kg m", *("kg m²",) * 6)
@@ -57,9 +57,8 @@ class Inertia:
     inertia_origin: Array
 
     def __init__(self, mass: float, first_moment: ArrayLike, inertia_origin: ArrayLike) -> None:
-        object.__setattr__(self, "mass", float(mass))
-        object.__setattr__(self, "first_moment", frozen(first_moment, (3,)))
-        object.__setattr__(self, "inertia_origin", frozen(inertia_origin, (3, 3)))
+        moment, inertia = frozen(first_moment, (3,)), frozen(inertia_origin, (3, 3))
+        set_fields(self, mass=float(mass), first_moment=moment, inertia_origin=inertia)
 
     @classmethod
     def zero(cls) -> "Inertia":
@@ -221,10 +220,9 @@ class Placement:
         dirt: float = ROUNDING,
     ) -> None:
         matrix = np.eye(3) if rotation is None else frozen(rotation, (3, 3))
-        object.__setattr__(self, "rotation", frozen(clean_rotation(matrix, dirt)))
-        object.__setattr__(self, "dirt", dirt)
         point = frozen(position, (3,))
-        object.__setattr__(self, "position", frozen(np.where(np.abs(point) < 1e-9, 0.0, point)))
+        point = frozen(np.where(np.abs(point) < 1e-9, 0.0, point))
+        set_fields(self, rotation=frozen(clean_rotation(matrix, dirt)), position=point, dirt=dirt)
 
     def __matmul__(self, other: "Placement") -> "Placement":
         """A frame placed in this frame, seen from where this frame is placed."""

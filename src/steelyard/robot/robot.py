@@ -1,12 +1,11 @@
 """The robot as the dynamics see it: a tree of moving bodies on a fixed base; its JSON form."""
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, is_dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.robot.rigid_body import Inertia
 
 JointKind = Literal["revolute", "prismatic"]
@@ -84,12 +83,10 @@ class Body:
     massless: bool = False
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "rotation", frozen(self.rotation, (3, 3)))
-        object.__setattr__(self, "position", frozen(self.position, (3,)))
-        axis = frozen(self.axis, (3,))
-        if not np.isclose(np.linalg.norm(axis), 1.0):
-            raise ValueError(f"axis of joint '{self.joint}' is not a unit vector: {axis}")
-        object.__setattr__(self, "axis", axis)
+        rotation, position = frozen(self.rotation, (3, 3)), frozen(self.position, (3,))
+        set_fields(self, rotation=rotation, position=position, axis=frozen(self.axis, (3,)))
+        if not np.isclose(np.linalg.norm(self.axis), 1.0):
+            raise ValueError(f"axis of joint '{self.joint}' is not a unit vector: {self.axis}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,8 +106,8 @@ class Frame:
     position: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "rotation", frozen(self.rotation, (3, 3)))
-        object.__setattr__(self, "position", frozen(self.position, (3,)))
+        rotation, position = frozen(self.rotation, (3, 3)), frozen(self.position, (3,))
+        set_fields(self, rotation=rotation, position=position)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +124,7 @@ class Transmission:
 
     def __post_init__(self) -> None:
         count = len(self.motors)
-        object.__setattr__(self, "matrix", frozen(self.matrix, (count, count)))
+        set_fields(self, matrix=frozen(self.matrix, (count, count)))
         if np.linalg.matrix_rank(self.matrix) < count:
             raise ValueError("the transmission matrix cannot be inverted")
 
@@ -152,7 +149,7 @@ class LoopClosure:
     points: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "points", frozen(self.points, (2, 3)))
+        set_fields(self, points=frozen(self.points, (2, 3)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -179,42 +176,25 @@ class Robot:
     name: str
     bodies: tuple[Body, ...]
     coordinates: tuple[Coordinate, ...]
-    gravity: Array
-    passive: tuple[Coordinate, ...]
-    loops: tuple[LoopClosure, ...]
-    assembly: Array
-    transmission: Transmission | None
-    frames: tuple[Frame, ...]
-    open_loops: OpenLoops
+    gravity: Array = field(default_factory=lambda: frozen((0.0, 0.0, -9.81)))
+    _: KW_ONLY
+    passive: tuple[Coordinate, ...] = ()
+    loops: tuple[LoopClosure, ...] = ()
+    assembly: Array = None  # type: ignore[assignment]  # all joints at zero
+    transmission: Transmission | None = None
+    frames: tuple[Frame, ...] = ()
+    open_loops: OpenLoops = "stop"
 
     def __repr__(self) -> str:
         return f"Robot('{self.name}', {self.n} joints)"
 
-    def __init__(
-        self,
-        name: str,
-        bodies: tuple[Body, ...],
-        coordinates: tuple[Coordinate, ...],
-        gravity: ArrayLike = (0.0, 0.0, -9.81),
-        *,
-        passive: tuple[Coordinate, ...] = (),
-        loops: tuple[LoopClosure, ...] = (),
-        assembly: ArrayLike | None = None,
-        transmission: Transmission | None = None,
-        frames: tuple[Frame, ...] = (),
-        open_loops: OpenLoops = "stop",
-    ) -> None:
-        object.__setattr__(self, "name", name)
-        object.__setattr__(self, "bodies", tuple(bodies))
-        object.__setattr__(self, "coordinates", tuple(coordinates))
-        object.__setattr__(self, "gravity", frozen(gravity, (3,)))
-        object.__setattr__(self, "passive", tuple(passive))
-        object.__setattr__(self, "loops", tuple(loops))
-        start = np.zeros(self.n_joints) if assembly is None else assembly
-        object.__setattr__(self, "assembly", frozen(start, (self.n_joints,)))
-        object.__setattr__(self, "transmission", transmission)
-        object.__setattr__(self, "frames", tuple(frames))
-        object.__setattr__(self, "open_loops", open_loops)
+    def __post_init__(self) -> None:
+        for name in ("bodies", "coordinates", "passive", "loops", "frames"):
+            set_fields(self, **{name: tuple(getattr(self, name))})
+        start = np.zeros(self.n_joints) if self.assembly is None else self.assembly
+        set_fields(
+            self, gravity=frozen(self.gravity, (3,)), assembly=frozen(start, (self.n_joints,))
+        )
         for index, body in enumerate(self.bodies):
             if not -1 <= body.parent < index:
                 raise ValueError(f"body '{body.name}' comes before its parent")
@@ -223,12 +203,12 @@ class Robot:
         carriers = [*(f.body for f in self.frames), *(b for x in self.loops for b in x.bodies)]
         if not all(-1 <= body < len(self.bodies) for body in carriers):
             raise ValueError("a frame or a loop is on a body that does not exist")
-        if transmission is not None and len(transmission.motors) != self.n:
-            raise ValueError(f"{len(transmission.motors)} motors for {self.n} joints")
+        if self.transmission is not None and len(self.transmission.motors) != self.n:
+            raise ValueError(f"{len(self.transmission.motors)} motors for {self.n} joints")
 
     def changed(self, **fields: Any) -> "Robot":
         """The same robot with some of its attributes replaced."""
-        return Robot(**{**vars(self), **fields})
+        return replace(self, **fields)
 
     @property
     def n(self) -> int:
@@ -261,69 +241,44 @@ class Robot:
         return frozen(np.array([b.inertia.ten for b in self.bodies]).reshape(len(self.bodies), 10))
 
 
+_IN_FILES = "name gravity coordinates bodies passive loops assembly open_loops transmission frames"
+
+
 def robot_to_dict(robot: Robot) -> dict[str, Any]:
     """Everything a robot is, as JSON values; unknown limits are left out."""
-    gears = robot.transmission
-    return {
-        "name": robot.name,
-        "gravity": robot.gravity.tolist(),
-        "coordinates": [_coordinate_to_dict(c) for c in robot.coordinates],
-        "bodies": [_body_to_dict(body) for body in robot.bodies],
-        "passive": [_coordinate_to_dict(c) for c in robot.passive],
-        "loops": [{**vars(loop), "points": loop.points.tolist()} for loop in robot.loops],
-        "assembly": robot.assembly.tolist(),
-        "open_loops": robot.open_loops,
-        "transmission": gears and {"motors": list(gears.motors), "matrix": gears.matrix.tolist()},
-        "frames": [
-            {**vars(f), "rotation": f.rotation.tolist(), "position": f.position.tolist()}
-            for f in robot.frames
-        ],
-    }
+    return {name: _json(getattr(robot, name)) for name in _IN_FILES.split()}
+
+
+def _json(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, tuple):
+        return [_json(x) for x in value]
+    if isinstance(value, Limits):
+        return {name: x for name, x in vars(value).items() if np.isfinite(x)}
+    if isinstance(value, Inertia):
+        return value.ten.tolist()
+    if not is_dataclass(value):
+        return value
+    return {k: _json(x) for k, x in vars(value).items() if k != "massless" or x}
 
 
 def robot_from_dict(data: dict[str, Any]) -> Robot:
     """The robot that `robot_to_dict` wrote."""
-    gears = data["transmission"]
+
+    def coordinates(key: str) -> tuple[Coordinate, ...]:
+        return tuple(Coordinate(**{**c, "limits": Limits(**c["limits"])}) for c in data[key])
+
+    bodies, gears = data["bodies"], data["transmission"]
     return Robot(
-        name=data["name"],
-        bodies=tuple(_body_from_dict(body) for body in data["bodies"]),
-        coordinates=tuple(_coordinate_from_dict(c) for c in data["coordinates"]),
-        gravity=data["gravity"],
-        passive=tuple(_coordinate_from_dict(c) for c in data["passive"]),
+        data["name"],
+        tuple(Body(**{**body, "inertia": Inertia.from_ten(body["inertia"])}) for body in bodies),
+        coordinates("coordinates"),
+        data["gravity"],
+        passive=coordinates("passive"),
         loops=tuple(LoopClosure(d["name"], tuple(d["bodies"]), d["points"]) for d in data["loops"]),
         assembly=data["assembly"],
         open_loops=data["open_loops"],
         transmission=gears and Transmission(tuple(gears["motors"]), gears["matrix"]),
         frames=tuple(Frame(**frame) for frame in data["frames"]),
     )
-
-
-def _coordinate_to_dict(coordinate: Coordinate) -> dict[str, Any]:
-    limits = {k: v for k, v in asdict(coordinate.limits).items() if np.isfinite(v)}
-    return {"name": coordinate.name, "kind": coordinate.kind, "limits": limits}
-
-
-def _coordinate_from_dict(data: dict[str, Any]) -> Coordinate:
-    return Coordinate(data["name"], data["kind"], Limits(**data["limits"]))
-
-
-def _body_to_dict(body: Body) -> dict[str, Any]:
-    return {
-        "name": body.name,
-        "joint": body.joint,
-        "kind": body.kind,
-        "parent": body.parent,
-        "rotation": body.rotation.tolist(),
-        "position": body.position.tolist(),
-        "axis": body.axis.tolist(),
-        "coordinate": body.coordinate,
-        "ratio": body.ratio,
-        "offset": body.offset,
-        "inertia": body.inertia.ten.tolist(),
-        "known": body.known,
-        **({"massless": True} if body.massless else {}),
-    }
-
-
-def _body_from_dict(data: dict[str, Any]) -> Body:
-    return Body(**{**data, "inertia": Inertia.from_ten(data["inertia"])})

@@ -4,62 +4,29 @@ import math
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import frozen
 from steelyard.base.errors import ModelError
-from steelyard.robot.file.sections import DHSection, RobotSection
+from steelyard.robot.file.sections import DHRow, DHSection, RobotSection
 from steelyard.robot.file.toml import Places
 from steelyard.robot.mechanism import Joint, Link, Mechanism
 from steelyard.robot.models.urdf import read_urdf
 from steelyard.robot.models.xml_reader import read_xml
 from steelyard.robot.rigid_body import Inertia, Placement, symmetric, turn
-from steelyard.robot.robot import JointKind, Limits
 
 DHConvention = Literal["standard", "modified"]
 _X, _Z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
-
-
-@dataclass(frozen=True)
-class DHRow:
-    r"""One joint and its link.
-
-    Attributes:
-        a: Distance along x [m]; of the link (standard), or $a_{i-1}$ (modified).
-        alpha: Twist about x [rad]; of the link (standard), or $\alpha_{i-1}$ (modified).
-        d: Distance along z [m]; the offset at position zero of a prismatic joint.
-        theta: Angle about z [rad]; the offset at position zero of a revolute joint.
-        kind: `revolute` or `prismatic`.
-        joint: The joint's name; `joint_i` if empty.
-        mass: [kg]; `None` if the mass properties are unknown.
-        com: Centre of mass [m], in DH frame i.
-        inertia_com: `Ixx, Ixy, Iyy, Ixz, Iyz, Izz` about the centre of mass [kg m²], axes of DH
-            frame i.
-        limits: Range, speed and effort.
-    """
-
-    a: float = 0.0
-    alpha: float = 0.0
-    d: float = 0.0
-    theta: float = 0.0
-    kind: JointKind = "revolute"
-    joint: str = ""
-    mass: float | None = None
-    com: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    inertia_com: tuple[float, float, float, float, float, float] = (0.0,) * 6
-    limits: Limits = field(default_factory=Limits)
 
 
 def dh_mechanism(
     rows: Sequence[DHRow],
     convention: DHConvention = "standard",
     name: str = "dh_robot",
-    gravity: ArrayLike = (0.0, 0.0, -9.81),
+    gravity: Sequence[float] = (0.0, 0.0, -9.81),
     where: str = "the DH table",
 ) -> Mechanism:
     r"""The chain of a DH table; joint `i` turns or slides along z of the link's frame.
@@ -73,7 +40,7 @@ def dh_mechanism(
     The link's frame, to which its ten inertial parameters refer, is DH frame `i` in the modified
     convention. In the standard one DH frame `i` does not lie on the joint's axis, and the link's
     frame is the one after $R_z(\theta_i) T_z(d_i)$: on the axis, with the x axis of DH frame `i`.
-    Masses in the table are given in DH frame `i` in both. The base is DH frame 0.
+    Masses in the table are given in DH frame `i` in both, angles in rad. The base is DH frame 0.
     """
     if not rows:
         raise ModelError("the DH table has no rows", where=where, fix="give one row per joint")
@@ -86,22 +53,14 @@ def dh_mechanism(
         placement = screw_x @ screw_z if modified else end @ screw_z
         end = Placement() if modified else screw_x
         link, at = f"link_{number}", f"{where}, row {number}"
-        joint = row.joint or f"joint_{number}"
-        joints.append(
-            Joint(
-                joint, row.kind, links[-1].name, link, placement, frozen(_Z), row.limits, None, at
-            )
-        )
-        links.append(Link(link, _inertia(row, end), at))
-    return Mechanism(name, links, joints, gravity, where)
-
-
-def _inertia(row: DHRow, frame: Placement) -> Inertia | None:
-    """The row's mass properties in the link's frame; `frame` is DH frame i in it."""
-    if row.mass is None:
-        return None
-    in_dh = Inertia.about_com(row.mass, row.com, symmetric(row.inertia_com))
-    return in_dh.moved(frame.rotation, frame.position)
+        joint, carrier = row.joint or f"joint_{number}", links[-1].name
+        joints.append(Joint(joint, row.kind, carrier, link, placement, frozen(_Z), where=at))
+        inertia = None
+        if row.mass is not None:
+            in_dh = Inertia.about_com(row.mass, row.com, symmetric(row.inertia_com))
+            inertia = in_dh.moved(end.rotation, end.position)
+        links.append(Link(link, inertia, at))
+    return Mechanism(name, links, joints, frozen(gravity), where)
 
 
 def read_mechanism(path: Path) -> Mechanism:
@@ -184,18 +143,8 @@ def dh_table(section: RobotSection, places: Places) -> Mechanism:
     table: DHSection = section.dh  # type: ignore[assignment]  # the only model given
     angle = math.pi / 180.0 if table.angle_unit == "deg" else 1.0
     rows = [
-        DHRow(
-            link.a,
-            link.alpha * angle,
-            link.d,
-            link.theta * angle,
-            link.kind,
-            link.joint or "",
-            link.mass,
-            link.com,
-            link.inertia_com,
-        )
-        for link in table.links
+        row.model_copy(update={"alpha": row.alpha * angle, "theta": row.theta * angle})
+        for row in table.links
     ]
     name = section.name or places.path.stem
     return dh_mechanism(rows, table.convention, name, where=places.where("robot", "dh"))

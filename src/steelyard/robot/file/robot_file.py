@@ -55,7 +55,7 @@ def closing_of(section: RobotSection, mechanism: Mechanism, places: Places) -> C
                 where=where,
                 fix="give every loop a name of its own",
             )
-        pins.append(Pin(name, loop.links, loop.points, where))
+        pins.append(Pin(name, loop.links, frozen(loop.points), where))
     return Closing(
         tuple(pins), section.passive, section.assembly, section.open_loops, places.where("robot")
     )

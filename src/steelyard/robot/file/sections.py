@@ -48,8 +48,8 @@ class LimitsSection(Section):
     effort: Positive | None = key(None, "Greatest effort [Nm; N].")
 
 
-class DHLinkSection(Section):
-    """One row of a Denavit-Hartenberg table, see `dh.DHRow`."""
+class DHRow(Section):
+    """One row of a Denavit-Hartenberg table: one joint and its link, see `dh_mechanism`."""
 
     joint: Name | None = key(None, "Name of the joint; `joint_1`, `joint_2`, ... if left out.")
     kind: Literal["revolute", "prismatic"] = key("revolute", "Type of the joint.")
@@ -72,7 +72,7 @@ class DHSection(Section):
         ..., "`modified` (Craig, Khalil) or `standard`."
     )
     angle_unit: Literal["rad", "deg"] = key("rad", "Unit of `alpha` and `theta`.")
-    links: Annotated[tuple[DHLinkSection, ...], Field(strict=False, min_length=1)] = key(
+    links: Annotated[tuple[DHRow, ...], Field(strict=False, min_length=1)] = key(
         ..., "Rows of the table, from base to tip."
     )
 
