@@ -13,7 +13,6 @@ from steelyard.base.errors import DataError
 from steelyard.base.motion import Motion
 from steelyard.base.progress import Event, Stopped
 from steelyard.estimate.closed_loop.experiment import Experiment, Measured, RunController, simulate
-from steelyard.estimate.closed_loop.filtered_regressor import filtered
 from steelyard.estimate.closed_loop.kalman import KalmanParameters, torque_noise, white_noise
 from steelyard.estimate.closed_loop.motion_under_torque import (
     Forward,
@@ -25,6 +24,7 @@ from steelyard.estimate.closed_loop.simulating_estimators import (
     ClosedLoopOutputError,
     Didim,
     InstrumentalVariables,
+    filtered,
 )
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.estimators import ESTIMATORS, Context, Offer
@@ -262,7 +262,7 @@ def test_simulated_lanes_are_what_single_ones_are() -> None:
     assert together.possible.tolist() == [True, True, False]
     (run,) = exact().runs
     assert np.allclose(together.tau[..., 0], run.tau, rtol=0.0, atol=1e-8)
-    assert np.allclose(together.q, run.q, rtol=0.0, atol=1e-11)
+    assert np.allclose(together.motion[0], run.q, rtol=0.0, atol=1e-11)
 
 
 def test_where_least_squares_cannot_move_the_model_file_begins() -> None:

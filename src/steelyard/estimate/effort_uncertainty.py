@@ -74,12 +74,7 @@ class Calibration:
         return f"calibrated on {self.count} left-out segments of one motion"
 
     def factor(self, speed: Array, moving: NDArray[np.bool_]) -> Array:
-        """Half-width in standard deviations, shape `(n, B)`.
-
-        Args:
-            speed: Velocities, shape `(n, B)` [rad/s; m/s].
-            moving: Whether each joint moves, likewise.
-        """
+        """Half-width in standard deviations, shape `(n, B)`, as `speed` and `moving` are."""
         return np.take_along_axis(self.factors, bins(speed, moving, self.edges), axis=1)
 
     def to_dict(self) -> dict[str, Any]:
@@ -117,13 +112,7 @@ class Calibration:
 
 
 def bins(speed: Array, moving: NDArray[np.bool_], edges: Array) -> NDArray[np.intp]:
-    """Range of speed of every sample: 0 at rest, then 1 to 3, shape `(n, B)`.
-
-    Args:
-        speed: Velocities, shape `(n, B)`.
-        moving: Whether each joint moves, likewise.
-        edges: See `Calibration`.
-    """
+    """Range of speed of every sample: 0 at rest, then 1 to 3, shape `(n, B)`."""
     found = 1 + np.sum(np.abs(speed)[:, None, :] > edges[:, :, None], axis=1)
     return np.asarray(np.where(moving, found, 0), dtype=np.intp)
 
@@ -131,6 +120,9 @@ def bins(speed: Array, moving: NDArray[np.bool_], edges: Array) -> NDArray[np.in
 @dataclass(frozen=True, eq=False)
 class EffortUncertainty:
     """Uncertainty of the efforts that a model predicts.
+
+    Its functions take regressor entries `(B, n, c)`, velocities `(n, B)` [rad/s; m/s] and whether
+    each joint moves, `(n, B)`.
 
     Attributes:
         factor: `F`, with `F @ F.T` the covariance of the columns' parameters, shape `(c, k)`.
@@ -145,24 +137,13 @@ class EffortUncertainty:
     calibration: Calibration | None
 
     def factor_of(self, speed: Array, moving: NDArray[np.bool_]) -> Array:
-        """How much wider residuals of left-out motions are than those of the fit, `(n, B)`.
-
-        Args:
-            speed: Velocities, shape `(n, B)` [rad/s; m/s].
-            moving: Whether each joint moves, likewise.
-        """
+        """How much wider residuals of left-out motions are than those of the fit, `(n, B)`."""
         if self.calibration is None:
             return np.ones(speed.shape)
         return np.asarray(self.calibration.factor(speed, moving) / Z95)
 
     def covariance(self, columns: Array, speed: Array, moving: NDArray[np.bool_]) -> Array:
-        """Covariance of the efforts that the model predicts wrongly, shape `(B, n, n)`.
-
-        Args:
-            columns: Regressor entries, shape `(B, n, c)`.
-            speed: Velocities, shape `(n, B)` [rad/s; m/s].
-            moving: Whether each joint moves, likewise.
-        """
+        """Covariance of the efforts that the model predicts wrongly, shape `(B, n, n)`."""
         spread, noise = self.spread(columns, speed, moving), self.noise(speed, moving)
         noise_part = noise[:, :, None] * self.correlation * noise[:, None, :]
         return np.asarray(spread @ spread.swapaxes(1, 2) + noise_part)
@@ -171,22 +152,12 @@ class EffortUncertainty:
         """Efforts per standard deviation of independent combinations of parameters, `(B, n, k)`.
 
         As in prediction bands, factors below 1 do not make parameters surer.
-
-        Args:
-            columns: Regressor entries, shape `(B, n, c)`.
-            speed: Velocities, shape `(n, B)` [rad/s; m/s].
-            moving: Whether each joint moves, likewise.
         """
         factor = np.maximum(self.factor_of(speed, moving), 1.0)
         return np.asarray(factor.T[:, :, None] * (columns @ self.factor))
 
     def noise(self, speed: Array, moving: NDArray[np.bool_]) -> Array:
-        """Standard deviations of residuals, shape `(B, n)` [Nm; N].
-
-        Args:
-            speed: Velocities, shape `(n, B)` [rad/s; m/s].
-            moving: Whether each joint moves, likewise.
-        """
+        """Standard deviations of residuals, shape `(B, n)` [Nm; N]."""
         noise = self.factor_of(speed, moving) * self.sigma[:, None]
         return np.asarray(np.where(moving, noise, np.maximum(noise, self.at_rest[:, None])).T)
 
@@ -215,7 +186,6 @@ class KnownScales:
     """Scales that a model's gains count already.
 
     Attributes:
-        joints: Names of the effort rows.
         values: Logged effort over that of the model, shape `(rows,)`.
         covariance: Of their logarithms, shape `(rows, rows)`.
     """
@@ -274,8 +244,7 @@ LOWEST_REST_SPEED = 1e-3
 def dead_zone(valued: ValuedModel) -> Array:
     """Half of the range of efforts in which friction holds each joint, shape `(n,)` [Nm; N].
 
-    Args:
-        valued: The model; friction that depends on the load is taken at the reference posture.
+    Friction that depends on the load is taken at the reference posture.
     """
     robot = valued.robot
     posture = loop_equations(robot).assembly[: robot.n] if robot.loops else np.zeros(robot.n)
@@ -292,10 +261,7 @@ def dead_zone(valued: ValuedModel) -> Array:
 def rest_speed_of(n: int, known: Calibration | None, given: ArrayLike | None) -> Array:
     """Speed up to which joints rest on a stream, shape `(n,)` [rad/s; m/s].
 
-    Args:
-        n: Number of joints.
-        known: Speeds while fitting.
-        given: The rest speeds that the robot file states.
+    It is that of the robot file, if that states one, else a share of the speeds while fitting.
     """
     if given is not None:
         return frozen(np.broadcast_to(np.asarray(given, dtype=np.float64), (n,)))
@@ -307,8 +273,6 @@ def rest_speed_of(n: int, known: Calibration | None, given: ArrayLike | None) ->
 def rest_speed_of_runs(speeds: Sequence[Array], usual: Array) -> Array:
     """Speed up to which joints rest in all of some runs, shape `(n,)` [rad/s; m/s].
 
-    Args:
-        speeds: That of each run, shape `(n,)`; infinite where nothing moves.
-        usual: What it is of a run without motion, shape `(n,)`.
+    The speed of a run, `(n,)`, is infinite where nothing moves; there the usual one counts.
     """
     return np.asarray(np.max([np.where(np.isfinite(one), one, usual) for one in speeds], axis=0))

@@ -20,11 +20,7 @@ class Estimator(Protocol[Data]):
     """
 
     def __call__(self, data: Data, /) -> "Estimate":
-        """Estimate the parameters.
-
-        Raises:
-            DataError: The data cannot give an estimate; the message says why.
-        """
+        """Estimate the parameters; a `DataError` says why the data cannot give an estimate."""
         ...
 
 
@@ -37,7 +33,6 @@ class Unidentifiable:
     """A base parameter that the data do not show.
 
     Attributes:
-        name: The parameter.
         tied_to: Parameters of indistinguishable columns; empty if its column is zero.
     """
 
@@ -50,7 +45,6 @@ class Removed:
     """A base parameter that a reduction removed: it is known to be zero, not unknown.
 
     Attributes:
-        name: The parameter.
         step: Number of the step that removed it, from 1 on.
         cost: Rise of chi-squared by its removal, residuals counted by their correlation.
     """
@@ -62,13 +56,7 @@ class Removed:
 
 @dataclass(frozen=True, eq=False)
 class RunParameters:
-    """Parameters that one run has for itself.
-
-    Attributes:
-        run: The run.
-        parameters: Their values.
-        std: Their standard deviations, shape `(l,)`.
-    """
+    """Parameters that one run has for itself, and their standard deviations, shape `(l,)`."""
 
     run: str
     parameters: Parameters
@@ -80,7 +68,6 @@ class StandardEstimate:
     """Values of all standard parameters, as data and prior together have them.
 
     Attributes:
-        parameters: All standard parameters of the model, `p` of them.
         covariance: Shape `(p, p)`.
         learned: Share of each parameter's knowledge that comes from the data, 0 to 1, shape
             `(p,)`: one minus the ratio of its variance after the data to that before; 1 where
@@ -95,6 +82,29 @@ class StandardEstimate:
     def std(self) -> Array:
         """Standard deviation of each parameter, shape `(p,)`."""
         return np.sqrt(np.diag(self.covariance))
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values; exact."""
+        covariance, learned = self.covariance.tolist(), self.learned.tolist()
+        return {**_to_dict(self.parameters), "covariance": covariance, "learned": learned}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "StandardEstimate":
+        """The values that `to_dict` wrote."""
+        size = len(data["names"])
+        covariance = frozen(np.reshape(data["covariance"], (size, size)))
+        if not (np.isfinite(data["values"]).all() and np.isfinite(covariance).all()):
+            raise ValueError("a standard parameter or its covariance is not finite")
+        return cls(_from_dict(data), covariance, frozen(data["learned"], (size,)))
+
+
+def _to_dict(parameters: Parameters) -> dict[str, Any]:
+    names, units = list(parameters.names), list(parameters.units)
+    return {"names": names, "units": units, "values": parameters.values.tolist()}
+
+
+def _from_dict(data: Mapping[str, Any]) -> Parameters:
+    return Parameters(data["names"], data["units"], data["values"])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -168,9 +178,7 @@ class Estimate:
         """As JSON values; exact."""
         return {
             "estimator": self.estimator,
-            "names": list(self.parameters.names),
-            "units": list(self.parameters.units),
-            "values": self.parameters.values.tolist(),
+            **_to_dict(self.parameters),
             "covariance": self.covariance.tolist(),
             "blind": [{"name": b.name, "tied_to": list(b.tied_to)} for b in self.blind],
             "sigma": self.sigma.tolist(),
@@ -178,16 +186,10 @@ class Estimate:
             "condition": self.condition,
             "condition_normalised": self.condition_normalised,
             "per_run": [
-                {
-                    "run": own.run,
-                    "names": list(own.parameters.names),
-                    "units": list(own.parameters.units),
-                    "values": own.parameters.values.tolist(),
-                    "std": own.std.tolist(),
-                }
+                {"run": own.run, **_to_dict(own.parameters), "std": own.std.tolist()}
                 for own in self.per_run
             ],
-            "standard": None if self.standard is None else _standard_to_dict(self.standard),
+            "standard": None if self.standard is None else self.standard.to_dict(),
             "learned": None if self.learned is None else self.learned.tolist(),
             "at_bound": list(self.at_bound),
             "notes": list(self.notes),
@@ -200,12 +202,11 @@ class Estimate:
         """The estimate that `to_dict` wrote."""
         size = len(data["names"])
         covariance = frozen(np.reshape(data["covariance"], (size, size)))
-        values = frozen(data["values"])
-        if not np.isfinite(values).all() or not (np.diag(covariance) >= 0.0).all():
+        if not np.isfinite(data["values"]).all() or not (np.diag(covariance) >= 0.0).all():
             raise ValueError("an estimated value is not finite, or a variance is negative")
         return cls(
             estimator=data["estimator"],
-            parameters=Parameters(data["names"], data["units"], values),
+            parameters=_from_dict(data),
             covariance=covariance,
             blind=tuple(Unidentifiable(b["name"], tuple(b["tied_to"])) for b in data["blind"]),
             sigma=frozen(data["sigma"]),
@@ -213,14 +214,12 @@ class Estimate:
             condition=data["condition"],
             condition_normalised=data["condition_normalised"],
             per_run=tuple(
-                RunParameters(
-                    own["run"],
-                    Parameters(own["names"], own["units"], own["values"]),
-                    frozen(own["std"]),
-                )
+                RunParameters(own["run"], _from_dict(own), frozen(own["std"]))
                 for own in data["per_run"]
             ),
-            standard=None if data["standard"] is None else _standard_from_dict(data["standard"]),
+            standard=(
+                None if data["standard"] is None else StandardEstimate.from_dict(data["standard"])
+            ),
             learned=None if data["learned"] is None else frozen(data["learned"], (size,)),
             at_bound=tuple(data["at_bound"]),
             notes=tuple(data["notes"]),
@@ -230,25 +229,3 @@ class Estimate:
             ),
             known=tuple(data.get("known", ())),
         )
-
-
-def _standard_to_dict(standard: StandardEstimate) -> dict[str, Any]:
-    return {
-        "names": list(standard.parameters.names),
-        "units": list(standard.parameters.units),
-        "values": standard.parameters.values.tolist(),
-        "covariance": standard.covariance.tolist(),
-        "learned": standard.learned.tolist(),
-    }
-
-
-def _standard_from_dict(data: Mapping[str, Any]) -> StandardEstimate:
-    size = len(data["names"])
-    standard = StandardEstimate(
-        Parameters(data["names"], data["units"], data["values"]),
-        frozen(np.reshape(data["covariance"], (size, size))),
-        frozen(data["learned"], (size,)),
-    )
-    if not all(np.isfinite(x).all() for x in (standard.parameters.values, standard.covariance)):
-        raise ValueError("a standard parameter or its covariance is not finite")
-    return standard

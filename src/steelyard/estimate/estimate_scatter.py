@@ -11,6 +11,7 @@ divides the root by $N$; the numbers of its table I are those of the population.
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,7 +32,6 @@ class Bootstrap:
     """Estimates of data drawn again.
 
     Attributes:
-        parameters: The estimate of the data as they are.
         draws: One estimate per row, deviations scaled; NaN where the windows drawn do not show the
             parameter, shape `(draws, p)`.
         failed: Draws that gave no estimate; they are not among the rows.
@@ -50,11 +50,7 @@ class Bootstrap:
         return np.asarray(np.sqrt(np.nanmean(np.square(deviations), axis=0)))
 
     def interval(self, level: float = 0.95) -> tuple[Array, Array]:
-        """Percentiles that leave out half of the rest on each side, two of shape `(p,)`.
-
-        Args:
-            level: Between 0 and 1.
-        """
+        """Percentiles that leave out half of `1 - level` on each side, two of shape `(p,)`."""
         rest = 50.0 * (1.0 - level)
         lower, upper = np.nanpercentile(self.draws, [rest, 100.0 - rest], axis=0)
         return lower, upper
@@ -103,9 +99,9 @@ def bootstrap(
         DataError: The data give no estimate, have a single window per run, or too few draws gave
             an estimate.
     """
-    runs = _windows_by_run(information)
+    runs = information.windows_of_runs
     count, kept = len(information.windows), len(information.windows) - len(runs)
-    where = f"runs {', '.join(runs)}"
+    where = f"runs {information.runs}"
     if not kept:
         raise DataError(
             "a bootstrap needs several windows of time, and each run has one",
@@ -116,8 +112,9 @@ def bootstrap(
     found = []
     for number in range(draws):
         drawn = [int(k) for mine in runs.values() for k in rng.choice(mine, len(mine))]
-        values = _values(estimator, information.of(drawn), whole)
-        found += [] if values is None else [values]
+        with suppress(DataError):
+            known = estimator(information.of(drawn)).parameters.as_dict()
+            found.append([known.get(name, np.nan) for name in whole.names])
         report_progress(progress, "resampling windows", number + 1, draws)
     if len(found) < LEAST_DRAWS_ESTIMATED * draws:
         raise DataError(
@@ -129,33 +126,12 @@ def bootstrap(
     return Bootstrap(whole, frozen(whole.values + scaled), draws - len(found), count)
 
 
-def _windows_by_run(information: Information) -> dict[str, list[int]]:
-    runs: dict[str, list[int]] = {}
-    for number, window in enumerate(information.windows):
-        runs.setdefault(window.run, []).append(number)
-    return runs
-
-
-def _values(
-    estimator: Estimator[Information], drawn: Information, wanted: Parameters
-) -> Array | None:
-    """The parameters wanted, NaN where they are not seen; `None` without an estimate."""
-    try:
-        estimate: Estimate = estimator(drawn)
-    except DataError:
-        return None
-    known = estimate.parameters.as_dict()
-    return np.array([known.get(name, np.nan) for name in wanted.names])
-
-
 @dataclass(frozen=True, eq=False)
 class RepeatedEstimates:
     """Several estimates of the same parameters.
 
     Attributes:
-        labels: Name of each estimation.
         names: Parameters that at least one of them identifies, `p` of them.
-        units: Their units.
         values: NaN where an estimation does not identify a parameter, shape `(N, p)`.
         stated: Stated standard deviations, likewise.
         population: Whether standard deviations are those of the population, not of the sample.
@@ -172,11 +148,7 @@ class RepeatedEstimates:
     def of(
         cls, estimates: Mapping[str, Estimate], *, population: bool = False
     ) -> "RepeatedEstimates":
-        """The scatter of estimates by their labels, parameters in the order of their appearance.
-
-        Raises:
-            DataError: There are fewer than two.
-        """
+        """The scatter of two or more estimates by their labels, parameters as they appear."""
         if len(estimates) < 2:
             raise DataError(
                 f"{len(estimates)} estimation has no scatter",
@@ -291,7 +263,6 @@ class Variation:
         values: Its parameters, in the result's order, shape `(p,)`; `None` if it failed.
         fitted: Error on the runs that were fitted, of the headline's kind [%].
         unseen: The same on runs that were not; `None` without any.
-        failed: Why there is no fit; empty if there is one.
     """
 
     factor: float
@@ -308,10 +279,8 @@ class Sensitivity:
     """Fits with other cut-offs beside the result.
 
     Attributes:
-        parameters: The result's.
         std: Their standard deviations, shape `(p,)`.
         result: The result itself, with factor 1.
-        variations: By factor.
     """
 
     parameters: Parameters

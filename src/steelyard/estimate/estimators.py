@@ -6,17 +6,34 @@ from typing import Any, Literal
 
 from steelyard.base.errors import DataError, ModelError, advice
 from steelyard.base.progress import Progress, silent
+from steelyard.estimate.closed_loop.kalman import KalmanParameters
+from steelyard.estimate.closed_loop.simulating_estimators import (
+    ClosedLoopOutputError,
+    Didim,
+    InstrumentalVariables,
+)
 from steelyard.estimate.consistent.consistent import Consistent
+from steelyard.estimate.consistent.log_cholesky import LogCholesky
 from steelyard.estimate.consistent.penalties import Free, Pullback
 from steelyard.estimate.estimate import Estimator
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import Regressor
-from steelyard.estimate.least_squares.constrained import WithKnownValues, fixed_values
+from steelyard.estimate.least_squares.constrained import (
+    BoundedLeastSquares,
+    WithKnownValues,
+    base_bounds,
+    fixed_values,
+)
 from steelyard.estimate.least_squares.least_squares import (
     OrdinaryLeastSquares,
+    Recursive,
     WeightedLeastSquares,
 )
+from steelyard.estimate.least_squares.motion_noise import MotionNoise, TotalLeastSquares
+from steelyard.estimate.least_squares.ridge import Ridge
+from steelyard.estimate.least_squares.robust import Huber, Reweighted, Tukey, Weigh
 from steelyard.estimate.prior.prior import Knowledge
+from steelyard.estimate.reduction.reduction import Reduced
 
 Needs = Literal["information", "samples", "experiment"]
 """What an estimator looks at; see `estimate.Estimator`."""
@@ -27,8 +44,6 @@ class Context:
     """What estimators are made from.
 
     Attributes:
-        regressor: Model and columns.
-        knowledge: What is known before the data.
         per_run: Columns whose parameters every run has for itself.
         equal: Whether the consistent estimates weigh all rows the same, as `identify` is to.
         progress: Told by estimators that search or simulate how far they are.
@@ -46,20 +61,34 @@ class Offer:
     """One estimator to choose.
 
     Attributes:
-        name: Short name, as tables show it.
-        about: What it is, in a few words.
         needs: What it looks at.
-        make: The estimator for a model and what is known of it.
+        estimator: It, for a model and what is known of it.
         slow: Whether it searches or simulates, and so is compared only where it is named.
         uses: Tables and keys of the robot file that it uses.
+        per_run: Whether it estimates parameters that every run has for itself.
     """
 
     name: str
     about: str
     needs: Needs
-    make: Callable[[Context], Estimator[Any]]
+    estimator: Callable[[Context], Estimator[Any]]
     slow: bool = False
     uses: tuple[str, ...] = ()
+    per_run: bool = True
+
+    def make(self, context: Context) -> Estimator[Any]:
+        """The estimator for a model and what is known of it.
+
+        Raises:
+            DataError: It would take parameters of single runs as shared.
+        """
+        if context.per_run and not self.per_run:
+            raise DataError(
+                "it does not estimate parameters per run",
+                where=", ".join(context.per_run),
+                fix="use another estimator, or leave per_run = true out of the robot file",
+            )
+        return self.estimator(context)
 
 
 PRIOR, KNOWLEDGE = "[prior]", "[[knowledge]]"
@@ -75,105 +104,13 @@ def _with_known(estimator: Estimator[Information], context: Context) -> Estimato
     return WithKnownValues(estimator, fixed) if fixed else estimator
 
 
-def _consistent(context: Context) -> Consistent:
+def _consistent(context: Context, kind: type[Consistent] = Consistent) -> Consistent:
     base, own = context.regressor.base, context.per_run
-    return Consistent(base, context.knowledge, per_run=own, equal=context.equal)
+    return kind(base, context.knowledge, per_run=own, equal=context.equal)
 
 
-def _refuse_own(context: Context) -> None:
-    """Refuse parameters of single runs, for estimators that would take them as shared."""
-    if context.per_run:
-        raise DataError(
-            "it does not estimate parameters per run",
-            where=", ".join(context.per_run),
-            fix="use another estimator, or leave per_run = true out of the robot file",
-        )
-
-
-def _bounded(context: Context) -> Estimator[Any]:
-    from steelyard.estimate.least_squares.constrained import BoundedLeastSquares, base_bounds
-
-    bounds = base_bounds(context.regressor.base, context.knowledge)
-    return BoundedLeastSquares(bounds, per_run=context.per_run)
-
-
-def _log_cholesky(context: Context) -> Estimator[Any]:
-    from steelyard.estimate.consistent.log_cholesky import LogCholesky
-
-    base, own = context.regressor.base, context.per_run
-    return LogCholesky(base, context.knowledge, per_run=own, equal=context.equal)
-
-
-def _huber(context: Context) -> Estimator[Any]:
-    from steelyard.estimate.least_squares.robust import Huber, Reweighted
-
-    return Reweighted(Huber(), WeightedLeastSquares(per_run=context.per_run))
-
-
-def _tukey(context: Context) -> Estimator[Any]:
-    from steelyard.estimate.least_squares.robust import Reweighted, Tukey
-
-    return Reweighted(Tukey(), WeightedLeastSquares(per_run=context.per_run))
-
-
-def _total(context: Context) -> Estimator[Any]:
-    from steelyard.estimate.least_squares.motion_noise import TotalLeastSquares
-
-    return TotalLeastSquares(per_run=context.per_run)
-
-
-def _ridge(context: Context) -> Estimator[Any]:
-    from steelyard.estimate.least_squares.ridge import Ridge
-
-    return Ridge.nominal(context.regressor.base, context.knowledge, context.per_run)
-
-
-def _reduced(context: Context) -> Estimator[Any]:
-    from steelyard.estimate.reduction.reduction import Reduced
-
-    _refuse_own(context)
-    return Reduced()
-
-
-def _recursive(context: Context) -> Estimator[Any]:
-    from steelyard.estimate.least_squares.least_squares import Recursive
-
-    _refuse_own(context)
-    return Recursive(forgetting=0.99)
-
-
-def _motion_noise(context: Context) -> Estimator[Any]:
-    from steelyard.estimate.least_squares.motion_noise import MotionNoise
-
-    return MotionNoise(context.regressor, per_run=context.per_run)
-
-
-def _instrumental(context: Context) -> Estimator[Any]:
-    from steelyard.estimate.closed_loop.simulating_estimators import InstrumentalVariables
-
-    _refuse_own(context)
-    return InstrumentalVariables(progress=context.progress)
-
-
-def _didim(context: Context) -> Estimator[Any]:
-    from steelyard.estimate.closed_loop.simulating_estimators import Didim
-
-    _refuse_own(context)
-    return Didim(progress=context.progress)
-
-
-def _output_error(context: Context) -> Estimator[Any]:
-    from steelyard.estimate.closed_loop.simulating_estimators import ClosedLoopOutputError
-
-    _refuse_own(context)
-    return ClosedLoopOutputError(progress=context.progress)
-
-
-def _kalman(context: Context) -> Estimator[Any]:
-    from steelyard.estimate.closed_loop.kalman import KalmanParameters
-
-    _refuse_own(context)
-    return KalmanParameters(progress=context.progress)
+def _reweighted(context: Context, loss: Weigh) -> Reweighted:
+    return Reweighted(loss, WeightedLeastSquares(per_run=context.per_run))
 
 
 ESTIMATORS: tuple[Offer, ...] = (
@@ -210,49 +147,96 @@ ESTIMATORS: tuple[Offer, ...] = (
         lambda c: replace(_consistent(c), form=Free()),
         uses=(KNOWLEDGE, WEIGHTS),
     ),
-    Offer("TLS", "total least squares: noise in the regressor too", "information", _total),
+    Offer(
+        "TLS",
+        "total least squares: noise in the regressor too",
+        "information",
+        lambda c: TotalLeastSquares(per_run=c.per_run),
+    ),
     Offer(
         "ridge",
         "weighted least squares shrunk towards the nominal inertial parameters",
         "information",
-        _ridge,
+        lambda c: Ridge.nominal(c.regressor.base, c.knowledge, c.per_run),
         uses=(PRIOR,),
     ),
     Offer(
         "reduced",
         "weighted least squares of the parameters that left-out data need",
         "information",
-        _reduced,
+        lambda c: Reduced(),
+        per_run=False,
     ),
-    Offer("RLS", "recursive least squares, forgetting 1 % per second", "information", _recursive),
-    Offer("Huber", "least squares with lower weights for large residuals", "samples", _huber),
-    Offer("Tukey", "least squares with zero weight for large residuals", "samples", _tukey),
+    Offer(
+        "RLS",
+        "recursive least squares, forgetting 1 % per second",
+        "information",
+        lambda c: Recursive(forgetting=0.99),
+        per_run=False,
+    ),
+    Offer(
+        "Huber",
+        "least squares with lower weights for large residuals",
+        "samples",
+        lambda c: _reweighted(c, Huber()),
+    ),
+    Offer(
+        "Tukey",
+        "least squares with zero weight for large residuals",
+        "samples",
+        lambda c: _reweighted(c, Tukey()),
+    ),
     Offer(
         "ML",
         "maximum likelihood with noise of the measured motion",
         "samples",
-        _motion_noise,
+        lambda c: MotionNoise(c.regressor, per_run=c.per_run),
     ),
-    Offer("bounded LS", "weighted least squares within bounds", "information", _bounded),
+    Offer(
+        "bounded LS",
+        "weighted least squares within bounds",
+        "information",
+        lambda c: BoundedLeastSquares(base_bounds(c.regressor.base, c.knowledge), c.per_run),
+    ),
     Offer(
         "log-Cholesky",
         "the consistent estimate by Gauss-Newton in log-Cholesky coordinates",
         "information",
-        _log_cholesky,
+        lambda c: _consistent(c, LogCholesky),
         uses=(PRIOR, KNOWLEDGE, WEIGHTS),
     ),
     Offer(
-        "IV", "instruments from the simulated closed loop", "experiment", _instrumental, slow=True
+        "IV",
+        "instruments from the simulated closed loop",
+        "experiment",
+        lambda c: InstrumentalVariables(progress=c.progress),
+        slow=True,
+        per_run=False,
     ),
-    Offer("DIDIM", "simulated against measured torques", "experiment", _didim, slow=True),
+    Offer(
+        "DIDIM",
+        "simulated against measured torques",
+        "experiment",
+        lambda c: Didim(progress=c.progress),
+        slow=True,
+        per_run=False,
+    ),
     Offer(
         "CLOE",
         "simulated against measured torques, with true sensitivities",
         "experiment",
-        _output_error,
+        lambda c: ClosedLoopOutputError(progress=c.progress),
         slow=True,
+        per_run=False,
     ),
-    Offer("EKF", "extended Kalman filter over the parameters", "experiment", _kalman, slow=True),
+    Offer(
+        "EKF",
+        "extended Kalman filter over the parameters",
+        "experiment",
+        lambda c: KalmanParameters(progress=c.progress),
+        slow=True,
+        per_run=False,
+    ),
 )
 
 
@@ -271,10 +255,7 @@ def estimators() -> tuple[tuple[str, str], ...]:
 def offer_of(name: str, where: str, others: tuple[str, ...] = ()) -> Offer:
     """The estimator of a name, whatever its case and what stands between its words.
 
-    Args:
-        name: The name.
-        where: Where it stands, for messages.
-        others: What else may stand there.
+    Messages say where the name stands, and which `others` may stand there.
 
     Raises:
         ModelError: There is none.

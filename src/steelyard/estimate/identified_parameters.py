@@ -136,7 +136,6 @@ class FrictionCurve:
     """Friction of one joint over speed.
 
     Attributes:
-        joint: The joint.
         speed: Rising, shape `(G,)` [rad/s; m/s].
         effort: Friction of the model, shape `(G,)` [Nm; N].
         half_width: Of its 95 % interval, shape `(G,)` [Nm; N].

@@ -28,15 +28,7 @@ LEAST_SQUARES = {"noise": "WLS", "equal": "OLS"}
 
 
 def method_of(loaded: LoadedRobot, option: str | None = None) -> Offer:
-    """The estimator that a robot file, or an option instead of it, requests.
-
-    Args:
-        loaded: The robot file.
-        option: Name that is given beside it.
-
-    Raises:
-        ModelError: There is no estimator of that name.
-    """
+    """The estimator that a robot file, or an option instead of it, requests."""
     given = loaded.estimation
     where = loaded.where("estimation", "method") if option is None else "method (--method)"
     name = given.method if option is None else option
@@ -70,12 +62,7 @@ def per_run_columns(model: Model, layout: Layout) -> tuple[str, ...]:
 class Sources:
     """What estimators look at, of runs: samples and experiments are gathered on first use.
 
-    Attributes:
-        regressor: The columns.
-        runs: The runs.
-        information: What all of them say.
-        threads: Native threads.
-        progress: Told about the pass.
+    `information` is what all of the runs say about the regressor's columns.
     """
 
     regressor: Regressor
@@ -109,9 +96,9 @@ class Sources:
         Raises:
             DataError: A part of a run is missing, or the runs cannot be simulated.
         """
-        given = _by_run(information)
+        given, whole = _by_run(information), _by_run(self.information)
         for name, mine in given.items():
-            if mine != self._whole[name]:
+            if mine != whole[name]:
                 raise DataError(
                     "it simulates whole runs, and a part of this one is left out",
                     where=name,
@@ -119,10 +106,6 @@ class Sources:
                 )
         runs = [run for run in self.runs if run.name in given]
         return Experiment.of_runs(self.regressor, runs, information=information)
-
-    @cached_property
-    def _whole(self) -> dict[str, set[Window]]:
-        return _by_run(self.information)
 
     @cached_property
     def _gathered(self) -> dict[str, FilteredSamples]:
@@ -148,19 +131,12 @@ def _at_samples(windows: Iterable[Window], run: Run) -> list[Window]:
 
 def _by_run(information: Information) -> dict[str, set[Window]]:
     """The windows of every run."""
-    found: dict[str, set[Window]] = {}
-    for window in information.windows:
-        found.setdefault(window.run, set()).add(window)
-    return found
+    runs, windows = information.windows_of_runs, information.windows
+    return {run: {windows[k] for k in mine} for run, mine in runs.items()}
 
 
 def on_information(offer: Offer, context: Context, sources: Sources) -> Estimator[Information]:
     """An estimator for parts of some runs, whatever of them it looks at.
-
-    Args:
-        offer: The estimator.
-        context: What it is made from.
-        sources: The runs.
 
     Raises:
         DataError: By its calls: the data cannot give an estimate, or not such data.
@@ -182,6 +158,6 @@ def on_information(offer: Offer, context: Context, sources: Sources) -> Estimato
 def _failed(offer: Offer, information: Information, why: str) -> DataError:
     return DataError(
         f"{offer.name} gives no estimate: {why}",
-        where=", ".join(_by_run(information)),
+        where=information.runs,
         fix="log a motion that excites the joints more, or take another estimator",
     )

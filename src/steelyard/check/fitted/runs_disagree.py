@@ -59,10 +59,7 @@ class RunsDisagree:
 
 def runs_of(information: Information) -> tuple[Information, ...]:
     """One piece of information per run."""
-    groups: dict[str, list[int]] = {}
-    for number, window in enumerate(information.windows):
-        groups.setdefault(window.run, []).append(number)
-    return tuple(information.of(group) for group in groups.values())
+    return tuple(information.of(group) for group in information.windows_of_runs.values())
 
 
 def own_variances(runs: Sequence[Information]) -> Array:

@@ -26,10 +26,10 @@ from steelyard.estimate.closed_loop.motion_under_torque import (
     tuned_pd,
 )
 from steelyard.estimate.estimate import Estimate
-from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import ParallelFilter, Regressor
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
+from steelyard.estimate.nonlinear.fields import information_from
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.terms.term import ActsOnAxes
 from steelyard.runs.run import Run
@@ -53,7 +53,6 @@ class RunController:
     """How a robot was controlled along one run.
 
     Attributes:
-        controller: Its feedback.
         wanted: Times from the log's start, shape `(K,)` [s], to the positions and velocities that
             were commanded, each `(K, n)`.
         ahead: Times to torques that were added to the feedback, `(K, n)`; none if `None`.
@@ -70,7 +69,6 @@ class Measured:
 
     Attributes:
         name: The run.
-        rate: Samples per second [Hz].
         motion: Filtered motion, `N` samples.
         q: Positions as measured, not filtered, shape `(N, n)` [rad; m].
         tau: Joint torques as measured, shape `(N, n)` [Nm; N].
@@ -111,7 +109,6 @@ class StartValues:
     Attributes:
         values: Values of the columns that the data see, shape `(p,)`.
         widths: Speeds within which friction turns, shape `(n,)` [rad/s; m/s].
-        notes: How they were come by, where that is worth saying.
     """
 
     values: Array
@@ -124,8 +121,6 @@ class Experiment:
     """Measured stretches of runs, how they were controlled, and what their motion says by itself.
 
     Attributes:
-        regressor: Model and columns.
-        runs: The stretches.
         loops: How each was controlled.
         information: What all of them say about the columns, efforts as joint torques.
         notes: What was assumed, for people to read.
@@ -145,15 +140,10 @@ class Experiment:
         loops: Sequence[RunController] | None = None,
         information: Information | None = None,
     ) -> "Experiment":
-        """An experiment of logged runs.
+        """An experiment of logged runs; their efforts become joint torques by the gains.
 
-        Args:
-            regressor: Model and columns.
-            runs: The runs; their efforts become joint torques by the robot file's gains.
-            loops: How each was controlled; where that is not known, `None`, a controller of our
-                own stands in, see `stand_in`.
-            information: What the runs say about the columns with efforts as joint torques, if it
-                was gathered already.
+        Where it is not known how a run was controlled (`loops` is `None`), a controller of our own
+        stands in. The information, efforts as joint torques, is gathered if it is not given.
 
         Raises:
             DataError: A gain is unknown, the model cannot be simulated, or no stretch is long
@@ -169,11 +159,7 @@ class Experiment:
                 fix="log for longer",
             )
         if information is None:
-            units = regressor.model.robot.effort_units
-            per_run = [gather(regressor, run).scaled(_gains(run), units) for run in runs]
-            information = per_run[0]
-            for more in per_run[1:]:
-                information = information + more
+            information = information_from(runs)(regressor)
         if loops is None:
             return with_assumed_controller(cls(regressor, parts, (), information))
         each = [loop for loop, of_run in zip(loops, stretches, strict=True) for _ in of_run]
@@ -199,18 +185,9 @@ class Experiment:
         )
 
     @cached_property
-    def start_values(self) -> "StartValues":
-        """Values that can be simulated: the start's, or where it has none, the model file's.
-
-        Raises:
-            DataError: Neither has a positive definite mass matrix along the motion.
-        """
+    def start_values(self) -> StartValues:
+        """Values that can be simulated: the start's, or where it has none, the model file's."""
         return start_estimate(self)
-
-    @property
-    def widths(self) -> Array:
-        """Speeds within which friction turns in simulations, shape `(n,)`."""
-        return self.start_values.widths
 
     @cached_property
     def postures(self) -> Array:
@@ -224,8 +201,7 @@ class Experiment:
         return ", ".join(dict.fromkeys(run.name for run in self.runs))
 
 
-def _gains(run: Run) -> Array:
-    """Joint torque per unit of effort, shape `(n,)`."""
+def _stretches(run: Run) -> list[Measured]:
     signals = run.recording.signals
     if any(signals.unknown_gains):
         raise DataError(
@@ -233,11 +209,7 @@ def _gains(run: Run) -> Array:
             where=run.name,
             fix="give the gains in [signals.effort], or leave out estimators that simulate",
         )
-    return signals.gains
-
-
-def _stretches(run: Run) -> list[Measured]:
-    gains, whole = _gains(run), run.whole()
+    whole = run.whole()
     chain = replace(run.chain, processing=replace(run.chain.processing, motion=_RAW))
     raw = replace(run, chain=chain).whole()
     counts = whole.moving * (1.0 if whole.weights is None else whole.weights > 0.0)
@@ -253,7 +225,7 @@ def _stretches(run: Run) -> list[Measured]:
                 run.rate,
                 Motion(*(getattr(whole.motion, x)[inside] for x in ("t", "q", "dq", "ddq"))),
                 frozen(raw.motion.q[inside]),
-                frozen(whole.effort[inside] * gains),
+                frozen(whole.effort[inside] * signals.gains),
                 frozen(counts[inside]),
                 run.matched_cutoff,
             )
@@ -282,25 +254,14 @@ def with_assumed_controller(experiment: Experiment) -> Experiment:
     Raises:
         DataError: There are no values to begin with, see `Experiment.start_values`.
     """
-    q, start_values = experiment.postures, experiment.start_values
-    still = np.zeros_like(q)
-    masses = experiment.dynamics.mass_and_bias(q, still, start_values.values, start_values.widths)[
-        0
-    ]
-    loops = []
-    for run in experiment.runs:
-        controller = tuned_pd(masses, BANDWIDTH, run.rate * run.ticks)
-        loops.append(RunController(controller, *_followed(run)))
-    return replace(
-        experiment, loops=tuple(loops), notes=(*experiment.notes, ASSUMED_CONTROLLER_NOTE)
-    )
+    q, start = experiment.postures, experiment.start_values
+    masses, _ = experiment.dynamics.mass_and_bias(q, np.zeros_like(q), start.values, start.widths)
+    loops = tuple(_assumed_loop(run, masses) for run in experiment.runs)
+    return replace(experiment, loops=loops, notes=(*experiment.notes, ASSUMED_CONTROLLER_NOTE))
 
 
-Setpoints = Callable[[Array], tuple[Array, Array]]
-
-
-def _followed(run: Measured) -> tuple[Setpoints, Callable[[Array], Array]]:
-    """The controller's setpoints, and the torque that is added, over time."""
+def _assumed_loop(run: Measured, masses: Array) -> RunController:
+    """Feedback to the smoothed motion of a run, and its smoothed torque."""
     from scipy.interpolate import CubicHermiteSpline
 
     motion = run.motion
@@ -316,7 +277,7 @@ def _followed(run: Measured) -> tuple[Setpoints, Callable[[Array], Array]]:
     def ahead(t: Array) -> Array:
         return np.column_stack([np.interp(t, motion.t, column) for column in smooth.T])
 
-    return wanted, ahead
+    return RunController(tuned_pd(masses, BANDWIDTH, run.rate * run.ticks), wanted, ahead)
 
 
 _TICKS_PER_EVENT = 500
@@ -329,24 +290,17 @@ class Simulated:
     """One run, simulated in `L` lanes, at the samples of the measured one.
 
     Attributes:
-        q: Positions of the first lane, shape `(N, n)`; likewise `dq` and `ddq`, which is a central
-            difference over two ticks.
+        motion: Positions, velocities and accelerations of the first lane, each `(N, n)`; the last
+            are central differences over two ticks.
         tau: Joint torques, shape `(N, n, L)`: the mean of those held before and after each sample.
         possible: Lanes whose mass matrix was always positive definite, shape `(L,)`.
         sound: Those of them that did not run away, shape `(L,)`.
     """
 
-    q: Array
-    dq: Array
-    ddq: Array
+    motion: tuple[Array, Array, Array]
     tau: Array
     possible: NDArray[np.bool_]
     sound: NDArray[np.bool_]
-
-    @property
-    def motion(self) -> tuple[Array, Array, Array]:
-        """Position, velocity and acceleration of the first lane."""
-        return self.q, self.dq, self.ddq
 
 
 def simulate(
@@ -354,13 +308,7 @@ def simulate(
 ) -> tuple[Simulated, ...]:
     """The runs as the model makes them, under the same control.
 
-    Args:
-        experiment: Runs and their control.
-        values: Parameters, shape `(p, L)`, or `(p,)` for one lane.
-        progress: Told how far it is.
-
-    Raises:
-        Stopped: `progress` requested a stop.
+    Parameters are of shape `(p, L)`, or `(p,)` for one lane.
     """
     widths = experiment.start_values.widths
     return tuple(
@@ -391,41 +339,20 @@ def simulate_run(
     widths: Array,
     progress: Progress = silent,
 ) -> Simulated:
-    """One run as the model makes it.
+    """One run as the model makes it, from its first measured sample, tick by tick.
 
-    Args:
-        run: What was measured; the simulation starts from its first sample.
-        loop: How it was controlled.
-        dynamics: What moves.
-        values: Parameters, shape `(p, L)`, or `(p,)` for one lane.
-        widths: Speeds within which friction turns, shape `(n,)`.
-        progress: Told how far it is.
+    Parameters are of shape `(p, L)`, or `(p,)` for one lane, widths `(n,)`.
     """
     lanes = np.reshape(values, (len(values), -1))
+    ticks, samples, n = run.ticks, len(run.q), dynamics.n
+    motion, tau = np.empty((3, samples, n)), np.empty((samples, n, lanes.shape[1]))
+    least, farthest = np.full(lanes.shape[1], np.inf), np.zeros(lanes.shape[1])
+    step = 1.0 / (run.rate * ticks)
+    t = run.motion.t[0] + np.arange((samples - 1) * ticks + 1) * step
+    wanted_q, wanted_dq = loop.wanted(t)
+    ahead = np.zeros_like(wanted_q) if loop.ahead is None else loop.ahead(t)
     with np.errstate(all="ignore"):
-        return _Tape(run, dynamics.n, lanes.shape[1]).filled(
-            run, loop, Integration(dynamics, lanes, widths), progress
-        )
-
-
-class _Tape:
-    """What is kept of a simulation."""
-
-    def __init__(self, run: Measured, n: int, lanes: int) -> None:
-        self.motion = np.empty((3, len(run.q), n))
-        self.tau = np.empty((len(run.q), n, lanes))
-        self.least = np.full(lanes, np.inf)
-        self.farthest = np.zeros(lanes)
-
-    def filled(
-        self, run: Measured, loop: RunController, moving: Integration, progress: Progress
-    ) -> Simulated:
-        """Ticks of the controller, one after another."""
-        ticks, samples = run.ticks, len(run.q)
-        step = 1.0 / (run.rate * ticks)
-        t = run.motion.t[0] + np.arange((samples - 1) * ticks + 1) * step
-        wanted_q, wanted_dq = loop.wanted(t)
-        ahead = np.zeros_like(wanted_q) if loop.ahead is None else loop.ahead(t)
+        moving = Integration(dynamics, lanes, widths)
         moving.q[:], moving.dq[:] = run.motion.q[0][:, None], run.motion.dq[0][:, None]
         previous, before = None, moving.dq[:, 0].copy()
         for k in range(len(t)):
@@ -436,23 +363,19 @@ class _Tape:
             sample, inside = divmod(k, ticks)
             now = moving.dq[:, 0].copy()
             if inside == 0:
-                self.tau[sample] = commanded if previous is None else 0.5 * (previous + commanded)
-                self.motion[:2, sample] = moving.q[:, 0], now
+                tau[sample] = commanded if previous is None else 0.5 * (previous + commanded)
+                motion[:2, sample] = moving.q[:, 0], now
                 distance = np.abs(moving.q - run.motion.q[sample][:, None]).max(axis=0)
-                np.maximum(self.farthest, distance, out=self.farthest)
+                np.maximum(farthest, distance, out=farthest)
             moving.effort[:] = previous = commanded
             moving.advance(step)
-            near = self.farthest < _DIVERGED_DISTANCE
-            np.fmin(self.least, moving.least, out=self.least, where=near)
+            np.fmin(least, moving.least, out=least, where=farthest < _DIVERGED_DISTANCE)
             if inside == 0:
-                self.motion[2, sample] = (moving.dq[:, 0] - before) / (step if k == 0 else 2 * step)
+                motion[2, sample] = (moving.dq[:, 0] - before) / (step if k == 0 else 2 * step)
             before = now
-        possible = ~(self.least <= 0.0)
-        sound = (
-            possible & (self.farthest < _DIVERGED_DISTANCE) & np.isfinite(self.tau).all(axis=(0, 1))
-        )
-        q, dq, ddq = self.motion
-        return Simulated(q, dq, ddq, self.tau, possible, sound)
+    possible = ~(least <= 0.0)
+    sound = possible & (farthest < _DIVERGED_DISTANCE) & np.isfinite(tau).all(axis=(0, 1))
+    return Simulated((motion[0], motion[1], motion[2]), tau, possible, sound)
 
 
 START_VALUES_NOTE = (
@@ -480,12 +403,9 @@ def _tried(experiment: Experiment, values: Array, notes: tuple[str, ...]) -> Sta
     """The values, if the runs can be simulated with them."""
     dynamics = experiment.dynamics
     widths = dynamics.widths(experiment.postures, values)
+    pairs = zip(experiment.runs, experiment.loops, strict=False)
     require_sound(
-        experiment,
-        [
-            simulate_run(run, loop, dynamics, values, widths)
-            for run, loop in zip(experiment.runs, experiment.loops, strict=False)
-        ],
+        experiment, [simulate_run(run, loop, dynamics, values, widths) for run, loop in pairs]
     )
     return StartValues(values, widths, notes)
 

@@ -24,8 +24,8 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.closed_loop.experiment import Experiment, Measured, require_sound, simulate
-from steelyard.estimate.closed_loop.filtered_regressor import not_converged_error, result
 from steelyard.estimate.closed_loop.motion_under_torque import Integration
+from steelyard.estimate.closed_loop.simulating_estimators import not_converged_error, result
 from steelyard.estimate.estimate import Estimate
 
 _ORDER = 4
@@ -37,13 +37,10 @@ _GAUSSIAN = 1.482602218505602
 
 
 def white_noise(values: Array) -> Array:
-    """Standard deviation of the white noise on smooth signals, shape `(C,)`.
+    """Standard deviation of the white noise on smooth uniform samples `(N, C)`, shape `(C,)`.
 
     Fourth differences hold next to nothing of what is smooth; their median size does not mind a few
     jumps.
-
-    Args:
-        values: Uniform samples, shape `(N, C)`.
     """
     differences = np.diff(values, n=_ORDER, axis=0)
     return np.asarray(_GAUSSIAN * np.median(np.abs(differences), axis=0) / _NORM)
@@ -53,11 +50,8 @@ def torque_noise(tau: Array, q: Array) -> Array:
     """Standard deviation of what torque sensors add, shape `(n,)`.
 
     A controller answers the noise of measured positions with real torques. What follows that noise,
-    at the same sample or a neighbour, is therefore no noise of the torque.
-
-    Args:
-        tau: Torques, uniform samples, shape `(N, n)`.
-        q: Positions of the same joints and samples, not filtered, shape `(N, n)`.
+    at the same sample or a neighbour, is therefore no noise of the torque. Torques and unfiltered
+    positions are uniform samples of the same times, shape `(N, n)`.
     """
     noisy, answered = (np.diff(x, n=_ORDER, axis=0) for x in (tau, q))
     rest = noisy[1:-1].copy()
@@ -100,12 +94,8 @@ class Noise:
         return np.where(counts > 0.0, self.torque**2, self.size**2)
 
 
-@dataclass(frozen=True, eq=False)
-class Belief:
-    """Parameters, shape `(p,)`, and their covariance, `(p, p)`."""
-
-    values: Array
-    covariance: Array
+Belief = tuple[Array, Array]
+"""Parameters, shape `(p,)`, and their covariance, `(p, p)`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,14 +125,7 @@ class Steps:
     """
 
     def __init__(self, experiment: Experiment, noise: Noise, about: Array, scale: Array) -> None:
-        """Begin.
-
-        Args:
-            experiment: What moves.
-            noise: Gives the size of the torques.
-            about: See the class.
-            scale: Sizes of the parameters' changes, shape `(p,)`.
-        """
+        """Begin, with the sizes of the parameters' changes, shape `(p,)`."""
         n, p = len(noise.torque), len(scale)
         self._changes = np.concatenate(
             (np.full(n, _TURN), np.full(n, _SPEED), _SHARE * noise.size, _SHARE * scale)
@@ -158,13 +141,10 @@ class Steps:
         self.about = about
 
     def __call__(self, motion: Array, noisy: Array, quiet: Array, duration: float) -> Slopes:
-        """One step.
+        """One step of a duration [s] from positions and velocities `(2 n,)`.
 
-        Args:
-            motion: Positions and velocities, shape `(2 n,)`.
-            noisy: Measured torque, shape `(n,)`.
-            quiet: Torque without noise, at which the parameters' derivatives are taken.
-            duration: [s].
+        The measured torque `(n,)` is noisy; the derivatives by the parameters are taken under a
+        quiet one, which the model makes.
         """
         n, first, moving = self._n, self._first, self._moving
         np.add(self._q, motion[:n, None], out=moving.q)
@@ -204,11 +184,9 @@ class State:
         return self.mean[self._moving]
 
     def predict(self, slopes: Slopes, counts: Array) -> None:
-        """Go one step on; the noise of the torque sample at its end is new.
+        """Go one step on, under the mean of two torque samples; the noise of the second is new.
 
-        Args:
-            slopes: The step under the mean of two torque samples.
-            counts: Whether the sample at its end counts, shape `(n,)`.
+        `counts` says whether that sample counts, shape `(n,)`.
         """
         moving, noisy, fixed, spread = self._moving, self._noisy, self._fixed, self.spread
         variance, half = self._noise.torque_variance(counts), -0.5 * slopes.effort
@@ -224,13 +202,9 @@ class State:
         spread[moving, fixed], spread[fixed, moving] = moved[:, fixed], moved[:, fixed].T
 
     def correct(self, missed: Array) -> Array:
-        """Take measured positions in.
+        """Take in measured positions by their distance from the predicted ones, shape `(n,)`.
 
-        Args:
-            missed: Their distance from the predicted ones, shape `(n,)`.
-
-        Returns:
-            Its squares over what was expected, shape `(n,)`.
+        Returns its squares over what was expected, shape `(n,)`.
         """
         n, spread = self._n, self.spread
         expected = spread[:n, :n] + np.diag(self._noise.position**2)
@@ -242,31 +216,22 @@ class State:
 
     def belief(self, about: Array) -> Belief:
         """The parameters."""
-        return Belief(about + self.mean[self._fixed], self.spread[self._fixed, self._fixed])
+        return about + self.mean[self._fixed], self.spread[self._fixed, self._fixed]
 
 
 def filtered(
     run: Measured, noise: Noise, steps: Steps, quiet: Array, belief: Belief, progress: Progress
 ) -> tuple[Belief, Array]:
-    """One pass over one run.
+    """One pass over one run, with torques without noise, shape `(N, n)`.
 
-    Args:
-        run: What was measured.
-        noise: Its noise.
-        steps: The model's.
-        quiet: Torques without noise, shape `(N, n)`.
-        belief: What is known before.
-        progress: Told how far it is.
-
-    Returns:
-        What is known after it, and the mean square of the positions' errors over what was expected,
-        shape `(n,)`.
+    Returns what is known after it, and the mean square of the positions' errors over what was
+    expected, shape `(n,)`.
 
     Raises:
         DataError: The filter diverges.
     """
-    n, wonder = len(noise.torque), np.zeros(len(noise.torque))
-    state = State(run, noise, belief.values - steps.about, belief.covariance)
+    n, surprise = len(noise.torque), np.zeros(len(noise.torque))
+    state = State(run, noise, belief[0] - steps.about, belief[1])
     for k in range(1, len(run.q)):
         if k % _TICKS_PER_EVENT == 0:
             report_progress(progress, f"filtering {run.name}", k / run.rate, len(run.q) / run.rate)
@@ -274,25 +239,18 @@ def filtered(
         slopes = steps(state.motion, noisy, calm, 1.0 / run.rate)
         state.predict(slopes, run.counts[k])
         missed = run.q[k] - state.mean[:n]
-        if slopes.least <= 0.0 or not np.abs(missed).max() < _FAR:
-            raise _diverged(run, k, slopes.least)
-        wonder += state.correct(missed)
-    return state.belief(steps.about), wonder / (len(run.q) - 1)
-
-
-def _diverged(run: Measured, k: int, least: float) -> DataError:
-    """What to say where the filter has lost the robot."""
-    why = (
-        "its mass matrix is no longer positive definite"
-        if least <= 0.0
-        else f"it is more than {_FAR:g} rad (m) off"
-    )
-    return DataError(
-        f"the Kalman filter diverged at {run.motion.t[k]:.2f} s: {why}",
-        where=run.name,
-        fix="low-pass the motion of its start values more, or give the noise of positions and "
-        "torques",
-    )
+        impossible = slopes.least <= 0.0
+        if impossible or not np.abs(missed).max() < _FAR:
+            off = f"it is more than {_FAR:g} rad (m) off"
+            why = "its mass matrix is no longer positive definite" if impossible else off
+            raise DataError(
+                f"the Kalman filter diverged at {run.motion.t[k]:.2f} s: {why}",
+                where=run.name,
+                fix="low-pass the motion of its start values more, or give the noise of positions "
+                "and torques",
+            )
+        surprise += state.correct(missed)
+    return state.belief(steps.about), surprise / (len(run.q) - 1)
 
 
 KALMAN_NAME = "extended Kalman filter"
@@ -321,10 +279,8 @@ class KalmanParameters:
 
     Attributes:
         uncertainty: Share of the torque.
-        passes: Most passes.
         position_noise: Standard deviation [rad; m].
         torque_noise: Standard deviation per joint [Nm; N].
-        progress: Told how far each pass is.
     """
 
     uncertainty: float = 0.1
@@ -340,23 +296,34 @@ class KalmanParameters:
             DataError: The filter diverges, or the values do not settle.
         """
         noises = [self._noise(run) for run in experiment.runs]
-        values, scale = experiment.start_values.values, self.uncertainty * _sizes(experiment)
+        information = experiment.information
+        efforts = information.effort_squares()
+        weights = 1.0 / np.maximum(efforts, max(1e-6 * float(efforts.max()), 1e-300))
+        own = np.diag(information.normal(weights)[0])[experiment.kept]
+        # at its size, each parameter alone makes all of the torque
+        sizes = 1.0 / np.sqrt(np.maximum(own, 1e-300))
+        values, scale = experiment.start_values.values, self.uncertainty * sizes
         raised = np.ones(len(noises[0].torque))
         for number in range(self.passes):
-            belief, wonder = self._passed(experiment, noises, values, scale)
-            if (wonder > _CREDIBLE_ERROR_RATIO).any():
-                factor = np.maximum(wonder, 1.0)
+            (found, covariance), surprise = self._passed(experiment, noises, values, scale)
+            if (surprise > _CREDIBLE_ERROR_RATIO).any():
+                factor = np.maximum(surprise, 1.0)
                 raised *= factor
                 noises = [replace(noise, torque=noise.torque * factor) for noise in noises]
                 continue
-            change, values = (belief.values - values) / scale, belief.values
-            unit = belief.covariance / scale[:, None] / scale
+            change, values = (found - values) / scale, found
+            unit = covariance / scale[:, None] / scale
             if change @ np.linalg.solve(unit, change) <= _STEADY**2 * len(change):
                 sigma = np.sqrt(np.mean([noise.torque**2 for noise in noises], axis=0))
                 counts = np.sum([run.counts.sum(axis=0) for run in experiment.runs], axis=0)
-                notes = (f"{number + 1} passes", *_noise_notes(raised))
+                notes = [f"{number + 1} passes"]
+                if raised.max() != 1.0:
+                    notes.append(
+                        "the innovations exceeded their covariance: torque noise was raised up to "
+                        f"{raised.max():.2g} times that of the sensors"
+                    )
                 return result(
-                    KALMAN_NAME, experiment, values, belief.covariance, sigma, counts, notes
+                    KALMAN_NAME, experiment, values, covariance, sigma, counts, tuple(notes)
                 )
         raise not_converged_error(KALMAN_NAME, experiment, self.passes)
 
@@ -364,14 +331,14 @@ class KalmanParameters:
         self, experiment: Experiment, noises: Sequence[Noise], values: Array, scale: Array
     ) -> tuple[Belief, Array]:
         """One pass over all runs, and how surprising each joint's positions were, `(n,)`."""
-        belief, wonders = Belief(values, np.diag(scale**2)), []
+        belief, surprises = (values, np.diag(scale**2)), []
         made = simulate(experiment, values, self.progress)
         require_sound(experiment, made)
         for run, noise, quiet in zip(experiment.runs, noises, made, strict=True):
             steps = Steps(experiment, noise, values, scale)
-            belief, wonder = filtered(run, noise, steps, quiet.tau[..., 0], belief, self.progress)
-            wonders.append(wonder)
-        return belief, np.asarray(np.mean(wonders, axis=0))
+            belief, surprise = filtered(run, noise, steps, quiet.tau[..., 0], belief, self.progress)
+            surprises.append(surprise)
+        return belief, np.asarray(np.mean(surprises, axis=0))
 
     def _noise(self, run: Measured) -> Noise:
         n, size = run.q.shape[1], np.sqrt(np.mean(run.tau**2, axis=0))
@@ -385,21 +352,3 @@ class KalmanParameters:
             np.maximum(torque, _LEAST_TORQUE_NOISE * size),
             size,
         )
-
-
-def _noise_notes(raised: Array) -> tuple[str, ...]:
-    """Whether the torque's noise had to be raised."""
-    if raised.max() == 1.0:
-        return ()
-    return (
-        "the innovations exceeded their covariance: torque noise was raised up to "
-        f"{raised.max():.2g} times that of the sensors",
-    )
-
-
-def _sizes(experiment: Experiment) -> Array:
-    """Values at which each parameter alone makes all of the torque, shape `(p,)`."""
-    efforts = experiment.information.effort_squares()
-    weights = 1.0 / np.maximum(efforts, max(1e-6 * float(efforts.max()), 1e-300))
-    own = np.diag(experiment.information.normal(weights)[0])[experiment.kept]
-    return np.asarray(1.0 / np.sqrt(np.maximum(own, 1e-300)))

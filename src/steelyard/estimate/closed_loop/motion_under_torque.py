@@ -36,12 +36,7 @@ class Controller(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class JointPD:
-    """Proportional and derivative feedback per joint.
-
-    Attributes:
-        stiffness: Shape `(n,)` [Nm/rad; N/m].
-        damping: Shape `(n,)` [Nm s/rad; N s/m].
-    """
+    """Feedback by stiffness `(n,)` [Nm/rad; N/m] and damping `(n,)` [Nm s/rad; N s/m] per joint."""
 
     stiffness: Array
     damping: Array
@@ -58,14 +53,10 @@ class JointPD:
 def tuned_pd(masses: Array, bandwidth: float = 20.0, rate: float = 1000.0) -> JointPD:
     r"""Critically damped gains.
 
-    $k_p = \omega^2 m_j$ and $k_d = 2 \omega m_j$ with $m_j$ the mean of $M_{jj}$. The bandwidth is
-    lowered where joints are coupled so strongly that one tick would not be stable:
-    $\lambda_{max}(M^{-1} K_d) / f \le 1/2$ at all postures.
-
-    Args:
-        masses: Mass matrices at some postures, shape `(K, n, n)`.
-        bandwidth: Natural frequency of a joint's error [Hz].
-        rate: Ticks of the controller per second, `f` [1/s].
+    $k_p = \omega^2 m_j$ and $k_d = 2 \omega m_j$ with $m_j$ the mean of $M_{jj}$ of mass matrices
+    at some postures, shape `(K, n, n)`. The bandwidth, the natural frequency of a joint's error
+    [Hz], is lowered where joints are coupled so strongly that one tick would not be stable:
+    $\lambda_{max}(M^{-1} K_d) / f \le 1/2$ at all postures, $f$ ticks a second.
     """
     own, fastest = joint_inertia(masses, rate)
     omega = min(2.0 * np.pi * bandwidth, fastest)
@@ -75,9 +66,7 @@ def tuned_pd(masses: Array, bandwidth: float = 20.0, rate: float = 1000.0) -> Jo
 def joint_inertia(masses: Array, rate: float = 1000.0) -> tuple[Array, float]:
     """Mean inertia of each joint, `(n,)`, and the largest stable natural frequency [rad/s].
 
-    Args:
-        masses: Mass matrices at some postures, shape `(K, n, n)`.
-        rate: Ticks of the controller per second [1/s].
+    From mass matrices at some postures, shape `(K, n, n)`, and the controller's rate [1/s].
     """
     own = np.diagonal(masses, axis1=1, axis2=2).mean(axis=0)
     coupling = float(np.abs(np.linalg.eigvals(np.linalg.solve(masses, np.diag(own)[None]))).max())
@@ -128,16 +117,10 @@ class Forward:
     def mass_and_bias(
         self, q: Array, dq: Array, values: Array, widths: Array
     ) -> tuple[Array, Array]:
-        r"""Mass matrices and the efforts without acceleration, $\tau = M \ddot q + h$.
+        r"""Mass matrices `(B, n, n)` and efforts at rest `(B, n)`, $\tau = M \ddot q + h$.
 
-        Args:
-            q: Positions, shape `(n, B)`.
-            dq: Velocities, shape `(n, B)`.
-            values: Parameters, shape `(p, B)` or `(p,)`.
-            widths: Speeds within which jumps turn, shape `(n,)`.
-
-        Returns:
-            Shapes `(B, n, n)` and `(B, n)`.
+        Positions and velocities are of shape `(n, B)`, parameters `(p, B)` or `(p,)`, the speeds
+        within which jumps turn `(n,)`.
         """
         lanes = np.broadcast_to(np.reshape(values, (len(values), -1)), (len(values), q.shape[1]))
         result = self._mass([q, dq, np.zeros_like(q), lanes, widths], _SHARED)
@@ -147,11 +130,8 @@ class Forward:
     def widths(self, q: Array, values: Array) -> Array:
         r"""Speeds within which jumps turn, so wide that steps of `LONGEST_STEP` follow them.
 
-        Near zero speed a law that jumps by $\pm f$ brakes at the rate $(M^{-1})_{jj} f / w$.
-
-        Args:
-            q: Postures to look at, shape `(n, B)`.
-            values: Parameters, shape `(p,)`.
+        Near zero speed a law that jumps by $\pm f$ brakes at the rate $(M^{-1})_{jj} f / w$. Looked
+        at are postures `(n, B)`, with parameters `(p,)`.
 
         Raises:
             DataError: The mass matrix is not positive definite at some of the postures.
@@ -171,10 +151,11 @@ class Forward:
         """One step of integration; see `kernel.forward.runge_kutta`."""
 
         def build() -> tuple[Program, dict[str, Any]]:
-            program = self._traced(
-                lambda effort, applied: _joined(forward.accelerations(effort, applied))
-            )
-            return forward.runge_kutta(program, self.n), {}
+            def outputs(effort: forward.Efforts, applied: Sequence[Scalar]) -> list[Scalar]:
+                accelerations, pivots = forward.accelerations(effort, applied)
+                return [*accelerations, *pivots]
+
+            return forward.runge_kutta(self._traced(outputs), self.n), {}
 
         return compiled(["forward", self.model.program_key, list(self.columns)], build)
 
@@ -216,13 +197,7 @@ class Integration:
     """
 
     def __init__(self, dynamics: Forward, values: Array, widths: Array) -> None:
-        """Begin at rest at zero.
-
-        Args:
-            dynamics: What moves.
-            values: Parameters, shape `(p, L)`.
-            widths: Speeds within which jumps turn, shape `(n,)`.
-        """
+        """Begin at rest at zero, with parameters `(p, L)` and widths of jumps `(n,)`."""
         code, n = dynamics.code, dynamics.n
         count = values.shape[1]
         padded = -(-count // code.lanes) * code.lanes
@@ -265,10 +240,6 @@ def impossible_mass(model: Model) -> DataError:
         where=f"model of '{model.robot.name}'",
         fix="log a more exciting motion, filter it more, or use another estimator",
     )
-
-
-def _joined(found: tuple[list[Scalar], list[Scalar]]) -> list[Scalar]:
-    return [*found[0], *found[1]]
 
 
 def _refused(model: Model, why: str, fix: str) -> DataError:

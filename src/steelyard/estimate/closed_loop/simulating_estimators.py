@@ -1,58 +1,52 @@
 r"""Estimators that simulate the robot: instrumental variables, DIDIM, closed-loop output error.
 
-DIDIM: direct and inverse dynamic identification models, from torques alone [Gautier2013].
-Closed-loop output error: the values whose simulation shows the measured torques [Landau2001].
-
+Each simulates the model in the closed loop of the measured motion, moves the values by what the
+torques say, and simulates anew until they settle.
 
 Least squares is biased where the regressor $W$ holds noise. Instruments $Z$, the regressor along
 the motion that the model makes in the same closed loop, hold none of it, and
-$\phi = (Z^T \Omega W)^{-1} Z^T \Omega \tau$ is unbiased [Janot2014]. They are simulated anew with
-each round's values until these settle.
+$\phi = (Z^T \Omega W)^{-1} Z^T \Omega \tau$ is unbiased [Janot2014].
 
-The model is simulated in the same closed loop; the loop makes the simulated motion follow the real
-one whatever the values, so $\partial \tau / \partial \phi$ is about the regressor $W$ along the
-simulated motion, which holds no noise. Every round simulates anew and moves the values by
-$(W^T \Omega W)^{-1} W^T \Omega (\tau - \tau_s)$, until they settle. Measured positions are used to
-begin with only.
+DIDIM, direct and inverse dynamic identification models, uses torques alone [Gautier2013]: the loop
+makes the simulated motion follow the real one whatever the values, so
+$\partial \tau / \partial \phi$ is about the regressor $W$ along the simulated motion, which holds
+no noise. Every round moves the values by $(W^T \Omega W)^{-1} W^T \Omega (\tau - \tau_s)$. Measured
+positions are used to begin with only.
 
-Minimises $\sum_r \|\tau_r - \tau_{s,r}(\phi)\|^2 / \sigma_r^2$ behind the parallel filter by
-Levenberg and Marquardt's method [Marquardt1963]. The model is simulated in the same closed loop,
-once for every parameter that is moved a little, all side by side.
+Closed-loop output error finds the values whose simulation shows the measured torques [Landau2001]:
+it minimises $\sum_r \|\tau_r - \tau_{s,r}(\phi)\|^2 / \sigma_r^2$ behind the parallel filter by
+Levenberg and Marquardt's method [Marquardt1963], with one simulation for every parameter that is
+moved a little, all side by side.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, Parameters, frozen
+from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.closed_loop.experiment import Experiment, Simulated, require_sound, simulate
-from steelyard.estimate.closed_loop.filtered_regressor import (
-    FilteredRows,
-    as_column,
-    converged,
-    deviations,
-    floored,
-    normal,
-    not_converged_error,
-    regressors,
-    result,
-    rows_of,
-    torques,
-)
 from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.information.accumulate import MOVING
+from steelyard.estimate.information.regressor import ParallelFilter
 
-INSTRUMENTAL_NAME = "instrumental variables"
+_STEP = 1e-4
+"""Change of the torque, over the torque, by which a parameter is moved."""
+
+_LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e6
+
+QUIET = 0.03
+"""Change of the values over their standard deviations, root mean square, that is none."""
+
+EXACT = 1e-7
+"""Change of the torque, over the torque, that is none."""
 
 
 @dataclass(frozen=True)
 class InstrumentalVariables:
-    """Instruments from the simulated closed loop.
-
-    Attributes:
-        rounds: Most simulations.
-        progress: Told how far each is.
-    """
+    """Instruments from the simulated closed loop, in at most so many simulations."""
 
     rounds: int = 12
     progress: Progress = silent
@@ -63,51 +57,29 @@ class InstrumentalVariables:
         Raises:
             DataError: The model cannot be simulated, or the values do not settle.
         """
+        return _settled("instrumental variables", experiment, self._steps(experiment), self.rounds)
+
+    def _steps(self, experiment: Experiment) -> "Iterator[_Step]":
         motions = [(r.motion.q, r.motion.dq, r.motion.ddq) for r in experiment.runs]
-        seen = rows_of(experiment, regressors(experiment, motions))
-        torque = rows_of(experiment, torques(experiment))
-        values = experiment.start_values.values
-        for number in range(self.rounds):
-            instruments = _instruments(experiment, values, self.progress)
-            sigma = floored(_sigma(torque, seen, values), torque)
+        seen = _regressor(experiment, motions)
+        torque, values = _torque(experiment), experiment.start_values.values
+        for _ in range(self.rounds):
+            simulated = _simulated(experiment, values, self.progress)
+            instruments = _regressor(experiment, [found.motion for found in simulated])
+            sigma = _floored(_left(torque, seen, values).deviations(len(values)), torque)
             cross = normal(instruments, seen, sigma)
-            side = normal(instruments, as_column(torque), sigma)[:, 0]
-            found = np.linalg.solve(cross, side)
+            found = np.linalg.solve(cross, normal(instruments, torque, sigma))
             inverse = np.linalg.inv(cross)
             covariance = inverse @ normal(instruments, instruments, sigma) @ inverse.T
             change, values = np.asarray(found - values), np.asarray(found)
-            if converged(change, np.linalg.inv(covariance), torque, sigma):
-                sigma = _sigma(torque, seen, values)
-                notes = (f"{number + 1} simulations",)
-                return result(
-                    INSTRUMENTAL_NAME, experiment, values, covariance, sigma, torque.counts, notes
-                )
-        raise not_converged_error(INSTRUMENTAL_NAME, experiment, self.rounds)
-
-
-def _instruments(experiment: Experiment, values: Array, progress: Progress) -> FilteredRows:
-    simulated = simulate(experiment, values, progress)
-    require_sound(experiment, simulated)
-    return rows_of(experiment, regressors(experiment, [found.motion for found in simulated]))
-
-
-def _sigma(torque: FilteredRows, seen: FilteredRows, values: Array) -> Array:
-    return deviations(
-        FilteredRows(torque.values - seen.values @ values, torque.counts, torque.share), len(values)
-    )
-
-
-DIDIM_NAME = "DIDIM"
+            deviations = _left(torque, seen, values).deviations(len(values))
+            precision = np.linalg.inv(covariance)
+            yield _Step(values, change, precision, sigma, deviations, covariance)
 
 
 @dataclass(frozen=True)
 class Didim:
-    """Simulated against measured torques.
-
-    Attributes:
-        rounds: Most simulations.
-        progress: Told how far each is.
-    """
+    """Simulated against measured torques, in at most so many simulations."""
 
     rounds: int = 15
     progress: Progress = silent
@@ -118,57 +90,23 @@ class Didim:
         Raises:
             DataError: The model cannot be simulated, or the values do not settle.
         """
-        torque = rows_of(experiment, torques(experiment))
-        values = experiment.start_values.values
-        for number in range(self.rounds):
-            simulated = simulate(experiment, values, self.progress)
-            require_sound(experiment, simulated)
-            columns = _columns(experiment, simulated)
-            residual = rows_of(experiment, torque_errors(experiment, simulated))
-            found = deviations(residual, len(values))
-            sigma = floored(found, torque)
-            matrix = normal(columns, columns, sigma)
-            side = normal(columns, as_column(residual), sigma)[:, 0]
-            change = np.asarray(np.linalg.solve(matrix, side))
-            values = values + change
-            if converged(change, matrix, torque, sigma):
-                notes = (f"{number + 1} simulations",)
-                covariance = np.asarray(np.linalg.inv(matrix))
-                return result(
-                    DIDIM_NAME, experiment, values, covariance, found, torque.counts, notes
-                )
-        raise not_converged_error(DIDIM_NAME, experiment, self.rounds)
+        return _settled("DIDIM", experiment, self._steps(experiment), self.rounds)
 
-
-def torque_errors(
-    experiment: Experiment, simulated: tuple[Simulated, ...], lane: int = 0
-) -> list[Array]:
-    """Measured minus simulated torques of all runs, each `(n, N)`."""
-    return [
-        (run.tau - found.tau[..., lane]).T
-        for run, found in zip(experiment.runs, simulated, strict=True)
-    ]
-
-
-def _columns(experiment: Experiment, simulated: tuple[Simulated, ...]) -> FilteredRows:
-    return rows_of(experiment, regressors(experiment, [found.motion for found in simulated]))
-
-
-OUTPUT_ERROR_NAME = "closed-loop output error"
-
-_STEP = 1e-4
-"""Change of the torque, over the torque, by which a parameter is moved."""
-
-_LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e6
+    def _steps(self, experiment: Experiment) -> "Iterator[_Step]":
+        torque, values = _torque(experiment), experiment.start_values.values
+        for _ in range(self.rounds):
+            simulated = _simulated(experiment, values, self.progress)
+            columns = _regressor(experiment, [found.motion for found in simulated])
+            step, _ = _gauss_newton(values, columns, _residual(experiment, simulated), torque)
+            values = values + step.change
+            yield replace(step, values=values)
 
 
 @dataclass(frozen=True)
 class ClosedLoopOutputError:
     """Simulated against measured torques, with true sensitivities.
 
-    Attributes:
-        rounds: Most rounds, each with one simulation per parameter.
-        progress: Told how far each is.
+    Each of at most so many rounds takes one simulation per parameter.
     """
 
     rounds: int = 15
@@ -180,60 +118,230 @@ class ClosedLoopOutputError:
         Raises:
             DataError: The model cannot be simulated, or the values do not settle.
         """
-        torque = rows_of(experiment, torques(experiment))
-        values, damping = experiment.start_values.values, 1e-3
-        for number in range(self.rounds):
-            residual, columns = _linearised(experiment, values, self.progress)
-            found = deviations(residual, len(values))
-            sigma = floored(found, torque)
-            matrix = normal(columns, columns, sigma)
-            side = normal(columns, as_column(residual), sigma)[:, 0]
-            whole = np.asarray(np.linalg.solve(matrix, side))
-            if converged(whole, matrix, torque, sigma):
-                covariance, notes = np.asarray(np.linalg.inv(matrix)), (f"{number + 1} rounds",)
-                return result(
-                    OUTPUT_ERROR_NAME, experiment, values, covariance, found, torque.counts, notes
-                )
-            cost = _cost(residual, sigma)
+        steps = self._steps(experiment)
+        return _settled("closed-loop output error", experiment, steps, self.rounds, "rounds")
+
+    def _steps(self, experiment: Experiment) -> "Iterator[_Step]":
+        torque, values, damping = _torque(experiment), experiment.start_values.values, 1e-3
+        for _ in range(self.rounds):
+            residual, columns = self._linearised(experiment, values)
+            step, side = _gauss_newton(values, columns, residual, torque)
+            yield step
+            cost = _cost(residual, step.sigma)
             while damping < _MOST_DAMPING:
-                scaled = matrix + damping * np.diag(np.diag(matrix))
+                scaled = step.precision + damping * np.diag(np.diag(step.precision))
                 moved = values + np.linalg.solve(scaled, side)
-                if _cost_at(experiment, moved, sigma, self.progress) < cost:
+                if self._cost_at(experiment, moved, step.sigma) < cost:
                     break
                 damping *= 10.0
             else:
-                break
+                return
             values, damping = moved, max(damping / 10.0, _LEAST_DAMPING)
-        raise not_converged_error(OUTPUT_ERROR_NAME, experiment, self.rounds)
+
+    def _linearised(
+        self, experiment: Experiment, values: Array
+    ) -> "tuple[FilteredRows, FilteredRows]":
+        """Residuals, and the simulated torques' derivatives by the parameters."""
+        matrix, _, square = experiment.information.normal(np.ones(len(experiment.start.sigma)))
+        own = np.diag(matrix)[experiment.kept]
+        steps = np.asarray(_STEP * np.sqrt(square / np.maximum(own, 1e-300)))
+        lanes = np.concatenate((np.zeros((len(values), 1)), np.diag(steps)), axis=1)
+        simulated = _simulated(experiment, values[:, None] + lanes, self.progress)
+        slopes = [
+            np.moveaxis((found.tau[..., 1:] - found.tau[..., :1]) / steps, 1, 0)
+            for found in simulated
+        ]
+        return _residual(experiment, simulated), FilteredRows.of(experiment, slopes)
+
+    def _cost_at(self, experiment: Experiment, values: Array, sigma: Array) -> float:
+        """The sum of squares; infinite where the model cannot be simulated."""
+        simulated = simulate(experiment, values, self.progress)
+        if not all(found.sound[0] for found in simulated):
+            return np.inf
+        return _cost(_residual(experiment, simulated), sigma)
 
 
-def _linearised(
-    experiment: Experiment, values: Array, progress: Progress
-) -> tuple[FilteredRows, FilteredRows]:
-    """Residuals, and the simulated torques' derivatives by the parameters."""
-    steps = _steps(experiment)
-    lanes = np.concatenate((np.zeros((len(values), 1)), np.diag(steps)), axis=1)
-    simulated = simulate(experiment, values[:, None] + lanes, progress)
-    require_sound(experiment, simulated)
-    slopes = [
-        np.moveaxis((found.tau[..., 1:] - found.tau[..., :1]) / steps, 1, 0) for found in simulated
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """One round of an estimator that simulates.
+
+    Attributes:
+        values: Where it leads, shape `(p,)`.
+        change: Change of the values that the data ask for, shape `(p,)`.
+        precision: Inverse covariance of the values, shape `(p, p)`.
+        sigma: Deviations of the torques that the round counted with, shape `(n,)`.
+        deviations: Those of the residuals, which exact data make zero, shape `(n,)`.
+        covariance: Of the values; the inverse of `precision` if `None`.
+    """
+
+    values: Array
+    change: Array
+    precision: Array
+    sigma: Array
+    deviations: Array
+    covariance: Array | None = None
+
+
+def _settled(
+    name: str,
+    experiment: Experiment,
+    steps: Iterator[_Step],
+    rounds: int,
+    counted: str = "simulations",
+) -> Estimate:
+    """The estimate of the first step whose change of the values says nothing."""
+    torque = _torque(experiment)
+    for number, step in enumerate(steps):
+        size = float(step.change @ step.precision @ step.change)
+        quiet = size <= QUIET**2 * len(step.change)
+        if quiet or size <= EXACT**2 * _cost(torque, step.sigma):
+            covariance = step.covariance
+            if covariance is None:
+                covariance = np.asarray(np.linalg.inv(step.precision))
+            notes = (f"{number + 1} {counted}",)
+            return result(
+                name, experiment, step.values, covariance, step.deviations, torque.counts, notes
+            )
+    raise not_converged_error(name, experiment, rounds)
+
+
+def result(
+    name: str,
+    experiment: Experiment,
+    values: Array,
+    covariance: Array,
+    sigma: Array,
+    counts: Array,
+    notes: tuple[str, ...],
+) -> Estimate:
+    """The estimate with the start's names and blind parameters."""
+    start = experiment.start
+    if not (np.isfinite(values).all() and np.isfinite(covariance).all()):
+        raise DataError(
+            f"{name} ended with values that are not finite",
+            where=experiment.where,
+            fix="log a motion that excites the joints more",
+        )
+    return replace(
+        start,
+        estimator=name,
+        parameters=Parameters(start.parameters.names, start.parameters.units, values),
+        covariance=frozen((covariance + covariance.T) / 2.0),
+        sigma=frozen(sigma),
+        n_samples=frozen(counts),
+        notes=(*experiment.notes, *experiment.start_values.notes, *notes),
+    )
+
+
+def not_converged_error(name: str, experiment: Experiment, rounds: int) -> DataError:
+    """What to say of a search that does not come to an end."""
+    return DataError(
+        f"{name} did not converge within {rounds} rounds",
+        where=experiment.where,
+        fix="filter the motion more, or log one that excites the joints more",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class FilteredRows:
+    """Filtered samples of every effort row of all runs; those that do not count are zero.
+
+    Attributes:
+        values: Shape `(n, K, ...)`: columns, or one torque.
+        counts: How many independent samples each row has, shape `(n,)`.
+        share: Per filtered sample how many independent ones it stands for, shape `(K,)`.
+    """
+
+    values: Array
+    counts: Array
+    share: Array
+
+    @classmethod
+    def of(cls, experiment: Experiment, values: Sequence[Array]) -> "FilteredRows":
+        """All runs, one behind the other, from values `(n, N, ...)` per run."""
+        found, counts, shares = [], [], []
+        for run, of_run in zip(experiment.runs, values, strict=True):
+            matched = run.matched
+            kept = (filtered(run.counts_after_transient, matched) > MOVING).astype(np.float64)
+            rows = np.stack([filtered(row, matched) for row in of_run])
+            found.append(rows * kept.T.reshape(rows.shape[:2] + (1,) * (rows.ndim - 2)))
+            counts.append(kept.sum(axis=0) / matched.inflation)
+            shares.append(np.full(len(kept), 1.0 / matched.inflation))
+        return cls(np.concatenate(found, axis=1), np.sum(counts, axis=0), np.concatenate(shares))
+
+    def deviations(self, used: int) -> Array:
+        """Deviation of each row's residuals, shape `(n,)`; the rows share `used` parameters."""
+        squares = np.einsum("rk,k,rk->r", self.values, self.share, self.values)
+        left = np.maximum(self.counts - used / len(self.counts), 1.0)
+        return np.asarray(np.sqrt(squares / left))
+
+
+def filtered(values: Array, matched: ParallelFilter) -> Array:
+    """Samples `(N, ...)` through the parallel filter, shape `(K, ...)`."""
+    from scipy.signal import upfirdn
+
+    missing = -(len(matched.taps) - 1) % matched.decimation
+    padded = np.concatenate((np.zeros((missing, *values.shape[1:])), values))
+    first = (len(matched.taps) - 1 + missing) // matched.decimation
+    count = max(0, (len(values) - len(matched.taps)) // matched.decimation + 1)
+    return np.asarray(upfirdn(matched.taps, padded, 1, matched.decimation, 0)[first:][:count])
+
+
+def normal(left: FilteredRows, right: FilteredRows, sigma: Array) -> Array:
+    r"""$\sum_r Z_r^T W_r / \sigma_r^2$, every independent sample counted once."""
+    total = 0.0
+    for row, spread in enumerate(sigma):
+        weighted = left.values[row] * left.share[:, None] / spread**2
+        total = total + weighted.T @ right.values[row]
+    return np.asarray(total)
+
+
+def _torque(experiment: Experiment) -> FilteredRows:
+    return FilteredRows.of(experiment, [run.tau.T for run in experiment.runs])
+
+
+def _regressor(
+    experiment: Experiment, motions: Sequence[tuple[Array, Array, Array]]
+) -> FilteredRows:
+    """Columns that the data see, along motions of `(N, n)` samples."""
+    dense, kept = experiment.regressor.dense, experiment.kept
+    columns = [
+        dense(*(np.ascontiguousarray(x.T) for x in motion))[:, :, kept] for motion in motions
     ]
-    return rows_of(experiment, torque_errors(experiment, simulated)), rows_of(experiment, slopes)
+    return FilteredRows.of(experiment, columns)
 
 
-def _steps(experiment: Experiment) -> Array:
-    """How far each parameter is moved, shape `(p,)`."""
-    matrix, _, square = experiment.information.normal(np.ones(len(experiment.start.sigma)))
-    own = np.diag(matrix)[experiment.kept]
-    return np.asarray(_STEP * np.sqrt(square / np.maximum(own, 1e-300)))
+def _left(torque: FilteredRows, seen: FilteredRows, values: Array) -> FilteredRows:
+    return replace(torque, values=torque.values - seen.values @ values)
 
 
-def _cost_at(experiment: Experiment, values: Array, sigma: Array, progress: Progress) -> float:
-    """The sum of squares; infinite where the model cannot be simulated."""
+def _simulated(experiment: Experiment, values: Array, progress: Progress) -> tuple[Simulated, ...]:
     simulated = simulate(experiment, values, progress)
-    if not all(found.sound[0] for found in simulated):
-        return np.inf
-    return _cost(rows_of(experiment, torque_errors(experiment, simulated)), sigma)
+    require_sound(experiment, simulated)
+    return simulated
+
+
+def _residual(experiment: Experiment, simulated: Sequence[Simulated]) -> FilteredRows:
+    """Measured minus simulated torques, those of the first lane."""
+    pairs = zip(experiment.runs, simulated, strict=True)
+    return FilteredRows.of(experiment, [(run.tau - found.tau[..., 0]).T for run, found in pairs])
+
+
+def _gauss_newton(
+    values: Array, columns: FilteredRows, residual: FilteredRows, torque: FilteredRows
+) -> tuple[_Step, Array]:
+    """The step of least squares from `values`, which it keeps, and its right side, `(p,)`."""
+    deviations = residual.deviations(len(values))
+    sigma = _floored(deviations, torque)
+    matrix, side = normal(columns, columns, sigma), normal(columns, residual, sigma)
+    change = np.asarray(np.linalg.solve(matrix, side))
+    return _Step(values, change, matrix, sigma, deviations), side
+
+
+def _floored(sigma: Array, torque: FilteredRows) -> Array:
+    """Standard deviations that exact data do not make zero, shape `(n,)`."""
+    size = np.sqrt(np.mean(np.square(torque.values), axis=1))
+    return np.maximum(sigma, 1e-10 * max(float(size.max()), 1e-300))
 
 
 def _cost(residual: FilteredRows, sigma: Array) -> float:

@@ -27,7 +27,7 @@ class Windows:
 
     def __init__(self, accumulator: Accumulator) -> None:
         layout = accumulator.regressor.layout
-        size = sum(w * (w + 1) // 2 for w in layout.widths)
+        size = sum(layout.packed_sizes)
         self.windows: list[Window] = []
         self._rows = [
             np.empty((MOST_WINDOWS + 1, k))

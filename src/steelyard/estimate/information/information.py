@@ -4,7 +4,7 @@ Per effort row the Gram matrix of `[columns that row sees | effort]`, the sums o
 |effort|, and the number of samples; kept per window of time.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -21,8 +21,6 @@ class Signature:
     """What must be equal before two pieces of information can be added.
 
     Attributes:
-        model: Fingerprint of the model.
-        columns: Names of the columns, in order.
         effort: Unit of the effort per row.
         filters: Description of the filters.
     """
@@ -33,11 +31,7 @@ class Signature:
     filters: str
 
     def refuse_unlike(self, other: "Signature", where: str) -> None:
-        """What means something else cannot be added.
-
-        Raises:
-            DataError: They differ.
-        """
+        """Refuse to add what means something else: a `DataError` says in what they differ."""
         for field in ("model", "columns", "effort", "filters"):
             mine, theirs = getattr(self, field), getattr(other, field)
             if mine != theirs:
@@ -87,7 +81,7 @@ class Information:
     beside: Array | None = None
 
     def __repr__(self) -> str:
-        columns, runs = len(self.layout.columns), len({window.run for window in self.windows})
+        columns, runs = len(self.layout.columns), len(self.windows_of_runs)
         return f"Information({columns} columns, {len(self.windows)} windows of {runs} runs)"
 
     def __add__(self, other: "Information") -> "Information":
@@ -96,21 +90,52 @@ class Information:
         Raises:
             DataError: They differ in model, columns, effort unit or filters.
         """
-        self.signature.refuse_unlike(other.signature, f"runs {_runs(self)} and {_runs(other)}")
-        return Information(
-            self.layout,
-            self.signature,
-            self.windows + other.windows,
-            np.concatenate([self.grams, other.grams]),
-            np.concatenate([self.absolute, other.absolute]),
-            np.concatenate([self.counts, other.counts]),
-            _joined(self, other),
+        self.signature.refuse_unlike(other.signature, f"runs {self.runs} and {other.runs}")
+        beside = None
+        if self.beside is not None or other.beside is not None:
+            parts = [
+                np.zeros_like(x.grams) if x.beside is None else x.beside for x in (self, other)
+            ]
+            beside = np.concatenate(parts)
+        return replace(
+            self,
+            windows=self.windows + other.windows,
+            grams=np.concatenate([self.grams, other.grams]),
+            absolute=np.concatenate([self.absolute, other.absolute]),
+            counts=np.concatenate([self.counts, other.counts]),
+            beside=beside,
+        )
+
+    def _changed(
+        self, change: Callable[[Array], Array], windows: tuple[Window, ...]
+    ) -> "Information":
+        """The same with all sums changed, which are then those of some windows."""
+        return replace(
+            self,
+            windows=windows,
+            grams=change(self.grams),
+            absolute=change(self.absolute),
+            counts=change(self.counts),
+            beside=None if self.beside is None else change(self.beside),
         )
 
     def without_beside(self) -> "Information":
         """The same data without the part beside rests; counts stay what they are."""
         rest = self.grams if self.beside is None else self.grams - self.beside
         return replace(self, grams=rest, beside=None)
+
+    @property
+    def windows_of_runs(self) -> dict[str, list[int]]:
+        """Numbers of the windows of every run, by its name."""
+        found: dict[str, list[int]] = {}
+        for number, window in enumerate(self.windows):
+            found.setdefault(window.run, []).append(number)
+        return found
+
+    @property
+    def runs(self) -> str:
+        """Names of the runs, for messages."""
+        return ", ".join(self.windows_of_runs)
 
     @property
     def n_samples(self) -> Array:
@@ -120,21 +145,12 @@ class Information:
     def of(self, windows: Sequence[int]) -> "Information":
         """Some of the windows."""
         chosen = list(windows)
-        return Information(
-            self.layout,
-            self.signature,
-            tuple(self.windows[k] for k in chosen),
-            self.grams[chosen],
-            self.absolute[chosen],
-            self.counts[chosen],
-            None if self.beside is None else self.beside[chosen],
-        )
+        return self._changed(lambda sums: sums[chosen], tuple(self.windows[k] for k in chosen))
 
     def merged(self, most: int) -> "Information":
         """Neighbouring windows of each run joined until every run has at most `most`."""
         groups: list[list[int]] = []
-        for run in dict.fromkeys(w.run for w in self.windows):
-            mine = [k for k, w in enumerate(self.windows) if w.run == run]
+        for mine in self.windows_of_runs.values():
             size = -(-len(mine) // most)
             groups += [mine[k : k + size] for k in range(0, len(mine), size)]
         return self.grouped(groups)
@@ -150,15 +166,7 @@ class Information:
             parts = [sums[list(g)].sum(axis=0) for g in groups]
             return np.reshape(parts, (len(groups), sums.shape[1]))
 
-        return Information(
-            self.layout,
-            self.signature,
-            labels,
-            joined(self.grams),
-            joined(self.absolute),
-            joined(self.counts),
-            None if self.beside is None else joined(self.beside),
-        )
+        return self._changed(joined, labels)
 
     def row_gram(self, row: int, windows: Sequence[int] | None = None) -> Array:
         """Gram matrix of one row's own columns and effort, shape `(k + 1, k + 1)`."""
@@ -221,7 +229,7 @@ class Information:
             if name not in self.layout.columns:
                 raise DataError(
                     f"there is no column '{name}'",
-                    where=f"information of runs {_runs(self)}",
+                    where=f"information of runs {self.runs}",
                     fix=f"its columns are {', '.join(self.layout.columns[:12])}, ...",
                 )
         old = [self.layout.columns.index(name) for name in names]
@@ -275,27 +283,18 @@ class Information:
             ]
             return np.concatenate(grams, axis=1)
 
-        return Information(
-            layout,
-            replace(self.signature, columns=layout.columns),
-            self.windows,
-            of(self.grams),
-            np.full((len(self.windows), sum(layout.widths)), np.nan),
-            self.counts,
-            None if self.beside is None else of(self.beside),
+        return replace(
+            self,
+            layout=layout,
+            signature=replace(self.signature, columns=layout.columns),
+            grams=of(self.grams),
+            absolute=np.full((len(self.windows), sum(layout.widths)), np.nan),
+            beside=None if self.beside is None else of(self.beside),
         )
 
     def with_effective_samples(self, factor: float) -> "Information":
         """The same data counted as so many times fewer samples: all sums divided by `factor`."""
-        return Information(
-            self.layout,
-            self.signature,
-            self.windows,
-            self.grams / factor,
-            self.absolute / factor,
-            self.counts / factor,
-            None if self.beside is None else self.beside / factor,
-        )
+        return self._changed(lambda sums: sums / factor, self.windows)
 
     def scaled(self, gains: Array, units: Sequence[str]) -> "Information":
         """The same data with each row's effort multiplied by a gain, in its new unit."""
@@ -326,7 +325,7 @@ class Information:
         return _unpacked(sums[:, self._packed(row)], self.layout.widths[row])
 
     def _packed(self, row: int) -> slice:
-        sizes = [w * (w + 1) // 2 for w in self.layout.widths]
+        sizes = self.layout.packed_sizes
         start = sum(sizes[:row])
         return slice(start, start + sizes[row])
 
@@ -364,16 +363,3 @@ def _cells(seen: tuple[int, ...]) -> tuple[NDArray[np.intp], tuple[NDArray[np.in
     """Columns that a row sees, and where their products stand in a matrix of all columns."""
     index = np.array(seen, dtype=np.intp)
     return index, np.ix_(index, index)
-
-
-def _joined(one: Information, other: Information) -> Array | None:
-    """What is beside rests in all windows of both."""
-    if one.beside is None and other.beside is None:
-        return None
-    return np.concatenate(
-        [np.zeros_like(x.grams) if x.beside is None else x.beside for x in (one, other)]
-    )
-
-
-def _runs(information: Information) -> str:
-    return ", ".join(dict.fromkeys(w.run for w in information.windows))

@@ -24,9 +24,6 @@ class Layout:
     """Which columns each effort row sees; the measured effort is the last of each row.
 
     Attributes:
-        columns: Names of the columns.
-        units: Their units.
-        rows: Names of the effort rows.
         sees: Per row the indices of the columns that can be nonzero in it, ascending.
     """
 
@@ -41,6 +38,11 @@ class Layout:
         return tuple(len(seen) + 1 for seen in self.sees)
 
     @property
+    def packed_sizes(self) -> tuple[int, ...]:
+        """Entries of the lower triangle of each row's Gram matrix."""
+        return tuple(width * (width + 1) // 2 for width in self.widths)
+
+    @property
     def starts(self) -> tuple[int, ...]:
         """Where each row's columns begin when all rows' columns stand one after another."""
         return tuple(int(x) for x in np.cumsum((0, *self.widths))[:-1])
@@ -51,8 +53,6 @@ class Regressor:
     """Columns of a model over samples.
 
     Attributes:
-        model: The model.
-        base: Its structural base parameters.
         layout: Names, and what each row sees.
         code: Inputs `q`, `dq`, `ddq`, `channels`, `effort`; outputs as `Layout.starts` says.
     """
@@ -84,12 +84,9 @@ def standard_regressor(model: Model) -> Regressor:
 
 
 def chosen_regressor(model: Model, base: BaseMap, columns: Sequence[int]) -> Regressor:
-    """The regressor of some standard parameters, whatever structure says about them.
+    """The regressor of some standard parameters by their indices, whatever structure says.
 
-    Args:
-        model: The model.
-        base: Base parameters to go with it, such as those of the terms that are not compared.
-        columns: Indices of the standard parameters.
+    The base parameters may be those of other columns, such as of the terms that are not compared.
     """
     place = {column: k for k, column in enumerate(columns)}
 
@@ -146,9 +143,7 @@ class ParallelFilter:
     def design(cls, cutoff: float, rate: float) -> "ParallelFilter":
         """Kaiser-windowed low-pass, `SUPPRESSION` dB down from twice the cut-off on.
 
-        Args:
-            cutoff: [Hz], below a quarter of the rate.
-            rate: [Hz].
+        The cut-off [Hz] is below a quarter of the rate [Hz].
         """
         taps = kaiser_lowpass(SUPPRESSION, 2.0 * cutoff / rate, 2.0 * cutoff / rate)
         return cls(cutoff, rate, frozen(taps), max(1, int(rate / (4.0 * cutoff))))

@@ -165,7 +165,7 @@ class FilteredSamples:
         total = [w * g for w, g in zip(self.weights, given, strict=True)]
         parts = list(self._windows())
         sums = [self._sums(source, mine, total) for source, _, mine in parts]
-        size = sum(w * (w + 1) // 2 for w in self.layout.widths)
+        size = sum(self.layout.packed_sizes)
         return Information(
             self.layout,
             self.signature,

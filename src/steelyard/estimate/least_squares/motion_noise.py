@@ -401,7 +401,7 @@ def _solved(unit: Array, right: Array, information: Information) -> tuple[Array,
         raise DataError(
             "total least squares has no solution: the smallest change of the data that makes them "
             "consistent makes a column vanish",
-            where=", ".join(dict.fromkeys(w.run for w in information.windows)),
+            where=information.runs,
             fix="use weighted least squares, or a more exciting motion",
         )
     left = unit - smallest * np.eye(size)

@@ -92,7 +92,7 @@ def solve(data: Runs, weights: Array, before: Solution | None = None) -> Solutio
     if not kept:
         raise DataError(
             "none of the model's parameters is identifiable from the data",
-            where=", ".join(dict.fromkeys(w.run for w in information.windows)) or "no window",
+            where=information.runs or "no window",
             fix="log a motion in which the joints move",
         )
     refuse_few(information, len(kept), 1.0)
@@ -130,7 +130,7 @@ def refuse_few(information: Information, parameters: int, each: float) -> None:
         raise DataError(
             f"too few samples: {total:.3g} independent ones for {parameters} parameters; more than "
             f"{each * parameters:.4g} are needed",
-            where=", ".join(dict.fromkeys(w.run for w in information.windows)) or "no window",
+            where=information.runs or "no window",
             fix="log longer, with more of the time in motion; or leave terms out ([model] terms). "
             "A higher sampling rate adds none because of the low-pass; a higher [processing] "
             "matched_cutoff does, if noise allows it",

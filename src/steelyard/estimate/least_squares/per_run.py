@@ -102,10 +102,8 @@ class Runs:
                 )
         if not per_run:
             return cls(information, (information,), ())
-        groups: dict[str, list[int]] = {}
-        for number, window in enumerate(information.windows):
-            groups.setdefault(window.run, []).append(number)
-        runs = tuple(information.grouped([group]) for group in groups.values())
+        groups = information.windows_of_runs.values()
+        runs = tuple(information.grouped([group]) for group in groups)
         return cls(information, runs, tuple(columns.index(name) for name in per_run))
 
     def without_beside(self) -> "Runs":

@@ -162,7 +162,7 @@ def scatter(fit: Fit) -> Array:
 
 def _over_runs(fit: Fit) -> Array:
     r"""$\varphi_j$ of windows, or of whole runs where that is larger, shape `(rows,)`."""
-    runs = len({window.run for window in fit.data.whole.windows})
+    runs = len(fit.data.whole.windows_of_runs)
     factors = _scatter(fit, max(FEWEST, WINDOWS // max(runs, 1)))
     return np.maximum(factors, _scatter(fit, 1)) if runs > 1 else factors
 

@@ -351,7 +351,7 @@ def effort_scales(
         return None
     if not _significant(found):
         return None
-    several = len({window.run for window in information.windows}) > 1
+    several = len(information.windows_of_runs) > 1
     folds = information.merged(1 if several else FOLDS)
     errors = []
     for fold in range(len(folds.windows)):

@@ -91,7 +91,7 @@ def _mapped(part: TransformedRun, row: int, seen: Sequence[int]) -> Array:
 
 
 def _window(information: Information) -> Window:
-    runs = ", ".join(dict.fromkeys(w.run for w in information.windows))
+    runs = information.runs
     if not information.windows:
         raise DataError(
             "the run has no usable samples",

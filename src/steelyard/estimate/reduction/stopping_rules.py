@@ -78,7 +78,7 @@ def folds_of(information: Information) -> tuple[tuple[str, tuple[int, ...]], ...
     Raises:
         DataError: There are too few windows to leave some out.
     """
-    runs = list(dict.fromkeys(window.run for window in information.windows))
+    runs = list(information.windows_of_runs)
     places = range(len(information.windows))
     if len(runs) > 1:
         return tuple(

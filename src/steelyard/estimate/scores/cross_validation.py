@@ -99,7 +99,7 @@ class Folding:
         Args:
             moving: What runs say where joints move, in windows that are short enough.
         """
-        names = tuple(dict.fromkeys(window.run for window in moving.windows))
+        names = tuple(moving.windows_of_runs)
         if self.left_out == "run":
             return tuple(_of_run(name) for name in names)
         edges = {name: _edges(moving, name) for name in names}
@@ -178,7 +178,7 @@ def too_short(information: Information) -> TooShortError:
     """What to say where nothing can be left out."""
     return TooShortError(
         "the run is too short to leave a part of it out",
-        where=", ".join(dict.fromkeys(w.run for w in information.windows)),
+        where=information.runs,
         fix='log longer or several runs, or name the friction laws instead of "auto"',
     )
 

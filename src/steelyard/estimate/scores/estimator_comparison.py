@@ -277,7 +277,7 @@ def _chi_square(estimate: Estimate, context: Context, parts: Parts, noise: Array
     own = {one.run: one.parameters.as_dict() for one in estimate.per_run}
     shared = base_values(estimate, base)
     squares = np.zeros(len(noise))
-    for run in dict.fromkeys(window.run for window in information.windows):
+    for run in information.windows_of_runs:
         mine = own.get(run, {})
         values = [mine.get(name, v) for name, v in zip(base.base_names, shared, strict=True)]
         windows = [k for k, window in enumerate(information.windows) if window.run == run]

@@ -95,7 +95,7 @@ def refuse_unexplained_case(identified: IdentifiedModel, case: LoadCase, fit: Ca
         float(np.sum(squares / variances)) / count
         for squares in (left, information.effort_squares())
     )
-    runs = ", ".join(dict.fromkeys(window.run for window in information.windows))
+    runs = information.runs
     refuse_unexplained(residual, measured, runs, LEAST_FITTED, " with any payload")
 
 
