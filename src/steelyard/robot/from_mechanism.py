@@ -1,8 +1,7 @@
 """From a mechanism to a robot: joints that move or are locked, merged links, and notes."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,7 +9,6 @@ from numpy.typing import ArrayLike
 from steelyard.base.arrays import frozen
 from steelyard.base.errors import ModelError, advice, listing
 from steelyard.robot.joint_reduction import (
-    Drive,
     drive_of,
     followers_of,
     limit_notes,
@@ -21,7 +19,16 @@ from steelyard.robot.joint_reduction import (
     without_free_joints,
 )
 from steelyard.robot.loop_closures import Closing, closed_robot, passive_joints
-from steelyard.robot.mechanism import Answer, Joint, JointSpring, Link, Listed, Mechanism, ModelNote
+from steelyard.robot.mechanism import (
+    Answer,
+    Joint,
+    JointSpring,
+    Link,
+    Listed,
+    Mechanism,
+    Mimic,
+    ModelNote,
+)
 from steelyard.robot.rigid_body import LEAST_INERTIA, Inertia, Placement
 from steelyard.robot.robot import Body, Coordinate, Frame, JointKind, Limits, Robot
 
@@ -96,7 +103,7 @@ def _units(joint: Joint) -> tuple[str, str]:
 
 def reduction_notes(
     mechanism: Mechanism,
-    drives: Mapping[str, Drive],
+    drives: Mapping[str, Mimic],
     robot: Robot,
     base: str,
     assumed: tuple[str, ...],
@@ -174,15 +181,19 @@ def reduced(
     """
     mechanism = mechanism.snapped() if snap else mechanism
     _check_links(mechanism, mechanism.root if base is None else base, tip)
-    free_less = without_free_joints(mechanism, base, joints, locked or {})
-    mechanism, locked = free_less.mechanism, dict(free_less.locked)
+    mechanism, locked, left_out = without_free_joints(mechanism, base, joints, locked or {})
     limits, closing = dict(limits or {}), closing or Closing()
     base = mechanism.root if base is None else base
     drives = {j.name: drive_of(mechanism, j) for j in mechanism.joints if j.movable}
     free = _moving(mechanism, None, locked, base, tip)
     masters = {name: drive.master for name, drive in drives.items()}
     passive = passive_joints(mechanism, masters, free, joints, closing)
-    _refuse_both(joints, passive, closing.where)
+    if both := [name for name in joints or () if name in passive]:
+        raise ModelError(
+            f"joint '{both[0]}' is to be identified, and passive at once",
+            where=closing.where,
+            fix="list each joint of a loop under joints if it is logged, else under passive",
+        )
     active = [n for n in free if n not in passive] if joints is None else joints
     moving = _moving(mechanism, [*active, *passive], locked, base, tip)
     refuse_coupled(mechanism, masters, moving)
@@ -194,8 +205,11 @@ def reduced(
         for name, drive in drives.items()
         if drive.master in positions
     }
-    bodies, frames = _Merging(mechanism, drives, moving, resting).run(base)
-    root_gravity = _base_placement(mechanism, base, resting).rotation.T @ mechanism.gravity
+    bodies, frames = _merged_bodies(mechanism, drives, moving, resting, base)
+    in_root = Placement()
+    for joint in mechanism.to_link(base):
+        in_root = in_root @ joint.at(resting.get(joint.name, 0.0))
+    root_gravity = in_root.rotation.T @ mechanism.gravity
     coordinates = tuple(_coordinate(mechanism, drives, n, limits.get(n)) for n in moving)
     robot = Robot(
         mechanism.name,
@@ -207,18 +221,7 @@ def reduced(
     )
     robot, closed = closed_robot(robot, mechanism, closing)
     notes = reduction_notes(mechanism, drives, robot, base, assumed, positions)
-    return robot, (*free_less.notes, *notes, *closed)
-
-
-def _refuse_both(joints: Sequence[str] | None, passive: Sequence[str], where: str) -> None:
-    """A joint is identified or passive."""
-    both = [name for name in joints or () if name in passive]
-    if both:
-        raise ModelError(
-            f"joint '{both[0]}' is to be identified, and passive at once",
-            where=where,
-            fix="list each joint of a loop under joints if it is logged, else under passive",
-        )
+    return robot, (*left_out, *notes, *closed)
 
 
 def _check_links(mechanism: Mechanism, base: str, tip: str | Sequence[str] | None) -> None:
@@ -281,16 +284,11 @@ def _moving(
         joints = [name for name in free if name not in locked]
     _check_joints(mechanism, joints, "identified")
     for name in joints:
-        if name in locked or joints.count(name) > 1 or name not in free:
+        wrong = "also locked" if name in locked else ""
+        wrong = wrong or ("listed twice" if joints.count(name) > 1 else "")
+        if wrong or name not in free:
             raise ModelError(
-                f"joint '{name}' is to be identified but "
-                + (
-                    "also locked"
-                    if name in locked
-                    else "listed twice"
-                    if joints.count(name) > 1
-                    else "is not between base and tip"
-                ),
+                f"joint '{name}' is to be identified but {wrong or 'is not between base and tip'}",
                 where=mechanism.where,
                 fix="list every joint once, between base and tip, either as identified or locked",
             )
@@ -314,16 +312,8 @@ def _locked_positions(
     return positions, tuple(j.name for j in assumed)
 
 
-def _base_placement(mechanism: Mechanism, base: str, resting: Mapping[str, float]) -> Placement:
-    """The base link in the root link, all joints between them at rest."""
-    placement = Placement()
-    for joint in mechanism.to_link(base):
-        placement = placement @ joint.at(resting.get(joint.name, 0.0))
-    return placement
-
-
 def _coordinate(
-    mechanism: Mechanism, drives: Mapping[str, Drive], name: str, given: Limits | None
+    mechanism: Mechanism, drives: Mapping[str, Mimic], name: str, given: Limits | None
 ) -> Coordinate:
     """A joint that moves, within its limits and those of the joints that follow it."""
     joint = mechanism.joint(name)
@@ -336,50 +326,50 @@ def _kind(joint: Joint) -> JointKind:
     return "prismatic" if joint.kind == "prismatic" else "revolute"
 
 
-@dataclass(frozen=True)
-class _Merging:
-    """One walk over the tree that merges what does not move into what carries it."""
-
-    mechanism: Mechanism
-    drives: Mapping[str, Drive]
-    moving: tuple[str, ...]
-    resting: Mapping[str, float]
-
-    def run(self, base: str) -> tuple[tuple[Body, ...], tuple[Frame, ...]]:
-        """The moving bodies beyond the base link, parents first, and where every link is."""
-        links = {link.name: link for link in self.mechanism.links}
-        bodies: list[dict[str, Any]] = []
-        carriers = {base: (-1, Placement())}
-        for joint in self.mechanism.from_link(base):
-            index, placement = carriers[joint.parent]
-            if joint.movable and joint.name not in self.resting:
-                bodies.append(self._body(joint, index, placement @ joint.placement))
-                index, placement = len(bodies) - 1, Placement()
-            else:
-                placement = placement @ joint.at(self.resting.get(joint.name, 0.0))
-            carriers[joint.child] = (index, placement)
-            if index >= 0:
-                _add_link(bodies[index], _as_exported(links[joint.child], joint), placement)
-        frames = (Frame(n, k, p.rotation, p.position) for n, (k, p) in carriers.items())
-        return tuple(Body(**body) for body in bodies), tuple(frames)
-
-    def _body(self, joint: Joint, parent: int, placement: Placement) -> dict[str, Any]:
-        drive = self.drives[joint.name]
-        return {
-            "name": joint.child,
-            "joint": joint.name,
-            "kind": _kind(joint),
-            "parent": parent,
-            "rotation": placement.rotation,
-            "position": placement.position,
-            "axis": joint.axis,
-            "coordinate": self.moving.index(drive.master),
-            "ratio": drive.ratio,
-            "offset": drive.offset,
-            "inertia": Inertia.zero(),
-            "known": False,
-            "massless": True,
-        }
+def _merged_bodies(
+    mechanism: Mechanism,
+    drives: Mapping[str, Mimic],
+    moving: tuple[str, ...],
+    resting: Mapping[str, float],
+    base: str,
+) -> tuple[tuple[Body, ...], tuple[Frame, ...]]:
+    """The moving bodies beyond the base, what rests merged into them, and where all links are."""
+    links = {link.name: link for link in mechanism.links}
+    bodies: list[Body] = []
+    carriers = {base: (-1, Placement())}
+    for joint in mechanism.from_link(base):
+        index, placement = carriers[joint.parent]
+        if joint.movable and joint.name not in resting:
+            placed = placement @ joint.placement
+            drive = drives[joint.name]
+            bodies.append(
+                Body(
+                    joint.child,
+                    joint.name,
+                    _kind(joint),
+                    index,
+                    placed.rotation,
+                    placed.position,
+                    joint.axis,
+                    moving.index(drive.master),
+                    drive.ratio,
+                    drive.offset,
+                    massless=True,
+                )
+            )
+            index, placement = len(bodies) - 1, Placement()
+        else:
+            placement = placement @ joint.at(resting.get(joint.name, 0.0))
+        carriers[joint.child] = (index, placement)
+        if index >= 0:
+            link, body = _as_exported(links[joint.child], joint), bodies[index]
+            massless, inertia = body.massless and link.massless, body.inertia
+            if link.inertia is not None:
+                inertia = inertia + link.inertia.moved(placement.rotation, placement.position)
+            known = body.known or link.inertia is not None
+            bodies[index] = replace(body, massless=massless, inertia=inertia, known=known)
+    frames = (Frame(n, k, p.rotation, p.position) for n, (k, p) in carriers.items())
+    return tuple(bodies), tuple(frames)
 
 
 def _as_exported(link: Link, joint: Joint) -> Link:
@@ -388,11 +378,3 @@ def _as_exported(link: Link, joint: Joint) -> Link:
     if named and link.inertia is not None and link.inertia.mass <= LEAST_INERTIA:
         return replace(link, inertia=Inertia.zero(), massless=True)
     return link
-
-
-def _add_link(body: dict[str, Any], link: Link, placement: Placement) -> None:
-    body["massless"] = body["massless"] and link.massless
-    if link.inertia is not None:
-        moved = link.inertia.moved(placement.rotation, placement.position)
-        body["inertia"] = body["inertia"] + moved
-        body["known"] = True

@@ -5,28 +5,13 @@ body with joints beyond it is a robot once it is the base; one without is a loos
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from steelyard.base.errors import ModelError, OpenModelError
-from steelyard.robot.mechanism import Joint, Listed, Mechanism
+from steelyard.robot.mechanism import Joint, Listed, Mechanism, Mimic
 from steelyard.robot.robot import Limits, Robot
-
-
-@dataclass(frozen=True, eq=False)
-class FixedJoints:
-    """A mechanism in which no joint beyond the base is free.
-
-    Attributes:
-        mechanism: Without the floating trees beyond the base, ball joints fixed.
-        locked: Positions of locked joints, those of ball joints taken out [rad; m].
-        notes: What was left out or assumed, one sentence each.
-    """
-
-    mechanism: Mechanism
-    locked: Mapping[str, float]
-    notes: tuple[str, ...]
 
 
 def floating_trees(mechanism: Mechanism, base: str) -> dict[Joint, int]:
@@ -58,8 +43,8 @@ def without_free_joints(
     base: str | None,
     joints: Sequence[str] | None,
     locked: Mapping[str, float],
-) -> FixedJoints:
-    """The mechanism without free joints beyond the base.
+) -> tuple[Mechanism, dict[str, float], tuple[str, ...]]:
+    """The mechanism without free joints beyond the base, what stays locked, and notes on it.
 
     Loose bodies are left out, and so is what floats beside a base that is given. A ball joint
     stays where the model file has it, if it is locked or other joints are listed.
@@ -90,10 +75,8 @@ def without_free_joints(
     if assumed := [ball.name for ball in balls if ball.name not in locked]:
         ball_joints = f"ball joint {', '.join(assumed)}"
         notes.append(Listed("locked at its position in the model file", ball_joints))
-    names_of_balls = {ball.name for ball in balls}
-    return FixedJoints(
-        kept, {n: x for n, x in locked.items() if n not in names_of_balls}, tuple(notes)
-    )
+    fixed = {ball.name for ball in balls}
+    return kept, {n: x for n, x in locked.items() if n not in fixed}, tuple(notes)
 
 
 def _moving(joints: Collection[Joint]) -> int:
@@ -180,34 +163,25 @@ def refuse_coupled(
         )
 
 
-@dataclass(frozen=True)
-class Drive:
-    """How a joint's position comes from a master joint's: `ratio * master + offset`."""
-
-    master: str
-    ratio: float
-    offset: float
-
-
-def drive_of(mechanism: Mechanism, joint: Joint) -> Drive:
-    """The independent joint behind a joint, mimic chains resolved."""
+def drive_of(mechanism: Mechanism, joint: Joint) -> Mimic:
+    """How a joint follows the independent joint behind it, itself if need be; chains resolved."""
     ratio, offset = 1.0, 0.0
     while joint.mimic is not None:
         offset += ratio * joint.mimic.offset
         ratio *= joint.mimic.ratio
         joint = mechanism.joint(joint.mimic.master)
-    return Drive(joint.name, ratio, offset)
+    return Mimic(joint.name, ratio, offset)
 
 
 def followers_of(
-    mechanism: Mechanism, drives: Mapping[str, Drive], master: str
-) -> list[tuple[Drive, Limits]]:
+    mechanism: Mechanism, drives: Mapping[str, Mimic], master: str
+) -> list[tuple[Mimic, Limits]]:
     """The mimic joints behind an independent joint, with their own limits."""
     following = [n for n, drive in drives.items() if drive.master == master and n != master]
     return [(drives[name], mechanism.joint(name).limits) for name in following]
 
 
-def narrowed(limits: Limits, followers: Sequence[tuple[Drive, Limits]]) -> tuple[Limits, bool]:
+def narrowed(limits: Limits, followers: Sequence[tuple[Mimic, Limits]]) -> tuple[Limits, bool]:
     """Limits that keep the followers of a joint within theirs as well, and whether a range is left.
 
     A follower at `x = ratio * q + offset` within `[lower, upper]` keeps `q` between
@@ -247,7 +221,7 @@ def unlimited_if_empty(limits: Limits) -> Limits:
     return limits
 
 
-def limit_notes(mechanism: Mechanism, drives: Mapping[str, Drive], robot: Robot) -> list[str]:
+def limit_notes(mechanism: Mechanism, drives: Mapping[str, Mimic], robot: Robot) -> list[str]:
     """What was assumed of the coordinates' limits, a sentence each."""
     notes = []
     for c in robot.joints:

@@ -15,7 +15,7 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError, advice
 from steelyard.robot.mechanism import Mechanism, Pin
 from steelyard.robot.rigid_body import skew
-from steelyard.robot.robot import Body, Coordinate, Frame, LoopClosure, OpenLoops, Robot
+from steelyard.robot.robot import Body, Frame, LoopClosure, OpenLoops, Robot
 
 CLOSED = 1e-5
 """Distance of a pin's two points up to which it counts as closed [m]."""
@@ -52,18 +52,10 @@ class LoopEquations:
 @lru_cache(maxsize=128)
 def chains(robot: Robot, loop: LoopClosure) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Bodies from behind the last one that carries both ends of a loop, down to each end."""
-    lines = [_carriers(robot, body) for body in loop.bodies]
+    lines = [robot.carriers(body) for body in loop.bodies]
     shared = set(lines[0]) & set(lines[1])
     first, second = (tuple(k for k in line if k not in shared) for line in lines)
     return first, second
-
-
-def _carriers(robot: Robot, body: int) -> list[int]:
-    line: list[int] = []
-    while body >= 0:
-        line.append(body)
-        body = robot.bodies[body].parent
-    return line[::-1]
 
 
 def residual(robot: Robot, q: Array) -> tuple[Array, Array]:
@@ -157,7 +149,10 @@ def loop_equations(robot: Robot) -> LoopEquations:
 
 def checked_equations(robot: Robot, where: Sequence[str]) -> LoopEquations:
     """As `loop_equations`, with the place of every loop for messages."""
-    near = _nearby(robot)
+    rng, everything = np.random.default_rng(0), list(range(robot.n_joints))
+    starts = [robot.assembly + 0.1 * rng.standard_normal(robot.n_joints) for _ in range(_NEARBY)]
+    found = [closest(robot, start, everything) for start in starts]
+    near = [q for q in found if gaps(robot, q).max() <= CLOSED]
     if near:
         _check_count(robot, near, where[0])
     passive = list(range(robot.n, robot.n_joints))
@@ -173,14 +168,6 @@ def checked_equations(robot: Robot, where: Sequence[str]) -> LoopEquations:
             "it closes",
         )
     return _chosen(robot, assembly, near, where[0])
-
-
-def _nearby(robot: Robot) -> list[Array]:
-    """Positions near the assembly at which all loops are closed; none if none were found."""
-    rng, everything = np.random.default_rng(0), list(range(robot.n_joints))
-    starts = [robot.assembly + 0.1 * rng.standard_normal(robot.n_joints) for _ in range(_NEARBY)]
-    found = [closest(robot, start, everything) for start in starts]
-    return [q for q in found if gaps(robot, q).max() <= CLOSED]
 
 
 def _check_count(robot: Robot, near: Sequence[Array], where: str) -> None:
@@ -300,8 +287,13 @@ def passive_joints(
     could move; `joints` are those to be identified, if given.
     """
     pins = (*mechanism.pins, *closing.pins)
+    if not pins and (closing.passive or closing.assembly):
+        raise ModelError(
+            "passive joints or a reference configuration are given, but the robot has no loops",
+            where=closing.where,
+            fix="add [[robot.loops]] with links and points, or remove them",
+        )
     if not pins:
-        _refuse_without_loops(closing)
         return ()
     if closing.passive is not None:
         return closing.passive
@@ -315,15 +307,6 @@ def passive_joints(
             fix="name them in a robot file: [robot] passive = [...]",
         )
     return tuple(name for name in candidates if name not in active)
-
-
-def _refuse_without_loops(closing: Closing) -> None:
-    if closing.passive or closing.assembly:
-        raise ModelError(
-            "passive joints or a reference configuration are given, but the robot has no loops",
-            where=closing.where,
-            fix="add [[robot.loops]] with links and points, or remove them",
-        )
 
 
 def between(mechanism: Mechanism, pin: Pin) -> set[str]:
@@ -368,13 +351,21 @@ def closed_robot(
             where=closing.where,
             fix="unlock the loops' joints, or lock the passive ones as well",
         )
+    given = {**mechanism.rest, **closing.assembly}
     start = [
-        closing.assembly.get(c.name, mechanism.rest.get(c.name, _near_zero(c)))
-        for c in robot.joints
+        given.get(c.name, float(np.clip(0.0, c.limits.lower, c.limits.upper))) for c in robot.joints
     ]
     robot = robot.changed(loops=tuple(loops), assembly=start, open_loops=closing.open_loops)
     assembly = checked_equations(robot, places).assembly
-    _check_assembly(robot, closing)
+    names = [c.name for c in robot.joints]
+    for name in closing.assembly:
+        if name not in names:
+            raise ModelError(
+                f"the reference configuration gives a position of joint '{name}', which is not "
+                "identified or passive",
+                where=closing.where,
+                fix=advice(name, names, "joints that move"),
+            )
     return robot.changed(assembly=assembly), _note(robot, assembly, closing)
 
 
@@ -392,22 +383,6 @@ def _loop(pin: Pin, frames: Mapping[str, Frame]) -> LoopClosure:
         bodies.append(frame.body)
         points.append(frame.position + frame.rotation @ point)
     return LoopClosure(pin.name, (bodies[0], bodies[1]), np.array(points))
-
-
-def _near_zero(coordinate: Coordinate) -> float:
-    return float(np.clip(0.0, coordinate.limits.lower, coordinate.limits.upper))
-
-
-def _check_assembly(robot: Robot, closing: Closing) -> None:
-    names = [c.name for c in robot.joints]
-    for name in closing.assembly:
-        if name not in names:
-            raise ModelError(
-                f"the reference configuration gives a position of joint '{name}', which is not "
-                "identified or passive",
-                where=closing.where,
-                fix=advice(name, names, "joints that move"),
-            )
 
 
 def _note(robot: Robot, assembly: Array, closing: Closing) -> tuple[str, ...]:

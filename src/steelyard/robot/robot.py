@@ -210,6 +210,14 @@ class Robot:
         """The same robot with some of its attributes replaced."""
         return replace(self, **fields)
 
+    def carriers(self, body: int) -> list[int]:
+        """Indices of the bodies from the base's child to a body, itself included; none for -1."""
+        line: list[int] = []
+        while body >= 0:
+            line.append(body)
+            body = self.bodies[body].parent
+        return line[::-1]
+
     @property
     def n(self) -> int:
         """Number of independent joint coordinates."""

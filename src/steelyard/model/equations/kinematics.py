@@ -230,8 +230,7 @@ def _moving_points(robot: Robot, carriers: Sequence[int], points: Array) -> dict
 
 def refuse_passive(robot: Robot, body: int, name: str) -> None:
     """Points with programs of their motion hang on independent joints only."""
-    while body >= 0:
-        link = robot.bodies[body]
+    for link in (robot.bodies[k] for k in reversed(robot.carriers(body))):
         if link.coordinate >= robot.n:
             raise ModelError(
                 f"frame '{name}' hangs on joint '{link.joint}', which a closed loop determines",
@@ -239,18 +238,12 @@ def refuse_passive(robot: Robot, body: int, name: str) -> None:
                 fix="name a frame that hangs on driven joints only: the motion of frames behind "
                 "passive joints has no bounds between samples",
             )
-        body = link.parent
 
 
 def _turned(robot: Robot, q: Sequence[Scalar], frame: Frame) -> tuple[Matrix, dict[int, Vector]]:
     """Axes of a frame in the base frame, and the angular velocity per joint speed."""
-    way: list[int] = []
-    body = frame.body
-    while body >= 0:
-        way.append(body)
-        body = robot.bodies[body].parent
     rotation, axes = _constant(np.eye(3)), dict[int, Vector]()
-    for link in (robot.bodies[k] for k in reversed(way)):
+    for link in (robot.bodies[k] for k in robot.carriers(frame.body)):
         if link.kind == "revolute":
             axis = _times(rotation @ _constant(link.rotation @ link.axis), link.ratio)
             axes[link.coordinate] = axis + axes.get(link.coordinate, 0.0)

@@ -83,7 +83,8 @@ class GravityCompensator(Term):
         )
         if first == second:
             raise _unusable(f"between '{self.links[0]}' and '{self.links[1]}', which move as one")
-        fork = _fork(robot, first, second)
+        shared = [k for k in robot.carriers(first) if k in robot.carriers(second)]
+        fork = shared[-1] if shared else -1
         start, start_slopes = carried_point(robot, q, first, near, fork)
         end, end_slopes = carried_point(robot, q, second, far, fork)
         line = end - start
@@ -110,16 +111,6 @@ def _on_body(robot: Robot, link: str, point: tuple[float, ...]) -> tuple[int, An
         where=f"robot '{robot.name}', list of terms",
         fix=advice(link, known, "links"),
     )
-
-
-def _fork(robot: Robot, first: int, second: int) -> int:
-    """The last body that carries both."""
-    while first != second:
-        if first > second:
-            first = robot.bodies[first].parent
-        else:
-            second = robot.bodies[second].parent
-    return first
 
 
 def _are_links(links: Any) -> bool:

@@ -148,24 +148,25 @@ def build_signals(
 ) -> Signals:
     """The signals a robot file declares, for the joints it identifies and gears, if it has any."""
     check_sides(section, gears, locate)
-    position = _columns(section.position, coordinates, locate("signals", "position"))
     effort = _columns(section.effort.columns, coordinates, locate("signals", "effort", "columns"))
-    velocity = None
-    if section.velocity is not None:
-        velocity = _columns(section.velocity, coordinates, locate("signals", "velocity"))
-    elif section.commanded_velocity is None:
-        _refuse_without_velocity(section, locate)
-    commanded = _commanded(section, coordinates, locate)
+    columns = {
+        key: _columns(given, coordinates, locate("signals", key))
+        for key in (*_MEASURED, *_COMMANDED)
+        if (given := getattr(section, key)) is not None
+    }
+    _refuse_half_motion(columns, section, locate)
     time, time_scale = _clock(section, locate)
     clock, efforts = (("signals", "time"), (time,)), (("signals", "effort", "columns"), effort)
-    names = ("position", "velocity"), ("commanded_position", "commanded_velocity")
-    for keys, lists in zip(names, ((position, velocity), commanded), strict=True):
-        moved = [(("signals", key), one or ()) for key, one in zip(keys, lists, strict=True)]
+    for keys in (_MEASURED, _COMMANDED):
+        moved = [(("signals", key), columns.get(key, ())) for key in keys]
         _check_distinct([clock, *moved, efforts], locate)
-    position_scale, velocity_scale = _motion_scales(section, coordinates, locate)
+    position_scale = _scales(section, "position", POSITION_UNITS, coordinates, locate)
+    velocity_scale = _scales(section, "velocity", VELOCITY_UNITS, coordinates, locate)
     units, effort_scale = effort_units_of(section.effort, coordinates, locate)
     gains, unknown = gains_of(section.effort, effort, units, coordinates, locate)
-    effort_map = None
+    effort_map = position_map = None
+    if gears is not None and section.coordinates == "motor":
+        position_map = frozen(np.linalg.inv(gears.matrix))
     if gears is not None and section.effort.side == "motor":
         if gears.coupled:
             effort_map = coupled_map(gears, gains, unknown, locate)
@@ -173,51 +174,54 @@ def build_signals(
             gains = frozen(np.ones(len(coordinates)))
         else:
             gains = frozen(gains * np.diag(gears.matrix))
-    turned = gears is not None and section.coordinates == "motor"
     position_offset, unknown_offsets = _position_offset(section, coordinates, locate)
     return Signals(
         time=time,
         time_scale=time_scale,
-        position=position,
+        position=columns["position"],
         position_scale=position_scale,
-        velocity=velocity,
-        velocity_scale=None if velocity is None else velocity_scale,
+        velocity=columns.get("velocity"),
+        velocity_scale=velocity_scale if "velocity" in columns else None,
         effort=effort,
         effort_scale=effort_scale,
         effort_kind=section.effort.kind,
         effort_units=units,
         gains=gains,
         unknown_gains=unknown,
-        position_map=frozen(np.linalg.inv(gears.matrix)) if gears is not None and turned else None,
+        position_map=position_map,
         position_offset=position_offset,
         effort_map=effort_map,
         velocity_delay=section.velocity_delay,
         effort_delay=section.effort.delay,
         unknown_offsets=unknown_offsets,
-        commanded_position=commanded[0],
-        commanded_velocity=commanded[1],
-        commanded_velocity_scale=None if commanded[1] is None else velocity_scale,
+        commanded_position=columns.get("commanded_position"),
+        commanded_velocity=columns.get("commanded_velocity"),
+        commanded_velocity_scale=velocity_scale if "commanded_velocity" in columns else None,
     )
 
 
-def _commanded(
-    section: SignalsSection, coordinates: Sequence[Coordinate], locate: Locate
-) -> tuple[tuple[str, ...] | None, tuple[str, ...] | None]:
-    """Columns of commanded positions and velocities, as far as they are declared."""
-    if section.commanded_position is None and section.commanded_velocity is not None:
+_MEASURED, _COMMANDED = ("position", "velocity"), ("commanded_position", "commanded_velocity")
+
+
+def _refuse_half_motion(
+    columns: Mapping[str, Sequence[str]], section: SignalsSection, locate: Locate
+) -> None:
+    """Commanded velocities go with positions, and what is said of velocities with columns."""
+    if "commanded_velocity" in columns and "commanded_position" not in columns:
         raise ModelError(
             "commanded_velocity is given, but no commanded_position",
             where=locate("signals", "commanded_velocity"),
             fix="add commanded_position = ..., or remove commanded_velocity",
         )
-    position, velocity = (
-        None if given is None else _columns(given, coordinates, locate("signals", key))
-        for key, given in (
-            ("commanded_position", section.commanded_position),
-            ("commanded_velocity", section.commanded_velocity),
-        )
-    )
-    return position, velocity
+    if columns.keys() & {"velocity", "commanded_velocity"}:
+        return
+    for key in ("velocity_unit", "velocity_sign", "velocity_delay"):
+        if getattr(section, key):
+            raise ModelError(
+                f"{key} is given, but no velocity columns",
+                where=locate("signals", key),
+                fix=f"add velocity = ..., or remove {key}",
+            )
 
 
 def _clock(section: SignalsSection, locate: Locate) -> tuple[str, float]:
@@ -226,53 +230,12 @@ def _clock(section: SignalsSection, locate: Locate) -> tuple[str, float]:
         return section.time, TIME_UNITS[section.time_unit]
     if section.rate is not None and section.time is None:
         return ROW, 1.0 / section.rate
-    wrong = (
-        "both a column of time and a rate"
-        if section.rate
-        else "neither a column of time nor a rate"
-    )
+    both, none = "both a column of time and a rate", "neither a column of time nor a rate"
     raise ModelError(
-        f"there is {wrong}",
+        f"there is {both if section.rate else none}",
         where=locate("signals"),
         fix='set time = "..." for the log\'s clock, or rate = ... [Hz] if it has none',
     )
-
-
-def _motion_scales(
-    section: SignalsSection, coordinates: Sequence[Coordinate], locate: Locate
-) -> tuple[Array, Array]:
-    """SI per logged unit of positions and velocities, of joints or of motors."""
-    position_units, velocity_units = POSITION_UNITS, VELOCITY_UNITS
-    if section.coordinates == "motor":
-        position_units, velocity_units = _of_motors(POSITION_UNITS), _of_motors(VELOCITY_UNITS)
-    where = locate("signals", "position_unit"), locate("signals", "velocity_unit")
-    position_scale = _scales(section.position_unit, position_units, coordinates, where[0])
-    velocity_scale = _scales(section.velocity_unit, velocity_units, coordinates, where[1])
-    return (
-        position_scale * _signs(section, "position_sign", coordinates, locate),
-        velocity_scale * _signs(section, "velocity_sign", coordinates, locate),
-    )
-
-
-def _signs(
-    section: SignalsSection, key: str, coordinates: Sequence[Coordinate], locate: Locate
-) -> Array:
-    """1 or -1 per column: -1 where it counts the other way."""
-    given = getattr(section, key)
-    if given is None:
-        return np.ones(len(coordinates))
-    check_count(len(given), "signs", coordinates, locate("signals", key))
-    return np.array(given, dtype=np.float64)
-
-
-def _refuse_without_velocity(section: SignalsSection, locate: Locate) -> None:
-    for key in ("velocity_unit", "velocity_sign", "velocity_delay"):
-        if getattr(section, key):
-            raise ModelError(
-                f"{key} is given, but no velocity columns",
-                where=locate("signals", key),
-                fix=f"add velocity = ..., or remove {key}",
-            )
 
 
 LEAST_DEGREES = 15.0
@@ -344,19 +307,22 @@ def _check_distinct(lists: Sequence[tuple[tuple[str, ...], Sequence[str]]], loca
             known[column] = name
 
 
-def _of_motors(units: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
-    """Units in which motors are logged: one that turns may drive a prismatic joint."""
-    every = {unit: scale for of_kind in units.values() for unit, scale in of_kind.items()}
-    return {kind: every for kind in units}
-
-
 def _scales(
-    given: str | tuple[str, ...] | None,
+    section: SignalsSection,
+    quantity: str,
     units: Mapping[str, Mapping[str, float]],
     coordinates: Sequence[Coordinate],
-    where: str,
+    locate: Locate,
 ) -> Array:
-    """SI per logged unit. One unit for all means those joints that it can measure."""
+    """SI per logged unit, negative where a column counts the other way.
+
+    One unit for all means those joints that it can measure. A motor that turns may drive a
+    prismatic joint.
+    """
+    given, signs = (getattr(section, f"{quantity}_{what}") for what in ("unit", "sign"))
+    where = locate("signals", f"{quantity}_unit")
+    if section.coordinates == "motor":
+        units = dict.fromkeys(units, {u: x for some in units.values() for u, x in some.items()})
     if isinstance(given, tuple):
         check_count(len(given), "units", coordinates, where)
         wanted: list[str | None] = list(given)
@@ -364,8 +330,8 @@ def _scales(
         wanted = [given if given in units[c.kind] else None for c in coordinates]
         if given is not None and not any(wanted):
             wanted = [given] * len(coordinates)
-    scales = []
-    for coordinate, unit in zip(coordinates, wanted, strict=True):
+    scales = np.ones(len(coordinates))
+    for k, (coordinate, unit) in enumerate(zip(coordinates, wanted, strict=True)):
         fitting = units[coordinate.kind]
         if unit is not None and unit not in fitting:
             raise ModelError(
@@ -373,7 +339,10 @@ def _scales(
                 where=where,
                 fix=f"use one of {', '.join(fitting)}",
             )
-        scales.append(1.0 if unit is None else fitting[unit])
+        scales[k] = 1.0 if unit is None else fitting[unit]
+    if signs is not None:
+        check_count(len(signs), "signs", coordinates, locate("signals", f"{quantity}_sign"))
+        scales *= signs
     return frozen(scales)
 
 
@@ -386,26 +355,19 @@ def signals_to_dict(signals: Signals) -> dict[str, Any]:
 
 
 def signals_from_dict(data: Mapping[str, Any]) -> Signals:
-    """The signals that `signals_to_dict` wrote."""
-    fields = dict(data)
-    for name in ("position", "velocity", "effort", "effort_units"):
-        fields[name] = None if fields[name] is None else tuple(fields[name])
-    for name in ("commanded_position", "commanded_velocity"):
-        fields[name] = None if fields.get(name) is None else tuple(fields[name])
-    fields.setdefault("commanded_velocity_scale", None)
-    fields["unknown_gains"] = tuple(fields["unknown_gains"])
-    fields["unknown_offsets"] = tuple(fields.get("unknown_offsets", ()))
-    n = len(fields["position"])
-    for name, shape in (
-        ("position_map", (n, n)),
-        ("position_offset", (n,)),
-        ("effort_map", (n, n)),
-    ):
-        fields[name] = None if fields[name] is None else frozen(fields[name], shape)
-    scales = ("position_scale", "velocity_scale", "effort_scale", "gains")
-    for name in (*scales, "commanded_velocity_scale"):
-        fields[name] = None if fields[name] is None else frozen(fields[name], (n,))
-        if fields[name] is not None and not (np.isfinite(fields[name]) & (fields[name] != 0)).all():
+    """The signals that `signals_to_dict` wrote; `ValueError` if they do not fit each other."""
+    fields: dict[str, Any] = {k: tuple(x) if isinstance(x, list) else x for k, x in data.items()}
+    n, scales = (
+        len(fields["position"]),
+        ("position_scale", "velocity_scale", "effort_scale", "gains"),
+    )
+    vectors = ("position_offset", *scales, "commanded_velocity_scale")
+    shapes = {"position_map": (n, n), "effort_map": (n, n), **dict.fromkeys(vectors, (n,))}
+    for name, shape in shapes.items():
+        if fields.get(name) is None:
+            continue
+        fields[name] = frozen(data[name], shape)
+        if name in vectors[1:] and not (np.isfinite(fields[name]) & (fields[name] != 0)).all():
             raise ValueError(f"'{name}' of the signals holds a value that cannot be used")
     if len(fields["effort"]) != n or len(fields["effort_units"]) != n:
         raise ValueError("the signals' lists differ in length")

@@ -205,22 +205,13 @@ def _missing(
 
 def _near(robot: Robot, moving: set[str]) -> set[str]:
     """Joints that carry a joint or are carried by one: their positions change its dynamics."""
-    above = [_carriers(robot, k) for k in range(len(robot.bodies))]
     own = robot.joint_names
     names = [own[b.coordinate] if b.coordinate < len(own) else b.joint for b in robot.bodies]
     near: set[str] = set()
-    for k, carriers in enumerate(above):
-        chain = {names[j] for j in (k, *carriers)}
+    for k in range(len(robot.bodies)):
+        chain = {names[j] for j in robot.carriers(k)}
         near |= chain if chain & moving else set()
     return near
-
-
-def _carriers(robot: Robot, body: int) -> list[int]:
-    """Bodies between one and the base."""
-    found = []
-    while (body := robot.bodies[body].parent) >= 0:
-        found.append(body)
-    return found
 
 
 def notes_beside(bare: LoadedRobot, written: LoadedRobot) -> tuple[str, ...]:
