@@ -11,6 +11,7 @@ from cli.mistakes import workshop
 from short_arm import short_logs
 from steelyard.cli.app import app, expanded
 from steelyard.estimate.scores.cross_validation import stretches_left_out
+from steelyard.identify import validation_data
 from steelyard.simulate.demo import write_demo_arm
 
 Command = Callable[..., Result]
@@ -39,7 +40,7 @@ def command(work: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
     the time of an identification; `identified` calibrates on all. Logs of 2 s are cut.
     """
     monkeypatch.chdir(work)
-    monkeypatch.setattr("steelyard.identify.validation_data.SHORTEST_CUT_LOG", 2.0)
+    monkeypatch.setattr(validation_data, "SHORTEST_CUT_LOG", 2.0)
     monkeypatch.setattr(
         "steelyard.estimate.scores.band_calibration.stretches_left_out",
         lambda runs, information: stretches_left_out(runs, information)[:2],

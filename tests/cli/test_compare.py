@@ -1,6 +1,7 @@
 """`steelyard compare`: by runs and by stretches, what it writes, mistakes, and Ctrl-C."""
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -82,7 +83,7 @@ def test_an_estimator_that_fails_does_not_stop_the_others(command, monkeypatch) 
 
     offers = (Offer("invented", "fails", "information", lambda _: failing), *ESTIMATORS)
     monkeypatch.setattr(register, "ESTIMATORS", offers)
-    monkeypatch.setattr("steelyard.identify.comparison.compare.ESTIMATORS", offers)
+    monkeypatch.setattr(sys.modules["steelyard.identify.comparison.compare"], "ESTIMATORS", offers)
     done = command("compare", ROBOT, LOG, "--estimators", "invented", "WLS")
     assert done.exit_code == 0, done.output
     text = words(done.output)

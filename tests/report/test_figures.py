@@ -12,6 +12,7 @@ from report.conftest import rendered_only
 from steelyard.base.arrays import Parameters
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.scores.residuals import PARTS
+from steelyard.identify.page import effort_figures
 from steelyard.identify.page.conditioning import CorrelationsSection, correlations
 from steelyard.identify.page.content import ReportContent, fitted_samples, unseen_samples
 from steelyard.identify.page.effort_figures import (
@@ -59,8 +60,7 @@ def test_the_parts_of_the_figure_add_up_to_the_prediction(usual: ReportContent) 
 def test_many_joints_share_the_points(
     usual: ReportContent, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    place = "steelyard.identify.page.effort_figures.MOST_POINTS_OF_TORQUE_PARTS"
-    monkeypatch.setattr(place, 100 * 7 * 2)
+    monkeypatch.setattr(effort_figures, "MOST_POINTS_OF_TORQUE_PARTS", 100 * 7 * 2)
     numbers = TorqueSplitSection().numbers(usual)
     (figure,) = numbers["groups"][1].figures
     assert 50 <= len(drawn(figure, "predicted")[0]) <= 100

@@ -27,7 +27,8 @@ def checked(**least: float) -> Callable[[Callable[Arguments, Result]], Callable[
     the errors that led to it, unless the environment variable `STEELYARD_TRACEBACK` is set.
 
     Args:
-        least: The least value of arguments that are numbers.
+        least: The least value of arguments that are numbers; also an attribute of the function,
+            for its command.
     """
 
     def around(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
@@ -49,6 +50,7 @@ def checked(**least: float) -> Callable[[Callable[Arguments, Result]], Callable[
                 # people read the next line in tracebacks, with its comment
                 raise error.with_traceback(None) from None  # all frames: STEELYARD_TRACEBACK=1
 
+        vars(run)["least"] = least
         return run
 
     return around

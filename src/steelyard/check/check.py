@@ -112,7 +112,7 @@ def check(
         model: Reference model, identified from runs without payload, contact or wrong signals.
         fix: Path of a corrected robot file; if empty, beside the given one. It is checked
             again, and written by `CheckResult.fixed.save()`. `None` for none.
-        quick: Whether to make only the checks that `identify` makes before the fit.
+        quick: Only the checks that `identify` makes before the fit.
         fixed_base: Link to fix to the world, for a model file; `None` for its root.
         progress: Receives events of progress; an exception from it stops the work.
 

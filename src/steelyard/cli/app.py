@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from steelyard.cli.derived_command import DerivedCommand
 from steelyard.cli.doctor_command import doctor
 from steelyard.cli.identify_commands import compare, compare_models, identify, validate
 from steelyard.cli.init_command import init
@@ -47,7 +48,7 @@ for command in (
     demo,
     doctor,
 ):
-    app.command()(command)
+    app.command(cls=DerivedCommand if hasattr(command, "make") else None)(command)
 
 app.add_typer(log)
 

@@ -7,7 +7,7 @@ import re
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, Protocol, TypeVar
 
@@ -102,52 +102,35 @@ def guarded(command: Callable[Arguments, None]) -> Callable[Arguments, None]:
     return run
 
 
+def output_option(help: str) -> Any:
+    """The option `--output` with its help."""
+    return typer.Option("--output", "-o", help=help)
+
+
+def output_folder(default: str) -> Any:
+    """The option of a folder that is always written, `default` if unset."""
+    return output_option(
+        f"Output folder; must not exist. If unset {default}, or {default}-2 and so on if that "
+        "exists."
+    )
+
+
+def verbose_option(help: str) -> Any:
+    """The option `--verbose` with its help."""
+    return typer.Option("--verbose", "-v", help=help)
+
+
 Json = Annotated[bool, typer.Option("--json", help="Machine-readable results on standard output.")]
-Verbose = Annotated[
-    bool, typer.Option("--verbose", "-v", help="Print what each check found, ok ones too.")
-]
-Details = Annotated[
-    bool,
-    typer.Option("--verbose", "-v", help="Print all errors, parameters and notes."),
-]
-DesignDetails = Annotated[
-    bool,
-    typer.Option(
-        "--verbose",
-        "-v",
-        help="Print all tight limits, all motions that would reduce uncertainty, and notes.",
-    ),
+Details = Annotated[bool, verbose_option("Print all errors, parameters and notes.")]
+ReportFolder = Annotated[Path | None, output_option("Output folder for the report; none if unset.")]
+PlotsFolder = Annotated[
+    Path | None, output_option("Output folder for a page with plots; none if unset.")
 ]
 Threads = Annotated[
     int | None, typer.Option(min=1, help="Threads for the pass over the data; all cores if unset.")
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")]
-FrictionDrift = Annotated[
-    float,
-    typer.Option(
-        min=0, max=1000, metavar="FACTOR", help="Factor on the true friction, such as 1.2."
-    ),
-]
-
-
-def output_folder(default: str) -> Any:
-    """The option of a folder that is always written, `default` if unset."""
-    return typer.Option(
-        "--output",
-        "-o",
-        help=f"Output folder; must not exist. If unset {default}, or {default}-2 and so on if "
-        "that exists.",
-    )
-
-
-Commanded = Annotated[
-    bool,
-    typer.Option(
-        "--commanded",
-        help="Predict the efforts of validation logs from the commanded motion "
-        "(commanded_position in the robot file), as feedforward would.",
-    ),
-]
+DesignBudget = Annotated[float, typer.Option(min=1.0, help="Time limit of the design in seconds.")]
 XACRO_ARGUMENTS_HELP = "Arguments of a xacro file follow it: arm.urdf.xacro name:=left."
 RobotArgument = Annotated[
     str,
@@ -155,18 +138,8 @@ RobotArgument = Annotated[
         help=f"Robot file (TOML), URDF, xacro file or MJCF. {XACRO_ARGUMENTS_HELP}", metavar="ROBOT"
     ),
 ]
-ModelArgument = Annotated[
-    str, typer.Argument(help="model.json, or the folder that contains it.", metavar="MODEL")
-]
-AlarmRate = Annotated[
-    float | None,
-    typer.Option(
-        min=1e-9,
-        help="False alarms per hour of all joints together; if unset 1, or as few as the "
-        "calibration supports.",
-        metavar="NUMBER",
-    ),
-]
+MODEL_HELP = "model.json, or the folder that contains it."
+ModelArgument = Annotated[str, typer.Argument(help=MODEL_HELP, metavar="MODEL")]
 FixedBase = Annotated[
     str | None,
     typer.Option(
@@ -180,6 +153,8 @@ LOG_HELP = (
     "HDF5. Cut by time: run.parquet@0.6:9.5 (seconds from its start), "
     "or by rows: run.parquet#921:4442."
 )
+LogArgument = Annotated[str, typer.Argument(help=LOG_HELP, metavar="LOG")]
+LogArguments = Annotated[list[str], typer.Argument(help=LOG_HELP, metavar="LOG...")]
 
 
 class CommandResult(Protocol):
@@ -233,34 +208,63 @@ def progress_bar() -> Iterator[Progress]:
         yield watch
 
 
-def computed(
-    compute: Callable[[Progress], R], output: Path | None, as_json: bool, **files: str
-) -> R:
-    """Compute a result with a progress bar, write it if wanted, and print it.
+def computed(compute: Callable[..., R], folder: Path | None) -> R:
+    """Compute a result with a progress bar, and write it to a new folder, whole or not at all.
 
     Args:
-        compute: Computes it.
-        output: Folder to write it to, whole or not at all; none if `None`.
+        compute: Takes the watcher as `progress`.
+        folder: Folder to make; none if `None`.
+    """
+    from steelyard.base.files import whole_folder
+
+    with progress_bar() as progress, ExitStack() as stack:
+        part = None if folder is None else stack.enter_context(whole_folder(folder))
+        found = compute(progress=progress)
+        if part is not None:
+            found.write(part)
+            interrupt.too_late()
+    return found
+
+
+def reported(compute: Callable[..., R], output: Path | None, as_json: bool, **files: str) -> R:
+    """Compute a result, write it if wanted, and print it.
+
+    Args:
+        compute: Takes the watcher as `progress`.
+        output: Folder to write to; none if `None`.
         as_json: Whether to print it as JSON.
         **files: Names of written files that the terminal lists, by what they are.
     """
-    import typer
     from rich.console import Console
 
-    from steelyard.base.files import new_folder, whole_folder
-
-    folder = None if output is None else new_folder(output, "")
-    with progress_bar() as progress:
-        found = compute(progress)
-        if folder is not None:
-            with whole_folder(folder) as part:
-                found.write(part)
-                interrupt.too_late()
+    folder = optional_folder(output)
+    found = computed(compute, folder)
     if as_json:
-        typer.echo(json.dumps(found.to_dict(), allow_nan=False))
+        print_json(found.to_dict())
         return found
     found.show(Console())
     if folder is not None:
-        lines = (f"{kind:<7} {folder / name}" for kind, name in files.items())
-        typer.echo("\n".join(["", *lines]))
+        typer.echo("\n" + file_lines(folder, **files))
     return found
+
+
+def optional_folder(output: Path | None) -> Path | None:
+    """The output folder, if one is named.
+
+    Raises:
+        OutputError: It exists already.
+    """
+    from steelyard.base.files import new_folder
+
+    return None if output is None else new_folder(output, "")
+
+
+def file_lines(folder: Path, **files: str) -> str:
+    """Written files by what they are, a line each."""
+    width = max(map(len, files))
+    return "\n".join(f"{kind:<{width}}  {folder / name}" for kind, name in files.items())
+
+
+def print_json(values: Any) -> None:
+    """Print JSON on standard output."""
+    typer.echo(json.dumps(values, allow_nan=False))

@@ -1,89 +1,40 @@
 """The commands `identify`, `validate`, `compare` and `compare-models`."""
 
-import json
-from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from steelyard.base.progress import Progress
 from steelyard.cli import interrupt
 from steelyard.cli.command import (
     LOG_HELP,
-    Commanded,
     Details,
-    FixedBase,
     Json,
-    ModelArgument,
-    RobotArgument,
-    Threads,
-    guarded,
+    PlotsFolder,
+    ReportFolder,
+    computed,
+    file_lines,
+    optional_folder,
     output_folder,
+    print_json,
 )
+from steelyard.cli.derived_command import from_function
 
 if TYPE_CHECKING:
+    from steelyard.identify.comparison.compare import EstimatorComparison
+    from steelyard.identify.comparison.compare_models import ComparedModels
     from steelyard.identify.identify import Identification
+    from steelyard.identify.validate import Validation
+
+NO_CHECK = {"help": "Skip the check of the logs; see `steelyard check`."}
 
 
-@guarded
+@from_function("steelyard:identify", check=NO_CHECK, bootstrap={"metavar": "N"})
 def identify(
-    robot: RobotArgument,
-    logs: Annotated[list[str], typer.Argument(help=LOG_HELP, metavar="LOG...")],
-    validate: Annotated[
-        list[str] | None,
-        typer.Option("--validate", help="Logs of other motions, for validation.", metavar="LOG..."),
-    ] = None,
-    loaded: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--loaded",
-            help="Logs with a payload, to identify unknown drive gains.",
-            metavar="LOG...",
-        ),
-    ] = None,
-    payload_mass: Annotated[
-        float | None, typer.Option(min=1e-6, help="Mass of that payload, in kg.")
-    ] = None,
-    payload_frame: Annotated[
-        str | None,
-        typer.Option(help="Frame of the payload; that of the last link if unset.", metavar="NAME"),
-    ] = None,
+    call: "partial[Identification]",
     output: Annotated[Path | None, output_folder("steelyard-ROBOT")] = None,
-    no_check: Annotated[
-        bool,
-        typer.Option("--no-check", help="Skip the check of the logs; see `steelyard check`."),
-    ] = False,
-    commanded: Commanded = False,
-    sensitivity: Annotated[
-        bool,
-        typer.Option(
-            "--sensitivity", help="Repeat the fit with cut-offs x 0.5 to x 2, and compare."
-        ),
-    ] = False,
-    bootstrap: Annotated[
-        int | None,
-        typer.Option(
-            min=20, help="Number of bootstrap estimates, from resampled time windows.", metavar="N"
-        ),
-    ] = None,
-    each: Annotated[
-        bool,
-        typer.Option(
-            "--each",
-            help="Also estimate from each log alone: mean and standard deviation of every "
-            "parameter over the logs.",
-        ),
-    ] = False,
-    method: Annotated[
-        str | None,
-        typer.Option(
-            help="Estimator, such as WLS, Huber or IV, instead of the robot file's; `steelyard "
-            "compare` recommends one.",
-            metavar="NAME",
-        ),
-    ] = None,
-    fixed_base: FixedBase = None,
-    threads: Threads = None,
     verbose: Details = False,
     as_json: Json = False,
 ) -> None:
@@ -96,63 +47,27 @@ def identify(
     """
     from rich.console import Console
 
-    from steelyard.cli.command import progress_bar
+    from steelyard.base.files import new_folder
     from steelyard.identify.page.model_verdict import exit_code, next_steps, step_lines
+    from steelyard.robot.models.xacro import stem_of
 
-    with progress_bar() as progress:
-        found, folder = run_identify(
-            robot,
-            logs,
-            output,
-            validate=validate or (),
-            loaded=loaded or (),
-            payload_mass=payload_mass,
-            payload_frame=payload_frame,
-            check=not no_check,
-            commanded=commanded,
-            sensitivity=sensitivity,
-            bootstrap=bootstrap,
-            each=each,
-            method=method,
-            fixed_base=fixed_base,
-            threads=threads,
-            progress=progress,
-        )
+    robot = call.keywords["robot"]
+    folder = new_folder(output, f"steelyard-{stem_of(robot)}")
+    found = computed(call, folder)
     if as_json:
-        typer.echo(json.dumps({"output": str(folder), **found.to_dict()}, allow_nan=False))
+        print_json({"output": str(folder), **found.to_dict()})
     else:
         found.show(Console(), verbose)
         lines = step_lines(next_steps(found.content, robot, folder))
-        paths = f"model   {folder / 'model.json'}\nreport  {folder / 'report.html'}"
+        paths = file_lines(folder, model="model.json", report="report.html")
         typer.echo("\n".join(["", *lines, paths]))
     raise typer.Exit(exit_code(found.content))
 
 
-def run_identify(
-    robot: str, logs: list[str], output: Path | None, **options: Any
-) -> "tuple[Identification, Path]":
-    """Identify into a new folder, whole or not at all; once written, nothing stops the command."""
-    from steelyard.base.files import new_folder, whole_folder
-    from steelyard.cli import interrupt
-    from steelyard.identify.identify import identify
-    from steelyard.robot.models.xacro import stem_of
-
-    folder = new_folder(output, f"steelyard-{stem_of(robot)}")
-    with whole_folder(folder) as part:
-        found = identify(robot, logs, **options)
-        found.write(part)
-        interrupt.too_late()
-    return found, folder
-
-
-@guarded
+@from_function("steelyard:validate")
 def validate(
-    model: ModelArgument,
-    logs: Annotated[list[str], typer.Argument(help=LOG_HELP, metavar="LOG...")],
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Output folder for the report; none if unset."),
-    ] = None,
+    call: "partial[Validation]",
+    output: ReportFolder = None,
     max_error: Annotated[
         float | None,
         typer.Option(
@@ -161,7 +76,6 @@ def validate(
             metavar="PERCENT",
         ),
     ] = None,
-    commanded: Commanded = False,
     verbose: Details = False,
     as_json: Json = False,
 ) -> None:
@@ -175,9 +89,6 @@ def validate(
     """
     from rich.console import Console
 
-    from steelyard.base.files import new_folder, whole_folder
-    from steelyard.cli import interrupt
-    from steelyard.cli.command import progress_bar
     from steelyard.identify.page.model_verdict import (
         error_limit_words,
         exit_code,
@@ -186,16 +97,11 @@ def validate(
         robot_file,
         step_lines,
     )
-    from steelyard.identify.validate import validate as validated
 
-    folder = None if output is None else new_folder(output, "")
-    with progress_bar() as progress, ExitStack() as parts:
-        found = validated(model, logs, commanded=commanded, progress=progress)
-        if folder is not None:
-            found.write(parts.enter_context(whole_folder(folder)))
-            interrupt.too_late()
+    folder, model = optional_folder(output), call.keywords["model"]
+    found = computed(call, folder)
     if as_json:
-        typer.echo(json.dumps(found.to_dict()["logs"], allow_nan=False))
+        print_json(found.to_dict()["logs"])
     else:
         found.show(Console(), verbose)
         steps = fix_commands(found.content, model, robot_file(found.content))
@@ -206,7 +112,7 @@ def validate(
             )
         lines = step_lines(steps)
         if folder is not None:
-            lines.append(f"report  {folder / 'report.html'}")
+            lines.append(file_lines(folder, report="report.html"))
         if lines:
             typer.echo("\n".join(["", *lines]))
     above = error_limit_words(found.verdict, max_error)
@@ -215,35 +121,16 @@ def validate(
     raise typer.Exit(max(exit_code(found.content), int(bool(above))))
 
 
-@guarded
+@from_function(
+    "steelyard:compare",
+    estimators={"metavar": "NAME..."},
+    everything={"name": "--all"},
+    check=NO_CHECK,
+    interruption=None,
+)
 def compare(
-    robot: RobotArgument,
-    logs: Annotated[list[str], typer.Argument(help=LOG_HELP, metavar="LOG...")],
-    estimators: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--estimators",
-            help="Estimators to compare, such as WLS consistent Huber IV; if unset, all without "
-            "random search or simulation.",
-            metavar="NAME...",
-        ),
-    ] = None,
-    everything: Annotated[
-        bool,
-        typer.Option(
-            "--all", help="Also estimators that use random search or simulation; takes minutes."
-        ),
-    ] = False,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Output folder for a page with plots; none if unset."),
-    ] = None,
-    no_check: Annotated[
-        bool,
-        typer.Option("--no-check", help="Skip the check of the logs; see `steelyard check`."),
-    ] = False,
-    fixed_base: FixedBase = None,
-    threads: Threads = None,
+    call: "partial[EstimatorComparison]",
+    output: PlotsFolder = None,
     verbose: Details = False,
     as_json: Json = False,
 ) -> None:
@@ -255,58 +142,39 @@ def compare(
     """
     from rich.console import Console
 
-    from steelyard.base.files import new_folder, whole_folder
-    from steelyard.cli.command import progress_bar
-    from steelyard.identify.comparison.compare import compare as compared
-
-    folder = None if output is None else new_folder(output, "")
-    with progress_bar() as progress, ExitStack() as parts:
-        found = compared(
-            robot,
-            logs,
-            estimators or (),
-            everything=everything,
-            check=not no_check,
-            fixed_base=fixed_base,
-            threads=threads,
-            progress=progress,
-            interruption=interrupt.Interrupted,
-        )
+    def compute(progress: Progress) -> "EstimatorComparison":
+        found = call(progress=progress, interruption=interrupt.Interrupted)
         if found.untried:
             interrupt.answered()
-        if folder is not None:
-            found.write(parts.enter_context(whole_folder(folder)))
-            interrupt.too_late()
+        return found
+
+    folder = optional_folder(output)
+    found = computed(compute, folder)
     if as_json:
-        content = {**found.to_dict(), "output": folder and str(folder)}
-        typer.echo(json.dumps(content, allow_nan=False))
+        print_json({**found.to_dict(), "output": folder and str(folder)})
     else:
         found.show(Console(), verbose)
         if folder is not None:
-            typer.echo(f"\npage  {folder / 'compare.html'}\nJSON  {folder / 'compare.json'}")
+            typer.echo("\n" + file_lines(folder, page="compare.html", JSON="compare.json"))
     if found.untried:
         raise typer.Exit(interrupt.INTERRUPTED)
 
 
-@guarded
+@from_function(
+    "steelyard:compare_models",
+    models={
+        "help": "Two or more models: model.json, or the folders that contain it.",
+        "metavar": "MODEL...",
+    },
+    logs={
+        "name": "--on",
+        "help": f"{LOG_HELP} Not logs that a model was identified from.",
+        "metavar": "LOG...",
+    },
+)
 def compare_models(
-    models: Annotated[
-        list[str],
-        typer.Argument(
-            help="Two or more models: model.json, or the folders that contain it.",
-            metavar="MODEL...",
-        ),
-    ],
-    logs: Annotated[
-        list[str],
-        typer.Option(
-            "--on", help=f"{LOG_HELP} Not logs that a model was identified from.", metavar="LOG..."
-        ),
-    ],
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Output folder for a page with plots; none if unset."),
-    ] = None,
+    call: "partial[ComparedModels]",
+    output: PlotsFolder = None,
     verbose: Details = False,
     as_json: Json = False,
 ) -> None:
@@ -318,21 +186,11 @@ def compare_models(
     """
     from rich.console import Console
 
-    from steelyard.base.files import new_folder, whole_folder
-    from steelyard.cli import interrupt
-    from steelyard.cli.command import progress_bar
-    from steelyard.identify.comparison.compare_models import compare_models as compared
-
-    folder = None if output is None else new_folder(output, "")
-    with progress_bar() as progress, ExitStack() as parts:
-        found = compared(models, logs, progress=progress)
-        if folder is not None:
-            found.write(parts.enter_context(whole_folder(folder)))
-            interrupt.too_late()
+    folder = optional_folder(output)
+    found = computed(call, folder)
     if as_json:
-        told = {**found.to_dict(), "output": folder and str(folder)}
-        typer.echo(json.dumps(told, allow_nan=False))
+        print_json({**found.to_dict(), "output": folder and str(folder)})
         return
     found.show(Console(), verbose)
     if folder is not None:
-        typer.echo(f"page  {folder / 'models.html'}\nJSON  {folder / 'models.json'}")
+        typer.echo(file_lines(folder, page="models.html", JSON="models.json"))

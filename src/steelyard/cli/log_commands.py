@@ -1,15 +1,27 @@
 """The commands `check` and `log`: what is wrong with logs, and what is in them."""
 
-import json
 from collections.abc import Sequence
 from contextlib import ExitStack
 from fnmatch import fnmatchcase
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from steelyard.cli.command import LOG_HELP, FixedBase, Json, RobotArgument, Verbose, guarded
+from steelyard.cli import interrupt
+from steelyard.cli.command import (
+    Json,
+    LogArgument,
+    LogArguments,
+    guarded,
+    optional_folder,
+    output_option,
+    print_json,
+    progress_bar,
+    verbose_option,
+)
+from steelyard.cli.derived_command import from_function
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -40,37 +52,25 @@ WHAT_DECIDES_GAINS = (
 """What decides gains and payload where the nominal model does not."""
 
 
-@guarded
+@from_function(
+    "steelyard:check",
+    model={
+        "help": "Reference model, identified from runs without payload, contact or wrong signals: "
+        "model.json or its folder.",
+        "metavar": "MODEL",
+    },
+    fix={
+        "help": "Write a corrected robot file and check again; ROBOT-fixed.toml if no FILE.toml "
+        "follows.",
+        "metavar": "[FILE.toml]",
+    },
+)
 def check(
-    robot: RobotArgument,
-    logs: Annotated[list[str], typer.Argument(help=LOG_HELP, metavar="LOG...")],
-    model: Annotated[
-        str | None,
-        typer.Option(
-            help="Reference model, identified from runs without payload, contact or wrong signals: "
-            "model.json or its folder.",
-            metavar="MODEL",
-        ),
-    ] = None,
-    fix: Annotated[
-        str | None,
-        typer.Option(
-            help="Write a corrected robot file and check again; ROBOT-fixed.toml "
-            "if no FILE.toml follows.",
-            metavar="[FILE.toml]",
-        ),
-    ] = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Only the checks that `identify` makes before the fit.")
-    ] = False,
+    call: "partial[CheckResult]",
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", help="Output folder for a page with plots and JSON; none if unset."
-        ),
+        Path | None, output_option("Output folder for a page with plots and JSON; none if unset.")
     ] = None,
-    fixed_base: FixedBase = None,
-    verbose: Verbose = False,
+    verbose: Annotated[bool, verbose_option("Print what each check found, ok ones too.")] = False,
     as_json: Json = False,
 ) -> None:
     """Check logs for errors, and propose lines of the robot file that correct them.
@@ -85,35 +85,22 @@ def check(
     from rich.text import Text
 
     from steelyard.base.errors import ModelError
-    from steelyard.base.files import new_folder, whole_file, whole_folder
-    from steelyard.check.check import check as checked
-    from steelyard.cli import interrupt
-    from steelyard.cli.command import progress_bar
+    from steelyard.base.files import whole_file, whole_folder
     from steelyard.identify.validation_data import ProposedCut, propose_cut
     from steelyard.robot.file.robot_file import load_robot
 
-    folder = None if output is None else new_folder(output, "")
-    with progress_bar() as progress:
-        found = checked(
-            robot,
-            logs,
-            model,
-            fix=fix,
-            quick=quick,
-            fixed_base=fixed_base,
-            progress=progress,
-        )
-        with ExitStack() as parts:
-            if found.fixed is not None and found.fixed.changes:
-                file = parts.enter_context(whole_file(found.fixed.subject.path))
-                file.write_text(found.fixed.subject.text, encoding="utf-8")
-            if folder is not None:
-                found.write(parts.enter_context(whole_folder(folder)))
-            interrupt.too_late()
+    folder = optional_folder(output)
+    with progress_bar() as progress, ExitStack() as parts:
+        found = call(progress=progress)
+        if found.fixed is not None and found.fixed.changes:
+            file = parts.enter_context(whole_file(found.fixed.subject.path))
+            file.write_text(found.fixed.subject.text, encoding="utf-8")
+        if folder is not None:
+            found.write(parts.enter_context(whole_folder(folder)))
+        interrupt.too_late()
+    robot, logs, model = (call.keywords[name] for name in ("robot", "logs", "model"))
     if as_json:
-        typer.echo(
-            json.dumps({**found.to_dict(), "output": folder and str(folder)}, allow_nan=False)
-        )
+        print_json({**found.to_dict(), "output": folder and str(folder)})
     else:
         console = Console()
         found.show(console, verbose)
@@ -122,7 +109,7 @@ def check(
             changed = found.fixed is not None and found.fixed.changes
             read = found.fixed.subject.path if found.fixed is not None and changed else robot
             try:
-                given = propose_cut(load_robot(read, base=fixed_base), logs)
+                given = propose_cut(load_robot(read, base=call.keywords["fixed_base"]), logs)
             except ModelError:  # a model file and currents: no drive gains, as columns are guessed
                 gains = False
         named = [] if model else [robot, *given.logs]
@@ -191,7 +178,7 @@ log = typer.Typer(
 @log.command()
 @guarded
 def info(
-    logs: Annotated[list[str], typer.Argument(help=LOG_HELP, metavar="LOG...")],
+    logs: LogArguments,
     as_json: Json = False,
 ) -> None:
     """List rows, duration, rate and columns of logs.
@@ -200,7 +187,6 @@ def info(
     """
     from rich.console import Console
 
-    from steelyard.cli.command import progress_bar
     from steelyard.logs.contents import content_of
     from steelyard.logs.formats import open_log
     from steelyard.logs.log import parse_log_argument
@@ -211,7 +197,7 @@ def info(
         with progress_bar() as progress:
             found.append(content_of(open_log(path), cut, progress))
     if as_json:
-        typer.echo(json.dumps([content.to_dict() for content in found], allow_nan=False))
+        print_json([content.to_dict() for content in found])
         return
     for content in found:
         show_content(content, Console())
@@ -220,7 +206,7 @@ def info(
 @log.command()
 @guarded
 def convert(
-    source: Annotated[str, typer.Argument(help=LOG_HELP, metavar="LOG")],
+    source: LogArgument,
     output: Annotated[
         Path,
         typer.Argument(
@@ -243,8 +229,6 @@ def convert(
     Example: steelyard log convert run.mcap@1:5 run.csv --columns "/joint_states/*"
     """
     from steelyard.base.files import whole_file
-    from steelyard.cli import interrupt
-    from steelyard.cli.command import progress_bar
     from steelyard.logs.contents import windowed, with_progress
     from steelyard.logs.formats import open_log, writer_for
     from steelyard.logs.log import parse_log_argument, require_columns
@@ -262,8 +246,7 @@ def convert(
                 rows += len(table)
         interrupt.too_late()
     if as_json:
-        facts = {"output": str(output), "rows": rows, "columns": list(wanted)}
-        typer.echo(json.dumps(facts))
+        print_json({"output": str(output), "rows": rows, "columns": list(wanted)})
         return
     typer.echo(f"wrote {output}: {rows} rows of {len(wanted)} columns")
 

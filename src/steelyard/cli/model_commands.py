@@ -1,72 +1,38 @@
 """The commands `reduce` and `export`: another form of an identified model."""
 
-import json
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from steelyard.base.progress import DESIGN_BUDGET_S
+from steelyard.cli import interrupt
 from steelyard.cli.command import (
-    LOG_HELP,
     Details,
     Json,
     ModelArgument,
-    Threads,
+    file_lines,
     guarded,
+    optional_folder,
     output_folder,
+    output_option,
+    print_json,
+    progress_bar,
 )
+from steelyard.cli.derived_command import from_function
 
 if TYPE_CHECKING:
     from steelyard.export.code.model_code import WrittenCode
     from steelyard.export.model_files.model_file import Exported
+    from steelyard.identify.reduce import ReducedModel
 
 
-@guarded
+@from_function(
+    "steelyard:reduce", criterion={"metavar": "NAME"}, stop={"metavar": "RULE"}, bodies=None
+)
 def reduce(
-    model: ModelArgument,
-    logs: Annotated[list[str], typer.Argument(help=LOG_HELP, metavar="LOG...")],
-    validate: Annotated[
-        list[str] | None,
-        typer.Option("--validate", help="Logs of other motions, for validation.", metavar="LOG..."),
-    ] = None,
-    criterion: Annotated[
-        str,
-        typer.Option(
-            help="The parameter that is removed next has the least loss (rise of chi-square), "
-            "contribution (to the torque), mean_column (mean absolute value of its regressor "
-            "column) or deviation (value over standard deviation).",
-            metavar="NAME",
-        ),
-    ] = "loss",
-    stop: Annotated[
-        str,
-        typer.Option(
-            help="Stopping rule: one_standard_error (smallest model with a left-out error within "
-            "one standard error of the least), tolerance=5 (greatest relative rise of a joint's "
-            "error in percent), bic, condition=30 (normalised condition number), ratio=30 "
-            "(greatest over least relative standard deviation), count=25 (parameters), one_fewer "
-            "(removes one besides those of --drop) or refit (none besides those).",
-            metavar="RULE",
-        ),
-    ] = "one_standard_error",
-    keep: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--keep",
-            help="Base parameters that stay, such as 'viscous.*'; with tolerance, friction of "
-            "joints that move stays too.",
-            metavar="NAME...",
-        ),
-    ] = None,
-    drop: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--drop",
-            help="Base parameters that are removed first, whatever the stopping rule.",
-            metavar="NAME...",
-        ),
-    ] = None,
+    call: "partial[ReducedModel]",
     robot: Annotated[
         str | None,
         typer.Option("--robot", help="Robot file; --bodies and --next need it.", metavar="ROBOT"),
@@ -99,7 +65,6 @@ def reduce(
         float, typer.Option(min=1.0, help="Time limit of that design in seconds.")
     ] = DESIGN_BUDGET_S,
     output: Annotated[Path | None, output_folder("steelyard-reduced")] = None,
-    threads: Threads = None,
     verbose: Details = False,
     as_json: Json = False,
 ) -> None:
@@ -114,28 +79,13 @@ def reduce(
     from rich.console import Console
 
     from steelyard.base.files import new_folder, whole_folder
-    from steelyard.cli import interrupt
-    from steelyard.cli.command import progress_bar
     from steelyard.excite.excite import design_excitation
     from steelyard.identify.page.model_verdict import exit_code
-    from steelyard.identify.reduce import reduce as reduced
 
     _refuse_missing(robot, {"--bodies": bodies, "--next": following is not None}, last)
-    folder = new_folder(output, "steelyard-reduced")
-    motion_folder = None if following is None else new_folder(following, "")
+    folder, motion_folder = new_folder(output, "steelyard-reduced"), optional_folder(following)
     with progress_bar() as progress:
-        found = reduced(
-            model,
-            logs,
-            validate or (),
-            criterion=criterion,
-            stop=stop,
-            keep=keep or (),
-            drop=drop or (),
-            bodies=robot if bodies else None,
-            threads=threads,
-            progress=progress,
-        )
+        found = call(bodies=robot if bodies else None, progress=progress)
         with whole_folder(folder) as place:
             found.write(place)
             if motion_folder is None:
@@ -143,7 +93,7 @@ def reduce(
     interrupt.finished(str(folder))
     if not as_json:
         found.show(Console(), verbose)
-        typer.echo(f"\nmodel   {folder / 'model.json'}\nreport  {folder / 'report.html'}")
+        typer.echo("\n" + file_lines(folder, model="model.json", report="report.html"))
     if motion_folder is not None and robot is not None:
         with progress_bar() as progress, whole_folder(motion_folder) as place:
             motion = design_excitation(
@@ -152,10 +102,10 @@ def reduce(
             motion.write(place)
             interrupt.too_late()
         if not as_json:
-            typer.echo(f"motion  {motion_folder / 'trajectory.json'}")
+            typer.echo(file_lines(motion_folder, motion="trajectory.json"))
     if as_json:
         written = {"output": str(folder), "motion": motion_folder and str(motion_folder)}
-        typer.echo(json.dumps({**found.to_dict(), **written}, allow_nan=False))
+        print_json({**found.to_dict(), **written})
     raise typer.Exit(exit_code(found.content))
 
 
@@ -235,11 +185,9 @@ def export(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            help="Output file, of C, ROS 2 and Simulink a folder; must not exist. If unset, in the "
-            "current folder and named after the robot.",
+        output_option(
+            "Output file, of C, ROS 2 and Simulink a folder; must not exist. If unset, in the "
+            "current folder and named after the robot."
         ),
     ] = None,
     precision: Annotated[
@@ -277,7 +225,6 @@ def export(
     Example: steelyard export steelyard-ur10e --to c -o ur10e-c
     """
     from steelyard.base.files import whole_file
-    from steelyard.cli import interrupt
     from steelyard.estimate.identified import load_model
     from steelyard.export.model_files.model_file import exported, refuse_changed
 
@@ -308,7 +255,7 @@ def export(
             "not_seen": list(made.unseen),
             "impossible_in_original": list(made.impossible),
         }
-        typer.echo(json.dumps(printed))
+        print_json(printed)
         return
     _print_export(path, made)
 
@@ -413,7 +360,7 @@ def _print_code(path: Path, form: Kind, written: "WrittenCode", as_json: bool) -
             "identifiers": written.renamed,
             "stack_bytes": written.stack,
         }
-        typer.echo(json.dumps(printed))
+        print_json(printed)
         return
     lines = [f"{path}: {', '.join(written.files)}", f"functions: {', '.join(written.functions)}"]
     if written.stack is not None:

@@ -1,24 +1,25 @@
 """The commands `excite` and `replay`: a motion designed, and shown in the browser."""
 
-import json
 import os
 import time
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from steelyard.base.progress import DESIGN_BUDGET_S
+from steelyard.cli import interrupt
 from steelyard.cli.command import (
-    DesignDetails,
-    FixedBase,
     Json,
     RobotArgument,
-    Seed,
     guarded,
     output_folder,
+    print_json,
+    progress_bar,
+    verbose_option,
 )
+from steelyard.cli.derived_command import from_function
 
 if TYPE_CHECKING:
     from steelyard.base.progress import Event, Progress
@@ -37,85 +38,25 @@ EXITS = {"good": 0, "fair": UNCOVERED, "poor": UNPROVEN}
 """Exit code by how good the certificate is."""
 
 
-@guarded
+@from_function(
+    "steelyard:design_excitation",
+    motion={"metavar": "KIND"},
+    criterion={"metavar": "KIND"},
+    earlier={"metavar": "MODEL"},
+    start={"metavar": "MOTION"},
+    budget={"min": 1.0},
+    formats={"name": "--format", "metavar": "NAME"},
+    rate={"help": "Points per second in the files of --format."},
+)
 def excite(
-    robot: RobotArgument,
-    motion: Annotated[
-        str | None,
-        typer.Option(
-            help="Kind of motion: fourier, raw_fourier, blended_fourier, ramped_fourier, spline "
-            "or reaching are optimised; pick_and_place, square, waypoints, circle, "
-            "cartesian_reaching, sweeps, postures and replay are planned. If unset, the robot "
-            "file's, or fourier.",
-            metavar="KIND",
-        ),
-    ] = None,
-    period: Annotated[
-        float | None, typer.Option(help="Duration or period of the motion in seconds.")
-    ] = None,
-    harmonics: Annotated[int | None, typer.Option(help="Harmonics of a Fourier series.")] = None,
-    criterion: Annotated[
-        str | None,
-        typer.Option(
-            help="condition, normalised_condition, d_optimal, a_optimal or e_optimal.",
-            metavar="KIND",
-        ),
-    ] = None,
-    earlier: Annotated[
-        Path | None,
-        typer.Option(
-            help="model.json identified from a previous log: gives noise for predicted standard "
-            "deviations, and parameter values for predicted torques.",
-            metavar="MODEL",
-        ),
-    ] = None,
-    start: Annotated[
-        Path | None,
-        typer.Option(
-            help="trajectory.json of a motion of the same kind, such as the last one: an "
-            "additional starting point of the search.",
-            metavar="MOTION",
-        ),
-    ] = None,
-    still_unknown: Annotated[
+    call: "partial[DesignedMotion]",
+    output: Annotated[Path | None, output_folder("steelyard-ROBOT-motion")] = None,
+    verbose: Annotated[
         bool,
-        typer.Option(
-            "--still-unknown",
-            help="Optimise the information of previous and new log together; needs --earlier.",
+        verbose_option(
+            "Print all tight limits, all motions that would reduce uncertainty, and notes."
         ),
     ] = False,
-    method: Annotated[
-        str | None, typer.Option(help="Search method: gradient, genetic or cma_es.", metavar="NAME")
-    ] = None,
-    budget: Annotated[
-        float, typer.Option(min=1.0, help="Time limit in seconds.")
-    ] = DESIGN_BUDGET_S,
-    searches: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            help="Stop after this many searches; if the budget suffices, the result depends on "
-            "the seed only.",
-        ),
-    ] = None,
-    processes: Annotated[
-        int | None, typer.Option(min=1, help="Search processes; all cores if unset.")
-    ] = None,
-    formats: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--format",
-            help="Also write the motion for a controller: csv, ros2, urscript, krl, rapid, mujoco.",
-            metavar="NAME",
-        ),
-    ] = None,
-    rate: Annotated[
-        float | None, typer.Option(min=1.0, help="Points per second in the files of --format.")
-    ] = None,
-    fixed_base: FixedBase = None,
-    seed: Seed = 0,
-    output: Annotated[Path | None, output_folder("steelyard-ROBOT-motion")] = None,
-    verbose: DesignDetails = False,
     as_json: Json = False,
 ) -> None:
     """Design an excitation motion, and prove that it satisfies all limits.
@@ -139,25 +80,16 @@ def excite(
     from steelyard.excite.search.parallel_search import SearchBudget
     from steelyard.robot.models.xacro import stem_of
 
-    task = design_task(
-        robot,
-        earlier=earlier,
-        start=start,
-        formats=formats or (),
-        rate=rate,
-        fixed_base=fixed_base,
-        motion=motion,
-        period=period,
-        harmonics=harmonics,
-        criterion=criterion,
-        method=method,
-        still_unknown=still_unknown,
+    given = dict(call.keywords)
+    budget, searches, processes, seed = (
+        given.pop(name) for name in ("budget", "searches", "processes", "seed")
     )
-    folder = new_folder(output, f"steelyard-{stem_of(robot)}-motion")
+    task = design_task(**given)
+    folder = new_folder(output, f"steelyard-{stem_of(given['robot'])}-motion")
     effort = SearchBudget(budget, searches, processes or os.cpu_count() or 1, seed)
     found, written = _designed(task, effort, folder, begun)
     if as_json:
-        typer.echo(json.dumps(found.to_dict() | {"files": written}, allow_nan=False))
+        print_json(found.to_dict() | {"files": written})
     else:
         found.show(Console(), verbose)
         files = [f"{name:<12} {path}" for name, path in written.items()]
@@ -172,8 +104,6 @@ def _designed(
     """The design and its files, whole in a new folder; Ctrl-C ends a search and keeps its best."""
     from steelyard.base.files import whole_folder
     from steelyard.base.progress import Stopped
-    from steelyard.cli import interrupt
-    from steelyard.cli.command import progress_bar
 
     try:
         with progress_bar() as progress, whole_folder(folder) as part:
@@ -198,7 +128,6 @@ def _withheld(task: "DesignTask", found: "DesignedMotion") -> list[str]:
 
 def _ending(progress: "Progress") -> "Progress":
     """A watcher that lets Ctrl-C end a search, and keeps what it has found."""
-    from steelyard.cli import interrupt
 
     def watch(event: "Event") -> bool:
         if interrupt.stop_requested():
@@ -239,7 +168,6 @@ def replay(
 
     Example: steelyard replay panda.toml panda-motion/trajectory.json
     """
-    from steelyard.cli import interrupt
     from steelyard.excite.page.replay import replayed
     from steelyard.excite.page.stage import staged
     from steelyard.excite.trajectories.trajectory_files import read_motion

@@ -1,22 +1,26 @@
 """The commands `simulate`, `track` and `demo`, on simulated robots."""
 
-import json
 import os
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from steelyard.cli import interrupt
 from steelyard.cli.command import (
+    MODEL_HELP,
     Details,
-    FixedBase,
-    FrictionDrift,
     Json,
-    RobotArgument,
     Seed,
+    computed,
+    file_lines,
     guarded,
     output_folder,
+    print_json,
+    progress_bar,
 )
+from steelyard.cli.derived_command import from_function
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -25,104 +29,25 @@ if TYPE_CHECKING:
     from steelyard.excite.trajectories.trajectory import ExactTrajectory
     from steelyard.identify.identify import Identification
     from steelyard.robot.file.loaded_robot import LoadedRobot
+    from steelyard.simulate.simulate import SimulatedRun
+    from steelyard.simulate.track import TrackingComparison
+
+FACTOR = {"metavar": "FACTOR"}
 
 
-@guarded
+@from_function(
+    "steelyard:simulate",
+    folder=None,
+    dry_run=FACTOR,
+    noise={**FACTOR, "max": 1000},
+    friction_drift={**FACTOR, "max": 1000},
+    control={"metavar": "KIND"},
+    model={"metavar": "MODEL"},
+    wrench={"metavar": "FILE"},
+    wrench_axes={"metavar": "NAME"},
+)
 def simulate(
-    robot: RobotArgument,
-    motion: Annotated[
-        Path | None,
-        typer.Option(help="Motion to follow: trajectory.json, or a table of time and positions."),
-    ] = None,
-    period: Annotated[
-        float | None,
-        typer.Option(
-            min=0.5,
-            metavar="SECONDS",
-            help="Duration of random motion without --motion; 10 if unset.",
-        ),
-    ] = None,
-    periods: Annotated[
-        int, typer.Option(min=1, help="Number of periods, without a stop between them.")
-    ] = 1,
-    dry_run: Annotated[
-        float,
-        typer.Option(
-            help="Speed factor for a first run: 0.2 takes five times as long.",
-            metavar="FACTOR",
-        ),
-    ] = 1.0,
-    noise: Annotated[
-        float,
-        typer.Option(
-            min=0,
-            max=1000,
-            metavar="FACTOR",
-            help="Sensor noise, relative to that of a typical arm.",
-        ),
-    ] = 1.0,
-    payload_mass: Annotated[
-        float | None,
-        typer.Option(min=1e-3, metavar="KG", help="Mass of the payload, a steel sphere."),
-    ] = None,
-    payload_frame: Annotated[
-        str | None, typer.Option(help="Frame of the payload; that of the last link if unset.")
-    ] = None,
-    attach: Annotated[
-        float,
-        typer.Option(min=0, metavar="SECONDS", help="Time at which the payload is attached."),
-    ] = 0.0,
-    release: Annotated[
-        float,
-        typer.Option(
-            min=0, metavar="SECONDS", help="Time at which it is released; never if unset."
-        ),
-    ] = float("inf"),
-    truth: Annotated[
-        Path | None,
-        typer.Option(
-            help="truth.json of another simulation: the same robot again.", metavar="FILE"
-        ),
-    ] = None,
-    friction_drift: FrictionDrift = 1.0,
-    rate: Annotated[
-        float | None,
-        typer.Option(help="Rows per second of the log; 250 if unset, or as the robot file says."),
-    ] = None,
-    control: Annotated[
-        str | None,
-        typer.Option(
-            help="pd, pid, cascade or computed_torque, with encoders, delay and lag of real "
-            "drives; gains follow: cascade,kv=20. If unset, joint PD control with ideal encoders "
-            "and drives.",
-            metavar="KIND",
-        ),
-    ] = None,
-    model: Annotated[
-        str | None,
-        typer.Option(
-            "--model",
-            help="Identified model for torque feedforward or computed_torque: model.json, or the "
-            "folder that contains it.",
-            metavar="MODEL",
-        ),
-    ] = None,
-    wrench: Annotated[
-        Path | None,
-        typer.Option(
-            help="Table of an external wrench, each row until the next one: time_s, fx_N, fy_N, "
-            "fz_N, tx_Nm, ty_Nm, tz_Nm.",
-            metavar="FILE",
-        ),
-    ] = None,
-    wrench_frame: Annotated[
-        str | None, typer.Option(help="Frame that it acts on; that of the last link if unset.")
-    ] = None,
-    wrench_axes: Annotated[
-        str, typer.Option(help="Axes of the table: base or frame.", metavar="NAME")
-    ] = "base",
-    fixed_base: FixedBase = None,
-    seed: Seed = 0,
+    call: "partial[SimulatedRun]",
     output: Annotated[Path | None, output_folder("steelyard-ROBOT-simulated")] = None,
     as_json: Json = False,
 ) -> None:
@@ -139,111 +64,45 @@ def simulate(
     Example: steelyard simulate panda.urdf --seed 1 -o panda-run1
     """
     from steelyard.base.files import new_folder, whole_folder
-    from steelyard.cli import interrupt
-    from steelyard.cli.command import progress_bar
     from steelyard.robot.models.xacro import stem_of
-    from steelyard.simulate.simulate import simulate as simulated
 
+    robot, periods, dry_run, seed, truth = (
+        call.keywords[name] for name in ("robot", "periods", "dry_run", "seed", "truth")
+    )
     folder = new_folder(output, f"steelyard-{stem_of(robot)}-simulated")
     with progress_bar() as progress, whole_folder(folder) as part:
-        made = simulated(
-            robot,
-            part,
-            motion,
-            period=period,
-            periods=periods,
-            dry_run=dry_run,
-            noise=noise,
-            payload_mass=payload_mass,
-            payload_frame=payload_frame,
-            attach=attach,
-            release=release,
-            truth=truth,
-            friction_drift=friction_drift,
-            rate=rate,
-            control=control,
-            model=model,
-            wrench=wrench,
-            wrench_frame=wrench_frame,
-            wrench_axes=wrench_axes,
-            fixed_base=fixed_base,
-            seed=seed,
-            progress=progress,
-        )
+        made = call(folder=part, progress=progress)
         interrupt.too_late()
     written = {name: str(folder / path.name) for name, path in vars(made.files).items()}
     if as_json:
-        typer.echo(json.dumps(written))
+        print_json(written)
         return
-    notes = (f"note        {note}" for note in made.notes)
-    running = _running(made.seconds, periods, dry_run)
-    files = (f"{name:<11} {path}" for name, path in written.items())
-    typer.echo("\n".join([*notes, *running, _robot(seed, truth), *files]))
+    lines = [f"note        {note}" for note in made.notes]
+    if periods > 1:
+        lines.append(f"periods     {periods} of {made.seconds:g} s")
+    if dry_run < 1.0:
+        full = made.seconds * periods
+        slow = f"{full / dry_run:g} s, not {full:g} s"
+        lines.append(f"dry run     at {dry_run:g} of the speed: {slow}")
+    another = "another seed is another robot); for another motion of this robot give --motion"
+    lines.append(f"robot       {truth or f'seed {seed} ({another}'}")
+    typer.echo("\n".join([*lines, *(f"{name:<11} {path}" for name, path in written.items())]))
 
 
-def _robot(seed: int, truth: Path | None) -> str:
-    """Which robot was simulated, and how to simulate it again."""
-    if truth is not None:
-        return f"robot       {truth}"
-    return (
-        f"robot       seed {seed} (another seed is another robot); for another motion of this "
-        "robot give --motion"
-    )
-
-
-def _running(once: float, periods: int, factor: float) -> list[str]:
-    """What is run otherwise than the motion says, a line each."""
-    lines = [f"periods     {periods} of {once:g} s"] if periods > 1 else []
-    if factor < 1.0:
-        full = once * periods
-        lines.append(f"dry run     at {factor:g} of the speed: {full / factor:g} s, not {full:g} s")
-    return lines
-
-
-@guarded
+@from_function(
+    "steelyard:track",
+    motion={"help": "trajectory.json, or a table of time and positions."},
+    model={
+        "help": f"Identified model: {MODEL_HELP[:-1]}; several with --model A --model B.",
+        "metavar": "MODEL",
+    },
+    control={"metavar": "KIND"},
+    friction_drift={**FACTOR, "max": 1000},
+    lag={"max": 1},
+    tool={"metavar": "NAME"},
+)
 def track(
-    robot: RobotArgument,
-    motion: Annotated[
-        Path,
-        typer.Argument(help="trajectory.json, or a table of time and positions.", metavar="MOTION"),
-    ],
-    model: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--model",
-            help="Identified model: model.json, or the folder that contains it; several with "
-            "--model A --model B.",
-            metavar="MODEL",
-        ),
-    ] = None,
-    control: Annotated[
-        str,
-        typer.Option(
-            help="pd, pid, cascade or computed_torque; gains follow: computed_torque,kp=100,kv=5.",
-            metavar="KIND",
-        ),
-    ] = "cascade",
-    truth: Annotated[
-        Path | None,
-        typer.Option(
-            help="truth.json of a simulation; if unset, random true parameters near the nominal "
-            "ones.",
-            metavar="FILE",
-        ),
-    ] = None,
-    friction_drift: FrictionDrift = 1.0,
-    lag: Annotated[
-        float,
-        typer.Option(min=0, max=1, metavar="SECONDS", help="Time constant of the drives' torque."),
-    ] = 0.002,
-    tool: Annotated[
-        str | None,
-        typer.Option(
-            help="Frame whose path is compared; that of the last link if unset.", metavar="NAME"
-        ),
-    ] = None,
-    fixed_base: FixedBase = None,
-    seed: Seed = 0,
+    call: "partial[TrackingComparison]",
     output: Annotated[Path | None, output_folder("steelyard-ROBOT-tracking")] = None,
     as_json: Json = False,
 ) -> None:
@@ -258,34 +117,16 @@ def track(
     """
     from rich.console import Console
 
-    from steelyard.base.files import new_folder, whole_folder
-    from steelyard.cli import interrupt
-    from steelyard.cli.command import progress_bar
+    from steelyard.base.files import new_folder
     from steelyard.robot.models.xacro import stem_of
-    from steelyard.simulate.track import track as tracked
 
-    folder = new_folder(output, f"steelyard-{stem_of(robot)}-tracking")
-    with progress_bar() as progress, whole_folder(folder) as part:
-        found = tracked(
-            robot,
-            motion,
-            model or (),
-            control=control,
-            truth=truth,
-            friction_drift=friction_drift,
-            lag=lag,
-            tool=tool,
-            fixed_base=fixed_base,
-            seed=seed,
-            progress=progress,
-        )
-        found.write(part)
-        interrupt.too_late()
+    folder = new_folder(output, f"steelyard-{stem_of(call.keywords['robot'])}-tracking")
+    found = computed(call, folder)
     if as_json:
-        typer.echo(json.dumps({**found.to_dict(), "output": str(folder)}, allow_nan=False))
+        print_json({**found.to_dict(), "output": str(folder)})
         return
     found.show(Console())
-    typer.echo(f"page  {folder / 'tracking.html'}\nJSON  {folder / 'tracking.json'}")
+    typer.echo(file_lines(folder, page="tracking.html", JSON="tracking.json"))
 
 
 DESIGN_SEARCHES = 2
@@ -309,8 +150,6 @@ def demo(
     from rich.console import Console
 
     from steelyard.base.files import new_folder, whole_folder
-    from steelyard.cli import interrupt
-    from steelyard.cli.command import progress_bar
     from steelyard.excite.excite import DesignedMotion, DesignTask
     from steelyard.excite.search.parallel_search import SearchBudget
     from steelyard.identify.identify import identify
@@ -340,7 +179,7 @@ def demo(
     if as_json:
         motion = found[0].to_dict() | {"output": str(folder / "motion")}
         content = {"output": str(folder / "results"), **identified.to_dict(), "motion": motion}
-        typer.echo(json.dumps(content, allow_nan=False))
+        print_json(content)
         return
     console = Console()
     if verbose:

@@ -6,12 +6,15 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from steelyard.cli.command import AlarmRate, Json, ModelArgument, guarded
+from steelyard.cli import interrupt
+from steelyard.cli.command import Json, optional_folder, output_option, progress_bar
+from steelyard.cli.derived_command import from_function
 
 if TYPE_CHECKING:
     from steelyard.base.arrays import Array
@@ -26,9 +29,14 @@ REDRAW_PERIOD = 0.1
 """Least time between two states of the terminal's line [s]."""
 
 
-@guarded
+@from_function(
+    "steelyard.uses.watch.watch:start_watch",
+    rate={"min": 1e-9},
+    bandwidth={"min": 1e-3},
+    every={"min": 0.0},
+)
 def watch(
-    model: ModelArgument,
+    call: "partial[WatchStart]",
     source: Annotated[
         str,
         typer.Option(
@@ -38,38 +46,6 @@ def watch(
             metavar="SOURCE",
         ),
     ],
-    frame: Annotated[
-        str | None,
-        typer.Option(help="Estimate the wrench on this frame, along its axes.", metavar="NAME"),
-    ] = None,
-    calibrate: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--calibrate",
-            help="Logs of motion without contact, not fitted, recorded like the stream, to "
-            "calibrate thresholds of contact with; if unset, the residuals of the "
-            "cross-validation that are stored in the model.",
-            metavar="LOG...",
-        ),
-    ] = None,
-    rate: AlarmRate = None,
-    bandwidth: Annotated[
-        float | None,
-        typer.Option(
-            min=1e-3,
-            help="Bandwidth of the observer in Hz, a tenth of the sampling rate at most; if "
-            "unset, the cut-off at which the thresholds of contact were computed.",
-            metavar="HZ",
-        ),
-    ] = None,
-    every: Annotated[
-        float | None,
-        typer.Option(
-            min=0.0,
-            help="Print estimates too, with this time between them in s (also in estimates.csv).",
-            metavar="SECONDS",
-        ),
-    ] = None,
     timeout: Annotated[
         float | None,
         typer.Option(
@@ -81,11 +57,8 @@ def watch(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            help="Output folder for events.csv and estimates.csv, written as they come; must not "
-            "exist.",
+        output_option(
+            "Output folder for events.csv and estimates.csv, written as they come; must not exist."
         ),
     ] = None,
     as_json: Json = False,
@@ -97,12 +70,9 @@ def watch(
     Example: steelyard watch steelyard-ur10e --from today.csv --frame tool0 -o today
     """
     from steelyard.base.errors import DataError
-    from steelyard.base.files import new_folder
-    from steelyard.cli import interrupt
-    from steelyard.cli.command import progress_bar
     from steelyard.logs.streams import STANDARD_INPUT, rows_of
     from steelyard.uses.watch.records import StreamFiles
-    from steelyard.uses.watch.watch import start_watch, watch_rows
+    from steelyard.uses.watch.watch import watch_rows
     from steelyard.uses.watch.watch_text import state_line
 
     if source == STANDARD_INPUT and timeout is not None:
@@ -111,17 +81,10 @@ def watch(
             where="--timeout",
             fix="leave it out, or give a file with --from",
         )
-    folder = None if output is None else new_folder(output, "")
+    folder = optional_folder(output)
     with progress_bar() as progress:
-        begun = start_watch(
-            model,
-            frame,
-            calibrate=calibrate or (),
-            rate=rate,
-            bandwidth=bandwidth,
-            every=every,
-            progress=progress,
-        )
+        begun = call(progress=progress)
+    frame, every = call.keywords["frame"], call.keywords["every"]
     watcher, joints = begun.watcher, begun.model.robot.joint_names
     line = _StateLine()
     printer = _Printer(line, as_json, estimates=every is not None)
@@ -216,8 +179,6 @@ class _Arrival:
 
     def waiting(self) -> bool:
         """Pause; whether to go on."""
-        from steelyard.cli import interrupt
-
         late = self._timeout is not None and time.monotonic() - self._latest >= self._timeout
         if late or interrupt.stop_requested():
             return False

@@ -299,21 +299,28 @@ def design_excitation(
     Args:
         robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it; limits,
             workspace, obstacles and criterion are in its `[excitation]` tables.
-        budget: Time of the design [s].
-        motion: Kind of motion, instead of the robot file's.
-        period: Period [s], likewise.
-        harmonics: Harmonics, likewise.
-        criterion: What is minimised, likewise.
-        method: Search method, likewise.
-        still_unknown: Whether the information of `earlier` is added to that of the motion.
-        earlier: Model identified from a previous log, its `model.json`, or its folder. Parameters
-            that it was reduced by are absent.
-        start: `trajectory.json` of a motion of the same kind, which is improved as well.
-        formats: Formats of files beside CSV; see `steelyard excite --help`.
-        rate: Points a second in those files.
+        budget: Time limit [s].
+        motion: Kind of motion: `fourier`, `raw_fourier`, `blended_fourier`, `ramped_fourier`,
+            `spline` or `reaching` are optimised; `pick_and_place`, `square`, `waypoints`, `circle`,
+            `cartesian_reaching`, `sweeps`, `postures` and `replay` are planned. If `None`, the
+            robot file's, or `fourier`.
+        period: Duration or period of the motion [s].
+        harmonics: Harmonics of a Fourier series.
+        criterion: `condition`, `normalised_condition`, `d_optimal`, `a_optimal` or `e_optimal`.
+        method: Search method: `gradient`, `genetic` or `cma_es`.
+        still_unknown: Optimise the information of previous and new log together; needs `earlier`.
+        earlier: model.json identified from a previous log: gives noise for predicted standard
+            deviations, and parameter values for predicted torques. Parameters that it was reduced
+            by are absent.
+        start: `trajectory.json` of a motion of the same kind, such as the last one: an additional
+            starting point of the search.
+        formats: Also write the motion for a controller: `csv`, `ros2`, `urscript`, `krl`, `rapid`,
+            `mujoco`.
+        rate: Points per second in the files of these formats.
         fixed_base: Link to fix to the world, for a model file; `None` for its root.
-        searches: Number of searches after which the design ends; `None` for no limit.
-        processes: Parallel searches; as many as the machine has cores if `None`.
+        searches: Stop after this many searches; if the budget suffices, the result depends on the
+            seed only.
+        processes: Search processes; all cores if `None`.
         seed: Same seed and number of searches, same motion.
         progress: Receives events of progress; when it requests a stop, the design ends with the
             best so far.

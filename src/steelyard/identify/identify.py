@@ -168,19 +168,19 @@ def identify(
     Args:
         robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it.
         logs: Logs to fit; `run.csv@5:20` is a window in seconds, `run.csv#100:900` in rows.
-        validate: Logs of other motions, to be predicted.
-        loaded: Logs with a payload, to identify drive gains that are not known.
+        validate: Logs of other motions, for validation.
+        loaded: Logs with a payload, to identify unknown drive gains.
         payload_mass: Mass of that payload [kg].
         payload_frame: Frame of the payload; that of the last link if `None`.
         check: Whether the logs are checked before the fit; a wrong finding stops it.
-        commanded: Whether efforts of the logs in `validate` are predicted from their commanded
-            motion, as feedforward would, instead of the measured one.
-        sensitivity: Whether to repeat the fit with other cut-off frequencies.
-        bootstrap: Number of bootstrap estimates from resampled time windows; `None` for none.
-        each: Whether to estimate from each log alone too: mean and standard deviation of every
-            parameter over the logs (`repeated`).
-        method: Name of an estimator (see `estimators`), or `least_squares`; that of the robot file
-            if `None`.
+        commanded: Predict the efforts of validation logs from the commanded motion
+            (`commanded_position` in the robot file), as feedforward would.
+        sensitivity: Repeat the fit with cut-offs x 0.5 to x 2, and compare.
+        bootstrap: Number of bootstrap estimates, from resampled time windows.
+        each: Also estimate from each log alone: mean and standard deviation of every parameter over
+            the logs.
+        method: Estimator, such as `WLS`, `Huber` or `IV`, or `least_squares`, instead of the robot
+            file's; `steelyard compare` recommends one, `steelyard.estimators()` lists all.
         fixed_base: Link to fix to the world, for a model file; `None` for its root.
         threads: Native threads; as many as the machine has cores if `None`.
         progress: Receives events of progress; an exception from it stops the work.

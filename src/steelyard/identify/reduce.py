@@ -133,14 +133,18 @@ def reduce(
         model: The model, its `model.json`, or the folder that contains it; a reduced one is reduced
             further.
         logs: Logs to fit, such as those that the model was identified from.
-        validate: Logs of other motions, to be predicted.
-        criterion: Which parameter is removed next: that of the least `loss`, `contribution`,
-            `mean_column` or `deviation`.
-        stop: Stopping rule: `one_standard_error`, `tolerance=5`, `bic`, `condition=30`,
-            `ratio=30`, `count=25`, `one_fewer`; `refit` removes nothing more.
-        keep: Names of base parameters that stay; `*` stands for any letters. With `tolerance`,
-            friction of joints that move stays too.
-        drop: Names of base parameters that are removed first.
+        validate: Logs of other motions, for validation.
+        criterion: The parameter that is removed next has the least `loss` (rise of chi-square),
+            `contribution` (to the torque), `mean_column` (mean absolute value of its regressor
+            column) or `deviation` (value over standard deviation).
+        stop: Stopping rule: `one_standard_error` (smallest model with a left-out error within one
+            standard error of the least), `tolerance=5` (greatest relative rise of a joint's error
+            in percent), `bic`, `condition=30` (normalised condition number), `ratio=30` (greatest
+            over least relative standard deviation), `count=25` (parameters), `one_fewer` (removes
+            one besides those of `drop`) or `refit` (none besides those).
+        keep: Base parameters that stay, such as 'viscous.*'; with `tolerance`, friction of joints
+            that move stays too.
+        drop: Base parameters that are removed first, whatever the stopping rule.
         bodies: Robot file; then the values are physically consistent, with its priors,
             and the model can be exported.
         threads: Native threads; as many as the machine has cores if `None`.

@@ -112,8 +112,8 @@ def validate(
     Args:
         model: The model, its `model.json`, or the folder that contains it.
         logs: The logs; `run.csv@5:20` is a window in seconds.
-        commanded: Whether efforts are predicted from the commanded motion, as feedforward would,
-            instead of the measured one.
+        commanded: Predict the efforts from the commanded motion (`commanded_position` in the robot
+            file), as feedforward would.
         progress: Receives events of progress; an exception from it stops the work.
 
     Raises:

@@ -56,11 +56,11 @@ class SimulatedRun:
 @checked(
     period=0.5,
     periods=1,
-    noise=0.0,
+    noise=0,
     payload_mass=1e-3,
-    attach=0.0,
-    release=0.0,
-    friction_drift=0.0,
+    attach=0,
+    release=0,
+    friction_drift=0,
     seed=0,
 )
 def simulate(
@@ -97,24 +97,27 @@ def simulate(
     Args:
         robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it.
         folder: Folder to make, for `log.csv`, `trajectory.json` and `truth.json`.
-        motion: Motion to follow, a `trajectory.json` or a table of postures; a random one if
-            `None`.
-        period: Length of the random motion [s], 10 if `None`.
-        periods: Number of periods.
-        dry_run: Speed relative to the motion's, at most 1.
-        noise: Sensor noise relative to that of a typical arm.
-        payload_mass: Mass of the payload, a steel sphere [kg]; `None` for none.
+        motion: Motion to follow: `trajectory.json`, or a table of time and positions; a random one
+            if `None`.
+        period: Duration [s] of random motion without `motion`; 10 if `None`.
+        periods: Number of periods, without a stop between them.
+        dry_run: Speed factor for a first run: 0.2 takes five times as long.
+        noise: Sensor noise, relative to that of a typical arm.
+        payload_mass: Mass of the payload [kg], a steel sphere.
         payload_frame: Frame of the payload; that of the last link if `None`.
-        attach: Time at which it is attached [s].
-        release: Time at which it is released [s].
+        attach: Time [s] at which the payload is attached.
+        release: Time [s] at which it is released; never by default.
         truth: `truth.json` of another simulation: the same robot again.
-        friction_drift: Factor on the true friction.
-        rate: Rows per second of the log [Hz]; 250 if `None`, or as the robot file says.
-        control: `pd`, `pid`, `cascade` or `computed_torque`, with gains as in `pd,kp=400`; joint PD
-            control with perfect sensors and drives if `None`.
-        model: Identified model: torque feedforward, or that of `computed_torque`.
-        wrench: Table of an outside wrench: `time_s`, `fx_N` to `fz_N`, `tx_Nm` to `tz_Nm`, each
-            row until the next one. The log gets these columns, along the axes of the frame.
+        friction_drift: Factor on the true friction, such as 1.2.
+        rate: Rows per second of the log; 250 if `None`, or as the robot file says.
+        control: `pd`, `pid`, `cascade` or `computed_torque`, with encoders, delay and lag of real
+            drives; gains follow: `cascade,kv=20`. If `None`, joint PD control with ideal encoders
+            and drives.
+        model: Identified model for torque feedforward or computed torque: model.json, or the folder
+            that contains it.
+        wrench: Table of an external wrench, each row until the next one: `time_s`, `fx_N`, `fy_N`,
+            `fz_N`, `tx_Nm`, `ty_Nm`, `tz_Nm`. The log gets these columns, along the axes of the
+            frame.
         wrench_frame: Frame that it acts on; that of the last link if `None`.
         wrench_axes: Axes of the table: `base` or `frame`.
         fixed_base: Link to fix to the world, for a model file; `None` for its root.

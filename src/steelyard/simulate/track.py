@@ -216,7 +216,7 @@ class TrackingComparison(Result):
             console.print(f"note: {note}", markup=False)
 
 
-@checked(friction_drift=0.0, lag=0.0, seed=0)
+@checked(friction_drift=0, lag=0, seed=0)
 def track(
     robot: str | Path | LoadedRobot,
     motion: str | Path,
@@ -236,12 +236,12 @@ def track(
     Args:
         robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it.
         motion: `trajectory.json`, or a table of times and positions.
-        model: The identified model, or several to compare.
-        control: `pd`, `pid`, `cascade` or `computed_torque`, with gains as in
+        model: Identified model: model.json, or the folder that contains it; or several.
+        control: `pd`, `pid`, `cascade` or `computed_torque`; gains follow:
             `computed_torque,kp=100,kv=5`.
-        truth: `truth.json` of a simulation, the robot's true parameters; random ones near the
-            nominal ones if `None`.
-        friction_drift: Factor on the true friction.
+        truth: `truth.json` of a simulation; if `None`, random true parameters near the nominal
+            ones.
+        friction_drift: Factor on the true friction, such as 1.2.
         lag: Time constant of the drives' torque [s].
         tool: Frame whose path is compared; that of the last link if `None`.
         fixed_base: Link to fix to the world, for a model file; `None` for its root.

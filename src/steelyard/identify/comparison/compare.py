@@ -240,8 +240,9 @@ def compare(
     Args:
         robot: Robot file (TOML), URDF, xacro or MJCF, or what `load_robot` made of it.
         logs: The logs; a single one is divided into stretches.
-        estimators: Names of estimators; those that neither search nor simulate if empty.
-        everything: Without names, all estimators.
+        estimators: Estimators to compare, such as `WLS`, `consistent`, `Huber` or `IV`; without
+            any, all that use no random search and no simulation.
+        everything: Also estimators that use random search or simulation; takes minutes.
         check: Whether the logs are checked before.
         fixed_base: Link to fix to the world, for a model file; `None` for its root.
         threads: Native threads; as many as the machine has cores if `None`.

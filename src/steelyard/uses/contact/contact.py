@@ -118,9 +118,9 @@ def contact(
     Args:
         model: The model, its `model.json`, or the folder that contains it.
         log: The log; `run.csv@5:20` is a window in seconds.
-        calibrate: Logs of motion without contact, not fitted, to calibrate thresholds with; if
-            there are none, the motion that was left out in turn when the model was identified.
-        rate: False alarms per hour of all joints together; if `None`, 1, or as few as the
+        calibrate: Logs of motion without contact, not fitted, to calibrate thresholds with; without
+            any, the residuals of the cross-validation that are stored in the model.
+        rate: False alarms per hour of all joints together; if `None` 1, or as few as the
             calibration supports.
         progress: Receives events of progress; an exception from it stops the work.
 

@@ -127,14 +127,15 @@ def feedforward(
 
     Args:
         model: The model, its `model.json`, or the folder that contains it.
-        motion: `trajectory.json`, a table of times and positions, or samples. A table keeps its
-            times, and may begin and end moving.
+        motion: `trajectory.json`, a table of times and positions, or samples (`Motion`); joints are
+            matched by name. A table keeps its times, and may begin and end moving.
         joints: Names of the columns of samples; those of the model in its order if `None`.
-        rate: Samples per second along a file [Hz].
-        smoothing: Speed over which the sign of friction is smoothed [rad/s; m/s]; 0 for the sign.
-        as_logged: Whether torques are multiplied by the estimated scales of the logged efforts, as
-            a drive that controls the logged effort needs them; without such scales both are equal.
-            They remain in Nm (N): `IdentifiedModel.effort` gives currents.
+        rate: Rows per second along a file.
+        smoothing: Speed [rad/s; m/s] over which the sign function of friction laws is smoothed; 0
+            for the sign itself. A law with a smoothing in the robot file keeps it.
+        as_logged: Torques in Nm (N) as the robot file reads them from the log: multiplied by the
+            estimated effort scales of the model, if it has any. For currents, divide by the robot
+            file's gain, as `IdentifiedModel.effort` does.
 
     Raises:
         SteelyardError: A file cannot be used, a joint is missing, or the model's efforts are no

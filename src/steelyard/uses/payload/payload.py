@@ -214,15 +214,16 @@ def identify_payload(
         model: The model, its `model.json`, or the folder that contains it.
         logs: Logs with the payload.
         frame: Frame of the results; that of the last link if `None`.
-        unloaded: Logs without the payload: arm and payload are then identified together.
+        unloaded: Logs without the payload: arm and payload are then identified together, and the
+            parameter values of the model are not used.
         gain_uncertainty: Relative standard deviation of each gain of the efforts; if `None`, 0.02
-            for efforts of motors, or 0 for others and if effort scales were identified with the
-            model.
+            for motor currents and motor torques; 0 for joint torques, and where scales of the
+            efforts were identified with the model.
         mass: Known mass [kg].
         com: Known centre of mass in the frame, x, y and z [m].
-        box: Edges of a box along the frame's axes, x, y and z [m]: a prior of the inertia.
-        cylinder: Diameter and length of a cylinder along z [m], likewise.
-        sphere: Diameter of a sphere [m], likewise.
+        box: Prior of the inertia: a box with these edges along the frame's axes, x, y and z [m].
+        cylinder: Prior of the inertia: a cylinder along z, diameter and length [m].
+        sphere: Prior of the inertia: a sphere of this diameter [m].
         progress: Receives events of progress; an exception from it stops the work.
 
     Raises:

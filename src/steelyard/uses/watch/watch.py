@@ -89,13 +89,15 @@ def start_watch(
 
     Args:
         model: The model, its `model.json`, or the folder that contains it.
-        frame: Frame that a wrench is estimated on; none if `None`.
-        calibrate: Logs of motion without contact, not fitted, recorded as the stream is, to
-            calibrate thresholds with; if there are none, the motion that was left out in turn when
-            the model was identified.
-        rate: False alarms per hour of all joints together, see `contact`.
-        bandwidth: Of the observer [Hz]; if `None`, that of the model's own thresholds.
-        every: Time between two estimates [s]; if `None`, ten in a period of the bandwidth.
+        frame: Estimate the wrench on this frame, along its axes.
+        calibrate: Logs of motion without contact, not fitted, recorded like the stream, to
+            calibrate thresholds of contact with; without any, the residuals of the cross-validation
+            that are stored in the model.
+        rate: False alarms per hour of all joints together; if `None` 1, or as few as the
+            calibration supports.
+        bandwidth: Bandwidth of the observer [Hz], a tenth of the sampling rate at most; if `None`,
+            the cut-off at which the thresholds of contact were computed.
+        every: Print estimates too, with this time between them [s] (also in estimates.csv).
         progress: Receives events of progress; an exception from it stops the work.
 
     Raises:

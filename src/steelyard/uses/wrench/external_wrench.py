@@ -162,16 +162,16 @@ def external_wrench(
         model: The model, its `model.json`, or the folder that contains it.
         log: The log; `run.csv@5:20` is a window in seconds.
         frame: Frame that the wrench acts on; that of the robot's end if `None`.
-        residual: Whether external torques are what the momentum or what the torque leaves over;
-            the momentum needs no accelerations.
+        residual: What external torques are computed from; the momentum needs no accelerations.
         method: `smoothed` over time, with errors of the model estimated from the same log;
             `weighted`, each sample by itself; `inverse`, by the transposed Jacobian's inverse.
-        bandwidth: Of the external torques [Hz]; if `None`, the cut-off of the model's scores, or a
-            tenth of the log's rate if that is less.
-        force: Expected size of each component of the force [N].
-        lever: That of the moment, over `force` [m]; 0 for forces at the frame's origin.
-        duration: How long a push lasts, usually [s]; for `smoothed`.
-        axes: Whether components are along the axes of the frame or of the base.
+        bandwidth: Low-pass of external torques [Hz]; if `None`, the validation cutoff of the robot
+            file or else the regression cut-off, or a tenth of the log's rate if that is less.
+        force: Expected size of each component of the force [N], 0.1 to 100 000.
+        lever: Expected moment over expected force [m], up to 100; 0 for forces at the frame's
+            origin, moments then count as zero.
+        duration: Usual duration of a push [s], for `smoothed`.
+        axes: Axes of the components.
         progress: Receives events of progress; an exception from it stops the work.
 
     Raises:
