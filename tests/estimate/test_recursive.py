@@ -10,6 +10,7 @@ from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.least_squares import (
     MOST_WINDOWS_APART,
+    Online,
     OrdinaryLeastSquares,
     Recursive,
     WeightedLeastSquares,
@@ -46,7 +47,7 @@ def test_without_forgetting_it_is_all_at_once(
     truth = rng.normal(size=len(TREE.layout.columns))
     noise = np.array([0.01, 0.1, 1.0, 0.3])[:, None] * rng.normal(size=(4, 1200))
     information = samples_of(TREE, motion, TREE.dense(*motion) @ truth + noise).information()
-    online = Recursive(inner=inner).start()
+    online = Online(Recursive(inner=inner))
     for k in range(len(information.windows)):
         online.add(information.of([k]))
     found, wanted = online.estimate(), inner(information)
@@ -80,7 +81,7 @@ def test_forgetting_weighs_windows_by_their_age() -> None:
 
 def test_it_is_constant_in_size_however_long_it_goes_on() -> None:
     information, _ = drifting(0.0, seconds=3 * MOST_WINDOWS_APART)
-    online = Recursive().start()
+    online = Online(Recursive())
     online.add(information)
     assert online._faded is not None and len(online._faded.windows) <= MOST_WINDOWS_APART
     wanted = WeightedLeastSquares()(information)
@@ -91,7 +92,7 @@ def test_drift_is_followed() -> None:
     information, track = drifting(2.0)
     fading, stiff = Recursive(0.7), Recursive()
     for recursive, near in ((fading, True), (stiff, False)):
-        online, values = recursive.start(), np.empty(len(track))
+        online, values = Online(recursive), np.empty(len(track))
         for number in range(len(track)):
             online.add(information.of([number]))
             values[number] = online.estimate().parameters.values[-1]
@@ -117,12 +118,12 @@ def test_a_forgetting_that_is_none_is_refused(forgetting: float) -> None:
 
 def test_before_the_first_window_there_is_no_estimate() -> None:
     with pytest.raises(DataError, match="no window was added yet"):
-        Recursive().start().estimate()
+        Online(Recursive()).estimate()
 
 
 def test_unequal_information_is_not_taken_in() -> None:
     information, _ = drifting(0.0, seconds=3)
-    online = Recursive().start()
+    online = Online(Recursive())
     online.add(information)
     with pytest.raises(DataError, match="unequal effort"):
         online.add(information.scaled(np.array([2.0]), ("A",)))

@@ -19,19 +19,19 @@ from steelyard.estimate.information.base_parameters import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import Layout
 from steelyard.estimate.least_squares.least_squares import Whitened, whitened
-from steelyard.estimate.least_squares.normal_equations import Fit, described, spread_of
+from steelyard.estimate.least_squares.normal_equations import (
+    Fit,
+    described,
+    inverse_of_gram,
+    spread_of,
+)
 from steelyard.estimate.least_squares.residual_covariance import scatter
 from steelyard.estimate.prior.prior import Knowledge
 
 
 @dataclass(frozen=True)
 class Fixed:
-    """Base parameters that prior constraints determine alone.
-
-    Attributes:
-        values: By name of the base parameter.
-        unused: Labels of the constraints that determine none.
-    """
+    """Base parameters that constraints determine alone, and labels of those that determine none."""
 
     values: Mapping[str, float]
     unused: tuple[str, ...]
@@ -40,9 +40,7 @@ class Fixed:
 def fixed_values(base: BaseMap, knowledge: Knowledge) -> Fixed:
     """Base parameters all of whose members have a known value.
 
-    Args:
-        base: Standard parameters to base parameters.
-        knowledge: Its constraints that give a standard parameter a value count.
+    Constraints count that give a standard parameter a value.
     """
     known: dict[str, float] = {}
     for row in knowledge.rows:
@@ -65,11 +63,9 @@ def fixed_values(base: BaseMap, knowledge: Knowledge) -> Fixed:
 
 @dataclass(frozen=True, eq=False)
 class WithKnownValues:
-    """An estimator of the parameters that are not known.
+    """An estimator of the parameters that are not known, by their names.
 
-    Attributes:
-        inner: Estimates the others.
-        values: Known parameters by name; those that are no columns have no effect.
+    Those that are no columns have no effect.
     """
 
     inner: Estimator[Information]
@@ -130,12 +126,7 @@ AT_BOUND = 1e-6
 
 
 def base_bounds(base: BaseMap, knowledge: Knowledge) -> Bounds:
-    """Bounds of base parameters that follow from those of the standard parameters in them.
-
-    Args:
-        base: Standard parameters to base parameters.
-        knowledge: Bounds of the standard parameters.
-    """
+    """Bounds of base parameters that follow from those of the standard parameters in them."""
     lower = dict(zip(knowledge.names, knowledge.lower, strict=True))
     upper = dict(zip(knowledge.names, knowledge.upper, strict=True))
     result = {}
@@ -150,10 +141,9 @@ def base_bounds(base: BaseMap, knowledge: Knowledge) -> Bounds:
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    r"""Least squares of the columns that the data see, within a box.
+    """Least squares of the columns that the data see, within a box.
 
     Attributes:
-        data: The whitened data.
         names: Columns that the data see, `k` of them.
         lower: Their lower bounds, shape `(k,)`.
         upper: Their upper bounds, likewise.
@@ -172,9 +162,6 @@ class Box:
 
         Of a parameter that stands for others, which the data cannot distinguish from it, bounds do
         not hold: they are left out.
-
-        Raises:
-            DataError: A bound is of no column, or leaves no room.
         """
         solution, columns = data.fit.solution, data.fit.data.whole.layout.columns
         refuse_bad_bounds(bounds, columns)
@@ -187,11 +174,7 @@ class Box:
         return cls(data, names, lower, upper, root)
 
     def optimum(self) -> Array:
-        """The best values within the box, by bounded least squares, shape `(k,)`.
-
-        Raises:
-            DataError: The solver did not finish.
-        """
+        """The best values within the box, by bounded least squares, shape `(k,)`."""
         from scipy.optimize import lsq_linear
 
         lengths = np.linalg.norm(self.root, axis=0)
@@ -217,10 +200,8 @@ class Box:
         rise = residual_squares(fit, full) - residual_squares(fit, old.values)
         variances = fit.variances + np.maximum(rise, 0.0) / np.maximum(data.whole.n_samples, 1.0)
         matrix = data.normal(1.0 / variances)[0][np.ix_(old.kept, old.kept)]
-        lengths = np.sqrt(np.diag(matrix))
-        inverse = np.linalg.inv(matrix / lengths[:, None] / lengths) / lengths[:, None] / lengths
         locals_ = tuple(part.solved(full) for part in data.normal(1.0 / variances)[2])
-        solution = replace(old, values=full, inverse=inverse, locals=locals_)
+        solution = replace(old, values=full, inverse=inverse_of_gram(matrix), locals=locals_)
         found = Fit(data, solution, variances)
         made = described(name, found, spread_of(found, scatter(fit) / variances))
         at_bounds = self.at_bounds(values)
@@ -237,24 +218,16 @@ class Box:
 def residual_squares(fit: Fit, values: Array) -> Array:
     """Sum of squared residuals per row, `(rows,)`, with each run's own parameters fitted.
 
-    Args:
-        fit: Weighted least squares, whose weights fit what is a run's own.
-        values: Of the shared columns, shape `(p,)`.
+    Values are those of the shared columns, `(p,)`; the weights of the fit are used for the others.
     """
     total = np.zeros(len(fit.variances))
     for run, own in zip(fit.data.runs, fit.solution.locals, strict=True):
-        mine = values.copy()
-        mine[list(own.columns)] = own.solved(values).values
-        total += run.residual_squares(mine)
+        total += run.residual_squares(own.solved(values).among(values))
     return total
 
 
 def refuse_bad_bounds(bounds: Bounds, columns: tuple[str, ...]) -> None:
-    """Bounds must be of known columns and leave room.
-
-    Raises:
-        DataError: They are not, or do not.
-    """
+    """Bounds must be of known columns and leave room."""
     for name, (lower, upper) in bounds.items():
         if name not in columns:
             raise DataError(
@@ -277,7 +250,7 @@ class BoundedLeastSquares:
     The intervals are those without the bounds: wider than need be where a bound holds.
 
     Attributes:
-        bounds: Lower and upper bound by column, see `box.base_bounds`.
+        bounds: Lower and upper bound by column, see `base_bounds`.
         per_run: Columns whose parameters every run has for itself.
     """
 

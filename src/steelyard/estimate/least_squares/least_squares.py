@@ -29,6 +29,7 @@ from steelyard.estimate.least_squares.normal_equations import (
     Solution,
     Spread,
     described,
+    inverse_of_gram,
     refuse_few,
     scores_of,
     solve,
@@ -58,8 +59,7 @@ LONGEST = 1.0
 class OrdinaryLeastSquares:
     """All rows weigh the same, whatever their noise.
 
-    Attributes:
-        per_run: Columns whose parameters every run has for itself.
+    `per_run` names columns whose parameters every run has for itself.
     """
 
     per_run: tuple[str, ...] = ()
@@ -118,10 +118,7 @@ class WeightedLeastSquares:
 def _spread(fit: Fit, weights: Array, noise: Array) -> Spread:
     """What noise does to a fit, and what samples beside rests move.
 
-    Args:
-        fit: The fit.
-        weights: One per row.
-        noise: Variance of the residuals times the square of their weight, per row.
+    The noise is the variance of the residuals times the square of their weight, per row.
     """
     spread, solution = spread_of(fit, noise), fit.solution
     scores = scores_of(fit.data, solution.locals, solution.kept, noise)
@@ -143,9 +140,7 @@ class Mixing:
     def next(self, point: Array, change: Array) -> Array:
         """The point at which a linear model of the changes is zero, or the plain next one.
 
-        Args:
-            point: Where the iteration stands.
-            change: What one plain step would add to it.
+        `change` is what one plain step would add to the point.
         """
         size = float(np.abs(change).max())
         if size > NEAR:
@@ -193,21 +188,11 @@ class Whitened:
     lengths: Array
     effort: float
 
-    @property
-    def rank(self) -> int:
-        """Rows of `matrix`."""
-        return len(self.vector)
-
 
 def whitened(
     information: Information, per_run: Sequence[str] = (), *, equal: bool = False
 ) -> Whitened:
-    """Compress information.
-
-    Args:
-        information: What the data say.
-        per_run: Columns whose parameters every run has for itself.
-        equal: Whether all rows weigh the same, by their mean variance.
+    """Compress information; `equal` weighs all rows the same, by their mean variance.
 
     Raises:
         DataError: There are too few samples to distinguish noise from motion.
@@ -228,12 +213,14 @@ def whitened(
     roots, vectors = np.sqrt(values[kept]), vectors[:, kept]
     finite = np.where(np.isfinite(scale), scale, 0.0)
     effort = information.effort_squares() @ (1.0 / variances)
-    names, matrix = (
-        tuple(information.layout.columns[k] for k in columns),
-        (vectors * roots).T * finite,
-    )
+    names = tuple(information.layout.columns[k] for k in columns)
+    matrix = (vectors * roots).T * finite
     if equal:
-        noise = _noise(names, matrix, OrdinaryLeastSquares(tuple(per_run))(information))
+        # what ordinary least squares makes of the noise
+        plain = OrdinaryLeastSquares(tuple(per_run))(information)
+        theirs = [k for k, name in enumerate(plain.parameters.names) if name in names]
+        mine = matrix[:, [names.index(plain.parameters.names[k]) for k in theirs]]
+        noise = mine @ plain.covariance[np.ix_(theirs, theirs)] @ mine.T
     else:
         root = (vectors / scale[:, None]).T / roots[:, None]
         squared = fit.variances * scatter(fit) / np.square(variances)
@@ -250,15 +237,6 @@ def whitened(
         np.sqrt(np.maximum(squares[columns], 0.0)),
         float(np.sqrt(effort)),
     )
-
-
-def _noise(names: Sequence[str], matrix: Array, plain: Estimate) -> Array:
-    """Covariance of `z` where rows weigh the same: of what ordinary least squares makes of it."""
-    place = {name: k for k, name in enumerate(plain.parameters.names)}
-    shared = [name for name in names if name in place]
-    mine, theirs = [names.index(name) for name in shared], [place[name] for name in shared]
-    covariance = plain.covariance[np.ix_(theirs, theirs)]
-    return np.asarray(matrix[:, mine] @ covariance @ matrix[:, mine].T)
 
 
 MOST_WINDOWS_APART = 48
@@ -288,17 +266,9 @@ class Recursive:
                 fix="give a weight above 0 and up to 1, such as 0.98",
             )
 
-    def start(self) -> "Online":
-        """Begin, with nothing learned."""
-        return Online(self)
-
     def __call__(self, information: Information) -> Estimate:
-        """The estimate after all windows, in their order.
-
-        Raises:
-            DataError: The data see no parameter.
-        """
-        online = self.start()
+        """The estimate after all windows, in their order."""
+        online = Online(self)
         online.add(information)
         return online.estimate()
 
@@ -312,11 +282,7 @@ class Online:
         self._squared: Information | None = None
 
     def add(self, information: Information) -> None:
-        """Take in the next windows, in order.
-
-        Raises:
-            DataError: They differ from those before in model, columns, effort unit or filters.
-        """
+        """Take in the next windows, in order, of the same model, columns, units and filters."""
         for number, window in enumerate(information.windows):
             keep = self._settings.forgetting ** max(window.stop - window.start, 0.0)
             part = information.of([number])
@@ -324,11 +290,7 @@ class Online:
             self._squared = _after(self._squared, keep**2, part)
 
     def estimate(self) -> Estimate:
-        """What is known now.
-
-        Raises:
-            DataError: No window has come yet, or the data see no parameter.
-        """
+        """What is known now; a `DataError` before any window, or without a visible parameter."""
         if self._faded is None or self._squared is None:
             raise DataError(
                 "no window was added yet",
@@ -355,8 +317,7 @@ class Online:
         names = found.parameters.names
         normal = faded.select(names).normal(weights)[0]
         noise = squared.select(names).normal(np.square(weights) * variances)[0]
-        lengths = np.sqrt(np.diag(normal))
-        inverse = np.linalg.inv(normal / lengths[:, None] / lengths) / lengths[:, None] / lengths
+        inverse = inverse_of_gram(normal)
         covariance = inverse @ noise @ inverse
         return frozen(0.5 * (covariance + covariance.T))
 

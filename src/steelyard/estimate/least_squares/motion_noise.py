@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from steelyard.base.arrays import Array, Parameters, frozen
+from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.information import Information
@@ -30,30 +30,16 @@ from steelyard.estimate.information.regressor import Regressor
 from steelyard.estimate.information.samples import FilteredSamples, Index
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
 from steelyard.estimate.least_squares.normal_equations import (
-    Fit,
     Spread,
     described,
+    inverse_of_gram,
     refuse_few,
-    variances_of,
 )
 from steelyard.estimate.least_squares.residual_covariance import honest_covariance
 from steelyard.estimate.least_squares.robust import FREEDOM, residuals_of
 
 BLOCK = 256
 """Instants evaluated at once, each with every joint moved six ways."""
-
-
-@dataclass(frozen=True, eq=False)
-class Slopes:
-    """Variance of the torque through noise of the motion.
-
-    Attributes:
-        variances: Per effort row, shape `(N_j,)`.
-        bends: Half their change with the parameters, per effort row, shape `(N_j, k_j)`.
-    """
-
-    variances: tuple[Array, ...]
-    bends: tuple[Array, ...]
 
 
 def motion_roots(covariance: Array) -> Array:
@@ -65,16 +51,12 @@ def motion_roots(covariance: Array) -> Array:
 
 def slopes(
     regressor: Regressor, samples: FilteredSamples, roots: Sequence[Array], values: Array
-) -> Slopes:
-    """Variances at some parameters, rows in the regressor's own effort unit.
+) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    """Variance of the torque through noise of the motion per effort row, `(N_j,)`, in its unit.
 
-    What was computed along the motion, such as states of friction with memory, stays as it is.
-
-    Args:
-        regressor: Model and columns of the samples.
-        samples: The samples.
-        roots: Per source, see `motion_roots`.
-        values: Values of all columns, shape `(p,)`.
+    And half the change of that with the parameters, `(N_j, k_j)`. What was computed along the
+    motion, such as states of friction with memory, stays as it is. Roots are those of every source,
+    see `motion_roots`; values are those of all columns, `(p,)`.
     """
     variances = np.zeros((len(samples.rows), len(samples)))
     bends = [np.zeros((len(samples), row.shape[1] - 1)) for row in samples.rows]
@@ -89,7 +71,7 @@ def slopes(
                 torque = np.einsum("cdb,c->db", part, values[list(seen)])
                 variances[row, block] = np.sum(np.square(torque), axis=0)
                 bends[row][block] = np.einsum("cdb,db->bc", part, torque)
-    return Slopes(
+    return (
         tuple(v[at] for v, at in zip(variances, samples.at, strict=True)),
         tuple(bend[at] for bend, at in zip(bends, samples.at, strict=True)),
     )
@@ -201,7 +183,6 @@ class _Problem:
     """Samples with what is searched and what is fixed.
 
     Attributes:
-        regressor: Model and columns.
         samples: The samples, without what parameters of single runs explain of their efforts.
         roots: Per source the roots of the motion's covariance.
         names: What is searched.
@@ -247,9 +228,9 @@ class _Problem:
         """The state at some parameters and variances of the efforts' own noise."""
         shared = np.zeros(len(self.fixed))
         shared[list(self.place)] = values
-        found = slopes(self.regressor, self.samples, self.roots, shared + self.fixed)
+        motion, bends = slopes(self.regressor, self.samples, self.roots, shared + self.fixed)
         residuals = self.samples.residuals(shared)
-        return self._state(_State(values, own, residuals, found.variances, found.bends, (), 0.0))
+        return self._state(_State(values, own, residuals, motion, bends, (), 0.0))
 
     def _state(self, state: _State) -> _State:
         """The same with what follows from the variances."""
@@ -290,7 +271,7 @@ class _Problem:
     def stepped(self, state: _State) -> tuple[_State, Array]:
         """The state a step on, variances as they were, and the parameters' deviations."""
         matrix, vector, _ = self._sums(state)
-        inverse = _inverse(matrix)
+        inverse = inverse_of_gram(matrix)
         step = inverse @ vector
         for halving in range(HALVINGS):
             new = self.at(state.values + 0.5**halving * step, state.own)
@@ -316,7 +297,7 @@ class _Problem:
     def estimate(self, start: Estimate, state: _State, how: str) -> Estimate:
         """What was found, in the form that the search began with."""
         matrix, _, scores = self._sums(state)
-        inverse = _inverse(matrix)
+        inverse = inverse_of_gram(matrix)
         worth = float(start.n_samples.sum())
         noise = scores * worth / max(worth - len(self.names), 1.0)
         place = [start.parameters.names.index(name) for name in self.names]
@@ -333,17 +314,11 @@ class _Problem:
         return replace(
             start,
             estimator="maximum likelihood with motion noise",
-            parameters=Parameters(start.parameters.names, start.parameters.units, values),
+            parameters=replace(start.parameters, values=values),
             covariance=frozen(0.5 * (covariance + covariance.T)),
             sigma=frozen([sigma for sigma, _ in rows]),
             notes=(how, note),
         )
-
-
-def _inverse(matrix: Array) -> Array:
-    lengths = np.sqrt(np.diag(matrix))
-    inverse = np.linalg.inv(matrix / lengths[:, None] / lengths)
-    return np.asarray(inverse / lengths[:, None] / lengths)
 
 
 GENERIC = 1e-12
@@ -371,24 +346,24 @@ class TotalLeastSquares:
             DataError: The data see no parameter, or no small change of them makes them consistent.
         """
         fit = WeightedLeastSquares(per_run=self.per_run).fit(information)
-        solution, weights = fit.solution, 1.0 / fit.variances
+        kept, weights = fit.solution.kept, 1.0 / fit.variances
         matrix, vector, _, _ = fit.data.normal(weights)
-        kept = solution.kept
         lengths = np.sqrt(np.diag(matrix)[kept])
         unit = matrix[np.ix_(kept, kept)] / lengths[:, None] / lengths
+        square = 0.0
+        for run, own in zip(fit.data.runs, fit.solution.locals, strict=True):
+            _, of_run, size = run.normal(weights)
+            square += size - float(of_run[list(own.columns)] @ own.offset)
+        effort = np.sqrt(max(square, 0.0))
         right = vector[kept] / lengths
-        effort = np.sqrt(_effort_square(fit, weights))
         x, inverse = _solved(unit, right / max(effort, 1e-300), information)
         values = np.zeros(len(vector))
         values[kept] = effort * x / lengths
-        parts = tuple(part.solved(values) for part in solution.locals)
-        found = replace(solution, values=values, locals=parts)
-        variances = variances_of(fit.data, found, weights)
+        found = fit.at(values)
         covariance = honest_covariance(fit, inverse / lengths[:, None] / lengths)
-        covariance *= np.average(variances / fit.variances, weights=information.n_samples)
-        own = tuple(part.covariance(kept, covariance) for part in parts)
-        spread = Spread(covariance, own)
-        return described("total least squares", Fit(fit.data, found, variances), spread)
+        ratios = found.variances / fit.variances
+        covariance *= np.average(ratios, weights=information.n_samples)
+        return described("total least squares", found, Spread.of(found.solution, covariance))
 
 
 def _solved(unit: Array, right: Array, information: Information) -> tuple[Array, Array]:
@@ -409,12 +384,3 @@ def _solved(unit: Array, right: Array, information: Information) -> tuple[Array,
     x = inverse @ right
     x += inverse @ (right - left @ x)
     return x, inverse
-
-
-def _effort_square(fit: Fit, weights: Array) -> float:
-    """Weighted squares of the efforts, parameters of single runs eliminated."""
-    total = 0.0
-    for run, own in zip(fit.data.runs, fit.solution.locals, strict=True):
-        _, vector, square = run.normal(weights)
-        total += square - float(vector[list(own.columns)] @ own.offset)
-    return max(total, 0.0)

@@ -4,7 +4,7 @@ Shared by all estimators that come down to weighted sums of products.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -27,9 +27,7 @@ class Solution:
         values: Shared columns, shape `(p,)`; columns of single runs are zero here.
         kept: Shared columns that the data see.
         inverse: Inverse of the normal matrix of `kept`.
-        locals: Per run the values of its own columns, their inverse normal matrix and the map
-            from shared columns to them; see `Runs`.
-        blind: What is not seen.
+        locals: Per run its own columns, see `Runs`.
         normal: Normal matrix of `kept`.
     """
 
@@ -54,26 +52,25 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A fit and what it was made from.
-
-    Attributes:
-        data: Information, with what is a run's own.
-        solution: Values.
-        variances: Residual variance per effort row, shape `(rows,)`.
-    """
+    """A fit, the information it was made from, and residual variances of the rows, `(rows,)`."""
 
     data: Runs
     solution: Solution
     variances: Array
 
+    def at(self, values: Array) -> "Fit":
+        """Other values of the shared columns, `(p,)`, under the same weights of rows."""
+        parts = tuple(part.solved(values) for part in self.solution.locals)
+        solution = replace(self.solution, values=values, locals=parts)
+        variances = variances_of(self.data, solution, 1.0 / self.variances)
+        return Fit(self.data, solution, variances)
+
 
 def solve(data: Runs, weights: Array, before: Solution | None = None) -> Solution:
     """Least squares over all rows, each with a weight, shape `(rows,)`.
 
-    Args:
-        data: What the data say.
-        weights: One per row.
-        before: The solution with other weights, which mostly sees the same columns.
+    It begins with the columns of the solution before, with other weights, which mostly sees the
+    same.
 
     Raises:
         DataError: The data show no parameter.
@@ -115,16 +112,7 @@ def solve(data: Runs, weights: Array, before: Solution | None = None) -> Solutio
 
 
 def refuse_few(information: Information, parameters: int, each: float) -> None:
-    """Refuse data without degrees of freedom for the noise.
-
-    Args:
-        information: The data.
-        parameters: Number of parameters to be found.
-        each: Independent samples per parameter of which there must be more.
-
-    Raises:
-        DataError: There are too few.
-    """
+    """Refuse data without more than `each` independent samples per parameter, for the noise."""
     total = float(information.n_samples.sum())
     if total <= each * parameters:
         raise DataError(
@@ -177,11 +165,9 @@ def variances_of(data: Runs, solution: Solution, weights: Array) -> Array:
     layout, counts = data.whole.layout, data.whole.n_samples
     squares, used = np.zeros(len(layout.rows)), np.zeros(len(layout.rows))
     for run, own in zip(data.runs, solution.locals, strict=True):
-        values = solution.values.copy()
-        values[list(own.columns)] = own.values
         columns, covariance = own.joined(solution.kept, solution.inverse)
         position = {column: k for k, column in enumerate(columns)}
-        squares += run.residual_squares(values)
+        squares += run.residual_squares(own.among(solution.values))
         for row, seen in enumerate(layout.sees):
             mine = [k for k, column in enumerate(seen) if column in position]
             place = [position[seen[k]] for k in mine]
@@ -199,14 +185,18 @@ class Spread:
     shared: Array
     own: tuple[Array, ...]
 
+    @classmethod
+    def of(cls, solution: Solution, covariance: Array) -> "Spread":
+        """That of a covariance of the shared parameters that are kept."""
+        kept = solution.kept
+        return cls(covariance, tuple(p.covariance(kept, covariance) for p in solution.locals))
+
 
 def spread_of(fit: Fit, noise: Array | None = None) -> Spread:
     """What noise does to a fit.
 
-    Args:
-        fit: The fit.
-        noise: Variance of the residuals times the square of their weight, per row; where all rows
-            weigh the same, the variances are it.
+    It is the variance of the residuals times the square of their weight, per row; where all rows
+    weigh the same, and by default, the variances are it.
     """
     data, solution = fit.data, fit.solution
     kept, inverse = solution.kept, solution.inverse
@@ -228,16 +218,9 @@ def spread_of(fit: Fit, noise: Array | None = None) -> Spread:
 def scores_of(
     data: Runs, locals_: Sequence[Eliminated], kept: Sequence[int], weights: Array
 ) -> Array:
-    """Covariance of the scores of shared columns, those of the runs themselves fitted.
+    """Covariance of the scores of shared columns `(k, k)`, those of the runs themselves fitted.
 
-    Args:
-        data: The data.
-        locals_: Per run its own parameters.
-        kept: Shared columns.
-        weights: Variance of the residuals times the square of their weight, per row.
-
-    Returns:
-        Shape `(len(kept), len(kept))`.
+    Weights are variances of the residuals times the square of their weight, per row.
     """
     total = np.zeros((len(kept), len(kept)))
     for run, own in zip(data.runs, locals_, strict=True):
@@ -262,14 +245,15 @@ def described(name: str, fit: Fit, spread: Spread) -> Estimate:
     values, covariance, own = _with_locals(solution, spread)
     columns = [*solution.kept, *own]
     order = np.argsort(columns)
-    chosen = [columns[k] for k in order]
+
+    def named(some: Sequence[int], values: Array) -> Parameters:
+        return Parameters(
+            [layout.columns[k] for k in some], [layout.units[k] for k in some], values
+        )
+
     return Estimate(
         estimator=name,
-        parameters=Parameters(
-            [layout.columns[k] for k in chosen],
-            [layout.units[k] for k in chosen],
-            values[order],
-        ),
+        parameters=named([columns[k] for k in order], values[order]),
         covariance=frozen(covariance[np.ix_(order, order)]),
         blind=solution.blind,
         sigma=frozen(np.sqrt(variances)),
@@ -278,13 +262,7 @@ def described(name: str, fit: Fit, spread: Spread) -> Estimate:
         condition_normalised=condition_of(solution.singular_normalised),
         per_run=tuple(
             RunParameters(
-                part.run,
-                Parameters(
-                    [layout.columns[k] for k in part.columns],
-                    [layout.units[k] for k in part.columns],
-                    part.values,
-                ),
-                frozen(np.sqrt(np.diag(covariance))),
+                part.run, named(part.columns, part.values), frozen(np.sqrt(np.diag(covariance)))
             )
             for part, covariance in zip(solution.locals, spread.own, strict=True)
             if part.columns
@@ -315,6 +293,13 @@ def _with_locals(solution: Solution, spread: Spread) -> tuple[Array, Array, list
     total[:size, :size] = (spread.shared + spread.shared.T) / 2.0
     total[range(size, len(total)), range(size, len(total))] = variances
     return np.concatenate([solution.values[solution.kept], means]), total, own
+
+
+def inverse_of_gram(gram: Array) -> Array:
+    """Inverse of a Gram matrix, found with columns of unit length."""
+    lengths = np.sqrt(np.diag(gram))
+    inverse = np.linalg.inv(gram / lengths[:, None] / lengths)
+    return np.asarray(inverse / lengths[:, None] / lengths)
 
 
 def condition_of(eigenvalues: Array) -> float:

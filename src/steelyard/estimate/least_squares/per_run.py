@@ -6,7 +6,7 @@ $A - B C^+ B^T$, and these add over runs, however many there are.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,8 +38,6 @@ class Eliminated:
     """One run's own parameters.
 
     Attributes:
-        run: The run.
-        columns: Indices of the columns.
         offset: Their values where all shared ones are zero.
         slopes: Their change per shared column, shape `(l, p)`.
         inverse: Inverse of their own normal matrix, shape `(l, l)`.
@@ -55,8 +53,13 @@ class Eliminated:
 
     def solved(self, shared: Array) -> "Eliminated":
         """The same with values, for those of all shared columns, shape `(p,)`."""
-        values = self.offset + self.slopes @ shared
-        return Eliminated(self.run, self.columns, self.offset, self.slopes, self.inverse, values)
+        return replace(self, values=self.offset + self.slopes @ shared)
+
+    def among(self, shared: Array) -> Array:
+        """Values of all columns, `(p,)`: shared ones, and the run's own in their places."""
+        values = shared.copy()
+        values[list(self.columns)] = self.values
+        return values
 
     def covariance(self, kept: Sequence[int], inverse: Array) -> Array:
         """Covariance of the run's own parameters, given that of the shared ones `kept`."""
@@ -76,7 +79,6 @@ class Runs:
     """Information as an estimator with parameters of single runs sees it.
 
     Attributes:
-        whole: All of it.
         runs: One part per run; a single part if no column is a run's own.
         local: Indices of the columns that every run has for itself.
     """
@@ -112,14 +114,10 @@ class Runs:
         return Runs(self.whole.without_beside(), runs, self.local)
 
     def normal(self, weights: Array) -> tuple[Array, Array, tuple[Eliminated, ...], Array]:
-        """Normal equations of the shared columns, and what was eliminated.
+        """Normal equations of the shared columns, and what was eliminated, with one weight per row.
 
-        Args:
-            weights: One per row.
-
-        Returns:
-            Matrix `(p, p)` and vector `(p,)`, zero in the columns of single runs; one value per
-            run; and the squared lengths of all columns before, `(p,)`.
+        Returns the matrix `(p, p)` and vector `(p,)`, zero in the columns of single runs; one value
+        per run; and the squared lengths of all columns before, `(p,)`.
         """
         p = len(self.whole.layout.columns)
         total, right, squares = np.zeros((p, p)), np.zeros(p), np.zeros(p)

@@ -52,17 +52,10 @@ LEAST_EIGENVALUE_AWAY = 0.01
 
 
 def moved(fit: Fit, weights: Array, root: Array, columns: Sequence[int], noise: Array) -> Array:
-    r"""How far the samples beside rests move a fit, beyond chance: $\delta$.
+    r"""How far the samples beside rests move a fit, beyond chance: $\delta$, shape `(rank,)`.
 
-    Args:
-        fit: The fit.
-        weights: One per row.
-        root: From normal vectors over `columns` to white coordinates, shape `(rank, c)`.
-        columns: Shared columns.
-        noise: Covariance of the white coordinates, shape `(rank, rank)`.
-
-    Returns:
-        Shape `(rank,)`; zeros where nothing is beside rests.
+    `root` leads from normal vectors over `columns` to white coordinates, shape `(rank, c)`, whose
+    covariance is `noise`, `(rank, rank)`. Zeros where nothing is beside rests.
     """
     if fit.data.whole.beside is None:
         return np.zeros(len(root))
@@ -79,12 +72,9 @@ def moved(fit: Fit, weights: Array, root: Array, columns: Sequence[int], noise: 
 
 
 def moved_scores(fit: Fit, weights: Array, scores: Array) -> Array:
-    r"""The same as an error of the normal vector over the columns `fit.solution.kept`.
+    """The same as an error of the normal vector over the columns `fit.solution.kept`.
 
-    Args:
-        fit: The fit.
-        weights: One per row.
-        scores: Covariance of the normal vector by noise, shape `(k, k)`.
+    `scores` is the covariance of that vector by noise, shape `(k, k)`.
     """
     kept = fit.solution.kept
     if fit.data.whole.beside is None:
@@ -95,11 +85,7 @@ def moved_scores(fit: Fit, weights: Array, scores: Array) -> Array:
 
 
 def away(fit: Fit) -> Fit | None:
-    """The same fit to samples that are not beside rests; `None` if they do not identify all.
-
-    Args:
-        fit: Weighted least squares, weighted by the inverse of its variances.
-    """
+    """The same fit to samples that are not beside rests; `None` if they do not identify all."""
     data, weights, kept = fit.data.without_beside(), 1.0 / fit.variances, fit.solution.kept
     root = _root(fit, weights)
     matrix, _, _, _ = data.normal(weights)
@@ -133,26 +119,16 @@ NOTED = 1.5
 def inflations(fit: Fit) -> Array:
     r"""How many times more the estimate scatters than by white residuals, for weights of rows.
 
-    Args:
-        fit: Weighted least squares, weighted by the inverse of its variances.
-
-    Returns:
-        $\varphi_j$, but at least 1, shape `(rows,)`; 1 where the windows are too few.
+    $\varphi_j$ of a weighted fit, but at least 1, shape `(rows,)`; 1 where the windows are too few.
     """
     return np.maximum(_over_runs(fit), 1.0)
 
 
 def scatter(fit: Fit) -> Array:
-    r"""The same for covariances: less than 1 where that is significant, and away from rests.
+    """The same for covariances: less than 1 where that is significant, and away from rests.
 
-    What samples beside rests add is counted apart, see `beside_rests`.
-
-    Args:
-        fit: Weighted least squares, weighted by the inverse of its variances.
-
-    Returns:
-        $\varphi_j$, shape `(rows,)`; at least 1 where windows, or samples away from rests, are too
-        few to tell.
+    At least 1 where windows, or samples away from rests, are too few to tell. What samples beside
+    rests add is counted apart, see `moved`.
     """
     if fit.data.whole.beside is None:
         return _over_runs(fit)
@@ -193,22 +169,15 @@ def _scatter(fit: Fit, most: int) -> Array:
 def honest_covariance(
     fit: Fit, inverse: Array, prior: Array | None = None, factors: Array | None = None
 ) -> Array:
-    r"""Covariance of the shared parameters, $K (\sum_j \varphi_j G_j + s s^T + P) K$.
+    r"""Covariance of the shared parameters that are kept, $K (\sum_j \varphi_j G_j + s s^T + P) K$.
 
-    $s$ is what samples beside rests add to the normal vector, see `beside_rests`.
-
-    Args:
-        fit: Weighted least squares of the data.
-        inverse: $K$, inverse of the second derivative of what was minimised, over the columns
-            `fit.solution.kept`; for a regularised estimate its prior is part of that.
-        prior: $P$, second derivative of the prior, if there is one.
-        factors: $\varphi_j$, if they are known already.
-
-    Returns:
-        Over the columns `fit.solution.kept`.
+    $s$ is what samples beside rests add to the normal vector, see `moved_scores`. $K$ is the
+    inverse of the second derivative of what was minimised, of which $P$, that of the prior, is part
+    in a regularised estimate.
     """
     middle = score_covariance(fit, scatter(fit) if factors is None else factors)
-    return _symmetric(inverse @ (middle if prior is None else middle + prior) @ inverse)
+    covariance = inverse @ (middle if prior is None else middle + prior) @ inverse
+    return np.asarray(0.5 * (covariance + covariance.T))
 
 
 def score_covariance(fit: Fit, factors: Array) -> Array:
@@ -223,12 +192,6 @@ def sandwich(fit: Fit) -> Array:
 
     Its rank is $W - 1$ at most: of use only with several times more windows than parameters.
     Estimates do not use it; `proofs/estimation/intervals.py` holds its intervals against theirs.
-
-    Args:
-        fit: Weighted least squares of the data.
-
-    Returns:
-        Over the columns `fit.solution.kept`.
     """
     size, kept, inverse = len(fit.solution.values), fit.solution.kept, fit.solution.inverse
     found = []
@@ -242,7 +205,8 @@ def sandwich(fit: Fit) -> Array:
     stacked = np.concatenate(found)
     count = len(stacked)
     middle = stacked.T @ stacked * (count / max(count - 1, 1))
-    return _symmetric(inverse @ middle @ inverse)
+    covariance = inverse @ middle @ inverse
+    return np.asarray(0.5 * (covariance + covariance.T))
 
 
 def note_of(rows: Sequence[str], factors: Array) -> tuple[str, ...]:
@@ -283,10 +247,8 @@ def _runs_of_same_parameters(fit: Fit, most: int) -> Iterator[_RunsOfSameParamet
     """The data in at most so many windows per run."""
     solution, whole = fit.solution, fit.data.whole
     for run, own in zip(fit.data.runs, solution.locals, strict=True):
-        names = {w.run for w in run.windows}
-        mine = [k for k, w in enumerate(whole.windows) if w.run in names]
-        values = solution.values.copy()
-        values[list(own.columns)] = own.values
+        mine = sorted(k for name in run.windows_of_runs for k in whole.windows_of_runs[name])
+        values = own.among(solution.values)
         columns, inverse = own.joined(solution.kept, solution.inverse)
         yield _RunsOfSameParameters(whole.of(mine).merged(most), own, values, columns, inverse)
 
@@ -298,7 +260,3 @@ def _row(part: _RunsOfSameParameters, row: int, mine: Sequence[int]) -> tuple[Ar
     weights = np.append(-part.values[list(seen)], 1.0)
     scores = grams[:, :-1] @ weights
     return grams[:, :-1, :-1][np.ix_(range(len(grams)), mine, mine)], scores[:, mine]
-
-
-def _symmetric(matrix: Array) -> Array:
-    return np.asarray(0.5 * (matrix + matrix.T))

@@ -15,13 +15,7 @@ from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.base_parameters import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.least_squares.normal_equations import (
-    Fit,
-    Solution,
-    Spread,
-    described,
-    variances_of,
-)
+from steelyard.estimate.least_squares.normal_equations import Fit, Spread, described
 from steelyard.estimate.least_squares.residual_covariance import honest_covariance
 from steelyard.estimate.prior.prior import Knowledge
 
@@ -74,11 +68,10 @@ class Ridge:
             DataError: They see none.
         """
         fit = WeightedLeastSquares(per_run=self.per_run).fit(information)
-        solution, weights = fit.solution, 1.0 / fit.variances
-        matrix, vector, _, _ = fit.data.normal(weights)
-        kept = solution.kept
-        given = dict(self.towards)
-        aim = np.array([given.get(name, 0.0) for name in information.layout.columns])
+        solution, kept = fit.solution, fit.solution.kept
+        matrix, vector, _, _ = fit.data.normal(1.0 / fit.variances)
+        names, given = information.layout.columns, dict(self.towards)
+        aim = np.array([given.get(name, 0.0) for name in names])
         target = solution.inverse @ (matrix[kept] @ aim)
         lengths = np.sqrt(np.diag(matrix)[kept])
         unit = matrix[np.ix_(kept, kept)] / lengths[:, None] / lengths
@@ -86,26 +79,20 @@ class Ridge:
         weight = problem.best() if self.weight is None else self.weight
         values = np.zeros(len(vector))
         values[kept] = target + problem.step(weight) / lengths
-        inverse = problem.inverse(weight) / lengths[:, None] / lengths
-        after = honest_covariance(fit, inverse, np.diag(weight * np.square(lengths)))
-        return self._estimate(fit, values, after, problem.learned(weight), weight)
-
-    def _estimate(
-        self, fit: Fit, values: Array, covariance: Array, learned: Array, weight: float
-    ) -> Estimate:
-        parts = tuple(part.solved(values) for part in fit.solution.locals)
-        solution: Solution = replace(fit.solution, values=values, locals=parts)
-        variances = variances_of(fit.data, solution, 1.0 / fit.variances)
-        own = tuple(part.covariance(solution.kept, covariance) for part in parts)
-        found = described(
-            "ridge regression", Fit(fit.data, solution, variances), Spread(covariance, own)
-        )
-        names = fit.data.whole.layout.columns
-        share = {names[k]: x for k, x in zip(solution.kept, learned, strict=True)}
+        inverse = problem.inverse(weight)
+        prior = np.diag(weight * np.square(lengths))
+        covariance = honest_covariance(fit, inverse / lengths[:, None] / lengths, prior)
+        drawn = fit.at(values)
+        found = described("ridge regression", drawn, Spread.of(drawn.solution, covariance))
+        # one minus the ratio of the variances after and before the data
+        learned = np.clip(1.0 - weight * np.diag(inverse), 0.0, 1.0)
+        share = {names[k]: x for k, x in zip(kept, learned, strict=True)}
         how = "given" if self.weight is not None else "by generalised cross-validation"
-        note = f"shrunk towards {self.target} with weight {weight:.3g} ({how})"
-        known = frozen([share.get(name, 1.0) for name in found.parameters.names])
-        return replace(found, learned=known, notes=(note,))
+        return replace(
+            found,
+            learned=frozen([share.get(name, 1.0) for name in found.parameters.names]),
+            notes=(f"shrunk towards {self.target} with weight {weight:.3g} ({how})",),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,9 +119,8 @@ class _Problem:
         values, vectors = np.linalg.eigh(unit)
         rest, spent = 0.0, 0
         for run, own in zip(fit.data.runs, fit.solution.locals, strict=True):
-            all_values = fit.solution.values.copy()
-            all_values[list(own.columns)] = own.values
-            rest += float(np.sum(run.residual_squares(all_values) / fit.variances))
+            squares = run.residual_squares(own.among(fit.solution.values))
+            rest += float(np.sum(squares / fit.variances))
             spent += len(own.columns)
         count = float(fit.data.whole.n_samples.sum()) - spent
         return cls(np.maximum(values, 0.0), vectors, vectors.T @ deviation, rest, count)
@@ -170,7 +156,3 @@ class _Problem:
     def inverse(self, weight: float) -> Array:
         """Covariance after the data, shape `(k, k)`."""
         return np.asarray((self.vectors / (self.eigenvalues + weight)) @ self.vectors.T)
-
-    def learned(self, weight: float) -> Array:
-        """One minus the ratio of the variances after and before the data, shape `(k,)`."""
-        return np.clip(1.0 - weight * np.diag(self.inverse(weight)), 0.0, 1.0)

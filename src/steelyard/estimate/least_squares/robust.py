@@ -20,7 +20,7 @@ from steelyard.estimate.least_squares.least_squares import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
-from steelyard.estimate.least_squares.normal_equations import refuse_few
+from steelyard.estimate.least_squares.normal_equations import inverse_of_gram, refuse_few
 from steelyard.estimate.least_squares.residual_covariance import inflations
 
 NORMAL = 0.6744897501960817
@@ -34,11 +34,7 @@ FLOOR = 1e-12
 
 
 class Weigh(Protocol):
-    r"""A loss: its weight $\psi(u) / u$ and its curvature $\psi'(u)$.
-
-    Attributes:
-        convex: Whether the loss is; others begin where Huber's ends.
-    """
+    """A loss; one that is not convex begins where Huber's ends."""
 
     @property
     def convex(self) -> bool:
@@ -46,11 +42,11 @@ class Weigh(Protocol):
         ...
 
     def weight(self, u: Array) -> Array:
-        """Weights of residuals in units of their scale."""
+        r"""$\psi(u) / u$ of residuals in units of their scale."""
         ...
 
     def curvature(self, u: Array) -> Array:
-        r"""$\psi'(u)$ at residuals in units of their scale."""
+        r"""$\psi'(u)$ of residuals in units of their scale."""
         ...
 
 
@@ -107,8 +103,6 @@ class Reweighted:
     Inner estimators other than least squares keep their own covariance.
 
     Attributes:
-        weigh: The loss.
-        inner: Fits the weighted samples.
         rounds: Most iterations.
         tolerance: Change of the parameters, in standard deviations, at which they have converged.
     """
@@ -153,13 +147,15 @@ class Reweighted:
         for count in range(1, self.rounds + 1):
             u = _standardised(samples, estimate, scales)
             new = self.inner(samples.information([loss.weight(x) for x in u]))
-            change, before = _change(estimate, new), scales
+            change, before = np.inf, scales
+            if new.parameters.names == estimate.parameters.names:
+                moved = np.abs(new.parameters.values - estimate.parameters.values)
+                change = float(np.max(moved / np.maximum(new.std, 1e-300)))
             estimate, (scales, exact) = new, _scales(samples, new)
             still = np.allclose(scales, before, rtol=self.tolerance, atol=0.0)
             if exact or (change < self.tolerance and still):
                 return estimate, scales, f"converged after {count} rounds"
-        gone = f"not converged after {self.rounds} rounds"
-        return estimate, scales, gone
+        return estimate, scales, f"not converged after {self.rounds} rounds"
 
     def _covariance(
         self, samples: FilteredSamples, estimate: Estimate, scales: Array, u: Sequence[Array]
@@ -173,12 +169,13 @@ class Reweighted:
         omega, factors = 1.0 / np.square(estimate.sigma), inflations(plain.fit(weighted))
         if isinstance(self.inner, OrdinaryLeastSquares):
             omega = np.ones(len(omega))
-        bent = [np.full(len(x), _mean(self.weigh.curvature(x))) for x in u]
+        curvatures = [self.weigh.curvature(x) for x in u]
+        # kept away from zero, where the loss says nothing any more
+        bent = [np.full(len(x), max(float(x.mean()), 0.05) if len(x) else 1.0) for x in curvatures]
         scores = [np.square(self.weigh.weight(x) * x) for x in u]
         h = samples.information(bent).select(names).normal(omega)[0]
         m = samples.information(scores).select(names).normal(factors * np.square(omega * scales))[0]
-        lengths = np.sqrt(np.diag(h))
-        inverse = np.linalg.inv(h / lengths[:, None] / lengths) / lengths[:, None] / lengths
+        inverse = inverse_of_gram(h)
         worth = float(samples.information().n_samples.sum())
         covariance = estimate.covariance.copy()
         covariance[np.ix_(place, place)] = inverse @ m @ inverse
@@ -214,16 +211,3 @@ def _scales(samples: FilteredSamples, estimate: Estimate) -> tuple[Array, bool]:
         scales.append(float(np.median(np.abs(found))) / NORMAL if len(found) else 0.0)
     least = np.array(floors)
     return np.maximum(scales, least), bool((np.array(scales) <= least).all())
-
-
-def _change(old: Estimate, new: Estimate) -> float:
-    """Largest change of a parameter in its standard deviations."""
-    if old.parameters.names != new.parameters.names:
-        return np.inf
-    moved = np.abs(new.parameters.values - old.parameters.values)
-    return float(np.max(moved / np.maximum(new.std, 1e-300)))
-
-
-def _mean(curvature: Array) -> float:
-    """Mean curvature of a row, kept away from zero, where the loss says nothing any more."""
-    return max(float(curvature.mean()), 0.05) if len(curvature) else 1.0
