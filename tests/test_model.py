@@ -132,7 +132,7 @@ compile_code = machine.compile_code
 machine.compile_code = lambda *a: compiled.append(a) or compile_code(*a)
 model = Model(tree())
 Accumulator(base_regressor(model)).loops, model.torque_code
-print(len(compiled), "steelyard.model.equations.trace" in sys.modules)
+print(len(compiled), "steelyard.symbolic.trace" in sys.modules)
 """
 
 

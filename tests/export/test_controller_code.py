@@ -244,9 +244,9 @@ def test_only_the_mathematical_library_is_needed(tmp_path: Path) -> None:
 
 
 def test_values_of_variables_live_as_long_as_they_are_read() -> None:
-    from steelyard.model.equations.trace import symbolic
     from steelyard.symbolic.program import InputArray as Input
     from steelyard.symbolic.source_code import variables_of
+    from steelyard.symbolic.trace import symbolic
 
     def chain(x: list) -> list:
         total = x[0] * x[1]

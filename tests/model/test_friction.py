@@ -9,7 +9,6 @@ from invented import tree
 from moving import geared, torque
 from steelyard.base.errors import ModelError
 from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.equations.trace import slopes_of, symbolic
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.coupled import Coupled
 from steelyard.model.laws.directional import DirectionalCoulomb, DirectionalViscous
@@ -22,6 +21,7 @@ from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
 from steelyard.symbolic.program import InputArray, run
+from steelyard.symbolic.trace import slopes_of, symbolic
 
 SPEEDS = np.array([0.0, 0.05, -0.1, 2.0])
 TINY, HUGE = 1e-300, 1e6

@@ -15,7 +15,6 @@ from steelyard.base.arrays import Parameters
 from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
 from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.equations.trace import symbolic
 from steelyard.model.laws.register import TERMS, description_of, term_of
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
@@ -24,6 +23,7 @@ from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, Term
 from steelyard.robot.robot import JointKind
 from steelyard.symbolic import program as numpy_backend
 from steelyard.symbolic.program import InputArray
+from steelyard.symbolic.trace import symbolic
 
 ROBOT = geared()
 ON: dict[LawCase, Term] = {case: case.on(ROBOT) for case in CASES}

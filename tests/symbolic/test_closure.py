@@ -17,7 +17,6 @@ from steelyard.model.equations.passive_joints import (
     newton_code,
     random_positions,
 )
-from steelyard.model.equations.trace import symbolic
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
@@ -25,6 +24,7 @@ from steelyard.robot.loop_closures import gaps, loop_equations
 from steelyard.robot.robot import Coordinate, Limits, LoopClosure, Robot
 from steelyard.symbolic import program as numpy_backend
 from steelyard.symbolic.program import InputArray as Input
+from steelyard.symbolic.trace import symbolic
 
 REACH = 0.25
 

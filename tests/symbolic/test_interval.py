@@ -148,9 +148,9 @@ def test_shared_boxes_and_many_boxes() -> None:
 def torque_program() -> Program:
     """Inverse dynamics of a branched robot with its own bodies."""
     from steelyard.model.equations.inverse_dynamics import JointState
-    from steelyard.model.equations.trace import symbolic
     from steelyard.model.laws.rigid_body import RigidBody
     from steelyard.model.model import Model
+    from steelyard.symbolic.trace import symbolic
 
     model = Model(tree(), (RigidBody(),))
     values = tree().nominal.ravel()

@@ -11,13 +11,13 @@ from steelyard.base.arrays import Parameters
 from steelyard.base.motion import Motion
 from steelyard.estimate.information.regressor import standard_regressor
 from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.equations.trace import symbolic
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.robot import Robot
 from steelyard.simulate.mujoco_model import build, inverse_dynamics
 from steelyard.symbolic import program as numpy_backend
 from steelyard.symbolic.program import InputArray as Input
+from steelyard.symbolic.trace import symbolic
 
 
 @pytest.fixture(params=list(ROBOTS))

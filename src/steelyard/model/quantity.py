@@ -69,7 +69,7 @@ class Quantity:
 
     def program(self, part: Equations) -> Program:
         """The arguments, channels and shared parameters of a part to the entries."""
-        from steelyard.model.equations.trace import symbolic
+        from steelyard.symbolic.trace import symbolic
 
         inputs = (
             *(Input(name, part.robot.n) for name in self.arguments),
@@ -89,7 +89,7 @@ class Quantity:
 
         Inputs are the arguments, passive positions, memory, and shared parameters.
         """
-        from steelyard.model.equations.trace import symbolic
+        from steelyard.symbolic.trace import symbolic
 
         n, rest = part.robot.n, [0.0] * part.robot.n
         inputs = (
@@ -135,7 +135,7 @@ def _inertial(part: Equations, given: Given, ddq: Sequence[Scalar]) -> list[Scal
 
 def _mass(part: Equations, given: Given) -> list[Scalar]:
     """One triangle is computed, so that the matrix is symmetric to the last bit."""
-    from steelyard.model.equations.trace import affine
+    from steelyard.symbolic.trace import affine
 
     n = part.robot.n
     slopes, _ = affine(lambda ddq: _inertial(part, given, ddq), n)
@@ -148,7 +148,7 @@ def _momentum(part: Equations, given: Given) -> list[Scalar]:
 
 def _momentum_rate(part: Equations, given: Given) -> list[Scalar]:
     r"""$\partial_q (\frac12 \dot q^T M \dot q) - g$, passive joints following the others."""
-    from steelyard.model.equations.trace import slopes_of
+    from steelyard.symbolic.trace import slopes_of
 
     momentum = zip(given["dq"], _momentum(part, given), strict=True)
     twice: Scalar = sum((rate * p for rate, p in momentum), 0.0)

@@ -15,7 +15,7 @@ from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.terms.memory import Presliding, Scan
 from steelyard.model.terms.term import Columns, StatefulTerm, Term, channels_of
 from steelyard.robot.robot import Robot, robot_to_dict
-from steelyard.symbolic.native.compiled import Code, compiled
+from steelyard.symbolic.native.compiled import Code, compiled_equations
 from steelyard.symbolic.program import InputArray as Input
 from steelyard.symbolic.program import Program
 
@@ -127,18 +127,11 @@ class Equations:
 
     def _seen(self, state: JointState) -> Iterator[tuple[int, Term, JointState]]:
         """Every term with its first parameter and the state with its own channels only."""
-        first = 0
-        for start, term in self._placed():
-            count = channels_of(term, self.robot)
-            mine = state.channels[first : first + count]
-            yield start, term, JointState(state.q, state.dq, state.ddq, mine)
-            first += count
-
-    def _placed(self) -> Iterator[tuple[int, Term]]:
-        start = 0
+        first = start = 0
         for term in self.terms:
-            yield start, term
-            start += len(term.parameters(self.robot))
+            mine = state.channels[first : first + channels_of(term, self.robot)]
+            yield start, term, JointState(state.q, state.dq, state.ddq, mine)
+            start, first = start + len(term.parameters(self.robot)), first + len(mine)
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
@@ -168,7 +161,7 @@ class Equations:
     @cached_property
     def columns_program(self) -> tuple[Program, tuple[tuple[int, int], ...]]:
         """All columns as one program, and the place `(row, column)` of each of its outputs."""
-        from steelyard.model.equations.trace import symbolic
+        from steelyard.symbolic.trace import symbolic
 
         places: list[tuple[int, int]] = []
 
@@ -183,14 +176,11 @@ class Equations:
     @cached_property
     def torque_code(self) -> Code:
         """Machine code of the torque; inputs as `inputs`, and the shared parameters."""
-
-        def build() -> tuple[Program, dict[str, Any]]:
-            from steelyard.model.equations.trace import symbolic
-
-            inputs = (*self.inputs, Input("parameters", len(self.parameters), shared=True))
-            return symbolic(lambda *x: self.torque_of(JointState(*x[:4]), x[4]), inputs), {}
-
-        return compiled(["torque", self.program_key], build)
+        return compiled_equations(
+            ["torque", self.program_key],
+            lambda *x: self.torque_of(JointState(*x[:4]), x[4]),
+            (*self.inputs, Input("parameters", len(self.parameters), shared=True)),
+        )
 
     @cached_property
     def bodies_only(self) -> "Equations":

@@ -113,7 +113,7 @@ class Laws:
         described = Model(self.robot, self.terms).to_dict()
 
         def build() -> tuple[Program, dict[str, Any]]:
-            from steelyard.model.equations.trace import symbolic
+            from steelyard.symbolic.trace import symbolic
 
             about: dict[str, Any] = {}
 

@@ -110,10 +110,6 @@ def _sum(a: Interval, b: Interval) -> Interval:
     return _outward(_bounds(a) + _bounds(b))
 
 
-def _difference(a: Interval, b: Interval) -> Interval:
-    return _sum(a, _negative(b))
-
-
 def _product(a: Interval, b: Interval) -> Interval:
     if isinstance(a, float):
         a, b = b, a
@@ -180,22 +176,20 @@ def _rising(
     return over
 
 
-def _sine(x: Interval) -> Interval:
-    bounds = _bounds(x)
-    values = np.sin(bounds)
-    result = _outward(np.stack([values.min(axis=0), values.max(axis=0)]), _LIBRARY)
-    result[0][_passes(bounds, -0.5 * np.pi)] = -1.0
-    result[1][_passes(bounds, 0.5 * np.pi)] = 1.0
-    return np.clip(result, -1.0, 1.0)
+def _wave(
+    function: Callable[[Array], Array], lowest: float, highest: float
+) -> Callable[[Interval], Interval]:
+    """Sine or cosine, by the angles at which it is lowest and highest."""
 
+    def over(x: Interval) -> Interval:
+        bounds = _bounds(x)
+        values = function(bounds)
+        result = _outward(np.stack([values.min(axis=0), values.max(axis=0)]), _LIBRARY)
+        result[0][_passes(bounds, lowest)] = -1.0
+        result[1][_passes(bounds, highest)] = 1.0
+        return np.clip(result, -1.0, 1.0)
 
-def _cosine(x: Interval) -> Interval:
-    bounds = _bounds(x)
-    values = np.cos(bounds)
-    result = _outward(np.stack([values.min(axis=0), values.max(axis=0)]), _LIBRARY)
-    result[0][_passes(bounds, np.pi)] = -1.0
-    result[1][_passes(bounds, 0.0)] = 1.0
-    return np.clip(result, -1.0, 1.0)
+    return over
 
 
 def _passes(bounds: Array, angle: float) -> Array:
@@ -219,15 +213,15 @@ def _less_equal(a: Interval, b: Interval) -> Interval:
 
 _OPERATIONS: dict[str, Callable[..., Interval]] = {
     "add": _sum,
-    "sub": _difference,
+    "sub": lambda a, b: _sum(a, _negative(b)),
     "mul": _product,
     "div": _quotient,
     "neg": _negative,
     "sqrt": _root,
     "abs": _size,
     "sign": lambda x: np.sign(_bounds(x)),
-    "sin": _sine,
-    "cos": _cosine,
+    "sin": _wave(np.sin, -0.5 * np.pi, 0.5 * np.pi),
+    "cos": _wave(np.cos, np.pi, 0.0),
     "exp": _rising(np.exp, 0.0, np.inf),
     "tanh": _rising(np.tanh, -1.0, 1.0),
     "atan": _rising(np.arctan, -np.inf, np.inf),

@@ -5,7 +5,7 @@ speed above next to nothing, $\max(|v|, \epsilon)$, holds it above $w$. A speed 
 \dot q$; its width is $w = \sum |c_j| w_j$ with the widths $w_j$ of the joints.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -13,8 +13,28 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 
-UNARY = ("neg", "sqrt", "abs", "sign", "sin", "cos", "exp", "tanh", "atan")
-BINARY = ("add", "sub", "mul", "div", "less", "less_equal", "minimum", "maximum")
+NUMPY: dict[str, np.ufunc] = {
+    "neg": np.negative,
+    "sqrt": np.sqrt,
+    "abs": np.absolute,
+    "sign": np.sign,
+    "sin": np.sin,
+    "cos": np.cos,
+    "exp": np.exp,
+    "tanh": np.tanh,
+    "atan": np.arctan,
+    "add": np.add,
+    "sub": np.subtract,
+    "mul": np.multiply,
+    "div": np.divide,
+    "less": np.less,
+    "less_equal": np.less_equal,
+    "minimum": np.minimum,
+    "maximum": np.maximum,
+}
+"""Operations of programs and NumPy's functions for them; comparisons give 1 or 0."""
+UNARY = tuple(name for name, function in NUMPY.items() if function.nin == 1)
+BINARY = tuple(name for name, function in NUMPY.items() if function.nin == 2)
 
 
 class Step(NamedTuple):
@@ -88,27 +108,6 @@ class Program:
         return last
 
 
-_NUMPY_OPERATIONS: dict[str, Callable[..., Array]] = {
-    "add": np.add,
-    "sub": np.subtract,
-    "mul": np.multiply,
-    "div": np.divide,
-    "neg": np.negative,
-    "sqrt": np.sqrt,
-    "abs": np.abs,
-    "sign": np.sign,
-    "sin": np.sin,
-    "cos": np.cos,
-    "exp": np.exp,
-    "tanh": np.tanh,
-    "atan": np.arctan,
-    "less": lambda a, b: np.less(a, b).astype(np.float64),
-    "less_equal": lambda a, b: np.less_equal(a, b).astype(np.float64),
-    "minimum": np.minimum,
-    "maximum": np.maximum,
-}
-
-
 def run(program: Program, inputs: Sequence[Array]) -> Array:
     """Evaluate a program: outputs `(len(program.outputs), N)`.
 
@@ -124,7 +123,8 @@ def run(program: Program, inputs: Sequence[Array]) -> Array:
         elif step.operation == "input":
             values.append(inputs[step.arguments[0]][step.arguments[1]])
         else:
-            values.append(_NUMPY_OPERATIONS[step.operation](*(values[a] for a in step.arguments)))
+            value = NUMPY[step.operation](*(values[a] for a in step.arguments))
+            values.append(value.astype(np.float64) if value.dtype == np.bool_ else value)
     result = np.empty((len(program.outputs), n_samples))
     for row, number in enumerate(program.outputs):
         result[row] = values[number]
@@ -217,8 +217,8 @@ class _Softener(Writer):
             return self.push("tanh", relative)
         if step.operation == "maximum":
             for size, floor in (step.arguments, step.arguments[::-1]):
-                speed = self._size_of_speed(size)
-                least = self.program.steps[floor]
+                inside, least = self.program.steps[size], self.program.steps[floor]
+                speed = self._linear[inside.arguments[0]] if inside.operation == "abs" else {}
                 if (
                     speed
                     and least.operation == "constant"
@@ -227,22 +227,17 @@ class _Softener(Writer):
                     return self.push("maximum", self.number[size], self._width(speed))
         return None
 
-    def _size_of_speed(self, number: int) -> Linear:
-        step = self.program.steps[number]
-        return self._linear[step.arguments[0]] if step.operation == "abs" else {}
-
     def _width(self, speed: Linear) -> int:
         total = -1
         for joint, coefficient in speed.items():
             scale = self.push("constant", value=abs(coefficient))
-            part = self.push("mul", scale, self._width_of(joint))
+            if isinstance(self._widths, float):
+                width = self.push("constant", value=self._widths)
+            else:
+                width = self.push("input", self._widths, joint)
+            part = self.push("mul", scale, width)
             total = part if total < 0 else self.push("add", total, part)
         return total
-
-    def _width_of(self, joint: int) -> int:
-        if isinstance(self._widths, float):
-            return self.push("constant", value=self._widths)
-        return self.push("input", self._widths, joint)
 
     def _slope(self, step: Step) -> Linear:
         """The step's value as a combination of velocities, if it is one."""

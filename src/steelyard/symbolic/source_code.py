@@ -88,16 +88,6 @@ def source_of(program: Program, outputs: Sequence[str], syntax: Syntax) -> Progr
 
 Precision = Literal["double", "float"]
 
-_C_FUNCTIONS = {
-    "sqrt": "sqrt",
-    "abs": "fabs",
-    "sin": "sin",
-    "cos": "cos",
-    "exp": "exp",
-    "tanh": "tanh",
-    "atan": "atan",
-}
-
 
 @dataclass(frozen=True)
 class CFunction:
@@ -126,7 +116,7 @@ def c_syntax_of(precision: Precision) -> Syntax:
     """How C writes what programs do."""
     suffix = "" if precision == "double" else "f"
     zero = c_literal(0.0, precision)
-    functions = {name: f"{c}{suffix}({{0}})" for name, c in _C_FUNCTIONS.items()}
+    functions = {"abs": "fabs"} | {f: f for f in ("sqrt", "sin", "cos", "exp", "tanh", "atan")}
     return Syntax(
         {
             "add": "{0} + {1}",
@@ -139,7 +129,7 @@ def c_syntax_of(precision: Precision) -> Syntax:
             "less_equal": f"({precision})({{0}} <= {{1}})",
             "minimum": "{0} < {1} ? {0} : {1}",
             "maximum": "{0} > {1} ? {0} : {1}",
-            **functions,
+            **{name: f"{c}{suffix}({{0}})" for name, c in functions.items()},
         },
         lambda value: c_literal(value, precision),
         "    {0} = {1};",

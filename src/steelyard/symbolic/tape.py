@@ -169,8 +169,9 @@ class Tape:
 
     def apply(self, operation: str, *arguments: int) -> int:
         """Any operation of a `Step`."""
-        if operation in _SHORTENED:
-            return _SHORTENED[operation](self, *arguments)
+        if operation in ("add", "sub", "mul", "div", "neg"):
+            shortened: int = getattr(self, operation)(*arguments)
+            return shortened
         if all(a in self.known for a in arguments):
             return self.constant(_FOLDED[operation](*(self.known[a] for a in arguments)))
         return self.written(operation, *arguments)
@@ -192,8 +193,13 @@ class Tape:
                     waiting += missing[::-1]
                     continue
                 waiting.pop()
-                place[number] = len(steps)
-                steps.append(self._step(number, arguments, place))
+                operation, place[number] = self.operations[number], len(steps)
+                if operation == "input":
+                    step = Step(operation, (self.left[number], self.right[number]))
+                else:
+                    read = tuple(place[a] for a in arguments)
+                    step = Step(operation, read, self.known.get(number, 0.0))
+                steps.append(step)
         return Program(tuple(inputs), tuple(steps), tuple(place[x] for x in outputs))
 
     def arguments(self, number: int) -> tuple[int, ...]:
@@ -203,28 +209,11 @@ class Tape:
         left, right = self.left[number], self.right[number]
         return (left,) if right < 0 else (left, right)
 
-    def _step(self, number: int, arguments: Sequence[int], place: dict[int, int]) -> Step:
-        operation = self.operations[number]
-        if operation == "constant":
-            return Step(operation, (), self.known[number])
-        if operation == "input":
-            return Step(operation, (self.left[number], self.right[number]))
-        return Step(operation, tuple(place[a] for a in arguments))
-
     def _new(self, operation: str, left: int, right: int) -> int:
         self.operations.append(operation)
         self.left.append(left)
         self.right.append(right)
         return len(self.operations) - 1
-
-
-_SHORTENED: dict[str, Callable[..., int]] = {
-    "add": Tape.add,
-    "sub": Tape.sub,
-    "mul": Tape.mul,
-    "div": Tape.div,
-    "neg": Tape.neg,
-}
 
 
 Edges = Sequence[tuple[int, Sequence[tuple[int, int]]]]

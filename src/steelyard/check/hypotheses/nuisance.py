@@ -74,7 +74,7 @@ def _coordinates(sweeps: int) -> Code:
     """The coordinates' sweeps as machine code: inputs $H$, $b$ and the bounds, output theta."""
 
     def build() -> tuple[Program, dict[str, Any]]:
-        from steelyard.model.equations.trace import symbolic
+        from steelyard.symbolic.trace import symbolic
 
         def swept(
             h: Sequence[Scalar],

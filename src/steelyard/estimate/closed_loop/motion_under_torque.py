@@ -163,7 +163,9 @@ class Forward:
     def _mass(self) -> Code:
         def build() -> tuple[Program, dict[str, Any]]:
             def outputs(effort: forward.Efforts, _: Sequence[Scalar]) -> list[Scalar]:
-                mass, bias = forward.mass_and_bias(effort, self.n)
+                from steelyard.symbolic.trace import affine
+
+                mass, bias = affine(effort, self.n)
                 return [entry for row in mass for entry in row] + bias
 
             return self._traced(outputs), {}
@@ -172,7 +174,7 @@ class Forward:
 
     def _traced(self, outputs: Any) -> Program:
         """A program over state, applied efforts, parameters and widths, its jumps softened."""
-        from steelyard.model.equations.trace import symbolic
+        from steelyard.symbolic.trace import symbolic
 
         def build(q: Any, dq: Any, applied: Any, parameters: Any, _: Any) -> list[Scalar]:
             values: list[Scalar] = [0.0] * len(self.model.parameters)

@@ -193,7 +193,7 @@ class StepProgram:
         }
 
         def build() -> tuple[Program, dict[str, Any]]:
-            from steelyard.model.equations.trace import symbolic
+            from steelyard.symbolic.trace import symbolic
 
             inputs = [Input(name, size, shared=True) for name, size in sizes.items()]
             return symbolic(lambda *x: _outputs(equations, frame, axes, *x), inputs), {}

@@ -116,7 +116,7 @@ class InformationEvaluator:
     @cached_property
     def _slopes(self) -> Code:
         def build() -> tuple[Program, dict[str, Any]]:
-            from steelyard.model.equations.trace import pulled_back
+            from steelyard.symbolic.trace import pulled_back
 
             return pulled_back(self._program()[0], (_Q, _DQ, _DDQ, _CHANNELS)), {}
 
@@ -130,7 +130,7 @@ class InformationEvaluator:
             return None
 
         def build() -> tuple[Program, dict[str, Any]]:
-            from steelyard.model.equations.trace import symbolic
+            from steelyard.symbolic.trace import symbolic
 
             def rows(q: Any, channels: Any) -> list[Any]:
                 still = [0.0] * robot.n
@@ -162,7 +162,7 @@ class InformationEvaluator:
 
     def _program(self) -> tuple[Program, list[list[int]]]:
         """The regressor's entries with softened jumps, and the columns that each row sees."""
-        from steelyard.model.equations.trace import symbolic
+        from steelyard.symbolic.trace import symbolic
 
         n, columns = self.model.robot.n, self.base.independent
         place = {column: k for k, column in enumerate(columns)}

@@ -20,7 +20,6 @@ from steelyard.estimate.external.residual_peaks import ContactThresholds
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.model.equations.closed_chains import corrected
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar
-from steelyard.model.equations.trace import symbolic
 from steelyard.model.model import Model
 from steelyard.model.quantity import (
     BIAS,
@@ -39,6 +38,7 @@ from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Body, Robot
 from steelyard.symbolic.program import InputArray as Input
 from steelyard.symbolic.program import Program
+from steelyard.symbolic.trace import symbolic
 
 DIAGONAL = tuple(INERTIAL_NAMES.index(name) for name in ("Ixx", "Iyy", "Izz"))
 

@@ -56,7 +56,7 @@ def effort_bounds(
     """
 
     def build() -> tuple[Program, dict[str, Any]]:
-        from steelyard.model.equations.trace import carried_along, slopes_of, symbolic
+        from steelyard.symbolic.trace import carried_along, slopes_of, symbolic
 
         state = [InputArray(name, n) for name in ("q", "dq", "ddq")]
         shared = InputArray("parameters", parameters, shared=True)
@@ -95,7 +95,7 @@ def _spread(
     n = len(efforts)
     if law is None:
         return list(efforts), [0.0] * n, [0.0] * n
-    from steelyard.model.equations.trace import replayed
+    from steelyard.symbolic.trace import replayed
 
     freed, sees, count = _freed(law)
 

@@ -28,19 +28,14 @@ def inputs(n: int, parameters: int) -> tuple[InputArray, ...]:
     )
 
 
-def mass_and_bias(efforts: Efforts, n: int) -> tuple[list[list[Scalar]], list[Scalar]]:
-    """Mass matrix, `n` rows of `n`, and the efforts without acceleration."""
-    from steelyard.model.equations.trace import affine
-
-    return affine(efforts, n)
-
-
 def accelerations(efforts: Efforts, applied: Sequence[Scalar]) -> tuple[list[Scalar], list[Scalar]]:
     """Accelerations under applied efforts, by $M = L D L^T$, and the pivots `D`.
 
     The pivots are positive if and only if the mass matrix is positive definite.
     """
-    mass, bias = mass_and_bias(efforts, len(applied))
+    from steelyard.symbolic.trace import affine
+
+    mass, bias = affine(efforts, len(applied))
     sides = [tau - rest for tau, rest in zip(applied, bias, strict=True)]
     n = len(sides)
     lower: list[list[Scalar]] = [[0.0] * n for _ in range(n)]

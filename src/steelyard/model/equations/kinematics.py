@@ -31,7 +31,7 @@ from steelyard.model.equations.inverse_dynamics import (
 )
 from steelyard.model.equations.passive_joints import passive_positions
 from steelyard.robot.robot import Frame, Robot, robot_to_dict
-from steelyard.symbolic.native.compiled import Code, compiled
+from steelyard.symbolic.native.compiled import Code, compiled, compiled_equations
 from steelyard.symbolic.program import InputArray as Input
 from steelyard.symbolic.program import Program, program_from_json, program_to_json, run
 
@@ -66,14 +66,6 @@ class Points:
         values = self.code([q.T]).T
         slopes = values[:, 3 * m :].reshape(len(q), m, 3, n)
         return values[:, : 3 * m].reshape(len(q), m, 3), slopes
-
-    def positions(self, q: Array) -> Array:
-        """Positions at `q`, shape `(N, n)`: shape `(N, m, 3)` [m]."""
-        return self(q)[0]
-
-    def jacobian(self, q: Array) -> Array:
-        """Derivatives of the positions at `q`, shape `(N, n)`: shape `(N, m, 3, n)`."""
-        return self(q)[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,15 +123,12 @@ def frame_of(robot: Robot, name: str) -> Frame:
 def frame_kinematics(robot: Robot, frame: str | Frame) -> FrameKinematics:
     """Pose and Jacobian of a frame."""
     chosen = frame_of(robot, frame) if isinstance(frame, str) else frame
-
-    def build() -> tuple[Program, dict[str, Any]]:
-        from steelyard.model.equations.trace import symbolic
-
-        inputs = [Input("q", robot.n), Input("passive", len(robot.passive))]
-        return symbolic(lambda *x: frame_outputs(robot, chosen, *x), inputs), {}
-
     place = [chosen.body, chosen.rotation.tolist(), chosen.position.tolist()]
-    code = compiled(["frame", robot_to_dict(robot), place], build)
+    code = compiled_equations(
+        ["frame", robot_to_dict(robot), place],
+        lambda *x: frame_outputs(robot, chosen, *x),
+        [Input("q", robot.n), Input("passive", len(robot.passive))],
+    )
     return FrameKinematics(robot, chosen, code)
 
 
@@ -173,7 +162,7 @@ def points_on(robot: Robot, carriers: Sequence[int], places: ArrayLike) -> Point
         refuse_passive(robot, body, robot.bodies[body].name if body >= 0 else "base")
 
     def build() -> tuple[Program, dict[str, Any]]:
-        from steelyard.model.equations.trace import symbolic
+        from steelyard.symbolic.trace import symbolic
 
         def outputs(q: Sequence[Scalar]) -> list[Scalar]:
             found = [
@@ -196,7 +185,7 @@ def positions_of(robot: Robot, carriers: Sequence[int], places: ArrayLike, q: Ar
 
     For where compiling `points_on` would take longer.
     """
-    from steelyard.model.equations.trace import symbolic
+    from steelyard.symbolic.trace import symbolic
 
     points = frozen(places, (len(carriers), 3))
 
@@ -210,7 +199,7 @@ def positions_of(robot: Robot, carriers: Sequence[int], places: ArrayLike, q: Ar
 
 def _moving_points(robot: Robot, carriers: Sequence[int], points: Array) -> dict[str, Any]:
     """Programs of the points' positions and velocities, and of their accelerations."""
-    from steelyard.model.equations.trace import carried_along, symbolic
+    from steelyard.symbolic.trace import carried_along, symbolic
 
     def flow(q: Sequence[Scalar], dq: Sequence[Scalar]) -> list[Scalar]:
         found = zip(carriers, points, strict=True)
@@ -294,17 +283,13 @@ class FrameMotion:
 
 def frame_motion(robot: Robot, frame: Frame) -> FrameMotion:
     """Kinematics of a frame up to accelerations."""
-
-    def build() -> tuple[Program, dict[str, Any]]:
-        from steelyard.model.equations.trace import symbolic
-
-        inputs = [
-            Input("q", robot.n), Input("passive", len(robot.passive)), Input("dq", robot.n)
-        ]  # fmt: skip
-        return symbolic(lambda *x: _frame_motion_outputs(robot, frame, *x), inputs), {}
-
     place = [frame.body, frame.rotation.tolist(), frame.position.tolist()]
-    return FrameMotion(robot, frame, compiled(["frame motion", robot_to_dict(robot), place], build))
+    code = compiled_equations(
+        ["frame motion", robot_to_dict(robot), place],
+        lambda *x: _frame_motion_outputs(robot, frame, *x),
+        [Input("q", robot.n), Input("passive", len(robot.passive)), Input("dq", robot.n)],
+    )
+    return FrameMotion(robot, frame, code)
 
 
 def _frame_motion_outputs(
@@ -315,7 +300,7 @@ def _frame_motion_outputs(
     dq: Sequence[Scalar],
 ) -> list[Scalar]:
     """Outputs of `frame_outputs`, and the drift: how the velocities grow while `dq` is constant."""
-    from steelyard.model.equations.trace import carried_along
+    from steelyard.symbolic.trace import carried_along
 
     found, n = frame_outputs(robot, frame, q, passive), robot.n
     rows = np.array(found[12:], dtype=object).reshape(6, n)

@@ -1,8 +1,5 @@
 """Passive positions along a motion: Newton's method, warm-started from sample to sample."""
 
-from collections.abc import Sequence
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,9 +9,8 @@ from steelyard.model.equations.closed_chains import completed, corrected
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.robot.loop_closures import CLOSED, closest, gaps, loop_equations, residual
 from steelyard.robot.robot import Robot, robot_to_dict
-from steelyard.symbolic.native.compiled import Code, compiled
+from steelyard.symbolic.native.compiled import Code, compiled_equations
 from steelyard.symbolic.program import InputArray as Input
-from steelyard.symbolic.program import Program
 
 ITERATIONS = 12
 """Newton steps after which a sample counts as open."""
@@ -260,16 +256,8 @@ def _largest(values: Array) -> float:
 
 def newton_code(robot: Robot) -> Code:
     """Machine code of `corrected`: inputs are independent and passive positions."""
-
-    def build() -> tuple[Program, dict[str, Any]]:
-        from steelyard.model.equations.trace import symbolic
-
-        def equations(q: Sequence[Any], passive: Sequence[Any]) -> list[Any]:
-            return corrected(robot, q, passive)
-
-        return symbolic(equations, (Input("q", robot.n), Input("passive", len(robot.passive)))), {}
-
     described = robot_to_dict(robot)
     for body in described["bodies"]:
         del body["inertia"], body["known"]
-    return compiled(["loops", described], build)
+    inputs = Input("q", robot.n), Input("passive", len(robot.passive))
+    return compiled_equations(["loops", described], lambda *x: corrected(robot, *x), inputs)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from steelyard.base.arrays import Parameter
-from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar, inverse_dynamics
 from steelyard.model.terms.model_files import Placed, Values
 from steelyard.model.terms.term import Cause, Columns, Dissipation, Role, Term
 from steelyard.robot.rigid_body import INERTIAL_NAMES, INERTIAL_UNITS
@@ -42,10 +42,29 @@ class RigidBody(Term):
         )
 
     def columns(self, robot: Robot, state: JointState) -> Columns:
-        """Regressor of the bodies."""
-        from steelyard.model.equations.trace import rigid_columns
+        """Reverse-mode derivative of the inverse dynamics by the ten numbers of every body.
 
-        return rigid_columns(robot, state)
+        Entries that are zero by structure, as those of frames without mass, are left out.
+        """
+        from steelyard.symbolic.tape import Tape, backward, edges
+        from steelyard.symbolic.trace import Symbol, number_of
+
+        tape = Tape.current()
+        numbers = [tape.variable() for _ in range(10 * len(robot.bodies))]
+        flat: list[Scalar] = [Symbol(tape, number) for number in numbers]
+        tens = [
+            [0.0] * 10 if body.massless else flat[10 * k : 10 * k + 10]
+            for k, body in enumerate(robot.bodies)
+        ]
+        efforts = [number_of(tape, x) for x in inverse_dynamics(robot, state, tens)]
+        between, one = edges(tape, numbers), tape.constant(1.0)
+        entries: dict[tuple[int, int], Scalar] = {}
+        for row, effort in enumerate(efforts):
+            slopes = backward(tape, between, {effort: one})
+            for column, number in enumerate(numbers):
+                if number in slopes and tape.known.get(slopes[number]) != 0.0:
+                    entries[row, column] = Symbol(tape, slopes[number])
+        return entries
 
     @property
     def role(self) -> Role:

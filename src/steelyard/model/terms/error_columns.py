@@ -16,9 +16,8 @@ from steelyard.model.equations.inverse_dynamics import JointState, Scalar, inver
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.terms.term import Columns, Dissipation, StatefulTerm, TermSamples
 from steelyard.robot.robot import Body, Coordinate, Robot, robot_to_dict
-from steelyard.symbolic.native.compiled import Code, compiled
+from steelyard.symbolic.native.compiled import Code, compiled_equations
 from steelyard.symbolic.program import InputArray as Input
-from steelyard.symbolic.program import Program
 
 MOVES = 6
 """Of each joint frame: along its x, y, z [m], then about them [rad]."""
@@ -45,28 +44,19 @@ def torque_slope(
 @lru_cache(maxsize=4)
 def placement_code(robot: Robot) -> Code:
     """Machine code; inputs are motion, ten numbers and `MOVES` displacements per body."""
+    count, n = len(robot.bodies), robot.n_joints
 
-    def build() -> tuple[Program, dict[str, Any]]:
-        from steelyard.model.equations.trace import symbolic
-
-        count, n = len(robot.bodies), robot.n_joints
+    def torque(q: Any, dq: Any, ddq: Any, tens: Any, moves: Any) -> Sequence[Scalar]:
         movable, none = with_displacements(robot), [0.0] * (MOVES * count)
+        state = JointState([*q, *moves], [*dq, *none], [*ddq, *none])
+        bodies = [[0.0] * 10] * len(movable.bodies)
+        for k in range(count):
+            bodies[(MOVES + 1) * k + MOVES] = tens[10 * k : 10 * k + 10]
+        return inverse_dynamics(movable, state, bodies)[:n]
 
-        def torque(q: Any, dq: Any, ddq: Any, tens: Any, moves: Any) -> Sequence[Scalar]:
-            state = JointState([*q, *moves], [*dq, *none], [*ddq, *none])
-            bodies = [[0.0] * 10] * len(movable.bodies)
-            for k in range(count):
-                bodies[(MOVES + 1) * k + MOVES] = tens[10 * k : 10 * k + 10]
-            return inverse_dynamics(movable, state, bodies)[:n]
-
-        inputs = [Input("q", n), Input("dq", n), Input("ddq", n)]
-        inputs += [
-            Input("tens", 10 * count, shared=True),
-            Input("moves", MOVES * count, shared=True),
-        ]
-        return symbolic(torque, inputs), {}
-
-    return compiled(["placement", robot_to_dict(robot)], build)
+    inputs = [Input("q", n), Input("dq", n), Input("ddq", n)]
+    inputs += [Input("tens", 10 * count, shared=True), Input("moves", MOVES * count, shared=True)]
+    return compiled_equations(["placement", robot_to_dict(robot)], torque, inputs)
 
 
 def with_displacements(robot: Robot) -> Robot:
@@ -159,20 +149,13 @@ class GeometryErrors(StatefulTerm):
         for k, body in enumerate(robot.bodies):
             if "position" in self.which:
                 for number, axis in enumerate("xyz"):
-                    move = np.eye(MOVES)[number]
-                    yield (
-                        f"position_{axis}.{body.joint}",
-                        "m",
-                        _displacement_of_body(robot, k, move),
-                    )
+                    move = _displacement_of_body(robot, k, np.eye(MOVES)[number])
+                    yield f"position_{axis}.{body.joint}", "m", move
             if "axis" in self.which:
                 for number, across in enumerate(_unit_vectors_across(body.axis), start=1):
-                    move = np.concatenate((np.zeros(3), across))
-                    yield (
-                        f"axis_{number}.{body.joint}",
-                        "rad",
-                        _displacement_of_body(robot, k, move),
-                    )
+                    turn = np.concatenate((np.zeros(3), across))
+                    move = _displacement_of_body(robot, k, turn)
+                    yield f"axis_{number}.{body.joint}", "rad", move
 
 
 def _joint_number(robot: Robot, joint: str) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.symbolic.native import cache, machine, native_loops
-from steelyard.symbolic.program import Program
+from steelyard.symbolic.program import InputArray, Program
 
 ENGINE = 4
 """Raised whenever emitted code changes its meaning: old cache entries are then not used."""
@@ -92,6 +92,19 @@ def compiled(description: Any, build: Callable[[], tuple[Program, dict[str, Any]
         fused=library.function("fused", 2 * n_inputs + 9),
         sample=library.function("sample", 1, answers=True),
     )
+
+
+def compiled_equations(
+    description: Any, equations: Callable[..., Sequence[Any]], inputs: Sequence[InputArray]
+) -> Code:
+    """Machine code of equations over scalars, one list of them per input array; see `compiled`."""
+
+    def build() -> tuple[Program, dict[str, Any]]:
+        from steelyard.symbolic.trace import symbolic
+
+        return symbolic(equations, inputs), {}
+
+    return compiled(description, build)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ Entry `e` of a per-sample input at sample `b` is `x[e * ld + b]`; output entry `
 
 import struct
 from dataclasses import dataclass, field
+from functools import partialmethod
 
 from steelyard.symbolic.program import Program
 
@@ -84,21 +85,8 @@ class Block:
         """`fadd`, `fsub`, `fmul` or `fdiv`; products may fuse into sums."""
         return self.let(f"{operation} contract {self.type} {a}, {b}")
 
-    def add(self, a: str, b: str) -> str:
-        """Sum."""
-        return self.binary("fadd", a, b)
-
-    def sub(self, a: str, b: str) -> str:
-        """Difference."""
-        return self.binary("fsub", a, b)
-
-    def mul(self, a: str, b: str) -> str:
-        """Product."""
-        return self.binary("fmul", a, b)
-
-    def div(self, a: str, b: str) -> str:
-        """Quotient."""
-        return self.binary("fdiv", a, b)
+    add, sub = partialmethod(binary, "fadd"), partialmethod(binary, "fsub")
+    mul, div = partialmethod(binary, "fmul"), partialmethod(binary, "fdiv")
 
     def neg(self, a: str) -> str:
         """Negative."""
