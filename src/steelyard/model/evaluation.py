@@ -27,13 +27,10 @@ the cache."""
 
 @dataclass(frozen=True, eq=False)
 class CompiledQuantity:
-    """A quantity of a model.
+    """A quantity of a model: the equations of the terms that enter it, and machine code.
 
-    Attributes:
-        quantity: The quantity.
-        part: The equations of the terms that enter it.
-        columns: Places of their parameters among those of the model.
-        code: Inputs are the arguments, channels, and the shared parameters.
+    `columns` are the places of their parameters among the model's; inputs of the code are the
+    arguments, channels, and the shared parameters.
     """
 
     quantity: Quantity

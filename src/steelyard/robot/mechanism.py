@@ -19,12 +19,7 @@ of effort, terms for springs."""
 
 
 class Listed(str):
-    """A note of a statement and what it is about: `statement: a, b`.
-
-    Attributes:
-        statement: What two notes about the same have in common.
-        about: What it is about, such as names of joints.
-    """
+    """A note of a statement that two notes may share and what it is about: `statement: a, b`."""
 
     statement: str
     about: str
@@ -58,12 +53,9 @@ class ModelNote:
 
 @dataclass(frozen=True)
 class JointSpring:
-    r"""A spring along a joint: it pulls back with $k\,(x - x_0)$.
+    """A spring along a joint: it pulls back with `stiffness * (x - free)` [Nm/rad; N/m], [rad; m].
 
-    Attributes:
-        stiffness: $k$ [Nm/rad; N/m].
-        free: $x_0$ [rad; m].
-        linear: Whether that is all; the file may add higher powers.
+    A spring that is not linear has higher powers as well.
     """
 
     stiffness: float
@@ -97,14 +89,7 @@ class Mimic:
 
 @dataclass(frozen=True, eq=False)
 class Pin:
-    """A point of one link that stays on a point of another.
-
-    Attributes:
-        name: For messages.
-        links: Names of the two links.
-        points: Shape `(2, 3)` [m], the point in each link's frame.
-        where: File and line, for messages.
-    """
+    """A point of one link that stays on a point of another, in the links' frames, `(2, 3)` [m]."""
 
     name: str
     links: tuple[str, str]
@@ -119,11 +104,7 @@ class Pin:
 class Coupling:
     """Joints that a model file ties in a way that no equation of a robot here says.
 
-    Attributes:
-        name: For messages.
-        what: What ties them, for messages: "a joint equality that is not proportional".
-        joints: Names of the joints that cannot move on their own.
-        where: File and line, for messages.
+    `what` is said in messages: "a joint equality that is not proportional".
     """
 
     name: str
@@ -139,14 +120,10 @@ MechanismJointKind = Literal[
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """A rigid link.
+    """A rigid link; its inertia is in the link's frame, `None` if the file gives none.
 
-    Attributes:
-        name: Unique in the mechanism.
-        inertia: Mass properties in the link frame; `None` if the file gives none.
-        where: File and line, for messages.
-        massless: Whether it is only a frame between the joints of one body.
-        lacks: The mesh that its inertia is computed from, where that is absent.
+    A `massless` one is only a frame between the joints of one body. `lacks` is the mesh that its
+    inertia is computed from, where that is absent.
     """
 
     name: str

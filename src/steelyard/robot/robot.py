@@ -93,11 +93,8 @@ class Body:
 class Frame:
     """A named frame that is fixed to a body, such as a link that merged into it.
 
-    Attributes:
-        name: The link's name.
-        body: Index of the body that carries it; -1 is the base.
-        rotation: Shape `(3, 3)`, the frame's axes in the body's frame.
-        position: Shape `(3,)` [m], the frame's origin in the body's frame.
+    `body` is the index of the body that carries it, -1 the base; `rotation` `(3, 3)` has its axes
+    and `position` `(3,)` [m] its origin in the body's frame.
     """
 
     name: str
@@ -138,10 +135,7 @@ class Transmission:
 class LoopClosure:
     """A pin that closes a chain: a point of one body stays on a point of another.
 
-    Attributes:
-        name: For messages.
-        bodies: Indices of the two bodies; -1 is the base.
-        points: Shape `(2, 3)` [m], the point in each body's frame.
+    `bodies` are indices, -1 is the base; `points` `(2, 3)` [m] lie in the bodies' frames.
     """
 
     name: str

@@ -38,12 +38,9 @@ BINARY = tuple(name for name, function in NUMPY.items() if function.nin == 2)
 
 
 class Step(NamedTuple):
-    """One assignment.
+    """One assignment: a `constant` of a value, an `input`, or an operation of `NUMPY`.
 
-    Attributes:
-        operation: `constant`, `input`, or a name of `UNARY` or `BINARY`.
-        arguments: Numbers of earlier steps; for an input `(array, entry)`; empty for a constant.
-        value: The constant.
+    Arguments are numbers of earlier steps; for an input `(array, entry)`.
     """
 
     operation: str
@@ -62,12 +59,9 @@ class InputArray:
 
 @dataclass(frozen=True)
 class Program:
-    """Inputs to outputs, sample by sample.
+    """Inputs to outputs, sample by sample, by assignments in order of evaluation.
 
-    Attributes:
-        inputs: The input arrays.
-        steps: Assignments in order of evaluation.
-        outputs: For every output entry the step that holds it.
+    `outputs` are the steps that hold the output entries.
     """
 
     inputs: tuple[InputArray, ...]
@@ -132,11 +126,7 @@ def run(program: Program, inputs: Sequence[Array]) -> Array:
 
 
 class Writer:
-    """A program under construction.
-
-    Attributes:
-        steps: Assignments so far.
-    """
+    """A program under construction, with its assignments so far."""
 
     def __init__(self) -> None:
         self.steps: list[Step] = []
@@ -188,11 +178,7 @@ Linear = Mapping[int, float]
 
 
 class _Softener(Writer):
-    """A program under construction, with the linear parts of its steps.
-
-    Attributes:
-        number: Old step to new step.
-    """
+    """A program under construction, with the linear parts of old steps and their new numbers."""
 
     def __init__(self, program: Program, velocity: int, widths: int | float) -> None:
         super().__init__()

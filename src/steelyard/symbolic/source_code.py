@@ -27,12 +27,7 @@ class Syntax:
 
 @dataclass(frozen=True)
 class ProgramSource:
-    """Statements of a program.
-
-    Attributes:
-        lines: The statements.
-        variables: Number of variables `v0`, `v1`, ... that they use.
-    """
+    """Statements of a program, and how many variables `v0`, `v1`, ... they use."""
 
     lines: tuple[str, ...]
     variables: int
@@ -91,13 +86,9 @@ Precision = Literal["double", "float"]
 
 @dataclass(frozen=True)
 class CFunction:
-    """A function in C.
+    """A function in C: declaration without semicolon, definition, bytes of local variables.
 
-    Attributes:
-        signature: Its declaration without the semicolon.
-        text: Its definition.
-        stack: Bytes of its local variables.
-        operations: Arithmetic operations of a call.
+    `operations` are the arithmetic ones of a call.
     """
 
     signature: str

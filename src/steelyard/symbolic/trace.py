@@ -27,12 +27,7 @@ def _operator(operation: str, turned: bool = False) -> Callable[["Symbol", Any],
 
 
 class Symbol:
-    """One value of a tape as a scalar.
-
-    Attributes:
-        tape: The tape.
-        number: The value's number there.
-    """
+    """One value of a tape as a scalar, by its number there."""
 
     __slots__ = ("number", "tape")
 

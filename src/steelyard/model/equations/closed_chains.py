@@ -113,13 +113,7 @@ def negative(scalar: Scalar) -> Scalar:
 
 @dataclass(frozen=True)
 class _Hinge:
-    """A joint on the way to a pin, in the frame of the last body that carries both ends.
-
-    Attributes:
-        body: The body it carries.
-        axis: Unit vector along its axis.
-        origin: Origin of the body's frame.
-    """
+    """A joint on the way to a pin, in the frame of the last body that carries both ends."""
 
     body: Body
     axis: Vector

@@ -137,13 +137,7 @@ def _powers(
 
 @dataclass(frozen=True)
 class _Freed:
-    """A program that is being written anew, with signs as inputs.
-
-    Attributes:
-        steps: Its steps so far.
-        sees: Per step the signs that it depends on.
-        array: Number of the input array of the signs.
-    """
+    """A program written anew with signs as an input array, and the signs each step depends on."""
 
     steps: list[Step]
     sees: list[set[int]]

@@ -72,10 +72,7 @@ class Points:
 class FrameKinematics:
     """Pose and Jacobian of one frame.
 
-    Attributes:
-        robot: The robot.
-        frame: The frame.
-        code: Inputs `q` and the positions of passive joints; outputs as `frame_outputs`.
+    Inputs of the code are `q` and the positions of passive joints; outputs as `frame_outputs`.
     """
 
     robot: Robot
@@ -260,11 +257,8 @@ def _rows(columns: dict[int, Vector], n: int) -> list[Scalar]:
 class FrameMotion:
     """Kinematics of one frame up to accelerations.
 
-    Attributes:
-        robot: The robot.
-        frame: The frame.
-        code: Inputs `q`, positions of passive joints, `dq`; outputs as `frame_outputs`, then the
-            drift.
+    Inputs of the code are `q`, positions of passive joints, `dq`; outputs as `frame_outputs`, then
+    the drift.
     """
 
     robot: Robot

@@ -28,12 +28,9 @@ COEFFICIENTS = (1e-6, 1e6)
 
 @dataclass(frozen=True)
 class Axis:
-    """A coordinate along which a term acts.
+    """A named coordinate along which a term acts.
 
-    Attributes:
-        name: Name, for the parameters.
-        row: Coefficients `c`, one per joint of `robot.joints`.
-        kind: Its kind, which gives the units.
+    `row` has its coefficients, one per joint of `robot.joints`; its kind gives the units.
     """
 
     name: str

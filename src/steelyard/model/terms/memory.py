@@ -36,12 +36,7 @@ LENGTHS_TO_FORGET = 3.0
 
 @dataclass(frozen=True)
 class Memory:
-    """Where a scan stands.
-
-    Attributes:
-        q: Position along every axis, shape `(axes,)`.
-        states: State of every channel, shape `(channels,)`.
-    """
+    """Where a scan stands: positions along the axes `(axes,)`, states of channels `(channels,)`."""
 
     q: Array
     states: Array

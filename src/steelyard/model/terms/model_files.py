@@ -28,14 +28,9 @@ class AxisPart(NamedTuple):
 
 
 class Curve(NamedTuple):
-    """Friction over speed along one coordinate that is no power of speed.
+    """Friction over speed along one coordinate that is no power of speed, and its parameter.
 
-    Attributes:
-        axis: The coordinate.
-        words: What it is.
-        value: Its parameter.
-        unit: Unit of that.
-        force: Friction at speeds above zero [rad/s; m/s], in the unit of effort.
+    `words` say what it is; `force` is friction at speeds above zero, in the unit of effort.
     """
 
     axis: Axis
@@ -59,11 +54,8 @@ class Pull(NamedTuple):
 class Placed:
     """One law in terms of what model files know.
 
-    Attributes:
-        parts: What acts along coordinates.
-        curves: Friction along coordinates that is no power of speed.
-        pulls: Springs between points.
-        unsupported: What no model file has a place for, one sentence each.
+    Springs between points are `pulls`; `unsupported` has what no file has a place for, a sentence
+    each.
     """
 
     parts: tuple[AxisPart, ...] = ()

@@ -12,12 +12,9 @@ FIND = "find"
 
 @dataclass(frozen=True)
 class Find:
-    """Stands in a field of a term until its value is found.
+    """Stands in a field of a term until its value is found between two bounds above zero.
 
-    Attributes:
-        lower: Least value that is tried, above zero.
-        upper: Greatest value that is tried.
-        shared: Whether all coordinates of the term have one value.
+    If `shared`, all coordinates of the term have one value.
     """
 
     lower: float

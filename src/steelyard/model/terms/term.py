@@ -111,12 +111,10 @@ class Term(ABC):
 
 @dataclass(frozen=True, eq=False)
 class TermSamples:
-    """Consecutive samples of a motion, as a term with channels sees them.
+    """Consecutive samples of all joints, `(n_joints, N)`, as a term with channels sees them.
 
-    Attributes:
-        q: All joints' positions, shape `(n_joints, N)`; likewise `dq` and `ddq`.
-        rigid_torque: Torques of the rigid bodies, shape `(n_joints, N)`, for ten numbers per body,
-            shape `(10 n_bodies,)`.
+    `rigid_torque` gives torques of the rigid bodies, shape `(n_joints, N)`, for ten numbers per
+    body, shape `(10 n_bodies,)`.
     """
 
     q: Array

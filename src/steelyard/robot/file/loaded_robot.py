@@ -125,13 +125,9 @@ class LoadedRobot:
 
 @dataclass(frozen=True, eq=False)
 class ModelFile:
-    """A model file that was read.
+    """A model file that was read, with how, for the user.
 
-    Attributes:
-        mechanism: What it describes.
-        sources: The file given, then what it was expanded to, if it is a xacro file.
-        arguments: Of a xacro file.
-        notes: How it was read, for the user.
+    The last of `sources` is what a xacro file was expanded to with its arguments.
     """
 
     mechanism: Mechanism

@@ -152,12 +152,10 @@ LEAST_MOTION = 0.05
 
 @dataclass(frozen=True)
 class Gears:
-    """Gears between motors and joints.
+    """Gears between motors and joints: turns of each motor per turn of its joint.
 
-    Attributes:
-        ratios: Turns of each motor per turn of its joint.
-        coupling: Motor, joint and ratio of motors that turn with a second joint; both by number.
-        source: Where they come from, in words.
+    `coupling` are motor, joint and ratio of motors that turn with a second joint, by number;
+    `source` says where the numbers come from.
     """
 
     ratios: tuple[float, ...]

@@ -121,11 +121,8 @@ RATES = {"rad": "rad/s", "deg": "deg/s", "m": "m/s", "mm": "mm/s"}
 class VelocityGuess:
     """Velocity columns that are used, all or none, their unit, and why.
 
-    Attributes:
-        columns: The columns; none if they are left out.
-        unit: One for all, one per joint, or `None` for rad/s and m/s; also of those left out.
-        reason: For the user, in words.
-        contradictions: What they say against a rate that is given, in one sentence.
+    The unit is one for all, one per joint, or `None` for rad/s and m/s; also of those left out.
+    Contradictions are what they say against a rate that is given, in one sentence.
     """
 
     columns: tuple[Column, ...]

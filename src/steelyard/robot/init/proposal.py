@@ -14,14 +14,9 @@ from steelyard.robot.models.xacro import split_reference
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """A robot as `steelyard init` proposes it.
+    """A robot as `steelyard init` proposes it, with a base, its root if `None`, and why that one.
 
-    Attributes:
-        loaded: The robot, as the model file with this base and these joints locked gives it.
-        base: The link that is fixed to the world; `None` if it is the model's root.
-        why_base: Why that one.
-        locked: Positions of joints that have to be locked [rad; m].
-        reasons: By locked joint, why.
+    `locked` are positions of joints that have to be locked [rad; m]; `reasons` why.
     """
 
     loaded: LoadedRobot

@@ -22,12 +22,7 @@ CURRENT_UNITS = ("A", "mA")
 
 @dataclass(frozen=True)
 class Effort:
-    """Content of the effort columns, as answered.
-
-    Attributes:
-        kind: Content.
-        unit: Unit of all columns; as guessed if `None`.
-    """
+    """Content of the effort columns, as answered; their unit is as guessed if `None`."""
 
     kind: EffortKind
     unit: EffortUnit | None = None

@@ -45,12 +45,8 @@ GIVE_RATE = "give the sampling rate, --rate HZ: all other columns are recognised
 class Assignment:
     """Joints of a proposed robot and the columns of a log that they have.
 
-    Attributes:
-        columns: Names of the log's columns; `None` without a log.
-        free: Joints that may be identified: all but those of hands.
-        moving: Joints that are identified.
-        guess: What the log's columns seem to be; `None` without a log, or where they are unknown.
-        problem: Why the columns are unknown; empty otherwise.
+    `columns` is `None` without a log; `free` are all joints but those of hands, `moving` those that
+    are identified. Without a guess of the columns, `problem` says why, if there is a log.
     """
 
     columns: tuple[str, ...] | None

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from steelyard.base.arrays import Array, frozen
@@ -23,13 +24,11 @@ _POINTER = b"version https://git-lfs"
 
 @dataclass(frozen=True, eq=False)
 class Compiled:
-    """MuJoCo's model of a file.
+    """MuJoCo's model of a file (`mujoco.MjModel`).
 
-    Attributes:
-        model: The compiled model (`mujoco.MjModel`).
-        stand_ins: Geoms whose mesh is absent, by number, and its name: small spheres stand there.
-        without_inertia: Bodies whose inertia is computed from an absent mesh, by number, and its
-            name: their inertia in `model` means nothing.
+    `stand_ins` are geoms whose mesh is absent, by number, and its name: small spheres stand there.
+    `without_inertia` are bodies whose inertia is computed from an absent mesh, likewise: their
+    inertia in `model` means nothing.
     """
 
     model: Any
@@ -42,8 +41,6 @@ def compiled(path: Path) -> Compiled:
 
     The inertia of every other body is the one that MuJoCo computes with all files there.
     """
-    import mujoco
-
     _refuse_circle(path, (), set())
     try:
         return Compiled(mujoco.MjModel.from_xml_path(str(path)))
@@ -139,8 +136,6 @@ def _absent_meshes(spec: Any, folder: Path) -> dict[str, str]:
 
 def _without_pictures(spec: Any, folder: Path) -> bool:
     """Replace absent textures and height fields, remove absent skins; whether any was absent."""
-    import mujoco
-
     replaced = False
     for texture in spec.textures:
         files = [f for f in (texture.file, *texture.cubefiles) if f]
@@ -166,8 +161,6 @@ def _replace_absent_meshes(
 
     Returns the geoms, and the bodies whose inertia needs them, each with the mesh's name.
     """
-    import mujoco
-
     geoms, bodies = [], []
     for body in spec.bodies:
         needed = False
@@ -185,8 +178,6 @@ def _replace_absent_meshes(
 
 def _counts(spec: Any, body: Any, geom: Any) -> bool:
     """Whether a body's inertia is computed from a geom of it."""
-    import mujoco
-
     kind, (first, last) = spec.compiler.inertiafromgeom, spec.compiler.inertiagrouprange
     always = kind == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     never = kind == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
@@ -280,8 +271,6 @@ class _Reading:
 
     def _pulled(self) -> list[str]:
         """Joints that the fixed tendons of actuators run over."""
-        import mujoco
-
         model, joints = self.model, list[int]()
         for k in range(model.nactuator):
             if int(model.actuator_trntype[k]) != int(mujoco.mjtTrn.mjTRN_TENDON):
@@ -295,8 +284,6 @@ class _Reading:
 
     def _driven(self) -> list[str]:
         """Joints with an actuator of their own."""
-        import mujoco
-
         kinds = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
         model = self.model
         return [
@@ -343,8 +330,6 @@ class _Reading:
     def _joint(
         self, joint: int, parent: str, child: str, placement: Placement, mimics: dict[int, Mimic]
     ) -> Joint:
-        import mujoco
-
         model = self.model
         name, kind = self._name("joint", joint), mujoco.mjtJoint(int(model.jnt_type[joint]))
         where = f"{self.path}, joint '{name}'"
@@ -375,11 +360,6 @@ class _Reading:
 
 def _rotation(quaternion: Array) -> Array:
     """The rotation matrix of a unit quaternion `w, x, y, z`."""
-    w, x, y, z = (float(v) for v in quaternion)
-    return np.array(
-        [
-            [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
-        ]
-    )
+    flat = np.empty(9)
+    mujoco.mju_quat2Mat(flat, quaternion)
+    return flat.reshape(3, 3)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from steelyard.robot.mechanism import Coupling, Mimic, Pin
@@ -63,8 +64,6 @@ class Equalities:
 
     def pins(self, origins: Mapping[int, Placement]) -> list[Pin]:
         """`connect` equalities between bodies or sites; `origins` are of bodies in their links."""
-        import mujoco
-
         model, pins = self.model, []
         for index in self._active(mujoco.mjtEq.mjEQ_CONNECT):
             ends = self._ends(index)
@@ -85,8 +84,6 @@ class Equalities:
         A weld that holds a body to a mocap body is a controller, and one at a free body holds that
         where it is: both are left out.
         """
-        import mujoco
-
         kinds, couplings, notes = mujoco.mjtEq, list[Coupling](), list[str]()
         proportional = self._proportions()
         for index in self._active():
@@ -119,8 +116,6 @@ class Equalities:
 
     def offsets(self) -> dict[str, float]:
         """Joints that an equality holds off their reference while the other is at its own."""
-        import mujoco
-
         model = self.model
         found = {
             self._joint(int(model.eq_obj1id[index])): float(model.eq_data[index][0])
@@ -135,8 +130,6 @@ class Equalities:
 
     def _proportions(self) -> dict[int, "_Proportion"]:
         """Equalities that are one joint following another in proportion, by their numbers."""
-        import mujoco
-
         model, found, masters = self.model, dict[int, _Proportion](), dict[int, int]()
         for index in self._active(mujoco.mjtEq.mjEQ_JOINT):
             joint, master = int(model.eq_obj1id[index]), int(model.eq_obj2id[index])
@@ -162,8 +155,6 @@ class Equalities:
 
     def _pair(self, index: int) -> dict[int, float] | None:
         """The two joints of an equality's fixed tendon with their coefficients, if it is such."""
-        import mujoco
-
         model, tendon = self.model, int(self.model.eq_obj1id[index])
         wraps = slice(int(model.tendon_adr[tendon]), model.tendon_adr[tendon] + 2)
         joints = [int(k) for k in model.wrap_objid[wraps]]
@@ -192,8 +183,6 @@ class Equalities:
 
     def _ends(self, index: int) -> tuple[int, int]:
         """The bodies that an equality is between."""
-        import mujoco
-
         first, second = int(self.model.eq_obj1id[index]), int(self.model.eq_obj2id[index])
         if mujoco.mjtObj(int(self.model.eq_objtype[index])) == mujoco.mjtObj.mjOBJ_SITE:
             return int(self.model.site_bodyid[first]), int(self.model.site_bodyid[second])
@@ -201,8 +190,6 @@ class Equalities:
 
     def _single(self, joint: int) -> bool:
         """Whether a joint has one degree of freedom."""
-        import mujoco
-
         return int(self.model.jnt_type[joint]) in (
             int(mujoco.mjtJoint.mjJNT_HINGE),
             int(mujoco.mjtJoint.mjJNT_SLIDE),
@@ -210,8 +197,6 @@ class Equalities:
 
     def _floats(self, body: int) -> bool:
         """Whether a body hangs on a free joint."""
-        import mujoco
-
         first, count = int(self.model.body_jntadr[body]), int(self.model.body_jntnum[body])
         return count == 1 and int(self.model.jnt_type[first]) == int(mujoco.mjtJoint.mjJNT_FREE)
 
@@ -232,8 +217,6 @@ class Equalities:
 
     def _of_tendons(self, index: int) -> list[int]:
         """Joints that change the length of an equality's tendons."""
-        import mujoco
-
         model, joints = self.model, list[int]()
         for tendon in (int(model.eq_obj1id[index]), int(model.eq_obj2id[index])):
             if tendon < 0:

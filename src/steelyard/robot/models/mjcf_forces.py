@@ -45,12 +45,9 @@ def single_joints(model: Any) -> list[int]:
 
 @dataclass(frozen=True, eq=False)
 class Actuators:
-    """The actuators of a compiled model.
+    """The actuators of a compiled model, and their efforts per force, `(nactuator, nv)`.
 
-    Attributes:
-        model: The `mujoco.MjModel`.
-        moments: Efforts per force, shape `(nactuator, nv)`; of several outputs the sizes. Those
-            through joints and fixed tendons are the same at every posture.
+    Of several outputs the sizes; those through joints and fixed tendons are the same everywhere.
     """
 
     model: Any

@@ -31,12 +31,10 @@ _ARGUMENT = re.compile(r"\s+(?=[A-Za-z_]\w*:=)")
 
 @dataclass(frozen=True)
 class Expansion:
-    """A xacro file that was expanded.
+    """A xacro file that was expanded to a URDF at `path`, whose meshes have absolute paths.
 
-    Attributes:
-        path: The file made: a URDF whose meshes are named by absolute paths.
-        sha256: Of the file before that, so it is the same on every computer.
-        note: Which file and arguments it was made from.
+    `sha256` is of the text before that, so it is the same on every computer; `note` says which file
+    and arguments it was made from.
     """
 
     path: Path

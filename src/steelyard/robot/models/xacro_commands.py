@@ -20,11 +20,9 @@ from steelyard.robot.models.xml_reader import read_bytes, read_xml
 
 @dataclass(frozen=True)
 class Packages:
-    """Where packages are looked for.
+    """Where packages are looked for: folders of packages, or packages, that the robot file names.
 
-    Attributes:
-        given: Folders of packages, or packages themselves, that are named in the robot file.
-        model: The model file: a package may be a folder above it, or lie in one.
+    A package may also be a folder above the model file, or lie in one.
     """
 
     given: tuple[Path, ...]
@@ -185,12 +183,9 @@ class _Arguments(Names):
 
 
 class Commands:
-    """Arguments of the file, and what it may ask for.
+    """Arguments of the file with defaults of those declared so far, and what it may ask for.
 
-    Attributes:
-        arguments: Those given, and the defaults of those declared so far.
-        declared: Names that the file declares or uses.
-        functions: By name, those that expressions know as `xacro.*`.
+    `functions` are those that expressions know as `xacro.*`.
     """
 
     def __init__(

@@ -29,12 +29,7 @@ _PARAMETER = re.compile(
 
 
 class Expander:
-    """One expansion.
-
-    Attributes:
-        commands: Arguments, and what `$(...)` stands for.
-        macros: Names of all macros that were defined.
-    """
+    """One expansion; `macros` are the names of all macros that were defined."""
 
     def __init__(self, packages: Packages, arguments: Mapping[str, str]) -> None:
         self.files = [packages.model]

@@ -251,13 +251,7 @@ class Macro:
 
 @dataclass(frozen=True)
 class Reading:
-    """What all scopes of one expansion share.
-
-    Attributes:
-        budget: The work left.
-        command: The text that `$(...)` stands for, from what is inside and the scope.
-        functions: `xacro.load_yaml` and others, by name.
-    """
+    """What all scopes of one expansion share; `command` gives the text of `$(...)` in a scope."""
 
     budget: Budget
     command: Callable[[str, "Scope"], Any]
@@ -266,13 +260,7 @@ class Reading:
 
 @dataclass(eq=False)
 class Scope(Names):
-    """Names of one file, namespace or call of a macro.
-
-    Attributes:
-        reading: What all scopes share.
-        parent: Where names are looked for that are not here.
-        namespace: Whether it was made by an include with `ns`.
-    """
+    """Names of one file, namespace (an include with `ns`) or call of a macro."""
 
     reading: Reading
     parent: "Scope | None" = None

@@ -13,15 +13,9 @@ from steelyard.base.errors import ModelError, advice, names_beside, nearest
 
 @dataclass(frozen=True)
 class Element:
-    """One XML element.
+    """One XML element; the tag is `{namespace}name` if it has a namespace.
 
-    Attributes:
-        tag: Its name; `{namespace}name` if it has a namespace.
-        attributes: Name to text.
-        path: The file.
-        line: Line of the opening tag, from 1.
-        children: Elements inside, in order.
-        texts: What stands between the tags, in pieces.
+    The line is that of the opening tag, from 1; `texts` stand between the tags, in pieces.
     """
 
     tag: str

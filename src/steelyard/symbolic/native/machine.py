@@ -47,11 +47,7 @@ def compile_code(text: str, optimisation: int = 1) -> bytes:
 
 
 class Library:
-    """Loaded machine code.
-
-    Attributes:
-        name: Its name among all that are loaded.
-    """
+    """Loaded machine code, by a name among all that is loaded."""
 
     def __init__(self, code: bytes, symbols: Sequence[str], calls: "Library | None" = None) -> None:
         """Load an object file; `symbols` are functions to be called from Python.
