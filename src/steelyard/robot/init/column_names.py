@@ -116,6 +116,11 @@ class Column:
         count = next((k for k, w in enumerate(reversed(self.words)) if w not in _UNIT_WORDS), 0)
         return self.words[len(self.words) - count :]
 
+    @property
+    def topic(self) -> str:
+        """What stands before the last slash."""
+        return self.name.rpartition("/")[0]
+
     def may_stand_for(self, other: "Column") -> bool:
         """Whether names state neither another quantity nor unit, nor that one is a set-point."""
         pairs = ((self.quantity, other.quantity), (self.unit_words, other.unit_words))

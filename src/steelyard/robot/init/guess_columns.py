@@ -122,7 +122,11 @@ def guess_columns(
     velocity = _velocity(joints, kinds.get("velocity", []), how)
     rates = judged(velocity, position, joints, where.unit, clock, sample or {})
     used = rates.columns
-    kind, side = _kind(effort, units)
+    kind, side = "joint_torque", "joint"
+    if {"A", "mA"} & set(units):  # a gain takes currents to the joints' side
+        kind = "motor_current"
+    elif all(c.of_motor for c in effort):
+        kind, side = "motor_torque", "motor"
     section = SignalsSection.model_validate(
         {
             **clock,
@@ -156,15 +160,6 @@ def guess_columns(
     return Guess(section, names, left, tuple(reasons), contradictions, gears, rates.unit)
 
 
-def _kind(effort: Sequence[Column], units: Sequence[str]) -> tuple[str, str]:
-    """Kind of the efforts, and side of the gears; a gain takes currents to the joints' side."""
-    if {"A", "mA"} & set(units):
-        return "motor_current", "joint"
-    return (
-        ("motor_torque", "motor") if all(c.of_motor for c in effort) else ("joint_torque", "joint")
-    )
-
-
 def _gears(
     joints: Sequence[Coordinate],
     position: Sequence[Column],
@@ -174,15 +169,12 @@ def _gears(
     """Gears from a log that has positions of joints and of motors."""
     motors = [column for column in every if column.of_motor]
     named = by_name(joints, motors)
-    groups = by_number(len(joints), motors)
     if len(named) == len(joints):
-        found = [named[joint.name] for joint in joints]
-    elif groups:
-        found = list(groups[0])
+        groups = [tuple(named[joint.name] for joint in joints)]
     else:
-        return None
-    columns = [*found, *position]
-    if sample is None or any(column.name not in sample for column in columns):
+        groups = by_number(len(joints), motors)
+    columns = [*(groups[0] if groups else ()), *position]
+    if not groups or sample is None or any(column.name not in sample for column in columns):
         return None
     sides = [np.asarray(sample[column.name], dtype=np.float64) for column in columns]
     return regressed(sides[: len(joints)], sides[len(joints) :])
@@ -201,16 +193,13 @@ def velocities_beside(position: Sequence[str], columns: Sequence[str]) -> tuple[
 def refuse_motors(guess: Guess, columns: Sequence[str]) -> None:
     """Signals of motors need gear ratios, which a model file alone does not give."""
     section = guess.section
-    if section.coordinates == "motor":
-        named = _names(section.position)
-        give_up(f"positions are of motors, not of joints: {named}", columns, OF_MOTORS)
-    if guess.motor_side:
-        named = _names(section.effort.columns)
-        give_up(f"efforts are of motors, not of joints: {named}", columns, OF_MOTORS)
-
-
-def _names(given: str | Sequence[str]) -> str:
-    return given if isinstance(given, str) else ", ".join(given)
+    if not guess.motor_side:
+        return
+    moved = section.coordinates == "motor"
+    given = section.position if moved else section.effort.columns
+    named = given if isinstance(given, str) else ", ".join(given)
+    what = "positions" if moved else "efforts"
+    give_up(f"{what} are of motors, not of joints: {named}", columns, OF_MOTORS)
 
 
 def recognised(
@@ -238,7 +227,6 @@ def _matched(
 ) -> tuple[list[Coordinate], list[Column], list[Column], str]:
     """Joints, their position and effort columns, and how they were assigned."""
     position, effort = kinds.get("position", ()), kinds.get("effort", ())
-    likes: tuple[tuple[str, Quantity], ...] = (("positions", "position"), ("efforts", "effort"))
     named_q, named_tau = by_name(coordinates, position), by_name(coordinates, effort)
     if joints := [c for c in coordinates if c.name in named_q and c.name in named_tau]:
         found_q, found_tau = ([named[c.name] for c in joints] for named in (named_q, named_tau))
@@ -246,10 +234,12 @@ def _matched(
     joints = [c for c in coordinates if not like_finger(c.name)]
     kinds_of = [c.kind for c in joints]
     numbered_q, numbered_tau = (by_number(len(joints), x, kinds_of) for x in (position, effort))
-    for (what, quantity), groups in zip(likes, (numbered_q, numbered_tau), strict=True):
+    quantities: tuple[Quantity, ...] = ("position", "effort")
+    for quantity, groups in zip(quantities, (numbered_q, numbered_tau), strict=True):
         if not groups:
-            odd = _odd(what, recognised(quantity, joints, columns), joints, columns)
-            give_up(odd or _unlike(what, kinds.get(quantity, ()), joints, columns), columns)
+            odd = _odd(f"{quantity}s", recognised(quantity, joints, columns), joints, columns)
+            like = kinds.get(quantity, ())
+            give_up(odd or _unlike(f"{quantity}s", like, joints, columns), columns)
     alive = [g for g in numbered_tau if any(changes(c.name, values) for c in g)] or numbered_tau
     return joints, list(numbered_q[0]), list(alive[0]), "by their numbers"
 
@@ -279,7 +269,10 @@ def _unlike(
 ) -> str:
     """Why no columns are assigned: none like them, or not one for each joint."""
     if not like:
-        lines = _candidates(what, joints, columns)
+        unknown = [column for column in map(Column, columns) if column.quantity is None]
+        key = "[signals] position" if what == "positions" else "[signals.effort] columns"
+        groups = by_number(len(joints), unknown)
+        lines = [f"{key} = {json.dumps(_short(group, joints))}" for group in groups]
         return f"none look like the {what} of {len(joints)} joints" + (
             f"; if these are, write {' or '.join(lines)}" if lines else ""
         )
@@ -289,14 +282,6 @@ def _unlike(
         f"{len(joints)} joints ({names}): log or model file of another robot, or joints that are "
         "not logged"
     )
-
-
-def _candidates(what: str, joints: Sequence[Coordinate], columns: Sequence[str]) -> tuple[str, ...]:
-    """Lines of the robot file with unknown columns that are numbered, one per joint."""
-    unknown = [column for column in map(Column, columns) if column.quantity is None]
-    groups = by_number(len(joints), unknown)
-    key = "[signals] position" if what == "positions" else "[signals.effort] columns"
-    return tuple(f"{key} = {json.dumps(_short(group, joints))}" for group in groups)
 
 
 def _velocity(

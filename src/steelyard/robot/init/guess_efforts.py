@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,43 +48,27 @@ def effort_units(
     """Why, and the unit of each effort column."""
     units, unsaid = [], []
     for column, joint in zip(columns, joints, strict=True):
-        if _is_current(column) or stated_current(column):
+        amperes = column.has(*CURRENTS) and not column.has(*TORQUES)  # `TorqueCur1` is a torque
+        if amperes or stated_current(column):
             far = reach(column.name, values) > 200.0
             units.append(stated_current(column) or ("mA" if far else "A"))
         else:
             units.append(joint.effort_unit)
             unsaid.append(column)
     if len(unsaid) == len(columns):
-        return _torque_words(columns), units
-    return "motor current by their names" + _unsaid(unsaid, units), units
+        words = (*TORQUES, "moment", "nm", "n", "force", "forces")
+        stated = TORQUE if any(column.has(*words) for column in columns) else UNSTATED
+        return OF_MOTORS if all(column.of_motor for column in columns) else stated, units
+    why = "motor current by their names"
+    if unsaid:
+        names, taken = ", ".join(c.name for c in unsaid), sorted(set(units) - {"A", "mA"})
+        why += f", but not of {names}: assumed in {' and '.join(taken)}; check unit and gain"
+    return why, units
 
 
 def stated_current(column: Column) -> str:
     """`A` or `mA`, where the column's name says so; else empty."""
     return "mA" if column.has("ma") else "A" if column.has(*AMPERES) else ""
-
-
-def _torque_words(columns: Sequence[Column]) -> str:
-    """What columns without currents hold, in words."""
-    if all(column.of_motor for column in columns):
-        return OF_MOTORS
-    stated = any(column.has(*TORQUES, "moment", "nm", "n", "force", "forces") for column in columns)
-    return TORQUE if stated else UNSTATED
-
-
-def _unsaid(columns: Sequence[Column], units: Sequence[str]) -> str:
-    """Columns beside currents whose names speak of none, in words; empty if there are none."""
-    if not columns:
-        return ""
-    names, taken = ", ".join(c.name for c in columns), set(units) - {"A", "mA"}
-    return f", but not of {names}: assumed in {' and '.join(sorted(taken))}; check unit and gain"
-
-
-def _is_current(column: Column) -> bool:
-    """Whether a name speaks of amperes: `TorqueCur1` is a torque."""
-    if column.has(*AMPERES):
-        return True
-    return column.has(*CURRENTS) and not column.has(*TORQUES)
 
 
 def link_side(robot: str, joints: Sequence[str]) -> str:
@@ -215,21 +200,16 @@ def reductions(model: Element, joints: Sequence[str]) -> Gears | None:
     for element in (e for e in model.walk() if e.tag == "transmission"):
         named = [e.attributes.get("name", "") for e in element.walk() if e.tag == "joint"]
         texts = ["".join(e.texts) for e in element.walk() if e.tag == "mechanicalReduction"]
-        values = {value for text in texts if (value := _number(text)) is not None}
+        values = set[float]()
+        for text in texts:
+            with suppress(ValueError):
+                values |= {x for x in [float(text)] if np.isfinite(x)}
         if len(named) == 1 and len(values) == 1:
             found[named[0]] = values.pop()
     ratios = tuple(found.get(name, 0.0) for name in joints)
     if not all(ratios) or all(ratio == 1.0 for ratio in ratios):
         return None
     return Gears(ratios, (), "from <transmission> of the model file")
-
-
-def _number(text: str) -> float | None:
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if np.isfinite(value) else None
 
 
 def _rounded(value: float) -> float:

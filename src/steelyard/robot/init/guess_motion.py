@@ -45,23 +45,20 @@ def clock_of(
 ) -> tuple[dict[str, Any], str]:
     """What the robot file says of time, and why."""
     if rate is not None:
-        reason_given = f"time is the number of the row at the {rate:g} Hz that were given"
-        beside = f", not {listed(candidates)}" if candidates else ""
-        return {"rate": rate}, reason_given + beside
+        instead = f", not {listed(candidates)}" if candidates else ""
+        why = f"time is the number of the row at the {rate:g} Hz that were given{instead}"
+        return {"rate": rate}, why
     time = _time(candidates, columns, values)
     unit, reason = _time_unit(time, values)
-    reason_given = f"time is '{time.name}' in {unit}, {reason}"
-    return {"time": time.name, "time_unit": unit}, reason_given
+    return {"time": time.name, "time_unit": unit}, f"time is '{time.name}' in {unit}, {reason}"
 
 
 def _time(
     candidates: Sequence[Column], columns: Sequence[str], values: Mapping[str, Array]
 ) -> Column:
-    def rises(column: Column) -> bool:
-        steps = np.diff(values.get(column.name, np.zeros(0)))
-        return bool(len(steps) == 0 or np.mean(steps >= 0.0) > 0.9)
-
-    rising = [c for c in candidates if rises(c)]
+    steps = [np.diff(values.get(column.name, np.zeros(0))) for column in candidates]
+    rises = [len(x) == 0 or np.mean(x >= 0.0) > 0.9 for x in steps]
+    rising = [c for c, good in zip(candidates, rises, strict=True) if good]
     if not rising:
         give_up(
             "no column looks like time",
@@ -69,17 +66,13 @@ def _time(
             "give the log's rate: `steelyard init URDF LOG --rate HZ` writes a robot file with "
             f'[signals] rate = HZ instead of time = "..."; or {IN_FILE}',
         )
-    return min(rising, key=lambda c: (_topic(c) != _topic(rising[0]), len(c.words)))
+    return min(rising, key=lambda c: (c.topic != rising[0].topic, len(c.words)))
 
 
 def beside(position: Sequence[Column], candidates: Sequence[Column]) -> Sequence[Column]:
     """Times of the topic that positions are of, if the log is of messages."""
     topic = position[0].name.rpartition("/position/")[0]
-    return [c for c in candidates if topic and _topic(c) == topic] or candidates
-
-
-def _topic(time: Column) -> str:
-    return time.name.rpartition("/")[0]
+    return [c for c in candidates if topic and c.topic == topic] or candidates
 
 
 def _time_unit(time: Column, values: Mapping[str, Array]) -> tuple[str, str]:

@@ -133,9 +133,8 @@ def _tied(mechanism: Mechanism, base: str | None) -> tuple[dict[str, float], dic
     floating = floating_trees(mechanism, mechanism.root if base is None else base)
     loose = {j.name for tree in floating for j in mechanism.from_link(tree.child)}
     names = {joint.name for joint in beyond if joint.name not in loose}
-    for joint in beyond:
-        if joint.kind == "ball" and joint.name in names:
-            locked[joint.name], reasons[joint.name] = 0.0, _BALL
+    for ball in (j.name for j in beyond if j.kind == "ball" and j.name in names):
+        locked[ball], reasons[ball] = 0.0, _BALL
     for coupling in mechanism.couplings:
         for name in coupling.joints:
             master = drive_of(mechanism, mechanism.joint(name)).master

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 from steelyard.robot.file.sections import (
     EffortKind,
-    EffortSection,
     EffortUnit,
     Gain,
     SignalsSection,
@@ -110,6 +109,8 @@ def signals_part(guess: Guess, moving: Sequence[Coordinate], known: Known, file:
     reasons = "\n".join(comment(reason, "# * ") for reason in guess.reasons)
     wrong = "".join(comment(f"CHECK, contradictory: {why}.") + "\n" for why in guess.contradictions)
     units = tuple(c.unit for c in moving)
+    side = '\nside = "motor"  # torques of the motors, through [robot.transmission]'
+    side *= effort.side == "motor"
     beside = _side_lines(section, moving, known.zeros) + _velocity_lines(guess)
     position_unit = section.position_unit or (units if len(set(units)) > 1 else units[0])
     return f"""\
@@ -128,18 +129,11 @@ columns = {toml_text(effort.columns)}
 # CHECK: {KINDS[0]}
 # {KINDS[1]}
 # {KINDS[2]}
-kind = {toml_text(effort.kind)}{_effort_side(effort)}
+kind = {toml_text(effort.kind)}{side}
 unit = {toml_text(effort.unit)}  # "A", "mA", "Nm", "N" or "%"; or one per joint
 {_gain_lines(guess, known, file)}
 # Delay of efforts relative to positions [s].
 # delay = 0.0"""
-
-
-def _effort_side(effort: EffortSection) -> str:
-    """That efforts are the motors', if so."""
-    return '\nside = "motor"  # torques of the motors, through [robot.transmission]' * (
-        effort.side == "motor"
-    )
 
 
 def _side_lines(
@@ -231,15 +225,12 @@ def signals_template(
         head.append(comment("The log's columns: " + ", ".join(toml_text(c) for c in columns)))
     found, efforts_found = (recognised(q, moving, columns or ()) for q in ("position", "effort"))
     clock = next((c for c in columns or () if Column(c).quantity == "time"), "time")
-    if columns is None:
-        listed, efforts = toml_text(expanded("q{}", moving)), toml_text(expanded("tau{}", moving))
-    else:
-        listed, efforts = (
-            toml_text([TO_FILL if c is None else c.name for c in found or [None] * len(moving)]),
-            toml_text(
-                [TO_FILL if c is None else c.name for c in efforts_found or [None] * len(moving)]
-            ),
-        )
+    listed, efforts = (
+        toml_text(expanded(pattern, moving))
+        if columns is None
+        else toml_text([c.name if c else TO_FILL for c in known or [None] * len(moving)])
+        for pattern, known in (("q{}", found), ("tau{}", efforts_found))
+    )
     kind, units, gains = _efforts_of(efforts_found, moving)
     ratios = toml_text([100.0] * len(moving))
     lines = [
