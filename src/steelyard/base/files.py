@@ -1,6 +1,7 @@
 """Writing files and folders that are there whole or not at all."""
 
 import json
+import os
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -153,3 +154,21 @@ def new_folder(output: Path | None, default: str) -> Path:
             + ("; without --output folders are numbered" if default else ""),
         )
     return output
+
+
+def cache_folder(name: str, mode: int = 0o777) -> Path | None:
+    """A folder of the cache, made if need be; `None` where there is none.
+
+    `STEELYARD_CACHE` names another place, or switches the cache off when it is empty.
+    """
+    from platformdirs import user_cache_dir
+
+    named = os.environ.get("STEELYARD_CACHE")
+    if named == "":
+        return None
+    place = Path(named or user_cache_dir("steelyard", appauthor=False)) / name
+    try:
+        place.mkdir(mode=mode, parents=True, exist_ok=True)
+    except OSError:
+        return None
+    return place

@@ -16,10 +16,8 @@ from functools import cache
 from pathlib import Path
 from xml.etree import ElementTree
 
-from platformdirs import user_cache_dir
-
 from steelyard.base.errors import ModelError, advice
-from steelyard.base.files import whole_file
+from steelyard.base.files import cache_folder, whole_file
 from steelyard.robot.models.urdf import of_xacro
 from steelyard.robot.models.xacro_commands import Packages
 from steelyard.robot.models.xacro_expand import Expander
@@ -87,9 +85,15 @@ def expand(
     places = Packages(tuple(packages), path)
     expander = Expander(places, arguments)
     root = expander.root()
-    _check_arguments(path, arguments, expander.commands.declared)
+    for name in arguments:
+        if name not in expander.commands.declared:
+            raise ModelError(
+                f"the file has no argument '{name}'",
+                where=str(path),
+                fix=advice(name, sorted(expander.commands.declared), "arguments"),
+            )
     _check_robot(path, root, expander.macros)
-    portable = _xml(root, _as_written)
+    portable = _xml(root, lambda name: name)
     words = " ".join(f"{name}:={value}" for name, value in arguments.items())
     note = f"{path.name} is expanded with {words or 'no arguments'}"
     return Expansion(
@@ -97,16 +101,6 @@ def expand(
         hashlib.sha256(portable).hexdigest(),
         note,
     )
-
-
-def _check_arguments(path: Path, arguments: Mapping[str, str], declared: set[str]) -> None:
-    for name in arguments:
-        if name not in declared:
-            raise ModelError(
-                f"the file has no argument '{name}'",
-                where=str(path),
-                fix=advice(name, sorted(declared), "arguments"),
-            )
 
 
 def _check_robot(path: Path, root: Element, macros: set[str]) -> None:
@@ -138,10 +132,6 @@ def _users(path: Path) -> list[str]:
         if file.name != path.name and re.search(rf"[/\"]{re.escape(path.name)}\"", text):
             found.append(os.path.relpath(file, folder))
     return found[:5]
-
-
-def _as_written(name: str) -> str:
-    return name
 
 
 def _mesh_path(name: str, packages: Packages) -> str:
@@ -184,15 +174,8 @@ def _kept(content: bytes, stem: str, tag: str) -> Path:
 
 def _folder() -> Path:
     """The folder of expanded files; a temporary one where there is no cache."""
-    named = os.environ.get("STEELYARD_CACHE")
-    if named == "":
-        return _temporary()
-    folder = Path(named or user_cache_dir("steelyard", appauthor=False)) / "models"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return _temporary()
-    return folder if os.access(folder, os.W_OK) else _temporary()
+    folder = cache_folder("models")
+    return folder if folder is not None and os.access(folder, os.W_OK) else _temporary()
 
 
 @cache

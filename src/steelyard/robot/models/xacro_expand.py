@@ -5,7 +5,7 @@ As the program `xacro` 2 does it, but for what a file from a stranger must not d
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from types import MappingProxyType
@@ -124,11 +124,13 @@ class Expander:
             text = _needed(element, "value")
             wanted = as_truth(scope.text(text), text) is (name == "if")
             return self._inside(element, scope, attributes) if wanted else []
-        if name in _STATEMENTS:
-            return _STATEMENTS[name](self, element, scope)
-        return self._called(element, name, scope)
+        statement = getattr(self, f"_xacro_{name}", None)
+        found: list[Element] = (
+            self._called(element, name, scope) if statement is None else statement(element, scope)
+        )
+        return found
 
-    def _property(self, element: Element, scope: Scope) -> list[Element]:
+    def _xacro_property(self, element: Element, scope: Scope) -> list[Element]:
         given = element.attributes
         name = str(scope.text(_needed(element, "name")))
         if not name.isidentifier() or name.startswith("__"):
@@ -155,14 +157,14 @@ class Expander:
             target.set(name, value if lazy else scope.text(value), lazy)
         return []
 
-    def _argument(self, element: Element, scope: Scope) -> list[Element]:
+    def _xacro_arg(self, element: Element, scope: Scope) -> list[Element]:
         name, default = _needed(element, "name"), element.attributes.get("default")
         self.commands.declared.add(name)
         if name not in self.commands.arguments and default is not None:
             self.commands.arguments[name] = str(scope.text(default))
         return []
 
-    def _include(self, element: Element, scope: Scope) -> list[Element]:
+    def _xacro_include(self, element: Element, scope: Scope) -> list[Element]:
         given, inner = element.attributes, scope
         if "ns" in given:
             inner = Scope(scope.reading, scope, namespace=True)
@@ -182,7 +184,7 @@ class Expander:
                 self.files.pop()
         return made
 
-    def _macro(self, element: Element, scope: Scope) -> list[Element]:
+    def _xacro_macro(self, element: Element, scope: Scope) -> list[Element]:
         name = _needed(element, "name").removeprefix("xacro:")
         if name in ("", "call") or "." in name:
             raise XacroError(f"'{name}' cannot be the name of a macro", "rename it")
@@ -201,14 +203,14 @@ class Expander:
         self.macros.add(name)
         return []
 
-    def _inserted(self, element: Element, scope: Scope) -> list[Element]:
+    def _xacro_insert_block(self, element: Element, scope: Scope) -> list[Element]:
         made = list[Element]()
         for inside in scope.block(str(scope.text(_needed(element, "name")))):
             with self._place(inside):
                 made += self._element(inside, scope, {})
         return made
 
-    def _named(self, element: Element, scope: Scope) -> list[Element]:
+    def _xacro_element(self, element: Element, scope: Scope) -> list[Element]:
         """`<xacro:element xacro:name="...">`: an element whose name is computed."""
         names = [v for k, v in element.attributes.items() if xacro_name(k) == "name"]
         tag = str(scope.text(names[0])).strip() if names else ""
@@ -216,7 +218,7 @@ class Expander:
             raise XacroError("<xacro:element> has no name", 'write xacro:name="..."')
         return [self._plain(element, scope, tag)]
 
-    def _dynamic(self, element: Element, scope: Scope) -> list[Element]:
+    def _xacro_call(self, element: Element, scope: Scope) -> list[Element]:
         """`<xacro:call macro="...">`."""
         return self._called(element, str(scope.text(_needed(element, "macro"))), scope, "macro")
 
@@ -235,19 +237,6 @@ class Expander:
                     f"macro '{name}' has no parameter '{parameter}'", f"its parameters: {listed}"
                 )
             inner.set(parameter, scope.text(text))
-        self._give_blocks(element, name, macro, inner, scope)
-        for parameter in macro.parameters:
-            if not parameter.startswith("*") and parameter not in inner.values:
-                inner.set(parameter, _default(macro, parameter, name, scope))
-        self.calls.append(f"{element.path}, line {element.line}")
-        try:
-            return self._inside(macro.body, inner)
-        finally:
-            self.calls.pop()
-
-    def _give_blocks(
-        self, element: Element, name: str, macro: Macro, inner: Scope, scope: Scope
-    ) -> None:
         wanted = [p for p in macro.parameters if p.startswith("*")]
         given = self._inside(element, scope)
         if len(wanted) != len(given):
@@ -256,6 +245,14 @@ class Expander:
                 "put as many elements into the call as it has parameters with '*'",
             )
         inner.blocks |= dict(zip(wanted, given, strict=True))
+        for parameter in macro.parameters:
+            if not parameter.startswith("*") and parameter not in inner.values:
+                inner.set(parameter, _default(macro, parameter, name, scope))
+        self.calls.append(f"{element.path}, line {element.line}")
+        try:
+            return self._inside(macro.body, inner)
+        finally:
+            self.calls.pop()
 
 
 def _default(macro: Macro, parameter: str, name: str, scope: Scope) -> Any:
@@ -275,14 +272,3 @@ def _needed(element: Element, attribute: str) -> str:
         name = xacro_name(element.tag)
         raise XacroError(f"<xacro:{name}> has no attribute '{attribute}'", "add it")
     return element.attributes[attribute]
-
-
-_STATEMENTS: dict[str, Callable[[Expander, Element, Scope], list[Element]]] = {
-    "property": Expander._property,
-    "arg": Expander._argument,
-    "include": Expander._include,
-    "macro": Expander._macro,
-    "insert_block": Expander._inserted,
-    "element": Expander._named,
-    "call": Expander._dynamic,
-}

@@ -30,7 +30,7 @@ from steelyard.robot.models.xml_reader import Element
 LENGTH = 4000
 """Characters of one expression."""
 
-_BINARY: Mapping[type, Callable[[Any, Any], Any]] = {
+_OPERATIONS: Mapping[type, Callable[..., Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: product,
@@ -40,13 +40,9 @@ _BINARY: Mapping[type, Callable[[Any, Any], Any]] = {
     ast.Pow: power,
     ast.BitAnd: operator.and_,
     ast.BitOr: operator.or_,
-}
-_UNARY: Mapping[type, Callable[[Any], Any]] = {
     ast.USub: operator.neg,
     ast.UAdd: operator.pos,
     ast.Not: operator.not_,
-}
-_COMPARED: Mapping[type, Callable[[Any, Any], Any]] = {
     ast.Eq: operator.eq,
     ast.NotEq: operator.ne,
     ast.Lt: operator.lt,
@@ -130,11 +126,11 @@ class _Evaluation:
         raise XacroError(f"'{node.attr}' is not accessible", _FIX)
 
     def _binop(self, node: ast.BinOp) -> Any:
-        operation = self._operation(_BINARY, node.op)
+        operation = self._operation(node.op)
         return self._made(operation(self.of(node.left), self.of(node.right)))
 
     def _unaryop(self, node: ast.UnaryOp) -> Any:
-        return self._made(self._operation(_UNARY, node.op)(self.of(node.operand)))
+        return self._made(self._operation(node.op)(self.of(node.operand)))
 
     def _boolop(self, node: ast.BoolOp) -> Any:
         wanted = isinstance(node.op, ast.Or)
@@ -149,16 +145,16 @@ class _Evaluation:
         left = self.of(node.left)
         for kind, comparator in zip(node.ops, node.comparators, strict=True):
             right = self.of(comparator)
-            if not self._operation(_COMPARED, kind)(left, right):
+            if not self._operation(kind)(left, right):
                 return False
             left = right
         return True
 
-    def _operation(self, table: Mapping[type, Any], kind: Any) -> Any:
-        if type(kind) not in table:
+    def _operation(self, kind: Any) -> Any:
+        if type(kind) not in _OPERATIONS:
             name = type(kind).__name__.lower()
             raise XacroError(f"the operation '{name}' is not supported", _FIX)
-        return table[type(kind)]
+        return _OPERATIONS[type(kind)]
 
     def _ifexp(self, node: ast.IfExp) -> Any:
         return self.of(node.body if self.of(node.test) else node.orelse)

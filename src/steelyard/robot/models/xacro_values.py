@@ -20,6 +20,10 @@ class XacroError(Exception):
         self.fix = fix or "correct the expression there"
 
 
+def _too_long(what: str) -> XacroError:
+    return XacroError(f"{what} is longer than {TEXT} characters")
+
+
 class Budget:
     """The work that one expansion may take: elements, parts of expressions, characters."""
 
@@ -44,7 +48,7 @@ def bounded(value: Any, budget: Budget) -> Any:
         raise XacroError("a number is complex")
     size = _size(value, TEXT)
     if size > TEXT:
-        raise XacroError(f"a text or a list is longer than {TEXT} characters")
+        raise _too_long("a text or a list")
     budget.spend(size // 16)
     return value
 
@@ -109,7 +113,7 @@ def remainder(left: Any, right: Any) -> Any:
     if "*" in left or re.search(r"\d{4}", left):
         raise XacroError(f"the format '{left[:80]}' is not supported: it may be wide")
     if left.count("%") * _size(right, TEXT) > 10 * TEXT:
-        raise XacroError(f"a text is longer than {TEXT} characters")
+        raise _too_long("a text")
     return left % (tuple(right) if isinstance(right, list) else right)
 
 
@@ -126,7 +130,7 @@ def product(left: Any, right: Any) -> Any:
     for many, times in ((left, right), (right, left)):
         if isinstance(many, str | list | tuple) and isinstance(times, int):
             if len(many) * times > TEXT:
-                raise XacroError(f"a text or a list is longer than {TEXT} characters")
+                raise _too_long("a text or a list")
     return left * right
 
 
@@ -141,7 +145,7 @@ def counted(*bounds: int) -> list[int]:
     """Python's `range`, as a list."""
     numbers = range(*bounds)
     if numbers.__len__() > TEXT // 8:
-        raise XacroError(f"a text or a list is longer than {TEXT} characters")
+        raise _too_long("a text or a list")
     return list(numbers)
 
 
@@ -157,25 +161,12 @@ MATH: Mapping[str, Any] = {
     "inf": math.inf,
     "nan": math.nan,
 }
+_BUILT_IN = (abs, all, any, bool, dict, float, int, len, list, max, min, sorted, str, sum, tuple)
 PYTHON: Mapping[str, Any] = {
-    "abs": abs,
-    "all": all,
-    "any": any,
-    "bool": bool,
-    "dict": dict,
+    **{function.__name__: function for function in _BUILT_IN},
     "enumerate": lambda *given: list(enumerate(*given)),
-    "float": float,
-    "int": int,
-    "len": len,
-    "list": list,
-    "max": max,
-    "min": min,
     "range": counted,
     "round": rounded,
-    "sorted": sorted,
-    "str": str,
-    "sum": sum,
-    "tuple": tuple,
     "zip": lambda *given: list(zip(*given, strict=False)),
 }
 FUNCTIONS: Mapping[str, Any] = {
@@ -191,13 +182,13 @@ FUNCTIONS: Mapping[str, Any] = {
 
 def _replaced(text: str, old: str, new: str) -> str:
     if (len(text) // max(len(old), 1) + 1) * len(new) > TEXT:
-        raise XacroError(f"a text is longer than {TEXT} characters")
+        raise _too_long("a text")
     return text.replace(old, new)
 
 
 def _joined(text: str, parts: list[str]) -> str:
     if len(text) * len(parts) > TEXT:
-        raise XacroError(f"a text is longer than {TEXT} characters")
+        raise _too_long("a text")
     return text.join(parts)
 
 

@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from platformdirs import user_cache_dir
+from steelyard.base.files import cache_folder
 
 FORMAT = 1
 
@@ -90,15 +90,10 @@ def _seal(about: dict[str, Any], code: bytes) -> str:
 
 def folder() -> Path | None:
     """The private folder, made if need be; `None` where there is none to trust."""
-    named = os.environ.get("STEELYARD_CACHE")
-    if named == "":
+    place = cache_folder("kernels", mode=0o700)
+    if place is None:
         return None
-    place = Path(named or user_cache_dir("steelyard", appauthor=False)) / "kernels"
-    try:
-        place.mkdir(mode=0o700, parents=True, exist_ok=True)
-        facts = place.stat()
-    except OSError:
-        return None
+    facts = place.stat()
     if hasattr(os, "getuid") and (
         facts.st_uid != os.getuid() or facts.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
     ):
