@@ -22,7 +22,6 @@ from steelyard.check.hypotheses.position_columns import ZERO_CAUSE
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.estimate.scores.score import RunScore
 from steelyard.robot.file.loaded_robot import LoadedRobot
-from steelyard.robot.file.sections import EstimationSection, ProcessingSection, ValidationSection
 from steelyard.runs.run import Run
 
 UNSEEN_ERROR_FACTOR = 2.0
@@ -249,16 +248,5 @@ def _case_of(identified: IdentifiedModel, run: Run) -> tuple[Case, Evidence]:
         identified.processing, motion_cutoff=cutoffs.motion, matched_cutoff=cutoffs.matched
     )
     evidence = Evidence(run.recording, processing, run.name)
-    loaded = LoadedRobot(
-        identified.model.robot,
-        (),
-        identified.signals,
-        None,
-        None,
-        ProcessingSection(),
-        EstimationSection(),
-        ValidationSection(),
-        (),
-        lambda *key: "the model",
-    )
+    loaded = LoadedRobot(identified.model.robot, (), identified.signals)
     return Case(loaded, (evidence,), identified), evidence

@@ -85,14 +85,14 @@ class LoadedRobot:
 
     robot: Robot
     notes: tuple[str, ...]
-    signals: Signals | None
-    terms: tuple[TermSpec, ...] | None
-    friction: FrictionSelection | None
-    processing: ProcessingSection
-    estimation: EstimationSection
-    validation: ValidationSection
-    sources: tuple[SourceFile, ...]
-    where: Locate
+    signals: Signals | None = None
+    terms: tuple[TermSpec, ...] | None = None
+    friction: FrictionSelection | None = None
+    processing: ProcessingSection = ProcessingSection()
+    estimation: EstimationSection = EstimationSection()
+    validation: ValidationSection = ValidationSection()
+    sources: tuple[SourceFile, ...] = ()
+    where: Locate = lambda *key: "the model"
     prior: PriorSection = PriorSection()
     knowledge: tuple[Mapping[str, Any], ...] = ()
     excitation: ExcitationSection = ExcitationSection()
@@ -151,33 +151,8 @@ def robot_of_model(
     It is a `ModelError` if the file leaves open what a robot is, such as a floating one's base.
     """
     mechanism, path = model.mechanism, model.sources[0].path
-    robot, notes = _whole(mechanism, base, locked)
-    ignored = ignored_statements(mechanism, robot, (), ())
-    return LoadedRobot(
-        robot,
-        (*model.notes, *notes, *ignored.values()),
-        None,
-        None,
-        None,
-        ProcessingSection(),
-        EstimationSection(),
-        ValidationSection(),
-        model.sources,
-        lambda *key: str(path),
-        arguments=model.arguments,
-        springs=springs_along(mechanism, robot),
-        ignored=ignored,
-        base=base,
-        floats=floating_base(mechanism, base) is not None,
-    )
-
-
-def _whole(
-    mechanism: Mechanism, base: str | None, locked: Mapping[str, float] | None
-) -> tuple[Robot, tuple[str, ...]]:
-    """The robot of a model file alone, with the advice that `init` locks what cannot move."""
     try:
-        return reduced(mechanism, base=base, locked=locked)
+        robot, notes = reduced(mechanism, base=base, locked=locked)
     except OpenModelError:
         raise
     except ModelError as error:
@@ -185,6 +160,18 @@ def _whole(
             raise
         fix = f"{error.fix}; `steelyard init` writes a robot file that locks the loops of hands"
         raise ModelError(error.wrong, where=error.where, fix=fix) from None
+    ignored = ignored_statements(mechanism, robot, (), ())
+    return LoadedRobot(
+        robot,
+        (*model.notes, *notes, *ignored.values()),
+        sources=model.sources,
+        where=lambda *key: str(path),
+        arguments=model.arguments,
+        springs=springs_along(mechanism, robot),
+        ignored=ignored,
+        base=base,
+        floats=floating_base(mechanism, base) is not None,
+    )
 
 
 def source_of(path: Path) -> SourceFile:

@@ -106,24 +106,16 @@ def xacro_settings(
     section: RobotSection, path: Path, places: Places
 ) -> tuple[dict[str, str], tuple[Path, ...]]:
     """Arguments of a xacro file as its texts, and folders of packages."""
-
-    def text(value: str | bool | int | float) -> str:
-        return str(value).lower() if isinstance(value, bool) else str(value)
-
-    folders = [
+    folders = tuple(
         beside(path, folder, places.where("robot", "xacro", "packages", index))
         for index, folder in enumerate(section.xacro.packages)
-    ]
-    return {name: text(value) for name, value in section.xacro.arguments.items()}, tuple(folders)
+    )
+    given = section.xacro.arguments.items()
+    return {n: str(x).lower() if isinstance(x, bool) else str(x) for n, x in given}, folders
 
 
 def beside(path: Path, text: str, where: str) -> Path:
-    """A file named in the robot file at `path`: relative to it, with environment variables."""
-    return path.parent / _expanded(text, where)
-
-
-def _expanded(text: str, where: str) -> str:
-    """The text with `${NAME}` replaced by environment variables."""
+    """A file named in the robot file at `path`: relative to it, `${NAME}` from the environment."""
 
     def value(match: re.Match[str]) -> str:
         name = match.group(1)
@@ -135,7 +127,7 @@ def _expanded(text: str, where: str) -> str:
             )
         return os.environ[name]
 
-    return re.sub(r"\$\{(\w+)\}", value, text)
+    return path.parent / re.sub(r"\$\{(\w+)\}", value, text)
 
 
 def dh_table(section: RobotSection, places: Places) -> Mechanism:

@@ -1,6 +1,5 @@
 """Robot files: a model in any format, and with TOML all that a model file cannot say."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -42,12 +41,8 @@ def closing_of(section: RobotSection, mechanism: Mechanism, places: Places) -> C
     pins: list[Pin] = []
     for index, loop in enumerate(section.loops):
         for end, link in enumerate(loop.links):
-            if link not in names:
-                raise ModelError(
-                    f"the model has no link '{link}'",
-                    where=places.where("robot", "loops", index, "links", end),
-                    fix=advice(link, names, "links"),
-                )
+            place = places.where("robot", "loops", index, "links", end)
+            _check_name("link", link, names, place)
         name, where = loop.name or f"loop{index + 1}", places.where("robot", "loops", index)
         if any(pin.name == name for pin in (*mechanism.pins, *pins)):
             raise ModelError(
@@ -147,22 +142,19 @@ def _from_toml(path: Path, text: str, sha256: str) -> LoadedRobot:
     signals = None
     if file.signals is not None:
         signals = build_signals(file.signals, robot.coordinates, places.where, robot.transmission)
-    ignored = ignored_statements(mechanism, robot, _answers(file), _limited(file.robot))
+    limited = {n for n, limits in file.robot.limits.items() if limits.effort is not None}
+    ignored = ignored_statements(mechanism, robot, _answers(file), limited)
     notes += tuple(ignored.values())
     if signals is not None and signals.effort_kind == "gravity_compensated_torque":
         robot = robot.changed(gravity=np.zeros(3))
         notes += ("efforts are gravity compensated: the model has none either",)
-    if (
-        signals is not None
-        and any(unit in WITHOUT_TORQUE for unit in signals.effort_units)
-        and np.all(signals.gains == 1.0)
-        and signals.effort_map is None
-        and not any(signals.unknown_gains)
-    ):
-        unit = next(unit for unit in signals.effort_units if unit in WITHOUT_TORQUE)
-        notes += (
-            f"all drive gains are 1: parameters are correct only if 1 {unit} corresponds to 1 Nm",
-        )
+    if signals is not None and signals.effort_map is None and not any(signals.unknown_gains):
+        no_torques = [unit for unit in signals.effort_units if unit in WITHOUT_TORQUE]
+        if no_torques and np.all(signals.gains == 1.0):
+            notes += (
+                "all drive gains are 1: parameters are correct only if 1 "
+                f"{no_torques[0]} corresponds to 1 Nm",
+            )
     return LoadedRobot(
         robot,
         notes,
@@ -197,11 +189,6 @@ def _answers(file: RobotFile) -> set[Answer]:
     if "spring" in [term if isinstance(term, str) else term.get("law") for term in terms]:
         answers.add("springs")
     return answers
-
-
-def _limited(section: RobotSection) -> set[str]:
-    """Joints whose limit of effort the robot file gives."""
-    return {name for name, limits in section.limits.items() if limits.effort is not None}
 
 
 def _reduced(
@@ -274,8 +261,16 @@ def _limits(name: str, mechanism: Mechanism, section: RobotSection, places: Plac
 
 def _gravity(section: RobotSection, places: Places) -> Array | None:
     """Gravity in the base frame, if the file says anything about it."""
+    size = float(np.linalg.norm(section.gravity or 0.0))
+    if section.mounting is None and size > 0.0 and not LEAST_GRAVITY <= size <= LARGEST_GRAVITY:
+        raise ModelError(
+            f"gravity has a size of {size:.4g} m/s²",
+            where=places.where("robot", "gravity"),
+            fix="give it in m/s² along the axes of the base frame, such as [0.0, 0.0, -9.81]; "
+            "[0.0, 0.0, 0.0] for none",
+        )
     if section.mounting is None:
-        return None if section.gravity is None else _of_a_planet(section.gravity, places)
+        return None if section.gravity is None else np.array(section.gravity)
     if section.gravity is not None:
         raise ModelError(
             "gravity and mounting are both given",
@@ -285,19 +280,6 @@ def _gravity(section: RobotSection, places: Places) -> Array | None:
     mounting = section.mounting
     rotation = rpy_rotation(*np.deg2rad([mounting.roll, mounting.pitch, mounting.yaw]))
     return frozen(clean_rotation(rotation)[2] * -STANDARD_GRAVITY + 0.0)
-
-
-def _of_a_planet(gravity: Sequence[float], places: Places) -> Array:
-    """The vector, unless its size shows another unit."""
-    size = float(np.linalg.norm(gravity))
-    if size > 0.0 and not LEAST_GRAVITY <= size <= LARGEST_GRAVITY:
-        raise ModelError(
-            f"gravity has a size of {size:.4g} m/s²",
-            where=places.where("robot", "gravity"),
-            fix="give it in m/s² along the axes of the base frame, such as [0.0, 0.0, -9.81]; "
-            "[0.0, 0.0, 0.0] for none",
-        )
-    return np.array(gravity)
 
 
 def _terms(file: RobotFile, places: Places) -> tuple[TermSpec, ...] | None:

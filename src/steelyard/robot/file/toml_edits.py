@@ -61,7 +61,7 @@ def lines_of(changes: Sequence[KeyChange]) -> str:
     """The changes as lines of a robot file, by table; a key that goes is a comment."""
     tables: dict[tuple[str, ...], list[str]] = {}
     for change in changes:
-        name, value = _key(change.path[-1]), plain(change.value)
+        name, value = toml_key(change.path[-1]), plain(change.value)
         line = f"# remove {name}" if value is None else f"{name} = {_value(value)}"
         tables.setdefault(change.path[:-1], []).append(line)
     return "\n\n".join("\n".join([_header(path), *lines]) for path, lines in tables.items())
@@ -116,14 +116,14 @@ def _added(text: str, path: tuple[str, ...], inside: Sequence[str], value: Any) 
         value = {name: value}
     above = path[:-1]
     if not above and isinstance(value, Mapping):
-        lines = [f"{_key(name)} = {_value(inner)}" for name, inner in value.items()]
+        lines = [f"{toml_key(name)} = {_value(inner)}" for name, inner in value.items()]
         return "\n".join([f"{text.rstrip()}\n\n{_header(path)}", *lines]).lstrip() + "\n"
     beside = [w for w in toml_written(text) if above == (w.path if w.header else w.path[:-1])]
     if not beside:
-        line = f"{_key(path[-1])} = {_value(value)}\n"
+        line = f"{toml_key(path[-1])} = {_value(value)}\n"
         return f"{text.rstrip()}\n\n{_header(above)}\n{line}" if above else f"{line}{text}"
     last = beside[-1]
-    name = ".".join(_key(part) for part in path[len(last.table) :])
+    name = ".".join(toml_key(part) for part in path[len(last.table) :])
     end = text.find("\n", last.end)
     end = len(text) if end < 0 else end
     return f"{text[:end]}\n{name} = {_value(value)}{text[end:]}"
@@ -134,11 +134,7 @@ def _unfit(wrong: str, path: tuple[str, ...]) -> ModelError:
 
 
 def _header(path: Sequence[str]) -> str:
-    return f"[{'.'.join(_key(name) for name in path)}]"
-
-
-def _key(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _value(name)
+    return f"[{'.'.join(toml_key(name) for name in path)}]"
 
 
 def _value(value: Any) -> str:
