@@ -12,8 +12,7 @@ from invented import tree
 from steelyard.base.errors import DataError
 from steelyard.base.progress import silent
 from steelyard.estimate.consistent.consistent import Consistent
-from steelyard.estimate.consistent.log_cholesky import LogCholesky
-from steelyard.estimate.consistent.log_cholesky_criterion import Criterion, entries
+from steelyard.estimate.consistent.log_cholesky import Criterion, LogCholesky, entries
 from steelyard.estimate.consistent.penalties import BASIS, Pullback
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.information.accumulate import Accumulator, Stretch

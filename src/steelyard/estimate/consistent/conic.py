@@ -53,13 +53,7 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Conic:
-    """A conic program of `n` variables.
-
-    Attributes:
-        square: Diagonal of `P`, shape `(n,)`.
-        linear: `q`, shape `(n,)`.
-        blocks: The cones.
-    """
+    """A conic program of `n` variables: diagonal of `P` and `q`, both `(n,)`, and the cones."""
 
     square: Array
     linear: Array
@@ -82,24 +76,25 @@ def solved(
     aim: float = AIM,
     enough: float = 0.0,
 ) -> Array:
-    """The optimum, shape `(n,)`.
+    """The optimum, shape `(n,)`; `where` says for messages what is solved.
 
-    Args:
-        program: The program.
-        where: What is solved, for messages.
-        most_iterations: After which the solver stops.
-        aim: Relative gap and infeasibility that are required of the solver.
-        enough: Gap, as it is, at which a program counts as solved even if it is more than `FAIR`.
+    Gap and infeasibility of at most `aim` are required of the solver; a gap of `enough` counts as
+    solved even if it is more than `FAIR`.
 
     Raises:
         Infeasible: There is no point in all cones.
         Unsolved: The solver stopped for another reason than the optimum.
     """
+    infeasible = Infeasible(
+        "no parameters satisfy all constraints",
+        where=where,
+        fix="relax or remove contradicting constraints",
+    )
     ends = []
     for scaling in WAYS:
         end = _clarabel(program, scaling, most_iterations, aim)
         if end.status == "PrimalInfeasible":
-            raise _infeasible(where)
+            raise infeasible
         ends.append(end)
         if end.error <= max(GOOD, aim) or end.status == "MaxIterations":
             break
@@ -107,7 +102,7 @@ def solved(
     if best.error <= FAIR or (best.gap <= enough and best.infeasibility <= FAIR):
         return best.x
     if any(end.status == "AlmostPrimalInfeasible" for end in ends):
-        raise _infeasible(where)
+        raise infeasible
     raise Unsolved(
         f"the solver stopped before the optimum ({best.status}, off by {best.error:.1g})",
         where=where,
@@ -116,24 +111,11 @@ def solved(
     )
 
 
-def _infeasible(where: str) -> Infeasible:
-    return Infeasible(
-        "no parameters satisfy all constraints",
-        where=where,
-        fix="relax or remove contradicting constraints",
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class _End:
     """Where the solver stopped: its word for it, the point, its gap and infeasibility.
 
-    Attributes:
-        status: The solver's word.
-        x: The point.
-        gap: Between the objective and its bound.
-        infeasibility: Of the point and of the bound, relative.
-        error: The greater of infeasibility and gap over objective.
+    `error` is the greater of infeasibility and gap over objective.
     """
 
     status: str

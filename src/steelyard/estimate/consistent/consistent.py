@@ -10,6 +10,7 @@ the curvature that it has at its own values.
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -109,10 +110,8 @@ class Consistent:
     ) -> ConsistentValues:
         """Values of the information's columns, without covariances.
 
-        Args:
-            information: What the data say; no run has parameters of its own.
-            gamma: Weight of the prior; as of a call if `None`.
-            near: Standard parameters of a similar problem, to begin at.
+        No run has parameters of its own. `gamma` is the weight of the prior, as of a call if
+        `None`; `near` are standard parameters of a similar problem, to begin at.
 
         Raises:
             DataError: As of a call.
@@ -137,10 +136,7 @@ class Consistent:
     def solve(self, program: Program, gamma: float, near: Array | None = None) -> Array:
         """The unknowns at the optimum with a weight of the prior.
 
-        Args:
-            program: The program.
-            gamma: The weight.
-            near: Unknowns of a similar problem, to begin at.
+        `near` are unknowns of a similar problem, to begin at.
 
         Raises:
             DataError: As of a call.
@@ -178,25 +174,13 @@ class Consistent:
         try:
             return solved(conic, self._where, self.iterations, enough=ENOUGH)[:m]
         except (Infeasible, Unsolved):
-            found = self._rescaled(program, gamma)
-            if found is None:
-                raise
-            return found
-
-    def _rescaled(self, program: Program, gamma: float) -> Array | None:
-        """The optimum in other units of the squares; `None` where they do not help either.
-
-        Where consistent bodies contradict the data, the squares are so many times the prior's
-        penalty that the solver loses the latter's digits.
-        """
-        for unit in units_of(program.unknowns):
-            with suppress(Infeasible, Unsolved):
-                conic = program.conic(gamma, unit=unit)
-                near = solved(
-                    conic, self._where, self.iterations, aim=ROUGH, enough=GAP_IN_EFFORT_UNITS
-                )
-                return near[: len(program.unknowns.weak)]
-        return None
+            # where consistent bodies contradict the data, the squares are so many times the prior's
+            # penalty that the solver loses the latter's digits: other units of the squares help
+            for unit in units_of(program.unknowns):
+                with suppress(Infeasible, Unsolved):
+                    conic, enough = program.conic(gamma, unit=unit), GAP_IN_EFFORT_UNITS
+                    return solved(conic, self._where, self.iterations, aim=ROUGH, enough=enough)[:m]
+            raise
 
     @property
     def _where(self) -> str:
@@ -204,17 +188,12 @@ class Consistent:
 
     def weighed(self, program: Program) -> Weighed:
         """The solution with the weight of the prior that is given, stated or found."""
-        known = program.unknowns
-
-        def at(gamma: float, near: Array | None = None) -> Tried:
-            return self._tried(program, gamma, near)
-
         stated = self.gamma
         if stated is None and self.knowledge.uncertainty is not None:
             stated = self.knowledge.uncertainty**-2
-        if stated is None and self.form.penalises and any(known.priors):
-            return weighed(at, len(known.vector))
-        return Weighed(at(0.0 if stated is None else stated))
+        if stated is None and self.form.penalises and any(program.unknowns.priors):
+            return weighed(partial(self._tried, program), len(program.unknowns.vector))
+        return Weighed(self._tried(program, 0.0 if stated is None else stated))
 
     def _tried(self, program: Program, gamma: float, near: Array | None = None) -> Tried:
         """The solution with one weight."""
@@ -230,15 +209,14 @@ class Consistent:
         lift, free = self.base.lift, program.constraints.free
         spread = lift @ (known.scale @ after)
         solution = _solution(data, lift @ standard, spread @ spread.T, self.base)
-        own = [part.covariance(solution.kept, solution.inverse) for part in solution.locals]
         fit = replace(data.fit, solution=solution)
         name = f"physically consistent ({self.form.name} prior)"
-        estimate = described(name, fit, Spread(solution.inverse, tuple(own)))
+        estimate = described(name, fit, Spread.of(solution, solution.inverse))
         place = {n: k for k, n in enumerate(self.base.base_names)}
         rows = [place[n] for n in estimate.parameters.names]
         learned = _share(lift @ known.scale, free, after, before)[rows]
         learned[[n in self.per_run for n in estimate.parameters.names]] = 1.0
-        alone = {n for n, row in zip(self.base.base_names, lift, strict=True) if _alone(row)}
+        alone = np.count_nonzero(lift, axis=1) == 1
         return replace(
             estimate,
             standard=self._standard(
@@ -248,23 +226,33 @@ class Consistent:
                 _share(known.scale, free, after, before),
             ),
             learned=frozen(learned),
-            at_bound=tuple(n for n in estimate.parameters.names if n in at.names and n in alone),
-            notes=(*self.knowledge.notes, *self._notes(data, program, found)),
+            at_bound=tuple(
+                n for n in estimate.parameters.names if n in at.names and alone[place[n]]
+            ),
+            notes=tuple(self._notes(data, program, found)),
         )
 
-    def _notes(self, data: Whitened, program: Program, found: Weighed) -> tuple[str, ...]:
+    def _notes(self, data: Whitened, program: Program, found: Weighed) -> list[str]:
         """What was known, how its weight came about, and what it costs."""
-        return (
-            *_constraint_notes(self.knowledge),
-            *_weight_note(found, self, len(program.unknowns.vector), any(program.unknowns.priors)),
-            *cost_notes(
-                program,
-                self.knowledge,
-                found,
-                self._tried,
-                lambda some, tried: _covariance(data, some, tried),
-            ),
-        )
+        notes, gamma = list(self.knowledge.notes), found.tried.gamma
+        if labels := list(dict.fromkeys(row.label for row in self.knowledge.rows)):
+            more = f"; and {len(labels) - LISTED} more" if len(labels) > LISTED else ""
+            notes.append(f"prior constraints: {'; '.join(labels[:LISTED])}{more}")
+        if gamma and any(program.unknowns.priors):
+            how = "as stated"
+            if self.gamma is None and self.knowledge.uncertainty is None:
+                how = f"estimated from the data in {found.solves} iterations"
+            notes.append(
+                f"prior uncertainty of link inertias {100.0 * gamma**-0.5:.3g} % ({how}); prior "
+                f"and constraints raise χ² by {found.tried.rise:.3g} (up to "
+                f"{len(program.unknowns.vector)} is within noise)"
+            )
+
+        def covariance(some: Program, tried: Tried) -> Array:
+            root = _spreads(data, some, tried)[0]
+            return root @ root.T
+
+        return notes + cost_notes(program, self.knowledge, found, self._tried, covariance)
 
     def _standard(
         self, estimate: Estimate, values: Array, spread: Array, share: Array
@@ -291,12 +279,6 @@ def units_of(unknowns: Unknowns) -> tuple[float, ...]:
     return tuple(unit for unit in (*UNITS, whole) if 1.0 < unit <= whole)
 
 
-def _covariance(data: Whitened, program: Program, tried: Tried) -> Array:
-    """Covariance of the unknowns with the data."""
-    root = _spreads(data, program, tried)[0]
-    return root @ root.T
-
-
 def _spreads(data: Whitened, program: Program, tried: Tried) -> tuple[Array, Array]:
     r"""Roots $R$ of the unknowns' covariances $R R^T$ with the data and without, each `(m, k)`.
 
@@ -316,11 +298,6 @@ def _spreads(data: Whitened, program: Program, tried: Tried) -> tuple[Array, Arr
     return after, before
 
 
-def _alone(row: Array) -> bool:
-    """Whether a base parameter is one standard parameter."""
-    return int(np.count_nonzero(row)) == 1
-
-
 def inverse_of(precision: Array) -> Array:
     """Inverse of a precision; of what nothing is known, a large variance."""
     root = _root_of_inverse(precision)
@@ -336,11 +313,8 @@ def _root_of_inverse(precision: Array) -> Array:
 def _share(parameters: Array, free: Array, after: Array, before: Array) -> Array:
     """Share of what is known that the data taught; nothing of what the constraints' equations give.
 
-    Args:
-        parameters: As sums of the unknowns, shape `(p, m)`.
-        free: Directions of the unknowns that the equations leave, shape `(m, k)`.
-        after: Root of the unknowns' covariance with the data, see `_spreads`.
-        before: The same without.
+    Parameters are sums of the unknowns, `(p, m)`; `free` directions of those are left by the
+    equations, `(m, k)`; `after` and `before` are the roots of `_spreads`.
     """
     taught, guessed = (np.sum(np.square(parameters @ root), axis=1) for root in (after, before))
     lengths = np.linalg.norm(parameters, axis=1)
@@ -363,25 +337,4 @@ def _solution(data: Whitened, values: Array, covariance: Array, base: BaseMap) -
         values=full,
         inverse=covariance[np.ix_(kept, kept)],
         locals=tuple(part.solved(full) for part in data.eliminated),
-    )
-
-
-def _constraint_notes(knowledge: Knowledge) -> tuple[str, ...]:
-    """The prior constraints that were applied, for people to read."""
-    labels = tuple(dict.fromkeys(row.label for row in knowledge.rows))
-    more = f"; and {len(labels) - LISTED} more" if len(labels) > LISTED else ""
-    return (f"prior constraints: {'; '.join(labels[:LISTED])}{more}",) if labels else ()
-
-
-def _weight_note(found: Weighed, estimator: Consistent, rank: int, priors: bool) -> tuple[str, ...]:
-    """How the weight came about."""
-    gamma = found.tried.gamma
-    if not gamma or not priors:
-        return ()
-    how = "as stated"
-    if estimator.gamma is None and estimator.knowledge.uncertainty is None:
-        how = f"estimated from the data in {found.solves} iterations"
-    return (
-        f"prior uncertainty of link inertias {100.0 * gamma**-0.5:.3g} % ({how}); prior and "
-        f"constraints raise χ² by {found.tried.rise:.3g} (up to {rank} is within noise)",
     )

@@ -38,7 +38,6 @@ class Tried:
 
     Attributes:
         gamma: The weight.
-        u: The unknowns.
         rise: Rise of the weighted squares over those of least squares.
         evidence: Logarithm of the data's likelihood, but for a constant.
     """
@@ -51,13 +50,10 @@ class Tried:
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """A weight and the solution with it.
+    """A weight and the solution with it, and how many solutions the search took.
 
-    Attributes:
-        tried: The solution.
-        solves: Solutions that the search took.
-        physics: The rise without a prior worth the name where that is more than the rank of the
-            data; else zero.
+    `physics` is the rise without a prior worth the name where that is more than the rank of the
+    data; else zero.
     """
 
     tried: Tried
@@ -70,12 +66,7 @@ SolveWithWeight = Callable[[float, Array | None], Tried]
 
 
 def weighed(attempt: SolveWithWeight, rank: int) -> Weighed:
-    """Search the likeliest weight whose rise the data allow.
-
-    Args:
-        attempt: The solution with a weight.
-        rank: Rise that is allowed.
-    """
+    """Search the likeliest weight whose rise is allowed, up to `rank`."""
     search = _Search(attempt)
     best = search.likeliest()
     if search.at(best).rise <= rank:
@@ -165,12 +156,9 @@ class ActiveBounds:
 
 
 def active_bounds(program: Program, u: Array, covariance: Array) -> ActiveBounds:
-    """Find the parameters that a bound of their own holds.
+    """Find the parameters that a bound of their own holds, at an optimum `(m,)`.
 
-    Args:
-        program: The program.
-        u: Its optimum, shape `(m,)`.
-        covariance: Of the unknowns, shape `(m, m)`.
+    The covariance of the unknowns is of shape `(m, m)`.
     """
     known, constraints = program.unknowns, program.constraints
     slope = known.matrix.T @ (known.matrix @ u - known.vector) + known.weak * u
@@ -190,7 +178,9 @@ def active_bounds(program: Program, u: Array, covariance: Array) -> ActiveBounds
             ):
                 at[k] = sign * bound
                 names.append(known.names[known.terms[k - first]])
-    for k in _unidentifiable(program):
+    several = constraints.matrix[np.count_nonzero(constraints.matrix, axis=1) > 1]
+    identified = np.any(known.matrix != 0.0, axis=0) | np.any(several != 0.0, axis=0)
+    for k in (first + np.flatnonzero(~identified[first:])).tolist():
         alone = constraints.matrix[:, k] != 0.0
         both = np.array([constraints.lower[alone], constraints.upper[alone]])
         edges = np.sort(both / constraints.matrix[alone, k], axis=0)
@@ -198,21 +188,10 @@ def active_bounds(program: Program, u: Array, covariance: Array) -> ActiveBounds
     return ActiveBounds(at, tuple(dict.fromkeys(names)))
 
 
-def _unidentifiable(program: Program) -> list[int]:
-    """Unknowns of terms that neither data nor constraints on several parameters identify."""
-    several = program.constraints.matrix[np.count_nonzero(program.constraints.matrix, axis=1) > 1]
-    identified = np.any(program.unknowns.matrix != 0.0, axis=0) | np.any(several != 0.0, axis=0)
-    first = 10 * len(program.unknowns.priors)
-    return [k for k in range(first, len(identified)) if not identified[k]]
-
-
 def contradicted(program: Program, free: Array, covariance: Array) -> tuple[str, ...]:
     """Constraints of the user that the data contradict, with the values without them.
 
-    Args:
-        program: The program with the constraints.
-        free: The unknowns at the optimum without them, shape `(m,)`.
-        covariance: Of these, shape `(m, m)`.
+    `free` are the unknowns at the optimum without them, `(m,)`, with their covariance `(m, m)`.
     """
     constraints, known = program.constraints, program.unknowns
     found: dict[str, tuple[float, float]] = {}
@@ -231,27 +210,17 @@ def contradicted(program: Program, free: Array, covariance: Array) -> tuple[str,
         if row.label not in found or worth > found[row.label][0]:
             found[row.label] = (worth, data)
     order = sorted(found, key=lambda label: -found[label][0])
-    return _named(order, [found[label][1] for label in order])
+    lines = [f"{label}: {found[label][1]:.4g} without it" for label in order[:CONTRADICTED_IN_NOTE]]
+    rest = len(order) - CONTRADICTED_IN_NOTE
+    return (*lines, *([f"and {rest} more"] if rest > 0 else []))
 
 
 def far_constraints(constraints: ConicConstraints) -> tuple[str, ...]:
     """Constraints of sizes that hardly any parameter has, for messages."""
-    sizes = np.where(np.isfinite(constraints.lower), np.abs(constraints.lower), 0.0)
-    sizes = np.maximum(
-        sizes, np.where(np.isfinite(constraints.upper), np.abs(constraints.upper), 0.0)
-    )
+    ends = np.abs([constraints.lower, constraints.upper])
+    sizes = np.where(np.isfinite(ends), ends, 0.0).max(axis=0)
     found = [row.label for row, size in zip(constraints.rows, sizes, strict=True) if size > FAR]
     return tuple(dict.fromkeys(found))[:CONTRADICTED_IN_NOTE]
-
-
-def _named(labels: Sequence[str], values: Sequence[float]) -> tuple[str, ...]:
-    """The first few with what the data would have."""
-    lines = [
-        f"{label}: {value:.4g} without it"
-        for label, value in list(zip(labels, values, strict=True))[:CONTRADICTED_IN_NOTE]
-    ]
-    rest = len(labels) - CONTRADICTED_IN_NOTE
-    return (*lines, *([f"and {rest} more"] if rest > 0 else []))
 
 
 EDGE = 0.02
@@ -269,15 +238,10 @@ Spread = Callable[[Program, Tried], Array]
 
 def cost_notes(
     program: Program, knowledge: Knowledge, found: Weighed, attempt: SolveProgram, spread: Spread
-) -> tuple[str, ...]:
+) -> list[str]:
     """What contradicts the data: knowledge, physical constraints, or the prior.
 
-    Args:
-        program: The program.
-        knowledge: What its constraints and priors are made of.
-        found: Its solution.
-        attempt: Solves a program.
-        spread: Covariance of a solution's unknowns.
+    `attempt` solves a program, and `spread` is the covariance of a solution's unknowns.
     """
     rank, gamma, rise, notes = len(program.unknowns.vector), found.tried.gamma, found.tried.rise, []
     try:
@@ -294,15 +258,15 @@ def cost_notes(
         if (found.physics or rise > rank) and (
             physical := _physical(program, knowledge, attempt, spread)
         ):
-            return (*notes, physical)
+            return [*notes, physical]
     except DataError:
-        return tuple(notes)
+        return notes
     if rise > 2.0 * rank and any(program.unknowns.priors):
         notes.append(
             f"a prior with this uncertainty raises χ² by {rise:.4g}, where up to {rank} is within "
             "noise: the data contradict it"
         )
-    return tuple(notes)
+    return notes
 
 
 def _physical(
@@ -331,8 +295,10 @@ def _physical(
         (whole.rise - alone.rise, "bounds of", grouped(at, knowledge.names)),
         (alone.rise, "valid inertia of", edges),
     )
+    most = CONSTRAINTS_IN_NOTE
     named = [
-        f"{kind} {_first_names(names)} ({cost:.4g})"
+        f"{kind} {', '.join(names[:most])}"
+        f"{f' and {len(names) - most} more' if len(names) > most else ''} ({cost:.4g})"
         for cost, kind, names in sorted(parts, key=lambda part: -part[0])
         if names and cost > 0.05 * whole.rise
     ]
@@ -352,10 +318,3 @@ def grouped(names: Sequence[str], every: Sequence[str]) -> list[str]:
         whole = len(family) > 1 and set(family) <= set(names)
         found[f"{law}.*" if whole else name] = None
     return list(found)
-
-
-def _first_names(names: Sequence[str]) -> str:
-    more = (
-        f" and {len(names) - CONSTRAINTS_IN_NOTE} more" if len(names) > CONSTRAINTS_IN_NOTE else ""
-    )
-    return ", ".join(names[:CONSTRAINTS_IN_NOTE]) + more

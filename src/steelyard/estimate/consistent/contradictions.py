@@ -9,8 +9,9 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.estimate.consistent.conic import Block, Conic, Unsolved, solved
-from steelyard.estimate.consistent.penalties import ENTRIES, ORDER, SCALE_WITHOUT_PRIOR, ten_map
+from steelyard.estimate.consistent.penalties import ONE, ORDER, SCALE_WITHOUT_PRIOR, ten_map
 from steelyard.estimate.prior.prior import Knowledge, Row
+from steelyard.estimate.prior.prior_constraint import in_words
 from steelyard.robot.rigid_body import INERTIAL_NAMES
 
 MARGIN = 1e-4
@@ -20,11 +21,7 @@ _NEARLY = 1e-6
 
 
 def refuse_contradictions(knowledge: Knowledge) -> None:
-    """Stop at constraints that cannot hold together.
-
-    Raises:
-        DataError: It names a set of which none can be left out.
-    """
+    """Stop at constraints that cannot hold together, with a set of which all are needed."""
     if labels := contradictions(knowledge):
         raise contradicting(labels)
 
@@ -40,11 +37,9 @@ def contradicting(labels: Sequence[str]) -> DataError:
 
 
 def contradictions(knowledge: Knowledge) -> tuple[str, ...]:
-    """Constraints and bounds that contradict each other, or every physically consistent body.
+    """Labels of constraints and bounds that cannot hold together for any bodies.
 
-    Returns:
-        Labels of constraints that cannot hold together for any bodies, but can if any one is left
-        out; empty if all can hold, or the solver cannot decide.
+    They can if any one is left out; empty if all can hold, or the solver cannot decide.
     """
     bodies = _Bodies(knowledge)
     rows = (*_bounds(knowledge), *knowledge.rows)
@@ -58,15 +53,9 @@ def irreducible(
 ) -> tuple[Row, ...]:
     """Rows that cannot hold together, but can if any one label's are left out [Chinneck1991].
 
-    Rows with one label are one constraint and stay together. Many are left out at once, and a
-    half of them where that is too many; earlier ones first.
-
-    Args:
-        rows: Rows that cannot hold together.
-        feasible: Whether rows can; called about `2 k log2(n / k)` times for `k` of `n` labels.
-
-    Returns:
-        The rows; empty if not even none can hold.
+    Rows with one label are one constraint and stay together. Many are left out at once, and a half
+    of them where that is too many; earlier ones first. `feasible`, whether rows can hold, is called
+    about `2 k log2(n / k)` times for `k` of `n` labels. Empty if not even no row can hold.
     """
     kept, parts = tuple(rows), [tuple(dict.fromkeys(row.label for row in rows))]
     while parts:
@@ -85,7 +74,7 @@ def _bounds(knowledge: Knowledge) -> tuple[Row, ...]:
     bodies = {f"{kind}.{name}" for kind in INERTIAL_NAMES for name in knowledge.bodies}
     bounds = zip(knowledge.names, knowledge.lower.tolist(), knowledge.upper.tolist(), strict=True)
     return tuple(
-        Row(f"'{name}' is {_range(low, high)} by its law", {name: 1.0}, low, high)
+        Row(f"'{name}' is {in_words((low, high))} by its law", {name: 1.0}, low, high)
         for name, low, high in bounds
         if name not in bodies and (np.isfinite(low) or np.isfinite(high))
     )
@@ -131,10 +120,8 @@ class _Bodies:
     def _body(self, body: int) -> Block:
         """A physically consistent body, with slack."""
         columns = np.array([*range(10 * body, 10 * body + 10), self._scale.shape[1]])
-        root = np.diag([1.0 if i == j else np.sqrt(2.0) for i, j in ENTRIES])
-        one = np.array([float(i == j) for i, j in ENTRIES])
-        matrix = -np.column_stack([root, one])
-        return Block("semidefinite", columns, matrix, -MARGIN * one, ORDER)
+        matrix = -np.column_stack([np.diag(np.sqrt(2.0 - ONE)), ONE])
+        return Block("semidefinite", columns, matrix, -MARGIN * ONE, ORDER)
 
     @cached_property
     def _scale(self) -> Array:
@@ -149,10 +136,3 @@ class _Bodies:
             scale[ten, 10 * body : 10 * body + 10] = part
         scale[others, 10 * count + np.arange(len(others))] = 1.0
         return scale
-
-
-def _range(low: float, high: float) -> str:
-    """A bound of a law in words."""
-    if not np.isfinite(high):
-        return f"at least {low:g}"
-    return f"at most {high:g}" if not np.isfinite(low) else f"between {low:g} and {high:g}"

@@ -39,9 +39,13 @@ UNKNOWN = 100.0
 SCALE_WITHOUT_PRIOR = Inertia.about_com(1.0, np.zeros(3), 0.01 * np.eye(3))
 """Scale of a body without prior."""
 
+ROWS, COLUMNS = np.array(ENTRIES).T
+
+ONE = np.where(ROWS == COLUMNS, 1.0, 0.0)
+"""Entries of the unit matrix."""
+
 BASIS = np.zeros((10, ORDER, ORDER))
-for _k, (_i, _j) in enumerate(ENTRIES):
-    BASIS[_k, _i, _j] = BASIS[_k, _j, _i] = 1.0
+BASIS[range(10), ROWS, COLUMNS] = BASIS[range(10), COLUMNS, ROWS] = 1.0
 BASIS.flags.writeable = False
 
 _TENS = np.array([Inertia.from_pseudo(e).ten for e in BASIS]).T
@@ -53,7 +57,6 @@ class Unknowns:
     r"""Standard parameters as unknowns of a program, $\phi = c + T u$.
 
     Attributes:
-        names: Standard parameters, `p` of them.
         priors: Per body whether it has a prior; its unknowns are `u[10 k : 10 k + 10]`.
         terms: Indices in `names` of the other unknowns, which follow those of the bodies.
         scale: $T$, shape `(p, m)`.
@@ -74,7 +77,7 @@ class Unknowns:
     def start(self) -> Array:
         """The prior: `X = 1`, no friction."""
         u = np.zeros(len(self.weak))
-        u[: 10 * len(self.priors)] = np.tile([float(i == j) for i, j in ENTRIES], len(self.priors))
+        u[: 10 * len(self.priors)] = np.tile(ONE, len(self.priors))
         return u
 
     def pseudo(self, u: Array) -> Array:
@@ -96,13 +99,7 @@ class Unknowns:
 
 
 def unknowns(data: Whitened, base: BaseMap, knowledge: Knowledge) -> Unknowns:
-    """The unknowns of a problem.
-
-    Args:
-        data: The whitened data.
-        base: Lifts base parameters to standard ones.
-        knowledge: Gives the priors.
-    """
+    """The unknowns of a problem."""
     count = len(knowledge.bodies)
     tens = [knowledge.tens(body) for body in range(count)]
     place = {name: k for k, name in enumerate(base.base_names)}
@@ -141,12 +138,11 @@ def unknowns(data: Whitened, base: BaseMap, knowledge: Knowledge) -> Unknowns:
 def ten_map(prior: Inertia) -> Array:
     """Ten numbers of a body per entry of its `X`, shape `(10, 10)`."""
     factor = np.linalg.cholesky(prior.pseudo)
-    rows, columns = np.array(ENTRIES).T
-    return np.asarray(_TENS @ (factor @ BASIS @ factor.T)[:, rows, columns].T)
+    return np.asarray(_TENS @ (factor @ BASIS @ factor.T)[:, ROWS, COLUMNS].T)
 
 
-_DIAGONAL = np.array([k for k, (i, j) in enumerate(ENTRIES) if i == j])
-_TWICE = np.array([1.0 if i == j else 2.0 for i, j in ENTRIES])
+_DIAGONAL = np.flatnonzero(ONE)
+_TWICE = 2.0 - ONE
 
 FAINT = 1e-6
 """Weight that keeps bodies without prior bounded."""
@@ -156,10 +152,8 @@ FAINT = 1e-6
 class BodyPenalty:
     """What one body adds to a program.
 
-    Attributes:
-        square: Quadratic cost of its ten unknowns, then of its helpers.
-        linear: Linear cost of the same.
-        blocks: Cones over the same; columns count from the body's first unknown, helpers from 10.
+    Costs are those of its ten unknowns, then of its helpers; columns of the cones count from the
+    body's first unknown, helpers from 10.
     """
 
     square: Array
@@ -272,11 +266,11 @@ class Free:
 
     def cost(self, x: Array) -> float:
         """Next to nothing."""
-        return 0.5 * FAINT * float(_TWICE @ np.square(x[tuple(zip(*ENTRIES, strict=True))]))
+        return 0.5 * FAINT * float(_TWICE @ np.square(x[ROWS, COLUMNS]))
 
     def slope(self, x: Array) -> Array:
         """Next to nothing."""
-        return FAINT * _TWICE * x[tuple(zip(*ENTRIES, strict=True))]
+        return np.asarray(FAINT * _TWICE * x[ROWS, COLUMNS])
 
     def curvature(self, x: Array) -> Array:
         """Next to nothing."""
@@ -297,8 +291,7 @@ def _triangle(order: int, entries: dict[tuple[int, int], list[int]], width: int)
 def _apart(margin: float) -> Block:
     """`X - margin` is positive semidefinite."""
     matrix = _triangle(ORDER, {place: [k] for k, place in enumerate(ENTRIES)}, 10)
-    offset = -margin * np.array([float(i == j) for i, j in ENTRIES])
-    return Block("semidefinite", np.arange(10), -matrix, offset, ORDER)
+    return Block("semidefinite", np.arange(10), -matrix, -margin * ONE, ORDER)
 
 
 def _bordered() -> Block:

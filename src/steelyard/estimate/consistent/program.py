@@ -11,8 +11,8 @@ no slope, bounds that hold pulling outward, is the optimum; where that cannot be
 body lies at the margin of physical consistency, nothing is returned.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,11 +31,7 @@ UNREACHED_BOUND = 1e6
 class ConicConstraints:
     r"""Bounds and rows over the unknowns, each scaled to unit length: $l \le a\,u \le h$.
 
-    Attributes:
-        rows: The constraints as they were given.
-        matrix: Shape `(rows, m)`.
-        lower: Shape `(rows,)`.
-        upper: Shape `(rows,)`.
+    The matrix is of shape `(rows, m)`; `rows` are the constraints as they were given.
     """
 
     rows: tuple[Row, ...]
@@ -53,6 +49,15 @@ class ConicConstraints:
     def equal(self) -> NDArray[np.bool_]:
         """Those that are equations, as a mask."""
         return np.asarray(self.lower == self.upper)
+
+    @property
+    def planes(self) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Rows, equations first, each at most an end if it is finite; and which are equations."""
+        equal = self.equal
+        low, high = (np.isfinite(side) & ~equal for side in (self.lower, self.upper))
+        rows = np.vstack([self.matrix[equal], -self.matrix[low], self.matrix[high]])
+        ends = np.concatenate([self.upper[equal], -self.lower[low], self.upper[high]])
+        return rows, ends, np.arange(len(rows)) < int(equal.sum())
 
 
 def conic_constraints(unknowns: Unknowns, knowledge: Knowledge) -> ConicConstraints:
@@ -90,10 +95,7 @@ def _bounds(unknowns: Unknowns, knowledge: Knowledge) -> list[Row]:
 class Program:
     """The program but for the weight of the prior, so that many weights share it.
 
-    Attributes:
-        unknowns: The unknowns.
-        constraints: Bounds and rows.
-        form: The penalty of bodies that have a prior.
+    `form` is the penalty of bodies that have a prior.
     """
 
     unknowns: Unknowns
@@ -101,53 +103,54 @@ class Program:
     form: Form
 
     def conic(self, gamma: float, *, data: bool = True, unit: float = 1.0) -> Conic:
-        """The program with a weight.
+        """The program with a weight of the prior.
 
-        Args:
-            gamma: Weight of the prior.
-            unit: Of the squares, in that of the noise; the optimum does not depend on it.
-            data: Whether the data play a part; without them the constraints' feasibility is tested.
+        The optimum does not depend on the unit of the squares, which is in that of the noise.
+        Without the data the constraints' feasibility is tested.
         """
         known = self.unknowns
         m, rank = len(known.weak), len(known.vector) if data else 0
-        square, linear = [known.weak, np.ones(rank)], [np.zeros(m), np.zeros(rank)]
-        blocks = [*_constraint_blocks(self.constraints)]
+        square, linear = [known.weak.copy(), np.ones(rank)], [np.zeros(m), np.zeros(rank)]
+        blocks = []
         if data:
-            columns = np.arange(m + rank)
             matrix = np.hstack([known.matrix, -np.eye(rank)])
             matrix[:, :m] /= np.sqrt(unit)
-            blocks.insert(0, Block("zero", columns, matrix, known.vector / np.sqrt(unit)))
+            blocks.append(Block("zero", np.arange(m + rank), matrix, known.vector / np.sqrt(unit)))
+        rows, ends, equal = self.constraints.planes
+        sides = (
+            Block("zero", np.arange(m), rows[equal], ends[equal]),
+            Block("nonnegative", np.arange(m), rows[~equal], ends[~equal]),
+        )
+        blocks += [block for block in sides if len(block.offset)]
         total = m + rank
-        for body, prior in enumerate(known.priors):
-            part = self._form(prior).part(gamma)
+        for place, _, form in self._penalties(gamma):
+            part = form.part(gamma)
             helpers = len(part.linear) - 10
-            place = np.concatenate([10 * body + np.arange(10), total + np.arange(helpers)])
-            square[0] = _added(square[0], place[:10], part.square[:10])
-            linear[0] = _added(linear[0], place[:10], part.linear[:10])
+            columns = np.concatenate([np.arange(m)[place], total + np.arange(helpers)])
+            square[0][place] += part.square[:10]
+            linear[0][place] += part.linear[:10]
             square.append(part.square[10:])
             linear.append(part.linear[10:])
-            blocks += [
-                Block(b.kind, place[b.columns], b.matrix, b.offset, b.order) for b in part.blocks
-            ]
+            blocks += [replace(block, columns=columns[block.columns]) for block in part.blocks]
             total += helpers
         square[:1] = [square[0] / unit]
         square[2:], linear = [x / unit for x in square[2:]], [x / unit for x in linear]
         return Conic(np.concatenate(square), np.concatenate(linear), tuple(blocks))
 
+    def _penalties(self, gamma: float) -> Iterator[tuple[slice, float, Form]]:
+        """Per body the place of its unknowns, the weight and the form of its penalty."""
+        for body, prior in enumerate(self.unknowns.priors):
+            weight = gamma if prior and self.form.penalises else 1.0
+            form = self.form if prior else Free(self.form.margin)
+            yield slice(10 * body, 10 * body + 10), weight, form
+
     def cost(self, u: Array, gamma: float) -> float:
         """The objective."""
         known = self.unknowns
         total = 0.5 * (known.chi_squared(u) + float(known.weak @ np.square(u)))
-        for x, prior in zip(known.pseudo(u), known.priors, strict=True):
-            total += self._weight(prior, gamma) * self._form(prior).cost(x)
+        for x, (_, weight, form) in zip(known.pseudo(u), self._penalties(gamma), strict=True):
+            total += weight * form.cost(x)
         return total
-
-    def _form(self, prior: bool) -> Form:
-        """The penalty of a body with or without prior."""
-        return self.form if prior else Free(self.form.margin)
-
-    def _weight(self, prior: bool, gamma: float) -> float:
-        return gamma if prior and self.form.penalises else 1.0
 
     def evidence(self, u: Array, gamma: float) -> float:
         r"""Logarithm of the data's likelihood at a weight of the prior, but for a constant.
@@ -167,9 +170,8 @@ class Program:
         """Derivative of the objective, shape `(m,)`."""
         known = self.unknowns
         slope = known.matrix.T @ (known.matrix @ u - known.vector) + known.weak * u
-        for body, (x, prior) in enumerate(zip(known.pseudo(u), known.priors, strict=True)):
-            part = slice(10 * body, 10 * body + 10)
-            slope[part] += self._weight(prior, gamma) * self._form(prior).slope(x)
+        for x, (part, weight, form) in zip(known.pseudo(u), self._penalties(gamma), strict=True):
+            slope[part] += weight * form.slope(x)
         return slope
 
     def precision(self, u: Array, gamma: float) -> Array:
@@ -189,31 +191,10 @@ class Program:
 
     def _precision(self, bodies: Array, gamma: float) -> Array:
         """Second derivative of the objective without the data, at bodies `X`, `(bodies, 4, 4)`."""
-        known = self.unknowns
-        matrix = np.diag(known.weak)
-        for body, (x, prior) in enumerate(zip(bodies, known.priors, strict=True)):
-            part = slice(10 * body, 10 * body + 10)
-            matrix[part, part] += self._weight(prior, gamma) * self._form(prior).curvature(x)
+        matrix = np.diag(self.unknowns.weak)
+        for x, (part, weight, form) in zip(bodies, self._penalties(gamma), strict=True):
+            matrix[part, part] += weight * form.curvature(x)
         return matrix
-
-
-def _added(values: Array, place: Array, more: Array) -> Array:
-    values = values.copy()
-    values[place] += more
-    return values
-
-
-def _constraint_blocks(constraints: ConicConstraints) -> Sequence[Block]:
-    """Equations, then lower and upper bounds that are finite."""
-    equal, columns = constraints.equal, np.arange(constraints.matrix.shape[1])
-    low, high = (np.isfinite(side) & ~equal for side in (constraints.lower, constraints.upper))
-    matrix = np.vstack([-constraints.matrix[low], constraints.matrix[high]])
-    offset = np.concatenate([-constraints.lower[low], constraints.upper[high]])
-    blocks = [
-        Block("zero", columns, constraints.matrix[equal], constraints.lower[equal]),
-        Block("nonnegative", columns, matrix, offset),
-    ]
-    return [block for block in blocks if len(block.offset)]
 
 
 ROUNDS = 30
@@ -233,16 +214,10 @@ HALVINGS = 6
 
 
 def polished(program: Program, u: Array, gamma: float) -> Array | None:
-    """The optimum from a point near it; `None` where it cannot be confirmed.
-
-    Args:
-        program: The program.
-        u: The point, shape `(m,)`.
-        gamma: Weight of the prior.
-    """
+    """The optimum from a point near it, `(m,)`; `None` where it cannot be confirmed."""
     if not _inside(program, u):
         return None
-    rows, ends, equal = _planes(program)
+    rows, ends, equal = program.constraints.planes
     slack = ends - rows @ u
     if slack.min(initial=0.0) < -NEAR or np.abs(slack[equal]).max(initial=0.0) > NEAR:
         return None
@@ -273,20 +248,6 @@ def polished(program: Program, u: Array, gamma: float) -> Array | None:
     return None
 
 
-def _planes(program: Program) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Bounds and constraints as rows, each at most an end; and which are equations."""
-    constraints = program.constraints
-    equal = constraints.equal
-    low, high = np.isfinite(constraints.lower) & ~equal, np.isfinite(constraints.upper) & ~equal
-    rows = np.vstack(
-        [constraints.matrix[equal], -constraints.matrix[low], constraints.matrix[high]]
-    )
-    ends = np.concatenate(
-        [constraints.upper[equal], -constraints.lower[low], constraints.upper[high]]
-    )
-    return rows, ends, np.arange(len(rows)) < int(equal.sum())
-
-
 def _newton(curved: Array, slope: Array, rows: Array, ends: Array) -> tuple[Array, Array]:
     """The step to the optimum of the model on the rows, and how hard each row is pulled."""
     m, count = len(slope), len(rows)
@@ -312,14 +273,9 @@ def _share(
 
 
 def _gaining(program: Program, gamma: float, u: Array, step: Array, allowed: float) -> float | None:
-    """Share of a step with all bodies inside that gains; `None` if none does.
+    """Share of a step `(m,)` with all bodies inside that gains; `None` if none does.
 
-    Args:
-        program: The program.
-        gamma: Weight of the prior.
-        u: Where the step begins, shape `(m,)`.
-        step: The step, shape `(m,)`.
-        allowed: What it may cost to fulfil the rows that hold.
+    `allowed` is what it may cost to fulfil the rows that hold.
     """
     most = program.cost(u, gamma)
     most += allowed + ROUNDING * max(1.0, most)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.estimate.information.regressor import Layout, ParallelFilter, Regressor
 from steelyard.model.evaluation import check_angles
-from steelyard.symbolic.native.compiled import CompiledLoops, loops
+from steelyard.symbolic.native.compiled import loops
 from steelyard.symbolic.native.native_loops import FIR_OUTPUTS, TILE_COLUMNS, TILE_ROWS
 
 
@@ -122,12 +122,7 @@ class Sums:
 
 @dataclass(frozen=True, eq=False)
 class Accumulator:
-    """Turns stretches into sums; holds no state, so threads share it.
-
-    Attributes:
-        regressor: The columns.
-        matched: The parallel filter, if any.
-    """
+    """Turns stretches into sums; holds no state, so threads share it."""
 
     regressor: Regressor
     matched: ParallelFilter | None = None
@@ -136,11 +131,6 @@ class Accumulator:
     def tiling(self) -> Tiling:
         """Tiles of the Gram matrices."""
         return Tiling.of(self.regressor.layout)
-
-    @cached_property
-    def loops(self) -> CompiledLoops:
-        """Machine code of the small loops."""
-        return loops()
 
     @property
     def width(self) -> int:
@@ -213,9 +203,8 @@ class Accumulator:
     def rows(self, stretch: Stretch) -> tuple[Array, Array]:
         """The filtered samples themselves.
 
-        Returns:
-            Columns and efforts as `Layout.starts` says, shape `(width, outputs)`, and the weight of
-            each in each effort row, shape `(n, outputs)`; 0 where it does not count.
+        Columns and efforts as `Layout.starts` says, shape `(width, outputs)`, and the weight of
+        each in each effort row, `(n, outputs)`; 0 where it does not count.
         """
         n_outputs, weights = self.outputs(stretch.q.shape[1]), self._weights(stretch)
         result = np.empty((self.width, n_outputs))
@@ -316,7 +305,7 @@ class _Workspace:
     def filtered(self, count: int) -> Array:
         """The first `count` filtered samples of the buffer."""
         taps = self.accumulator.taps
-        self.accumulator.loops.fir(
+        loops().fir(
             self.y.ctypes.data,
             self.y.shape[1],
             self.accumulator.width,
@@ -334,7 +323,7 @@ class _Workspace:
         if weights is not None:
             self._weigh(block, weights)
         self._add_grams(block, count, self.sums)
-        self.accumulator.loops.absolute(
+        loops().absolute(
             block.ctypes.data,
             block.shape[1],
             self._padded(count),
@@ -358,7 +347,7 @@ class _Workspace:
         """Add the products of the first `count` samples."""
         padded, firsts = self._padded(count), self.accumulator.tiling.firsts
         block[:, count:padded] = 0.0
-        self.accumulator.loops.gram(
+        loops().gram(
             block.ctypes.data,
             block.shape[1],
             padded,

@@ -59,8 +59,7 @@ def seen_columns(matrix: Array) -> list[int]:
 def independent_columns(matrix: Array) -> list[int]:
     """Indices of columns that span a matrix, as many as its rank, in ascending order.
 
-    Args:
-        matrix: Shape `(rows, p)`, `rows >= p`.
+    The matrix is of shape `(rows, p)`, `rows >= p`.
     """
     seen = seen_columns(matrix)
     if not seen:
@@ -275,14 +274,10 @@ def full_regressor(
 ) -> Array:
     """Regressor of all standard parameters on random states, shape `(n * N, p)`.
 
-    Speeds and accelerations are normally distributed with a standard deviation of 1 rad/s and
-    1 rad/s² (m/s, m/s²). Loops are closed in all states.
-
-    Args:
-        model: The model.
-        seed: Same seed, same states.
-        n_samples: Number of states; `None` for as many as determine all columns.
-        slow: Share of the speeds that are much smaller: laws that fade with speed show only there.
+    Speeds and accelerations are normally distributed with a standard deviation of 1 rad/s and 1
+    rad/s² (m/s, m/s²); a share `slow` of the speeds are much smaller, as laws that fade with speed
+    show only there. There are as many states as determine all columns, if no number is given. Loops
+    are closed in all states.
     """
     n, p = model.robot.n, len(model.parameters)
     program, places = model.columns_program
@@ -306,22 +301,16 @@ def _group(model: Model, regressor: Array, independent: list[int]) -> BaseMap:
     columns = range(regressor.shape[1])
     dependent = [k for k in columns if k in seen and k not in set(independent)]
     solved = np.linalg.lstsq(regressor[:, independent], regressor[:, dependent], rcond=None)[0]
+    for exact in (0.0, 1.0, -1.0):  # by structure
+        solved[np.abs(solved - exact) < 1e-8] = exact
     return BaseMap(
         names=model.names,
         units=model.units,
         independent=tuple(independent),
         dependent=tuple(dependent),
         unseen=tuple(k for k in columns if k not in seen),
-        coefficients=frozen(_snapped(frozen(solved))),
+        coefficients=frozen(solved),
     )
-
-
-def _snapped(coefficients: Array) -> Array:
-    """Clean rounding from coefficients that are 0 or ±1 by structure."""
-    clean = coefficients.copy()
-    for exact in (0.0, 1.0, -1.0):
-        clean[np.abs(clean - exact) < 1e-8] = exact
-    return clean
 
 
 def refuse_twins(model: Model, base: BaseMap) -> None:
@@ -329,9 +318,6 @@ def refuse_twins(model: Model, base: BaseMap) -> None:
 
     A rotor's inertia may join a link's: then only their sum is known, and named as such. Two
     frictions that are one leave no such doubt.
-
-    Raises:
-        ModelError: A parameter that is no body's is a combination of others like it.
     """
     bodies = {p.name for p in RigidBody().parameters(model.robot)}
     for place, k in enumerate(base.dependent):
@@ -358,13 +344,7 @@ LETTERS = {
 
 
 def symbol(robot: Robot, base: BaseMap, number: int) -> str:
-    """The customary symbol of a base parameter; its own name where none is customary.
-
-    Args:
-        robot: Gives links and joints their numbers.
-        base: The base parameters.
-        number: Which of them.
-    """
+    """The customary symbol of a base parameter; its own name where none is customary."""
     name = base.base_names[number]
     kind, _, of = name.partition(".")
     if kind not in LETTERS:

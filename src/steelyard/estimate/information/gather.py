@@ -107,7 +107,7 @@ def gather(
     threads: int = 1,
     progress: Progress = silent,
 ) -> Information:
-    """What one run says about the columns of a regressor.
+    """What one run says about the columns of a regressor, in windows.
 
     Args:
         regressor: The columns.
@@ -120,7 +120,6 @@ def gather(
         progress: Told about every window.
 
     Raises:
-        Stopped: `progress` requested a stop.
         LogError: No stretch of the run is as long as the filter, or an effort never changes.
     """
     gram_pass = start_pass(regressor, run, matched, rests, longest)
@@ -140,14 +139,7 @@ def gather(
 
 @dataclass(frozen=True, eq=False)
 class GramPass:
-    """A run on its way into sums.
-
-    Attributes:
-        run: The run.
-        accumulator: What its pieces go through.
-        pieces: Stretches with their halo; to be read once.
-        signature: What the sums will mean.
-    """
+    """A run on its way into sums: pieces with their halo, to be read once, and what sums mean."""
 
     run: Run
     accumulator: Accumulator
@@ -168,31 +160,28 @@ class GramPass:
 def start_pass(
     regressor: Regressor, run: Run, matched: bool, rests: bool, longest: float = np.inf
 ) -> GramPass:
-    """A pass over a run that has not read anything yet; see `gather`.
-
-    Raises:
-        LogError: An effort never changes.
-    """
-    _refuse_dead_efforts(run)
-    chosen = ParallelFilter.design(run.matched_cutoff, run.rate) if matched else None
-    accumulator = Accumulator(regressor, chosen)
-    blocks = blocks_with_memory(run.blocks(), regressor.model, rests)
-    apart = max(run.duration * run.rate / LEAST_WINDOWS, SHORTEST * accumulator.halo)
-    pieces = cut_pieces(blocks, run.name, accumulator, int(min(longest * run.rate, apart)))
-    return GramPass(run, accumulator, pieces, stamp_of(regressor, run.effort_units, run, chosen))
-
-
-def _refuse_dead_efforts(run: Run) -> None:
-    """An effort that never changes would be fitted exactly, at the cost of all other joints."""
+    """A pass over a run that has not read anything yet; see `gather`."""
     columns = run.recording.signals.effort
-    dead = [c for c, step in zip(columns, run.quality.effort_resolution, strict=True) if step == 0]
-    if dead:
+    steps = zip(columns, run.quality.effort_resolution, strict=True)
+    if dead := [column for column, step in steps if step == 0]:
+        # it would be fitted exactly, at the cost of all other joints
         raise LogError(
             f"column '{dead[0]}' never changes: it holds no measured effort",
             where=run.name,
             fix="name the right column in [signals.effort], or leave its joint out of "
             "[robot] joints and lock it",
         )
+    chosen = ParallelFilter.design(run.matched_cutoff, run.rate) if matched else None
+    accumulator = Accumulator(regressor, chosen)
+    # samples before the start is forgotten do not count; nor do rests, unless they are wanted
+    blocks = blocks_with_channels(
+        run.blocks(),
+        regressor.model,
+        lambda block, warm: warm if rests else block.moving & warm,
+    )
+    apart = max(run.duration * run.rate / LEAST_WINDOWS, SHORTEST * accumulator.halo)
+    pieces = cut_pieces(blocks, run.name, accumulator, int(min(longest * run.rate, apart)))
+    return GramPass(run, accumulator, pieces, stamp_of(regressor, run.effort_units, run, chosen))
 
 
 def stamp_of(
@@ -208,16 +197,6 @@ def stamp_of(
     )
 
 
-def blocks_with_memory(blocks: Iterable[Block], model: Model, rests: bool) -> Iterator[Block]:
-    """The blocks of `blocks_with_channels`; only samples that count are marked as moving.
-
-    Samples before the start is forgotten do not count; nor do rests, unless they are wanted.
-    """
-    return blocks_with_channels(
-        blocks, model, lambda block, warm: warm if rests else block.moving & warm
-    )
-
-
 Mask = NDArray[np.bool_]
 
 
@@ -228,13 +207,9 @@ def blocks_with_channels(
 ) -> Iterator[Block]:
     """The blocks with the model's channels; every segment begins without memory.
 
-    Where open loops are dropped, segments end at them.
-
-    Args:
-        blocks: Samples of a run.
-        model: The model.
-        marked: What takes the place of `Block.moving`, given a block and which of its samples
-            the scan has forgotten the start at, shape `(n, B)`.
+    Where open loops are dropped, segments end at them. `marked` gives what takes the place of
+    `Block.moving`, for a block and which of its samples the scan has forgotten the start at,
+    `(n, B)`.
     """
     drop, number = model.robot.open_loops == "drop", 0
     segment, scan = None, model.scan(drop)

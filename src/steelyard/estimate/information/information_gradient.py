@@ -27,7 +27,7 @@ _Q, _DQ, _DDQ, _CHANNELS, _WIDTHS = range(5)
 
 @dataclass(frozen=True, eq=False)
 class SampledInformation:
-    """Regressor entries at samples; what `Shows.pull` needs of them.
+    """Regressor entries at samples; what `InformationEvaluator.pull` needs of them.
 
     Attributes:
         inputs: What they were computed from, arrays of `(entries, N)`; the widths `(n,)`.
@@ -88,9 +88,7 @@ class InformationEvaluator:
     def pull(self, seen: SampledInformation, slope: Array) -> tuple[Array, Array, Array]:
         """Derivatives by `q`, `dq` and `ddq`, each `(n, N)`, of a function of the information.
 
-        Args:
-            seen: The samples.
-            slope: $S$, the function's symmetric slope by `seen.gram`, shape `(c, c)`.
+        `slope` is $S$, the function's symmetric slope by `seen.gram`, shape `(c, c)`.
         """
         seeds = np.empty_like(seen.entries)
         blocks = zip(self._blocks(seeds), self._blocks(seen.entries), self._places, strict=True)

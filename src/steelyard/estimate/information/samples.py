@@ -1,8 +1,9 @@
 """Filtered samples, bounded in number, and the pass over a run that keeps them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,8 @@ from steelyard.runs.run import Run
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
+
+_AT_INSTANTS = ("t", "q", "dq", "ddq", "channels")
 
 WINDOWS = 24
 """Windows that a run's samples are summed up in."""
@@ -83,20 +86,21 @@ class FilteredSamples:
         """
         mine, theirs = ", ".join(self.runs), ", ".join(other.runs)
         self.signature.refuse_unlike(other.signature, f"runs {mine} and {theirs}")
+        at = tuple(
+            np.concatenate([a, b + len(self)]) for a, b in zip(self.at, other.at, strict=True)
+        )
+        joined: dict[str, Any] = {
+            name: np.concatenate([getattr(self, name), getattr(other, name)])
+            for name in _AT_INSTANTS
+        }
         return replace(
             self,
             sources=self.sources + other.sources,
             source=np.concatenate([self.source, other.source + len(self.sources)]),
-            t=np.concatenate([self.t, other.t]),
-            q=np.concatenate([self.q, other.q]),
-            dq=np.concatenate([self.dq, other.dq]),
-            ddq=np.concatenate([self.ddq, other.ddq]),
-            channels=np.concatenate([self.channels, other.channels]),
             rows=_joined(self.rows, other.rows),
             weights=_joined(self.weights, other.weights),
-            at=tuple(
-                np.concatenate([a, b + len(self)]) for a, b in zip(self.at, other.at, strict=True)
-            ),
+            at=at,
+            **joined,
         )
 
     @property
@@ -117,11 +121,7 @@ class FilteredSamples:
         return replace(
             self,
             source=self.source[kept],
-            t=self.t[kept],
-            q=self.q[kept],
-            dq=self.dq[kept],
-            ddq=self.ddq[kept],
-            channels=self.channels[kept],
+            **{name: getattr(self, name)[kept] for name in _AT_INSTANTS},
             rows=tuple(x[k] for x, k in zip(self.rows, mine, strict=True)),
             weights=tuple(x[k] for x, k in zip(self.weights, mine, strict=True)),
             at=tuple(number[at[k]] for at, k in zip(self.at, mine, strict=True)),
@@ -157,50 +157,40 @@ class FilteredSamples:
     def information(self, weights: Sequence[Array] | None = None) -> Information:
         """Sums over the samples, counted as what they are worth, in some windows per run.
 
-        Args:
-            weights: Further weights of each row's samples, each `(N_j,)`; a sample of weight 0 does
-                not count.
+        Further weights of each row's samples are `(N_j,)`; a sample of weight 0 does not count.
         """
         given = [np.ones(len(w)) for w in self.weights] if weights is None else weights
         total = [w * g for w, g in zip(self.weights, given, strict=True)]
-        parts = list(self._windows())
-        sums = [self._sums(source, mine, total) for source, _, mine in parts]
-        size = sum(self.layout.packed_sizes)
-        return Information(
-            self.layout,
-            self.signature,
-            tuple(window for _, window, _ in parts),
-            np.reshape([grams for grams, _, _ in sums], (len(sums), size)),
-            np.reshape([absolute for _, absolute, _ in sums], (-1, sum(self.layout.widths))),
-            np.reshape([counts for _, _, counts in sums], (len(sums), len(self.rows))),
-        )
-
-    def _windows(self) -> Iterator[tuple[SampledRun, Window, Mask]]:
-        """Stretches of each run of equal numbers of instants, and the instants in them."""
+        windows, sums = [], []
         for number, source in enumerate(self.sources):
             order = np.flatnonzero(self.source == number)
             order = order[np.argsort(self.t[order], kind="stable")]
-            for part in np.array_split(order, WINDOWS):
-                if len(part):
-                    mine = np.zeros(len(self), dtype=np.bool_)
-                    mine[part] = True
-                    yield (
-                        source,
-                        Window(source.run, float(self.t[part[0]]), float(self.t[part[-1]])),
-                        mine,
-                    )
+            for part in filter(len, np.array_split(order, WINDOWS)):
+                windows.append(Window(source.run, float(self.t[part[0]]), float(self.t[part[-1]])))
+                sums.append(self._sums(source.share, part, total))
+        grams, absolute, counts = zip(*sums, strict=True) if sums else ((), (), ())
+        return Information(
+            self.layout,
+            self.signature,
+            tuple(windows),
+            np.reshape(grams, (len(sums), sum(self.layout.packed_sizes))),
+            np.reshape(absolute, (len(sums), sum(self.layout.widths))),
+            np.reshape(counts, (len(sums), len(self.rows))),
+        )
 
     def _sums(
-        self, source: SampledRun, mine: Mask, weights: Sequence[Array]
+        self, share: float, instants: Index, weights: Sequence[Array]
     ) -> tuple[Array, Array, Array]:
         """Packed Gram matrices, sums of |value| and counts of some instants of a run."""
+        mine = np.zeros(len(self), dtype=np.bool_)
+        mine[instants] = True
         grams, absolute, counts = [], [], []
         for row, weight, at in zip(self.rows, weights, self.at, strict=True):
             here = mine[at]
             part = row[here] * np.sqrt(weight[here])[:, None]
-            grams.append(source.share * packed(part.T @ part))
-            absolute.append(source.share * np.abs(part).sum(axis=0))
-            counts.append(source.share * np.count_nonzero(weight[here]))
+            grams.append(share * packed(part.T @ part))
+            absolute.append(share * np.abs(part).sum(axis=0))
+            counts.append(share * np.count_nonzero(weight[here]))
         return np.concatenate(grams), np.concatenate(absolute), np.array(counts)
 
 
@@ -224,18 +214,8 @@ def gather_samples(
 ) -> FilteredSamples:
     """Filtered samples of one run: every one of a short run, every 2nd, 4th, ... of a longer one.
 
-    Args:
-        regressor: The columns.
-        run: Clean motion and effort on a uniform clock.
-        matched: Whether columns and effort go through the run's parallel filter.
-        rests: Whether samples count where a joint rests, see `gather`.
-        most: Samples kept per effort row; memory holds twice as many.
-        threads: Native threads.
-        progress: Told about every piece.
-
-    Raises:
-        Stopped: `progress` requested a stop.
-        LogError: No stretch of the run is as long as the filter, or an effort never changes.
+    At most `most` samples are kept per effort row; memory holds twice as many. Other arguments and
+    errors are those of `gather`.
     """
     gram_pass = start_pass(regressor, run, matched, rests)
     accumulator, kept = gram_pass.accumulator, _Kept(max(1, most))
@@ -244,26 +224,16 @@ def gather_samples(
         report_progress(progress, f"gathering {piece.window.run}", piece.window.stop, run.duration)
     if not kept.parts:
         raise gram_pass.too_short()
-    chosen = accumulator.matched
-    share = 1.0
+    chosen, layout, share = accumulator.matched, regressor.layout, 1.0
     if chosen is not None:
         share /= replace(chosen, decimation=chosen.decimation * kept.step).inflation
     error = motion_error(run, None if chosen is None else chosen.taps)
-    return _samples(
-        regressor.layout, gram_pass.signature, SampledRun(run.name, share, error), kept.parts
-    )
-
-
-def _samples(
-    layout: Layout, signature: Signature, source: SampledRun, parts: "list[_SamplesOfPiece]"
-) -> FilteredSamples:
-    """Parts of one run, and what each row saw at the instants that count for it."""
-    whole = _SamplesOfPiece.joined(parts)
+    whole = _SamplesOfPiece.joined(kept.parts)
     at = tuple(np.flatnonzero(weight) for weight in whole.weights)
     return FilteredSamples(
         layout=layout,
-        signature=signature,
-        sources=(source,),
+        signature=gram_pass.signature,
+        sources=(SampledRun(run.name, share, error),),
         source=np.zeros(len(whole.t), dtype=np.intp),
         t=frozen(whole.t),
         q=frozen(whole.q.T),

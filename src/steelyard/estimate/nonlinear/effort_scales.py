@@ -20,12 +20,12 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.base.arrays import Array, Parameters, frozen
+from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.consistent.consistent import Consistent, inverse_of
 from steelyard.estimate.effort_uncertainty import KnownScales
-from steelyard.estimate.estimate import Z95, Estimate
+from steelyard.estimate.estimate import Z95, Estimate, StandardEstimate
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import Layout
 from steelyard.estimate.least_squares.least_squares import whitened
@@ -43,13 +43,8 @@ def with_predicted(
 ) -> Information:
     """The same data with one column per row, in that row alone: its effort as predicted.
 
-    Sums of |column| do not transform; they are not a number in the result.
-
-    Args:
-        information: What the data say.
-        values: Of its columns, shape `(p,)`; they make the predicted efforts.
-        names: Of the new columns, one per row.
-        added: Share of the predicted effort that is added to that of each row, shape `(rows,)`.
+    Values `(p,)` of the data's columns make the predicted efforts, of which `added` is the share
+    that is added to each row's effort. Sums of |column| are not a number in the result.
     """
     old, p = information.layout, len(information.layout.columns)
     sees = tuple((*seen, p + row) for row, seen in enumerate(old.sees))
@@ -115,10 +110,7 @@ class Scales:
 class Scaled:
     """The consistent estimate with a scale of each row's efforts.
 
-    Attributes:
-        estimator: The estimate without.
-        rows: Names of the rows.
-        deviation: Standard deviation of a scale's logarithm before the data.
+    `deviation` is the standard deviation of a scale's logarithm before the data.
     """
 
     estimator: Consistent
@@ -126,11 +118,7 @@ class Scaled:
     deviation: float = DEVIATION
 
     def unscaled(self, information: Information, gamma: float | None = None) -> Scales:
-        """All scales 1, with a weight of the prior; of that which the estimate finds, if `None`.
-
-        Raises:
-            DataError: As of the estimate.
-        """
+        """All scales 1, with a weight of the prior; of that which the estimate finds, if `None`."""
         found, n = self.estimator.values(information, gamma), len(self.rows)
         standard = np.concatenate([found.standard, np.zeros(n)])
         return Scales(
@@ -138,15 +126,9 @@ class Scaled:
         )
 
     def step(self, information: Information, at: Scales, *, weigh: bool = False) -> Scales:
-        """One Gauss-Newton step.
+        """One Gauss-Newton step from scales and parameters that were reached, efforts as logged.
 
-        Args:
-            information: What the data say, efforts as logged.
-            at: The scales and parameters that were reached.
-            weigh: Whether the weight of the prior is found anew.
-
-        Raises:
-            DataError: As of the estimate.
+        `weigh` finds the weight of the prior anew. Raises as the estimate does.
         """
         wide, gamma = self._wide, at.gamma
         program = wide.program(whitened(self._extended(information, at), equal=wide.equal))
@@ -160,12 +142,13 @@ class Scaled:
         logs = before + np.clip(logs - before, -LONGEST, LONGEST)
         precision = program.stated_precision(u, gamma)
         precision += program.unknowns.matrix.T @ program.unknowns.matrix
-        n = len(self.rows)
+        n, base = len(self.rows), self.estimator.base
+        known = dict(zip(base.base_names, (base.lift @ standard[:-n]).tolist(), strict=True))
         spread = self.deviation**2 * inverse_of(precision)[-n:, -n:]
         return Scales(
             np.exp(logs),
             spread,
-            self._of_columns(information, self.estimator.base.lift @ standard[: -len(self.rows)]),
+            np.array([known.get(name, 0.0) for name in information.layout.columns]),
             gamma,
             standard,
         )
@@ -188,14 +171,8 @@ class Scaled:
     def estimate(self, information: Information, scales: Scales) -> Estimate:
         """The estimate of efforts in the model's scale, as unsure as the scales make it.
 
-        Condition numbers are those of the parameters, without the scales.
-
-        Args:
-            information: What the data say, efforts already divided by the scales.
-            scales: The scales.
-
-        Raises:
-            DataError: As of the estimate without.
+        Efforts of the information are already divided by the scales. Condition numbers are those of
+        the parameters, without the scales.
         """
         names = self._names
         logged = information.scaled(scales.values, information.signature.effort)
@@ -210,10 +187,6 @@ class Scaled:
     def _extended(self, information: Information, at: Scales) -> Information:
         scaled = information.scaled(1.0 / at.values, information.signature.effort)
         return with_predicted(scaled, at.parameters, self._names, np.log(at.values))
-
-    def _of_columns(self, information: Information, lifted: Array) -> Array:
-        known = dict(zip(self.estimator.base.base_names, lifted.tolist(), strict=True))
-        return np.array([known.get(name, 0.0) for name in information.layout.columns])
 
     @property
     def _names(self) -> tuple[str, ...]:
@@ -243,24 +216,15 @@ def _without(estimate: Estimate, names: tuple[str, ...]) -> Estimate:
     rest = [k for k, name in enumerate(whole.parameters.names) if name not in names]
     return replace(
         estimate,
-        parameters=_some(estimate.parameters, kept),
+        parameters=estimate.parameters.of(kept),
         covariance=frozen(estimate.covariance[np.ix_(kept, kept)]),
         blind=tuple(blind for blind in estimate.blind if blind.name not in names),
         learned=frozen(estimate.learned[kept]),
-        standard=replace(
-            whole,
-            parameters=_some(whole.parameters, rest),
-            covariance=frozen(whole.covariance[np.ix_(rest, rest)]),
-            learned=frozen(whole.learned[rest]),
+        standard=StandardEstimate(
+            whole.parameters.of(rest),
+            frozen(whole.covariance[np.ix_(rest, rest)]),
+            frozen(whole.learned[rest]),
         ),
-    )
-
-
-def _some(parameters: Parameters, kept: list[int]) -> Parameters:
-    return Parameters(
-        tuple(parameters.names[k] for k in kept),
-        tuple(parameters.units[k] for k in kept),
-        parameters.values[kept],
     )
 
 
@@ -276,8 +240,6 @@ class EffortScales:
     """Scales of the logged efforts, estimated together with the parameters.
 
     Attributes:
-        joints: Names of the effort rows.
-        found: The scales.
         error: Relative error on what was left out, mean over parts: the geometric mean of a
             typical joint's and of all joints' together [%].
         without: The same with all scales 1 [%].
@@ -327,18 +289,9 @@ class EffortScales:
 def effort_scales(
     estimator: Consistent, information: Information, *, progress: Progress = silent
 ) -> EffortScales | None:
-    """Scales, where the data ask for them and predict better with them.
+    """Scales, where the data ask for them and predict better with them; else `None`.
 
-    Args:
-        estimator: The estimate without scales.
-        information: What the runs say, efforts in the model's units.
-        progress: Told about every part that is left out.
-
-    Returns:
-        `None` where scales are not requested, gain nothing, or cannot be judged.
-
-    Raises:
-        Stopped: `progress` requested a stop.
+    Efforts of the information are in the model's units.
     """
     scaled = Scaled(estimator, information.layout.rows)
     try:

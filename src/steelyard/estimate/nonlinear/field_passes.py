@@ -51,14 +51,7 @@ _EMPTY = BaseMap((), (), (), (), (), np.zeros((0, 0)))
 
 @dataclass(frozen=True)
 class Unknown:
-    """A field of a term, for one of its coordinates or for all.
-
-    Attributes:
-        term: Number of the term in the model.
-        field: Name of the field.
-        axis: Name of the coordinate; `None` for all.
-        find: The bounds.
-    """
+    """A field of a term by its number in the model, for one coordinate or for all (`None`)."""
 
     term: int
     field: str
@@ -67,11 +60,7 @@ class Unknown:
 
 
 def unknowns_of(model: Model) -> tuple[Unknown, ...]:
-    """Everything that is to be found in a model.
-
-    Raises:
-        ModelError: A field cannot be found from data.
-    """
+    """Everything that is to be found in a model; fields that data cannot show are refused."""
     return tuple(
         Unknown(t, field, axis, find)
         for t, term in enumerate(model.terms)
@@ -93,13 +82,7 @@ def with_fields(model: Model, term: int, logs: Mapping[Unknown, float]) -> Term:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """The search of some terms' fields; all other fields of the model are numbers.
-
-    Attributes:
-        model: The model.
-        terms: Numbers of the terms.
-        unknowns: Their fields.
-    """
+    """The search of some terms' fields; all other fields of the model are numbers."""
 
     model: Model
     terms: tuple[int, ...]

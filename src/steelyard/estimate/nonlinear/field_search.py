@@ -7,13 +7,13 @@ lowers the criterion $\sum_j n_j \log \sigma_j^2$, as the logarithm is concave.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.information.information import Information, Window
+from steelyard.estimate.information.information import Information
 
 Indices = NDArray[np.intp]
 
@@ -129,9 +129,7 @@ class Costs:
     def descended(self, choice: Indices, fixed: int | None = None) -> tuple[Indices, float]:
         """Coordinate descent from a choice, one unknown after another over its whole grid.
 
-        Args:
-            choice: Where to begin, shape `(unknowns,)`.
-            fixed: An unknown that stays.
+        One unknown may stay fixed.
         """
         best = float(self(choice[None])[0])
         while True:
@@ -153,10 +151,7 @@ class Costs:
 class Problem:
     """Choose grid points so that least squares fits best.
 
-    Attributes:
-        information: What the data say about all columns.
-        shared: Indices of the columns that are there whatever is chosen.
-        slots: What choices select.
+    `shared` are indices of the columns that are there whatever is chosen.
     """
 
     information: Information
@@ -166,29 +161,27 @@ class Problem:
     def solved(self, starts: Indices) -> tuple[Indices, Costs, float]:
         """The best of several descents, its costs under its own weights, and its criterion.
 
-        Args:
-            starts: Choices to begin from, shape `(starts, unknowns)`.
+        Starts are choices, shape `(starts, unknowns)`.
         """
-        whole = Problem(_as_one(self.information), self.shared, self.slots)
+        one_window = [range(len(self.information.windows))]
+        whole = replace(self, information=self.information.grouped(one_window))
         found = [whole._from(start) for start in starts]
         return min(found, key=lambda result: result[2])
 
     def _from(self, choice: Indices) -> tuple[Indices, Costs, float]:
         energy = self.information.effort_squares() / np.maximum(self.information.n_samples, 1.0)
         variances = np.where(energy > 0.0, energy, 1.0)
-        costs = self._costs(variances)
+        costs = Costs.of(self.information, self.shared, self.slots, 1.0 / variances)
         for _ in range(ROUNDS):
             choice, _ = costs.descended(choice)
             updated = self._variances(costs, choice)
             change = float(np.abs(updated / variances - 1.0).max())
-            variances, costs = updated, self._costs(updated)
+            variances = updated
+            costs = Costs.of(self.information, self.shared, self.slots, 1.0 / variances)
             if change < TOLERANCE:
                 break
         criterion = float(self.information.n_samples @ np.log(variances))
         return choice, costs, criterion
-
-    def _costs(self, variances: Array) -> Costs:
-        return Costs.of(self.information, self.shared, self.slots, 1.0 / variances)
 
     def _variances(self, costs: Costs, choice: Indices) -> Array:
         """Residual variance per row; a parameter counts in equal parts in all rows that see it."""
@@ -204,17 +197,6 @@ class Problem:
         return np.asarray(np.maximum(squares / np.maximum(counts - used, 1.0), floor))
 
 
-def _as_one(information: Information) -> Information:
-    """All windows summed up, so that nothing is added twice."""
-    sums = (information.grams, information.absolute, information.counts)
-    return Information(
-        information.layout,
-        information.signature,
-        (Window("all", 0.0, 0.0),),
-        *(x.sum(axis=0, keepdims=True) for x in sums),
-    )
-
-
 RISE = 3.841458820694124
 """Rise of the costs, in variances, at the ends of a 95 % interval."""
 
@@ -224,7 +206,6 @@ class CostShape:
     """A quadratic through the costs around a choice.
 
     Attributes:
-        costs: Costs of choices.
         choice: The best one, shape `(unknowns,)`.
         grids: Coordinates of every unknown's grid points.
         place: Where the quadratic is least, shape `(unknowns,)`; at most one grid point away.

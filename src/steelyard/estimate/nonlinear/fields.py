@@ -107,12 +107,7 @@ class Finding:
 
 @dataclass(frozen=True, eq=False)
 class FoundFields:
-    """A model whose fields are all numbers.
-
-    Attributes:
-        model: The model.
-        findings: Every field that was searched.
-    """
+    """A model whose fields are all numbers, and every field that was searched."""
 
     model: Model
     findings: tuple[Finding, ...]
@@ -133,12 +128,7 @@ def information_from(
 ) -> InformationOf:
     """What runs say, with their efforts in the joints' units; every call is a pass over the runs.
 
-    Args:
-        runs: At least one.
-        rests: Whether rests count, see `gather`.
-        longest: Length that a window should not exceed [s].
-        threads: Native threads.
-        progress: Told about every window; may stop the search.
+    Windows should not be longer than `longest` [s]; for `rests` see `gather`.
     """
 
     def information_of(regressor: Regressor) -> Information:
@@ -162,21 +152,14 @@ def find_fields(
     seed: int = 0,
     progress: Progress = silent,
 ) -> FoundFields:
-    """Find all fields that stand as `Find` in a model.
+    """Find all fields that stand as `Find` in a model; without any it comes back as it is.
 
     If all candidates together are too many columns, terms are searched one after another; the
-    intervals of one then hold for the values of the others.
-
-    Args:
-        model: A model; without a `Find` it comes back as it is.
-        information_of: What the data say about a regressor, see `information_from`.
-        starts: Random choices of candidates from which the search starts.
-        seed: Of the starts.
-        progress: Told about every pass.
+    intervals of one then hold for the values of the others. The search starts from `starts` random
+    choices of candidates.
 
     Raises:
         ModelError: A field cannot be found from data.
-        Stopped: `progress` requested a stop.
     """
     unknowns = unknowns_of(model)
     logs = {u: float(np.mean(bounds_of(u))) for u in unknowns}
@@ -302,26 +285,16 @@ def converged_reference(
 ) -> tuple[Model, bool]:
     """Fit, take the bodies as reference, and fit again until they stand still.
 
-    Args:
-        model: A model with load-dependent friction.
-        information_of: What the data say about a regressor, see `fields.information_from`.
-        estimator: The estimator.
-
-    Returns:
-        The model with its reference, and whether the reference stands still.
+    Returns the model with its reference, and whether that stands still.
     """
     reference = reference_of(model, information_of, estimator)
     for _ in range(MOST_REFERENCE_REFITS):
         model = with_references(model, reference)
         found = bodies_of(estimator(information_of(base_regressor(model))))
-        change = _change_of_reference(reference, found)
+        names = sorted({*reference, *found})
+        a, b = (np.array([some.get(name, 0.0) for name in names]) for some in (reference, found))
+        change = float(np.linalg.norm(b - a) / max(float(np.linalg.norm(b)), 1e-300))
         reference = found
         if change < REFERENCE_TOLERANCE:
             return model, True
     return model, False
-
-
-def _change_of_reference(before: Mapping[str, float], after: Mapping[str, float]) -> float:
-    names = sorted({*before, *after})
-    a, b = (np.array([values.get(name, 0.0) for name in names]) for values in (before, after))
-    return float(np.linalg.norm(b - a) / max(float(np.linalg.norm(b)), 1e-300))

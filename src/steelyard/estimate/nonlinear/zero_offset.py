@@ -50,13 +50,11 @@ class ZeroOffsets:
     """Estimated offsets: joint position = logged position + offset.
 
     Attributes:
-        joints: Names of all joints.
         units: `rad` or `m` per joint.
         values: Shape `(n,)`; of joints that are not identifiable as they were given.
         start: What was given, shape `(n,)`.
         std: Their standard deviations, shape `(n,)`; NaN of what was not estimated.
         wanted: Whether each was to be estimated.
-        converged: Whether the search converged.
     """
 
     joints: tuple[str, ...]
@@ -110,13 +108,10 @@ def find_offsets(
     start: Array,
     wanted: Sequence[bool],
 ) -> ZeroOffsets:
-    """Estimate zero offsets.
+    """Estimate zero offsets of an open chain.
 
-    Args:
-        model: The model, an open chain.
-        information_at: Offsets `(n,)` to what the runs say about a regressor with these.
-        start: Offsets to start from, shape `(n,)`; those that are not wanted stay.
-        wanted: Which joints' are estimated.
+    Those that are not wanted stay at their start, `(n,)`; `information_at` is what the runs say
+    about a regressor with offsets `(n,)`.
 
     Raises:
         DataError: The robot has closed chains.
@@ -128,7 +123,7 @@ def find_offsets(
             fix="give position_offset = [...] in [signals]",
         )
     fit = WeightedLeastSquares(per_run=own_columns(model))
-    values, spread = start.copy(), np.full(len(start), np.nan)
+    values, spread, converged = start.copy(), np.full(len(start), np.nan), False
     bodies = bodies_of(fit(information_at(values.copy())(base_regressor(model))))
     for _ in range(ROUNDS):
         wide = replace(model, terms=(*model.terms, GeometryErrors(reference=tuple(bodies.items()))))
@@ -138,8 +133,11 @@ def find_offsets(
         moved = np.nan_to_num(step)
         values += moved * min(1.0, LONGEST / max(float(np.abs(moved).max()), 1e-300))
         if np.all(np.abs(moved) <= CONVERGED * np.nan_to_num(spread, nan=np.inf)):
-            return _found(model, values, start, spread, wanted, True)
-    return _found(model, values, start, spread, wanted, False)
+            converged = True
+            break
+    joints, units = model.robot.joint_names, tuple(c.unit for c in model.robot.coordinates)
+    arrays = frozen(values), frozen(start), frozen(spread)
+    return ZeroOffsets(joints, units, *arrays, tuple(wanted), converged)
 
 
 def offset_step(
@@ -147,13 +145,8 @@ def offset_step(
 ) -> tuple[Estimate, Array, Array]:
     """One step: the joint estimate, offsets to add and their standard deviations.
 
-    Columns of offsets that the data do not identify are taken out one by one, the loosest first.
-
-    Args:
-        information: Of the model's columns and those of all offsets.
-        fit: The estimator.
-        model: The model without these columns.
-        wanted: Which joints' offsets are estimated.
+    The information is of the model's columns and those of all offsets. Columns of offsets that the
+    data do not identify are taken out one by one, the loosest first.
     """
     joints = model.robot.joint_names
     own = {f"{LAW}.{joint}": k for k, joint in enumerate(joints)}
@@ -175,16 +168,3 @@ def offset_step(
     for name in left:
         step[own[name]], spread[own[name]] = known[name], stds[name]
     return estimate, step, spread
-
-
-def _found(
-    model: Model,
-    values: Array,
-    start: Array,
-    std: Array,
-    wanted: Sequence[bool],
-    converged: bool,
-) -> ZeroOffsets:
-    joints, units = model.robot.joint_names, tuple(c.unit for c in model.robot.coordinates)
-    arrays = frozen(values), frozen(start), frozen(std)
-    return ZeroOffsets(joints, units, *arrays, tuple(wanted), converged)

@@ -322,13 +322,8 @@ def knowledge_of(model: Model, loaded: LoadedRobot, fastest: Array | None = None
     """All that model and robot file say before the data.
 
     Constraints on friction that was chosen from the data, or is still to be, and is not in the
-    model, are passed over with a note.
-
-    Args:
-        model: The model.
-        loaded: The robot file.
-        fastest: Greatest speed of each joint in the data [rad/s; m/s], up to which and beyond
-            friction is bounded as a whole; without it, coefficient by coefficient.
+    model, are passed over with a note. Up to the greatest speed of each joint in the data [rad/s;
+    m/s] and beyond, friction is bounded as a whole; without it, coefficient by coefficient.
 
     Raises:
         ModelError: A constraint is none, names what is not there, or contradicts itself.
@@ -375,15 +370,7 @@ def _refuse_own(rows: Sequence[Row], own: Sequence[str], where: str) -> None:
 
 
 def constraint_of(table: Mapping[str, Any], where: str) -> PriorConstraint:
-    """A constraint from a table with its `kind` and its fields.
-
-    Args:
-        table: As the robot file has it.
-        where: For messages.
-
-    Raises:
-        ModelError: There is no such kind, a field is missing or unknown, or of another type.
-    """
+    """A constraint from a table of the robot file with its `kind` and its fields."""
     return cast(PriorConstraint, KINDS.built(table, where))
 
 

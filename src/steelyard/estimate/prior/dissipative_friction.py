@@ -84,10 +84,8 @@ class Coordinate:
 def friction_curves(model: Model, fastest: Sequence[float] | Array) -> tuple[Row, ...]:
     """Rows by which friction along every coordinate takes energy.
 
-    Args:
-        model: The model.
-        fastest: Greatest speed of each joint in the data, shape `(n,)` [rad/s; m/s]; joints that
-            loops determine have none.
+    `fastest` is the greatest speed of each joint in the data, `(n,)` [rad/s; m/s]; joints that
+    loops determine have none.
     """
     laws = [
         term
@@ -161,14 +159,7 @@ def _rows(group: Sequence[Coordinate], robot: Robot) -> list[list[Row]]:
 def _rows_of(
     part: Coordinate, robot: Robot, ranges: Sequence[float], works: Sequence[Array]
 ) -> list[Row]:
-    """The rows of one coordinate, each once.
-
-    Args:
-        part: The coordinate.
-        robot: The robot.
-        ranges: Ranges of cycles.
-        works: Energies of the cycles, per law as `_works` gives them.
-    """
+    """The rows of one coordinate, each once, from energies of the cycles per law, see `_works`."""
     axis, top, farthest = part.axis, part.top, part.farthest
     grid = np.append(top * SPEEDS, [v for v in farthest * UNREACHED_SPEEDS if v > top])
     speeds = np.concatenate([grid, -grid])
@@ -220,17 +211,10 @@ def _sliding(law: ActsOnAxes, robot: Robot, speeds: Array) -> tuple[Array, Array
 def _works(
     law: ActsOnAxes, robot: Robot, axes: Sequence[Axis], tops: Array, ranges: Sequence[float]
 ) -> Array:
-    """Energies of closed cycles over their lengths, per unit of each parameter.
+    """Energies of closed cycles over their lengths, per unit of each parameter of a law.
 
-    Args:
-        law: The law.
-        robot: The robot.
-        axes: The coordinates, which move at once.
-        tops: The speed of each that `CYCLES` refers to, shape `(axes,)`.
-        ranges: Ranges of the cycles.
-
-    Returns:
-        Shape `(parameters, len(ranges) * len(CYCLES))`.
+    The coordinates move at once, with the speeds `tops` that `CYCLES` refers to, `(axes,)`. Shape
+    `(parameters, len(ranges) * len(CYCLES))`.
     """
     cycles = [(reach, v) for reach in ranges for v in CYCLES]
     if not cycles:
@@ -257,10 +241,8 @@ def _cycle(reach: float) -> Array:
 def _work(force: Array, steps: Array, remembers: bool) -> Array:
     """Energy of the last of three cycles, per unit of each parameter.
 
-    Args:
-        force: Force of every parameter, shape `(parameters, N)`.
-        steps: Change of position up to each sample, shape `(N,)`.
-        remembers: Whether forces change within a step; they are constant along it otherwise.
+    Forces are of shape `(parameters, N)`, steps of the position up to each sample `(N,)`. Of a law
+    that remembers forces change within a step; they are constant along it otherwise.
     """
     once = 2 * (len(HALF) - 1)
     last = force[:, -once:]
@@ -287,15 +269,8 @@ def _turned(
 def _along(law: ActsOnAxes, robot: Robot, axes: Sequence[Axis], x: Array, v: Array) -> Array:
     """Force of every parameter along coordinates without a joint in common, which alone move.
 
-    Args:
-        law: The law.
-        robot: The robot.
-        axes: The coordinates.
-        x: Position along each, shape `(N,)`.
-        v: Speed along each, shape `(N,)` or `(axes, N)`.
-
-    Returns:
-        Shape `(parameters, N)`.
+    Positions along each are of shape `(N,)`, speeds `(N,)` or `(axes, N)`; the force
+    `(parameters, N)`.
     """
     directions = np.array([np.array(axis.row) / np.dot(axis.row, axis.row) for axis in axes])
     direction = directions.sum(axis=0)

@@ -1,6 +1,6 @@
 """Knowledge of bodies before the data: priors from the model file and from simple solid shapes."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,11 +16,7 @@ from steelyard.robot.robot import Body, Robot
 class Row:
     r"""A linear constraint, $l \le \sum_k a_k \phi_k \le u$, over standard parameters.
 
-    Attributes:
-        label: What was wished and where, for messages.
-        coefficients: $a_k$ by name of the parameter.
-        lower: $l$; minus infinity for none.
-        upper: $u$; infinity for none; equal to `lower` for an equation.
+    The label says for messages what was wished and where; coefficients $a_k$ are by name.
     """
 
     label: str
@@ -34,13 +30,11 @@ class Knowledge:
     """What is known before the data.
 
     Attributes:
-        names: Standard parameters of the model, `p` of them.
         bodies: Names of the bodies, in the model's order.
         priors: Per body the nominal mass properties, with a positive definite pseudo-inertia;
             `None` for a body without prior.
         lower: Lower bounds of the parameters, shape `(p,)`.
         upper: Upper bounds, shape `(p,)`.
-        rows: Further constraints.
         curves: Rows that bound the friction along a coordinate as a whole.
         deviations: Standard deviations from zero that some parameters have, by name.
         shaped: Parameters in them whose own lower bounds these rows replace.
@@ -79,10 +73,7 @@ DENSITY = 2000.0
 def of_spread(mass: float, com: ArrayLike, spread: ArrayLike) -> Inertia:
     r"""The body with the second moments $\Sigma_c = \int (x - c)(x - c)^T\,dm$ about its centre.
 
-    Args:
-        mass: [kg].
-        com: Centre of mass, shape `(3,)` [m].
-        spread: $\Sigma_c$ in link axes, shape `(3, 3)` [kg m²].
+    Mass in kg, centre `(3,)` [m], and $\Sigma_c$ in link axes, `(3, 3)` [kg m²].
     """
     spread = np.asarray(spread, dtype=np.float64)
     return Inertia.about_com(mass, com, np.trace(spread) * np.eye(3) - spread)
@@ -97,10 +88,7 @@ def spread_of(inertia: Inertia) -> Array:
 def box(mass: float, centre: ArrayLike, size: ArrayLike) -> Inertia:
     r"""A solid box along the link's axes: $\Sigma_c = \tfrac{m}{12}\,\mathrm{diag}(s^2)$.
 
-    Args:
-        mass: [kg].
-        centre: Shape `(3,)` [m].
-        size: $s$, lengths of its edges, shape `(3,)` [m].
+    Its centre and the lengths $s$ of its edges are of shape `(3,)` [m].
     """
     edges = np.asarray(size, dtype=np.float64)
     return of_spread(mass, centre, mass / 12.0 * np.diag(edges**2))
@@ -113,17 +101,11 @@ def ball(mass: float, centre: ArrayLike, radius: float | None = None) -> Inertia
 
 
 def capsule(mass: float, start: ArrayLike, end: ArrayLike, radius: float | None = None) -> Inertia:
-    r"""A solid rod with round ends, between the centres of its end balls.
+    """A solid rod with round ends, between the centres of its end balls, each `(3,)` [m].
 
     With $l$ the distance of the ends, $m_c$ and $m_b$ the masses of the cylinder and of both half
-    balls: along the axis
-    $m_c l^2/12 + m_b (r^2/5 + l^2/4 + 3 l r/8)$, across it $m_c r^2/4 + m_b r^2/5$.
-
-    Args:
-        mass: [kg].
-        start: Shape `(3,)` [m].
-        end: Shape `(3,)` [m].
-        radius: [m]; that of a body of `DENSITY` if `None`.
+    balls: along the axis $m_c l^2/12 + m_b (r^2/5 + l^2/4 + 3 l r/8)$, across it
+    $m_c r^2/4 + m_b r^2/5$. The radius [m] is that of a body of `DENSITY` if `None`.
     """
     first, last = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     length = float(np.linalg.norm(last - first))
@@ -169,10 +151,9 @@ UNKNOWN_MASS = 1.0
 
 @dataclass(frozen=True, eq=False)
 class PriorBody:
-    """A body that can be a prior.
+    """A body that can be a prior: its pseudo-inertia is positive definite.
 
     Attributes:
-        inertia: Its pseudo-inertia is positive definite.
         why: Why the one given could not be, and what was done; `None` if it could.
         thin: Whether it was only widened, being thinner than `THINNEST`.
     """
@@ -240,15 +221,12 @@ def notes_on(corrected: Mapping[str, PriorBody]) -> tuple[str, ...]:
 
 
 def corrected_body(given: Inertia, *, noted: bool = False) -> PriorBody:
-    r"""The consistent body nearest to a given one, of the same mass and centre.
+    r"""The consistent body nearest to a given one, of the same mass, above zero, and centre.
 
     The second moments about the centre of mass, $\Sigma_c$, keep their principal axes; those below
     `THINNEST` of the greatest are lifted to it. Where even the greatest is less than that of a ball
-    of steel, a ball of common density stands in.
-
-    Args:
-        given: Its mass is above zero.
-        noted: Whether it is noted elsewhere why no body can have it, as the model file's notes do.
+    of steel, a ball of common density stands in. `noted` says that it is noted elsewhere why no
+    body can have it, as the model file's notes do.
     """
     flaw = given.flaw()
     moments, axes = np.linalg.eigh(spread_of(given))
@@ -263,12 +241,13 @@ def corrected_body(given: Inertia, *, noted: bool = False) -> PriorBody:
     least = THINNEST * moments[-1]
     if moments[0] >= least:
         return PriorBody(given)
-    lifted = of_spread(given.mass, given.com, _with_moments(axes, np.maximum(moments, least)))
+    raised = (axes * np.maximum(moments, least)) @ axes.T
+    lifted = of_spread(given.mass, given.com, raised)
     if flaw is None:
         return PriorBody(lifted, thin=True)
-    lifted_to = _listed(np.linalg.eigvalsh(lifted.inertia_com), "kg m²")
+    principal = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(lifted.inertia_com))
     why = "its moments of inertia are" if noted else f"it is not physically consistent: {flaw};"
-    return PriorBody(lifted, f"{why} raised to {lifted_to}")
+    return PriorBody(lifted, f"{why} raised to {principal} kg m²")
 
 
 def assumed_mass(robot: Robot) -> float:
@@ -280,10 +259,7 @@ def assumed_mass(robot: Robot) -> float:
 def assumed_body(robot: Robot, index: int, mass: float) -> Inertia:
     """A solid body from a joint's origin to what it carries: capsules, or a ball at the origin.
 
-    Args:
-        robot: The robot.
-        index: Index of the body.
-        mass: [kg]; several capsules share it evenly.
+    Several capsules share the mass evenly.
     """
     ends = [end for end in _ends(robot, index) if np.linalg.norm(end) > 1e-3]
     if not ends:
@@ -317,11 +293,3 @@ def _ends(robot: Robot, index: int) -> Sequence[Array]:
     if ends or not frames:
         return ends
     return [max(frames, key=lambda position: float(np.linalg.norm(position)))]
-
-
-def _with_moments(axes: Array, moments: Array) -> Array:
-    return (axes * moments) @ axes.T
-
-
-def _listed(values: Iterable[float], unit: str) -> str:
-    return ", ".join(f"{value:.3g}" for value in values) + f" {unit}"

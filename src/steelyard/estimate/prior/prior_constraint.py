@@ -31,11 +31,6 @@ from steelyard.robot.robot import Robot
 def given_knowledge(model: Model, section: PriorSection, where: Locate) -> Knowledge:
     """What model file and the section `[prior]` say: bodies, and bounds of the terms' parameters.
 
-    Args:
-        model: The model.
-        section: What the robot file says of priors.
-        where: Places in the robot file.
-
     Raises:
         ModelError: The section names a link that is not there, or contradicts itself.
     """
@@ -51,11 +46,7 @@ def given_knowledge(model: Model, section: PriorSection, where: Locate) -> Knowl
 
 
 def body_index(robot: Robot, name: str, where: str) -> int:
-    """Which moving body a link's name means.
-
-    Raises:
-        ModelError: No body is called so; the message says which one carries a fixed link.
-    """
+    """Which moving body a link's name means; a `ModelError` says which one carries a fixed link."""
     names = [body.name for body in robot.bodies]
     if name in names and not robot.bodies[names.index(name)].massless:
         return names.index(name)
@@ -144,20 +135,14 @@ def _solid(robot: Robot, index: int, given: LinkPriorSection, mass: float) -> In
 class ConstraintContext:
     """The context of a constraint: the parameters of a model, and the constraint's place.
 
-    Attributes:
-        model: The model.
-        where: For messages.
+    Its functions refuse by a `ModelError` what the model does not have.
     """
 
     model: Model
     where: str
 
     def body(self, name: str) -> str:
-        """The name, if a moving link with parameters has it.
-
-        Raises:
-            ModelError: None has.
-        """
+        """The name, if a moving link with parameters has it."""
         body_index(self.model.robot, name, self.where)
         if not rigid_bodies(self.model):
             self.refuse(
@@ -172,11 +157,7 @@ class ConstraintContext:
         return tuple(body.name for body in rigid_bodies(self.model).values())
 
     def parameters(self, pattern: str) -> tuple[str, ...]:
-        """Parameters that a name means; `*` in it stands for anything.
-
-        Raises:
-            ModelError: None has such a name.
-        """
+        """Parameters that a name means; `*` in it stands for anything."""
         found = tuple(n for n in self.model.names if n == pattern or fnmatchcase(n, pattern))
         if not found:
             fix = advice(pattern, self.model.names, "parameters")
@@ -184,22 +165,14 @@ class ConstraintContext:
         return found
 
     def parameter(self, name: str) -> str:
-        """The name, if a parameter has it.
-
-        Raises:
-            ModelError: None has.
-        """
+        """The name, if a parameter has it."""
         if name not in self.model.names:
             fix = advice(name, self.model.names, "parameters")
             self.refuse(f"the model has no parameter '{name}'", fix)
         return name
 
     def refuse(self, wrong: str, fix: str) -> NoReturn:
-        """Refuse this constraint.
-
-        Raises:
-            ModelError: Always.
-        """
+        """Refuse this constraint."""
         raise ModelError(wrong, where=self.where, fix=fix)
 
     def row(
@@ -220,11 +193,7 @@ class PriorConstraint(Protocol):
     kind: ClassVar[str]
 
     def rows(self, scope: ConstraintContext) -> list[Row]:
-        """The constraint over a model's standard parameters.
-
-        Raises:
-            ModelError: It names what the model does not have, or contradicts itself.
-        """
+        """The constraint over a model's standard parameters, if that has them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -242,11 +211,7 @@ class Bounded:
     value: float | None = None
 
     def interval(self, scope: ConstraintContext) -> Interval:
-        """Lower and upper bound.
-
-        Raises:
-            ModelError: Nothing is given, a value beside bounds, or bounds in the wrong order.
-        """
+        """Lower and upper bound, in this order; or one value, not beside bounds."""
         bounds = self.lower is not None or self.upper is not None
         if bounds == (self.value is not None):
             scope.refuse(
@@ -264,13 +229,15 @@ class Bounded:
         return low, high
 
 
-def in_words(interval: Interval, unit: str) -> str:
+def in_words(interval: Interval, unit: str = "") -> str:
     """A bound as people say it: `at least 3 kg`, `between 3 and 5 kg`, `3 kg`."""
     low, high = interval
     if low == high:
-        return f"{low:g} {unit}"
-    if not np.isfinite(high):
-        return f"at least {low:g} {unit}"
-    if not np.isfinite(low):
-        return f"at most {high:g} {unit}"
-    return f"between {low:g} and {high:g} {unit}"
+        text = f"{low:g}"
+    elif not np.isfinite(high):
+        text = f"at least {low:g}"
+    elif not np.isfinite(low):
+        text = f"at most {high:g}"
+    else:
+        text = f"between {low:g} and {high:g}"
+    return f"{text} {unit}".rstrip()
