@@ -218,7 +218,11 @@ class _Sample:
         for row, values in zip(self._rows, arguments, strict=True):
             x = np.asarray(values)
             if x.shape != self._joints or x.dtype.kind not in "iuf":
-                raise self._misfit(x)
+                raise DataError(
+                    f"values of shape {x.shape}, type {x.dtype}, for {self._joints[0]} joints",
+                    where=", ".join(self._compiled.quantity.arguments),
+                    fix="give one number per joint in each",
+                )
             row[...] = x
         if self._scan is not None:
             self._look(self._scan, t)
@@ -249,10 +253,3 @@ class _Sample:
         state = JointState(q, dq, [0.0] * len(q), passive)
         self._memory[: part.n_memory] = part.started(state)
         self._begun = True
-
-    def _misfit(self, given: Array) -> DataError:
-        return DataError(
-            f"values of shape {given.shape}, type {given.dtype}, for {self._joints[0]} joints",
-            where=", ".join(self._compiled.quantity.arguments),
-            fix="give one number per joint in each",
-        )

@@ -57,7 +57,11 @@ class Quantity:
         Raises:
             ModelError: Accelerations are asked for, and a term depends on them beside the inertia.
         """
-        loaded = [t.law for t in equations.terms if t.needs_reference or _is_unstepped(t)]
+        loaded = [
+            t.law
+            for t in equations.terms
+            if t.needs_reference or isinstance(t, StatefulTerm) and not isinstance(t, Presliding)
+        ]
         if loaded and "tau" in self.arguments:
             raise ModelError(
                 f"{self.name}: '{loaded[0]}' depends on the acceleration that is looked for",
@@ -112,10 +116,6 @@ class Quantity:
         """The program of a step as machine code."""
         description = ["step", self.name, *self.key, part.to_dict()]
         return compiled(description, lambda: (self.step_program(part), {}))
-
-
-def _is_unstepped(term: Term) -> bool:
-    return isinstance(term, StatefulTerm) and not isinstance(term, Presliding)
 
 
 def _efforts(part: Equations, given: Given) -> list[Scalar]:

@@ -11,10 +11,8 @@ from steelyard.model.laws.register import DEFAULT_TERMS, refuse_unfit, term_of
 from steelyard.model.laws.rotor_inertia import RotorInertia
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
-from steelyard.model.terms.term import Term
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.robot.robot import Robot
 
 
 def model_with_open_friction(loaded: LoadedRobot) -> Model:
@@ -28,9 +26,12 @@ def model_with_open_friction(loaded: LoadedRobot) -> Model:
         left += (Coulomb, Viscous) if loaded.friction else ()
         return Model(loaded.robot, tuple(t for t in DEFAULT_TERMS if not isinstance(t, left)))
     terms = tuple(term_of(t.description, t.where) for t in loaded.terms)
+    gears = loaded.robot.transmission
+    motors = set(gears.motors if gears else ()) - set(loaded.robot.joint_names)
     for term, spec in zip(terms, loaded.terms, strict=True):
         refuse_unfit(term, loaded.robot, spec.where)
-        if behind and _is_of_motors(term, loaded.robot):
+        named = {name for pair in getattr(term, "pairs", ()) for _, name in pair}
+        if behind and (term.on_motors or named & motors):
             raise ModelError(
                 f"term '{term.law}' acts on the motors' side, but efforts are link torques, "
                 "on the link side",
@@ -44,14 +45,6 @@ def model_with_open_friction(loaded: LoadedRobot) -> Model:
 def with_friction(model: Model, loaded: LoadedRobot) -> Model:
     """The model with Coulomb and viscous friction where a robot file leaves friction open."""
     return replace(model, terms=(*model.terms, Coulomb(), Viscous())) if loaded.friction else model
-
-
-def _is_of_motors(term: Term, robot: Robot) -> bool:
-    """Whether a term acts on the motors' side of the gears."""
-    gears = robot.transmission
-    motors = () if gears is None else gears.motors
-    named = {name for pair in getattr(term, "pairs", ()) for _, name in pair}
-    return term.on_motors or not named.isdisjoint(set(motors) - set(robot.joint_names))
 
 
 @checked()

@@ -44,7 +44,7 @@ def ignored_statements(
     moving = {body.joint for body in robot.bodies}
     unlimited = set(robot.joint_names) - set(limited)
     lines: dict[str, list[str]] = {}
-    for note in (*mechanism.statements, *_placeholders(mechanism), *_springs(mechanism)):
+    for note in _statements(mechanism):
         concerned = unlimited if note.answer == "efforts" else moving
         if note.answer in answered or (note.joints and concerned.isdisjoint(note.joints)):
             continue
@@ -73,15 +73,14 @@ def springs_along(mechanism: Mechanism, robot: Robot) -> dict[str, JointSpring]:
     return {n: JointSpring(k, p / k, linear[n]) for n, (k, p) in pulls.items() if k}
 
 
-def _placeholders(mechanism: Mechanism) -> Iterator[ModelNote]:
+def _statements(mechanism: Mechanism) -> Iterator[ModelNote]:
+    """All that the model file says and no robot has: placeholders of limits and springs, too."""
+    yield from mechanism.statements
     what = "placeholder effort limits are treated as unknown (state [robot.limits.JOINT] effort): "
     for joint in mechanism.joints:
         if joint.placeholder > 0.0:
             item = f"{joint.name} ({joint.placeholder:g} {_units(joint)[0]})"
             yield ModelNote(what, item, (joint.name,), "efforts")
-
-
-def _springs(mechanism: Mechanism) -> Iterator[ModelNote]:
     what = (
         'springs along joints are in the model file; a term {law = "spring", ...} under [model] '
         "terms represents them, none of the default terms does: "
@@ -199,7 +198,10 @@ def reduced(
     refuse_coupled(mechanism, masters, moving)
     _check_joints(mechanism, [*locked], "locked")
     _check_joints(mechanism, [*limits], "given limits")
-    positions, assumed = _locked_positions(mechanism, moving, locked)
+    resting_joints = [j for j in mechanism.movable if j.name not in (*moving, *locked)]
+    assumed = tuple(j.name for j in resting_joints)
+    zeros = (float(np.clip(0.0, j.limits.lower, j.limits.upper)) for j in resting_joints)
+    positions = {**locked, **dict(zip(assumed, zeros, strict=True))}
     resting = {
         name: drive.ratio * positions[drive.master] + drive.offset
         for name, drive in drives.items()
@@ -299,17 +301,6 @@ def _moving(
             fix="leave at least one revolute, continuous or prismatic joint unlocked",
         )
     return tuple(joints)
-
-
-def _locked_positions(
-    mechanism: Mechanism, moving: tuple[str, ...], locked: Mapping[str, float]
-) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Position of every independent joint that does not move, and which of them were assumed."""
-    positions = dict(locked)
-    assumed = [j for j in mechanism.movable if j.name not in moving and j.name not in locked]
-    for joint in assumed:
-        positions[joint.name] = float(np.clip(0.0, joint.limits.lower, joint.limits.upper))
-    return positions, tuple(j.name for j in assumed)
 
 
 def _coordinate(

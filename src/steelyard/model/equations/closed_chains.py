@@ -152,7 +152,7 @@ def completed(robot: Robot, state: JointState) -> tuple[JointState, Any]:
                 torque_map[joint - robot.n][k] = value
     dq = [*state.dq, *(along(row, state.dq) for row in torque_map)]
     drifts = [
-        negative(_dot(_constant(direction), _drift(arms[loop], dq)))
+        negative(_dot(_constant(direction), _drift(arms[loop][0], dq) - _drift(arms[loop][1], dq)))
         for loop, direction in zip(equations.loops, equations.directions, strict=True)
     ]
     ddq = [along(row, state.ddq) for row in torque_map]
@@ -195,17 +195,12 @@ def projected(
         else:
             gains = enumerate(torque_map[row - robot.n])
             parts = [(k, g * value) for k, g in gains if g is not None]
-            targets = [(k, part) for k, part in parts if not _vanishes(part)]
+            # symbols may be zero by structure; arrays and numbers never are
+            targets = [(k, x) for k, x in parts if not getattr(x, "is_zero", bool)()]
         for target, part in targets:
             old = result.get((target, column))
             result[target, column] = part if old is None else old + part
     return result
-
-
-def _vanishes(scalar: Scalar) -> bool:
-    """Whether a symbol is zero by structure; arrays and numbers have none."""
-    test = getattr(scalar, "is_zero", None)
-    return test is not None and bool(test())
 
 
 def _arms(robot: Robot, q: Sequence[Scalar]) -> list[tuple[_Arm, _Arm]]:
@@ -250,12 +245,8 @@ def _slopes(equations: LoopEquations, arms: Sequence[tuple[_Arm, _Arm]]) -> list
     return rows
 
 
-def _drift(arms: tuple[_Arm, _Arm], dq: Sequence[Scalar]) -> Vector:
-    """How the points of a pin accelerate apart while no joint accelerates."""
-    return _own_drift(arms[0], dq) - _own_drift(arms[1], dq)
-
-
-def _own_drift(arm: _Arm, dq: Sequence[Scalar]) -> Vector:
+def _drift(arm: _Arm, dq: Sequence[Scalar]) -> Vector:
+    """How the point of an arm accelerates while no joint accelerates."""
     zero = _constant(np.zeros(3))
     omega, alpha, acceleration, origin = zero, zero, zero, zero
     for hinge in arm.hinges:

@@ -1,11 +1,12 @@
 """A spring between two points of the mechanism, such as carries a heavy arm."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from steelyard.base.arrays import Parameter
+from steelyard.base.arrays import Array, Parameter
 from steelyard.base.errors import ModelError, advice
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, carried_point
 from steelyard.model.terms.model_files import Placed, Pull, Values
@@ -47,9 +48,13 @@ class GravityCompensator(Term):
                 raise _unusable(f"without its geometry: `{key}` is missing")
         if not isinstance(self.name, str):
             raise _unusable(f"with the name {self.name!r}")
-        if not _are_links(self.links):
+        links = self.links
+        if not isinstance(links, tuple) or list(map(type, links)) != [str, str]:
             raise _unusable(f"between the links {self.links!r}")
-        if not _are_points(self.points):
+        values: Array = np.zeros(0)
+        with suppress(TypeError, ValueError):
+            values = np.array(self.points, dtype=np.float64)
+        if values.shape != (2, 3) or not np.isfinite(values).all():
             raise _unusable(f"between the points {self.points!r}")
 
     @property
@@ -111,18 +116,6 @@ def _on_body(robot: Robot, link: str, point: tuple[float, ...]) -> tuple[int, An
         where=f"robot '{robot.name}', list of terms",
         fix=advice(link, known, "links"),
     )
-
-
-def _are_links(links: Any) -> bool:
-    return isinstance(links, tuple) and len(links) == 2 and all(isinstance(x, str) for x in links)
-
-
-def _are_points(points: Any) -> bool:
-    try:
-        values = np.array(points, dtype=np.float64)
-    except (TypeError, ValueError):
-        return False
-    return values.shape == (2, 3) and bool(np.isfinite(values).all())
 
 
 def _unusable(what: str) -> ModelError:

@@ -285,20 +285,20 @@ def _explained(
             where=places.where(*path),
             fix=f"add {missing} = ... to {shown(path)}" if path else f"add a [{missing}] table",
         )
+    table = "valid dictionary( or (instance of|object to) .+)?"
     words = dict.fromkeys(
-        _wanted(flaw["msg"]) for flaw in flaws if _path(data, flaw["loc"]) == path
+        re.sub(table, "table", flaw["msg"])
+        .replace("Input should be", "")
+        .replace("tuple", "list in [ ]")
+        .strip()
+        for flaw in flaws
+        if _path(data, flaw["loc"]) == path
     )
     return ModelError(
         f"{first['input']!r} cannot be used for '{path[-1] if path else 'the file'}'",
         where=places.where(*path),
         fix=first["msg"] if first["type"] == ADVICE else "it should be " + ", or ".join(words),
     )
-
-
-def _wanted(message: str) -> str:
-    """What pydantic asks for, in the words of TOML."""
-    message = re.sub("valid dictionary( or (instance of|object to) .+)?", "table", message)
-    return message.replace("Input should be", "").replace("tuple", "list in [ ]").strip()
 
 
 def _path(data: Any, loc: tuple[str | int, ...]) -> KeyPath:
@@ -317,19 +317,16 @@ def _known_keys(schema: type[BaseModel], path: KeyPath, data: Any) -> list[str]:
     for part in path:
         data = data[part]
         field = schema.model_fields.get(str(part))
-        inner = list(_schemas(field.annotation)) if field else []
-        schema = next((one for one in inner if _is_of(one, data)), inner[0] if inner else schema)
+        inner = list(_schemas(field.annotation)) if field else [schema]
+        kinds = [one.model_fields.get("kind") for one in inner]
+        said = data.get("kind") if isinstance(data, dict) else None
+        fitting = [
+            one
+            for one, kind in zip(inner, kinds, strict=True)
+            if kind is not None and said in get_args(kind.annotation)
+        ]
+        schema = (fitting or inner or [schema])[0]
     return list(schema.model_fields)
-
-
-def _is_of(schema: type[BaseModel], table: Any) -> bool:
-    """Whether a table says that it is of a schema's kind."""
-    kind = schema.model_fields.get("kind")
-    return (
-        kind is not None
-        and isinstance(table, dict)
-        and table.get("kind") in get_args(kind.annotation)
-    )
 
 
 def _schemas(annotation: Any) -> Iterator[type[BaseModel]]:

@@ -51,7 +51,11 @@ def proposed(reference: str | Path, base: str | None = None) -> Proposal:
         base, why_base = _base(mechanism)
     tied, reasons = _tied(mechanism, base)
     groups = _loop_groups(mechanism, base)
-    hands = [group for group in groups if _of_a_hand(mechanism, group)]
+    hands = [
+        group
+        for group in groups
+        if any(map(like_finger, group)) or not {*group} & {*mechanism.driven}
+    ]
     refused: ModelError | None = None
     for source, loops, reason in (
         (model, hands, _HAND),
@@ -155,9 +159,3 @@ def _loop_groups(mechanism: Mechanism, base: str | None) -> list[list[str]]:
         groups = [group for group in groups if group not in shared]
         groups.append(own.union(*shared) & {*order})
     return [sorted(group, key=order.index) for group in groups if group]
-
-
-def _of_a_hand(mechanism: Mechanism, group: list[str]) -> bool:
-    """Whether the joints' names say so, or none of them has an actuator of its own."""
-    named = any(like_finger(name) for name in group)
-    return named or not any(name in mechanism.driven for name in group)

@@ -109,6 +109,11 @@ def signals_part(guess: Guess, moving: Sequence[Coordinate], known: Known, file:
     reasons = "\n".join(comment(reason, "# * ") for reason in guess.reasons)
     wrong = "".join(comment(f"CHECK, contradictory: {why}.") + "\n" for why in guess.contradictions)
     units = tuple(c.unit for c in moving)
+    if section.rate is not None:
+        clock = "# The log has no time column: sampling rate [Hz].\n" + f"rate = {section.rate!r}"
+    else:
+        unit = f'{toml_text(section.time_unit)}  # "s", "ms", "us" or "ns"'
+        clock = f"time = {toml_text(section.time)}\ntime_unit = {unit}"
     side = '\nside = "motor"  # torques of the motors, through [robot.transmission]'
     side *= effort.side == "motor"
     beside = _side_lines(section, moving, known.zeros) + _velocity_lines(guess)
@@ -117,7 +122,7 @@ def signals_part(guess: Guess, moving: Sequence[Coordinate], known: Known, file:
 # CHECK: the columns of the log. Guessed as follows:
 {reasons}
 {wrong}[signals]
-{_clock_lines(section)}
+{clock}
 # One column per joint, or a pattern: "q{{}}" for q1, q2, ..., "{{joint}}_q" for the joints' names.
 position = {toml_text(section.position)}
 position_unit = {toml_text(position_unit)}  # "rad", "deg", "m" or "mm"; or one per joint
@@ -187,14 +192,6 @@ def scale_words(guess: Guess) -> str:
             "valid; masses, inertias and torques are up to one common scale."
         )
     return "torques and forces are taken as logged, and gains of currents identified beside them."
-
-
-def _clock_lines(section: SignalsSection) -> str:
-    if section.rate is not None:
-        why = "# The log has no time column: sampling rate [Hz]."
-        return f"{why}\nrate = {section.rate!r}"
-    unit = f'{toml_text(section.time_unit)}  # "s", "ms", "us" or "ns"'
-    return f"time = {toml_text(section.time)}\ntime_unit = {unit}"
 
 
 def _velocity_lines(guess: Guess) -> str:

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from steelyard.robot.mechanism import Coupling, Mimic, Pin
+from steelyard.robot.models.mjcf_forces import single_joints
 from steelyard.robot.rigid_body import Placement
 
 WORLD = "world"
@@ -32,13 +33,6 @@ class _Proportion:
     master: int
     offset: float
     ratio: float
-
-
-def _leads(masters: Mapping[int, int], joint: int, to: int) -> bool:
-    """Whether a joint is `to`, or follows it over others."""
-    while joint != to and joint in masters:
-        joint = masters[joint]
-    return joint == to
 
 
 @dataclass(frozen=True)
@@ -85,7 +79,7 @@ class Equalities:
         where it is: both are left out.
         """
         kinds, couplings, notes = mujoco.mjtEq, list[Coupling](), list[str]()
-        proportional = self._proportions()
+        proportional, single = self._proportions(), single_joints(self.model)
         for index in self._active():
             kind = kinds(int(self.model.eq_type[index]))
             if kind == kinds.mjEQ_CONNECT or index in proportional:
@@ -109,7 +103,7 @@ class Equalities:
                 joints, what = self._of_tendons(index), "a tendon equality"
             else:
                 joints, what = self._of_flex(index), "a flex equality"
-            named = tuple(dict.fromkeys(self._joint(k) for k in joints if self._single(k)))
+            named = tuple(dict.fromkeys(self._joint(k) for k in joints if k in single))
             if named:
                 couplings.append(Coupling(self._name(index), what, named, self._where(index)))
         return couplings, notes
@@ -143,7 +137,10 @@ class Equalities:
             (first, a), (second, b) = pair.items()
             if second in masters:
                 first, a, second, b = second, b, first, a
-            if second not in masters and not _leads(masters, first, second):
+            end = first
+            while end != second and end in masters:
+                end = masters[end]
+            if second not in masters and end != second:
                 offset = float(model.eq_data[index][0]) / b
                 found[index] = _Proportion(second, first, offset, -a / b)
                 masters[second] = first
@@ -187,13 +184,6 @@ class Equalities:
         if mujoco.mjtObj(int(self.model.eq_objtype[index])) == mujoco.mjtObj.mjOBJ_SITE:
             return int(self.model.site_bodyid[first]), int(self.model.site_bodyid[second])
         return first, second
-
-    def _single(self, joint: int) -> bool:
-        """Whether a joint has one degree of freedom."""
-        return int(self.model.jnt_type[joint]) in (
-            int(mujoco.mjtJoint.mjJNT_HINGE),
-            int(mujoco.mjtJoint.mjJNT_SLIDE),
-        )
 
     def _floats(self, body: int) -> bool:
         """Whether a body hangs on a free joint."""

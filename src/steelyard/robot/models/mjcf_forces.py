@@ -111,7 +111,12 @@ class Actuators:
     def _joint_range(self, joint: int) -> tuple[float, float]:
         """Least and greatest `qfrc_actuator` of a joint; unbounded if nothing bounds it."""
         model, moments = self.model, self.moments[:, self._dof(joint)]
-        acting = [int(k) for k in np.flatnonzero(moments) if not self._disabled(int(k))]
+        groups, off = model.actuator_group, int(model.opt.disableactuator)
+        acting = [
+            int(k)
+            for k in np.flatnonzero(moments)
+            if not (0 <= groups[k] <= 30 and off >> int(groups[k]) & 1)
+        ]
         lower, upper = -np.inf, np.inf
         if acting and all(map(self._of_one_joint, acting)) and not model.jnt_actgravcomp[joint]:
             ends = np.array([moments[k] * self._force_range(k) for k in acting])
@@ -130,26 +135,19 @@ class Actuators:
             constant = kind in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
         return bool(constant and np.count_nonzero(self.moments[actuator]) == 1)
 
-    def _disabled(self, actuator: int) -> bool:
-        """Whether the actuator's group is switched off."""
-        group = int(self.model.actuator_group[actuator])
-        return 0 <= group <= 30 and bool(int(self.model.opt.disableactuator) >> group & 1)
-
     def _force_range(self, actuator: int) -> Array:
         """Least and greatest force of one actuator, `(2,)`."""
         model, ends = self.model, self._motor_range(actuator)
         if mujoco.mjtTrn(int(model.actuator_trntype[actuator])) == mujoco.mjtTrn.mjTRN_TENDON:
             tendon = model.actuator_trnid[actuator, 0]
-            if model.tendon_actfrclimited[tendon] and self._pulls_alone(tendon):
+            through = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON)
+            # MuJoCo limits only the sum of several
+            alone = np.sum(through & (model.actuator_trnid[:, 0] == tendon)) == 1
+            if model.tendon_actfrclimited[tendon] and alone:
                 ends = np.clip(ends, *model.tendon_actfrcrange[tendon])
         if model.actuator_forcelimited[actuator]:
             ends = np.clip(ends, *model.actuator_forcerange[actuator])
         return ends
-
-    def _pulls_alone(self, tendon: int) -> bool:
-        """Whether a tendon has one actuator; MuJoCo limits only the sum of several."""
-        through = self.model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON)
-        return int(np.sum(through & (self.model.actuator_trnid[:, 0] == tendon))) == 1
 
     def _motor_range(self, actuator: int) -> Array:
         """Gain times the range of the control, for motors without feedback; else unbounded."""

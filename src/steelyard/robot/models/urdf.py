@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from pathlib import Path
+from typing import cast, get_args
 
 from steelyard.base.arrays import frozen
 from steelyard.base.errors import ModelError, advice
@@ -11,14 +12,7 @@ from steelyard.robot.models.xml_reader import Element, read_xml, xacro_name
 from steelyard.robot.rigid_body import Inertia, Placement, rpy_rotation, symmetric
 from steelyard.robot.robot import Limits
 
-_KINDS: dict[str, MechanismJointKind] = {
-    "fixed": "fixed",
-    "revolute": "revolute",
-    "continuous": "continuous",
-    "prismatic": "prismatic",
-    "floating": "floating",
-    "planar": "planar",
-}
+_KINDS = tuple(kind for kind in get_args(MechanismJointKind) if kind != "ball")
 _SINGLE = ("revolute", "continuous", "prismatic")
 _SIX = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")
 
@@ -38,7 +32,13 @@ def read_urdf(path: Path) -> Mechanism:
             where=root.where,
             fix="give a URDF (<robot>), an MJCF (<mujoco>) or a robot file (.toml)",
         )
-    _refuse_xacro(root)
+    if (element := of_xacro(root)) is not None:
+        raise ModelError(
+            "the file is a xacro template, not a URDF",
+            where=f"{element.path}, line {element.line}",
+            fix="give the whole xacro file, which is expanded here, or expand it first: "
+            f"xacro {element.path.name} > robot.urdf",
+        )
     return Mechanism(
         root.attributes.get("name") or path.stem,
         [_link(element) for element in root.all("link")],
@@ -66,16 +66,6 @@ def of_xacro(root: Element) -> Element | None:
         if xacro_name(element.tag) is not None or any("${" in v or "$(" in v for v in values):
             return element
     return None
-
-
-def _refuse_xacro(root: Element) -> None:
-    if (element := of_xacro(root)) is not None:
-        raise ModelError(
-            "the file is a xacro template, not a URDF",
-            where=f"{element.path}, line {element.line}",
-            fix="give the whole xacro file, which is expanded here, or expand it first: "
-            f"xacro {element.path.name} > robot.urdf",
-        )
 
 
 def _text(element: Element, attribute: str) -> str:
@@ -167,16 +157,23 @@ def _joint(element: Element) -> Joint:
         )
     axis = _only(element, "axis")
     moves = kind in _SINGLE
+    mimic, follows = None, _only(element, "mimic") if moves else None
+    if follows is not None:
+        ratio, offset = (
+            _number(follows, name) if name in follows.attributes else usual
+            for name, usual in (("multiplier", 1.0), ("offset", 0.0))
+        )
+        mimic = Mimic(_text(follows, "joint"), ratio, offset)
     xyz = _numbers(axis, "xyz", 3) if axis is not None and moves else (1.0, 0.0, 0.0)
     return Joint(
         name,
-        _KINDS[kind],
+        cast(MechanismJointKind, kind),
         _text(_needed(element, "parent"), "link"),
         _text(_needed(element, "child"), "link"),
         _placement(element),
         frozen(xyz),
         limits=_limits(element, kind) if moves else Limits(),
-        mimic=_mimic(element) if moves else None,
+        mimic=mimic,
         where=element.where,
     )
 
@@ -193,15 +190,3 @@ def _limits(joint: Element, kind: str) -> Limits:
     if kind != "continuous" and {"lower", "upper"} & set(limit.attributes):
         lower, upper = value("lower", 0.0), value("upper", 0.0)
     return Limits(lower, upper, value("velocity", 0.0) or math.inf, value("effort", math.inf))
-
-
-def _mimic(joint: Element) -> Mimic | None:
-    mimic = _only(joint, "mimic")
-    if mimic is None:
-        return None
-    given = mimic.attributes
-    return Mimic(
-        _text(mimic, "joint"),
-        _number(mimic, "multiplier") if "multiplier" in given else 1.0,
-        _number(mimic, "offset") if "offset" in given else 0.0,
-    )
