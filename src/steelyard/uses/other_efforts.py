@@ -109,18 +109,7 @@ def refuse_other_efforts(
 def refuse_unexplained(
     residual: float, measured: float, run: str, least: float, beside: str = ""
 ) -> None:
-    """A model explains most of the efforts of its robot.
-
-    Args:
-        residual: Square of the efforts that are not explained, in variances of the fit.
-        measured: That of all efforts.
-        run: Name of the log.
-        least: Share that must be explained.
-        beside: What explains efforts beside the model, such as ` with any payload`.
-
-    Raises:
-        LogError: Less is explained, and the residual is large.
-    """
+    """A model explains most of the efforts of its robot; squares are in variances of the fit."""
     if residual > LARGE_RESIDUAL**2 and residual > (1.0 - least) * measured:
         share = max(0.0, 1.0 - residual / measured)
         raise LogError(
@@ -139,11 +128,6 @@ def refuse_without(trace: ResidualTrace, sigma: Array, joints: Sequence[str]) ->
         trace: Residuals of the log.
         sigma: Standard deviation of the residual of the fit per joint, shape `(n,)` [Nm; N].
         joints: Names of the joints.
-
-    Raises:
-        LogError: An effort never changes though its joint's predicted one does; the residual is
-            minus the predicted gravity or friction, or twice that; an effort is minus the
-            predicted one.
     """
     _refuse_constant(trace, sigma, joints)
     whitened = trace.residual / sigma[:, None]

@@ -123,7 +123,6 @@ class WrenchMethod(Protocol):
     """From external efforts to wrenches.
 
     Attributes:
-        name: Of the method, for results.
         expected: The size of wrenches, beside which a direction is seen or not.
     """
 

@@ -33,11 +33,7 @@ NOISE = 0.5 * np.pi
 
 
 def check_bandwidth(bandwidth: float) -> None:
-    """Check a bandwidth.
-
-    Raises:
-        DataError: It is not above zero.
-    """
+    """Check a bandwidth."""
     if not 0.0 < bandwidth < np.inf:
         raise DataError(
             f"{bandwidth:g} Hz is no bandwidth",

@@ -55,11 +55,7 @@ class Observed:
 
 
 def moved_frame(robot: Robot, name: str | None) -> Frame:
-    """The frame of a name, the robot's end if `None`, if joints move it.
-
-    Raises:
-        ModelError: There is no such frame, or it is fixed to the base.
-    """
+    """The frame of a name, the robot's end if `None`, if joints move it."""
     frame = frame_of(robot, last_frame(robot) if name is None else name)
     if frame.body < 0:
         raise ModelError(
@@ -71,13 +67,7 @@ def moved_frame(robot: Robot, name: str | None) -> Frame:
 
 
 def observed_quantity(frame: Frame, axes: Axes, columns: tuple[int, ...]) -> Quantity:
-    """Momentum, drive, Jacobian and regressor columns of a model at a sample.
-
-    Args:
-        frame: The frame that the wrench acts on.
-        axes: Whose axes the wrench is given along.
-        columns: Indices of standard parameters of the model.
-    """
+    """Momentum, drive, Jacobian and regressor columns of a model at a sample."""
 
     def build(equations: Equations, given: Given) -> list[Scalar]:
         momentum, drive = momentum_and_drive(equations, given)
@@ -96,11 +86,7 @@ def observed_quantity(frame: Frame, axes: Axes, columns: tuple[int, ...]) -> Qua
 
 
 def columns_quantity(columns: tuple[int, ...]) -> Quantity:
-    """Regressor columns of a model at a sample, shape `(n, c)`.
-
-    Args:
-        columns: Indices of standard parameters of the model.
-    """
+    """Regressor columns of a model at a sample, shape `(n, c)`."""
     return Quantity(
         "chosen regressor columns",
         MOTION,
@@ -169,10 +155,6 @@ class StepProgram:
     observer's rate in rad/s `(3,)`; channels; parameters; the covariance of the efforts `(n n,)`
     and the variances of the wrench `(6,)`. Outputs are the state, accelerations behind the observer
     `(n,)`, wrench `(6,)` and its variances `(6,)`.
-
-    Attributes:
-        equations: The model.
-        code: The program.
     """
 
     equations: Equations

@@ -191,11 +191,7 @@ def choose_friction(
 
 
 def refuse_listed(model: Model) -> None:
-    """A friction law of the joints is listed or chosen, not both.
-
-    Raises:
-        ModelError: A parameter of the model is one of a candidate's.
-    """
+    """A friction law of the joints is listed or chosen, not both."""
     laws = (term for stage in (DIRECTION, SPEED, LOAD) for mix in stage for term in mix)
     for term in laws:
         twice = [p.name for p in term.parameters(model.robot) if p.name in model.names]

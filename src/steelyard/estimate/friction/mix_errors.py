@@ -112,15 +112,11 @@ class FrictionMixErrors:
 
     Attributes:
         model: The model without friction.
-        wide: All candidates' columns.
-        moving: One window per fold, without rests.
-        whole: The same with rests.
-        estimator: How each mix is fitted.
+        moving: One window per fold, without rests; `whole` has them.
         consistent: Fits them in its place, if it is there.
         known: Errors of the mixes that were tried, shape `(folds, rows)`.
         gammas: Weight of the prior, one for all mixes and parts: that of the first mix and all
             runs. One for each part would scatter by more than mixes differ.
-        progress: Told about every fit.
         count: How many mixes there may be.
     """
 

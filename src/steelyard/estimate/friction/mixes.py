@@ -166,7 +166,6 @@ class JointMotion:
     """Motion of one joint over all logs.
 
     Attributes:
-        reversals: Reversals of its direction.
         travel: Distance travelled [rad; m].
         speeds: Fast over slow motion, quantiles 0.9 and 0.1 of the speed in motion.
     """

@@ -56,12 +56,9 @@ class Bilinear:
     r"""Bilinear least squares, $\sum_j w_j \|y_j - \rho_j Y_j \theta\|^2$, on Gram matrices.
 
     Attributes:
-        names: Names of the rows.
         sees: Columns of each row.
         grams: Gram matrix of each row's `[columns | effort]`.
-        counts: Samples per row.
         start: Parameters that are not free at their values, the others at zero.
-        free: Numbers of the free parameters.
         given: Known gains; not a number where they are to be found.
         dissipative: Numbers of columns whose parameters are not negative: friction, whose sign in
             a row is that of the row's gain.

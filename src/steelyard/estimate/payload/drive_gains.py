@@ -38,11 +38,7 @@ class DriveGain(NamedTuple):
     """One joint's gain as it is reported.
 
     Attributes:
-        joint: Name of the effort row.
-        gain: Joint effort per logged unit.
         half_width: Half-width of the 95 % interval.
-        unit: Its unit.
-        known: Whether it was given.
         assumed: Whether the data do not show it.
     """
 
@@ -254,9 +250,6 @@ def _assumed(problem: Bilinear, solution: Solution, row: int, units: Sequence[st
     """The given gains with that of a row, the geometric mean of the others of its unit.
 
     Its sign is that which friction determines, or most of the others have.
-
-    Raises:
-        DataError: There is no other of its unit.
     """
     shares = dict(zip(problem.wanted, problem.deviation(solution), strict=True))
     alike = [

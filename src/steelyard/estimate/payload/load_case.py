@@ -37,7 +37,6 @@ class TransformedRun:
     """One run, and how its columns' parameters follow from the shared ones.
 
     Attributes:
-        information: What the run says.
         transform: Shape `(columns, shared)`.
     """
 
@@ -159,11 +158,7 @@ WINDOWS = 8
 
 
 def carrier(robot: Robot, name: str | None = None) -> Frame:
-    """The frame of that name; that of the last link if none is named.
-
-    Raises:
-        ModelError: There is none, it is fixed to the base, or has no body.
-    """
+    """The frame of that name; that of the last link if none is named."""
     links = {
         body.name: Frame(body.name, k, np.eye(3), np.zeros(3))
         for k, body in enumerate(robot.bodies)
@@ -193,11 +188,7 @@ def carrier(robot: Robot, name: str | None = None) -> Frame:
 
 
 def payload_lift(robot: Robot, base: BaseMap, frame: Frame) -> Array:
-    """What a payload's ten numbers in a frame add to the base parameters, shape `(b, 10)`.
-
-    Raises:
-        ModelError: The model has no bodies, to which it could add.
-    """
+    """What a payload's ten numbers in a frame add to the base parameters, shape `(b, 10)`."""
     body = robot.bodies[frame.body].name
     if f"{INERTIAL_NAMES[0]}.{body}" not in base.names:
         raise ModelError(
@@ -231,7 +222,6 @@ class LoadCase:
     them, then the ten of each payload.
 
     Attributes:
-        information: About all of these.
         n_arm: How many parameters the arm has.
         drift: Columns of the arm that deviate per run.
         n_loads: Number of payloads; one at least, which may be carried by no run.
@@ -360,11 +350,7 @@ def combined(
 
 
 def refuse_foreign(model: Model, runs: Sequence[Information]) -> None:
-    """Runs must have been gathered with the model.
-
-    Raises:
-        DataError: One was not.
-    """
+    """Runs must have been gathered with the model."""
     for run in runs:
         if run.signature.model != model.fingerprint:
             raise DataError(

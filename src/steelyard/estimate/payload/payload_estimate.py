@@ -254,11 +254,7 @@ def payload_of(
 
 
 def refuse_unseen(covariance: Array, frame: Frame) -> None:
-    """Data that see none of the payload's numbers weigh nothing.
-
-    Raises:
-        DataError: No number has a variance.
-    """
+    """Data that see none of the payload's numbers weigh nothing."""
     if np.isnan(np.diag(covariance)).all():
         raise DataError(
             "no parameter of the payload is identifiable from the data",

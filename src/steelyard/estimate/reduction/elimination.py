@@ -96,7 +96,6 @@ class State:
     r"""A reduced model, all other columns being zero.
 
     Attributes:
-        full: The full model.
         active: Indices of the columns that are left, ascending, `k` of them.
     """
 
@@ -219,7 +218,6 @@ class Step:
     """One removal.
 
     Attributes:
-        name: The parameter.
         cost: Rise of chi-squared by it, see `State.losses`.
     """
 
@@ -267,16 +265,7 @@ def backward(
     In each step the parameter that is worth least, and is not essential, is removed and the
     others are refitted. Where `accepts` refuses the smaller model, the parameter becomes essential
     instead. The path ends where all parameters that are left are essential, or one is left.
-
-    Args:
-        full: The full model.
-        criterion: What a parameter is worth.
-        keep: Parameters that are essential from the start.
-        drop: Parameters that the first model of the path lacks, whatever they are worth.
-        accepts: Whether a model may be one of the path.
-
-    Raises:
-        DataError: No parameter is left without those to drop.
+    Parameters to drop are removed first, whatever they are worth.
     """
     complete = state = full.state(range(len(full.names)))
     essential, wanted = dict.fromkeys(keep), set(drop)

@@ -48,11 +48,7 @@ RULES: dict[type[StoppingRule], Callable[[float], StoppingRule] | None] = {
 
 
 def criterion_of(name: str) -> Criterion:
-    """The criterion of a name.
-
-    Raises:
-        ModelError: There is none.
-    """
+    """The criterion of a name."""
     known = {criterion.name: criterion for criterion in CRITERIA}
     if name not in known:
         raise ModelError(
@@ -64,11 +60,7 @@ def criterion_of(name: str) -> Criterion:
 
 
 def rule_of(text: str) -> StoppingRule:
-    """The stopping rule of a text such as `bic` or `tolerance=5`.
-
-    Raises:
-        ModelError: There is none, or its number is missing or none.
-    """
+    """The stopping rule of a text such as `bic` or `tolerance=5`."""
     name, equals, number = text.partition("=")
     known = {rule.name: rule for rule in RULES}
     if name not in known:
@@ -105,7 +97,6 @@ class Reduction:
     """A reduced model, and the path it lies on.
 
     Attributes:
-        path: All models.
         chosen: Place of the one that was taken.
         left_out: Errors on left-out data; `None` where there are too few windows for them.
         estimate: Its values and their covariance, given the choice.

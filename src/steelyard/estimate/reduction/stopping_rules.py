@@ -28,7 +28,6 @@ class LeftOutErrors:
     """Errors on left-out folds by the number of parameters.
 
     Attributes:
-        sizes: Numbers of parameters, descending.
         errors: Relative error of each fold and effort row, shape `(folds, sizes, rows)` [%].
         logarithms: One value per fold and size: the mean of the logarithms of a typical row's
             error and of that of all rows together, shape `(folds, sizes)`.
@@ -70,14 +69,7 @@ class LeftOutErrors:
 
 
 def folds_of(information: Information) -> tuple[tuple[str, tuple[int, ...]], ...]:
-    """Windows of every run, or of stretches with as many windows each where there is one run.
-
-    Returns:
-        Name and windows of each fold.
-
-    Raises:
-        DataError: There are too few windows to leave some out.
-    """
+    """Windows of every run, or of stretches with as many windows each where there is one run."""
     runs = list(information.windows_of_runs)
     places = range(len(information.windows))
     if len(runs) > 1:
@@ -100,10 +92,6 @@ def folds_of(information: Information) -> tuple[tuple[str, tuple[int, ...]], ...
 
 def left_out_errors(information: Information, path_of: PathOf) -> LeftOutErrors:
     """Errors of the models of a path, each fold predicted by a path of the others.
-
-    Args:
-        information: All data.
-        path_of: The path that is followed.
 
     Raises:
         DataError: There are too few windows, or a fold needs all others to be fitted.
@@ -177,10 +165,6 @@ class StoppingRule(ABC):
     @abstractmethod
     def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
         """Place of the model that is taken.
-
-        Args:
-            path: All models.
-            left_out: Errors on left-out data; there for rules that need them.
 
         Raises:
             DataError: No model of the path is as wanted.
@@ -324,11 +308,7 @@ class DeviationRatio(StoppingRule):
 
 @dataclass(frozen=True)
 class Count(StoppingRule):
-    """The model with a number of parameters.
-
-    Attributes:
-        parameters: The number.
-    """
+    """The model with a number of parameters."""
 
     name: ClassVar[str] = "count"
     about: ClassVar[str] = "so many parameters"

@@ -71,14 +71,6 @@ def calibrate(
 ) -> Calibration | None:
     """Half-widths of 95 % bands from runs, or stretches, that are left out in turn.
 
-    Args:
-        identified: The model, fitted to all runs.
-        runs: These runs.
-        information: What they say about the model's columns, in the joints' units.
-        estimator: What made the estimate.
-        threads: Native threads.
-        progress: Told about every fit.
-
     Returns:
         `None` where less than two stretches can be left out.
 
@@ -135,7 +127,6 @@ class _Errors:
         errors: In standard deviations, shape `(n, N)`; NaN where a joint could not be predicted.
         speed: Of each joint, shape `(n, N)`.
         moving: Whether it moves, shape `(n, N)`.
-        worth: Independent samples per sample.
         trace: Its residual; NaN where a joint could not be predicted.
     """
 
@@ -238,11 +229,6 @@ def _factors(sizes: Array, at: NDArray[np.intp], worth: Array) -> Array:
 
 
 def quantile(sizes: Array, independent: float) -> float:
-    """The size that a new one exceeds in 5 % of cases.
-
-    Args:
-        sizes: Sizes of errors, at least one.
-        independent: How many of them are independent; of few, a higher quantile is taken.
-    """
+    """The size that a new one exceeds in 5 % of cases; of few independent sizes, a larger one."""
     level = min(1.0, LEVEL * (1.0 + 1.0 / max(independent, 1.0)))
     return max(float(np.quantile(sizes, level)), np.finfo(np.float64).tiny)

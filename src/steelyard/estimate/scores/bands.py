@@ -43,7 +43,6 @@ class ModelStd:
     """Outputs of a regressor to standard deviations; an operation with a halo.
 
     Attributes:
-        layout: What each row sees.
         factor: `F`, with `F @ F.T` the covariance of the columns, shape `(p, k)`.
         taps: The low-pass, an odd number of taps.
         step: Samples from one that is computed to the next; between them it is interpolated.
@@ -103,7 +102,6 @@ class Bands:
     """What bands are made from.
 
     Attributes:
-        regressor: Base columns of the model.
         factor: `F`, with `F @ F.T` the covariance of the base parameters, shape `(p, k)`.
         sigma: Standard deviation of the residuals per row behind the score's low-pass, in the
             unit of the joint's effort, shape `(n,)`; NaN of a joint without samples.
@@ -132,10 +130,6 @@ class Bands:
         A calibration below 1.96 says that residuals are smaller than their standard deviation; it
         does not make parameters surer, whose errors show in motions unlike those left out.
 
-        Args:
-            block: Samples.
-            model_std: Standard deviation of their predicted efforts.
-
         Returns:
             Shape `(n, B)`; NaN of a joint whose `sigma` is.
         """
@@ -147,11 +141,7 @@ class Bands:
         return np.asarray(np.hypot(np.maximum(factor, Z95) * model_std, factor * noise))
 
     def columns(self, block: Block) -> Array:
-        """The regressor's outputs, which `std_behind` takes, shape `(C, B)`.
-
-        Args:
-            block: Samples with the model's channels.
-        """
+        """The regressor's outputs, which `std_behind` takes, shape `(C, B)`."""
         channels = np.empty((0, len(block.t))) if block.channels is None else block.channels
         inputs = (block.q, block.dq, block.ddq, channels, np.zeros_like(block.q))
         return self.regressor.code([np.ascontiguousarray(x) for x in inputs])
@@ -182,9 +172,6 @@ class Traces:
 
     Attributes:
         t: Time [s].
-        measured: As logged.
-        predicted: By the model.
-        moving: Whether each joint moves.
         model_std: Standard deviation of the prediction, by what is open of the parameters; `None`
             without bands.
         speed: Size of each joint's velocity [rad/s; m/s]; `None` without bands.

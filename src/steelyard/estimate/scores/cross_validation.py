@@ -94,11 +94,7 @@ class Folding:
     longest: float
 
     def parts(self, moving: Information) -> tuple[Fold, ...]:
-        """The parts with motion: runs, or stretches with as much of it each.
-
-        Args:
-            moving: What runs say where joints move, in windows that are short enough.
-        """
+        """The parts with motion: runs, or stretches with as much of it each."""
         names = tuple(moving.windows_of_runs)
         if self.left_out == "run":
             return tuple(_of_run(name) for name in names)
@@ -254,7 +250,6 @@ class LeftOut:
     """A stretch to be predicted, and what may be fitted meanwhile.
 
     Attributes:
-        run: Number of the run.
         span: Start and end of what is predicted [s].
         fitted: Numbers of the windows that are fitted.
     """
@@ -265,12 +260,7 @@ class LeftOut:
 
 
 def runs_left_out(runs: Sequence[Run], information: Information) -> tuple[LeftOut, ...]:
-    """Every run in turn; runs of which nothing but repetitions would be left are not left out.
-
-    Args:
-        runs: The fitted runs, each with a name of its own.
-        information: What they say.
-    """
+    """Every run in turn; runs of which nothing but repetitions would be left are not left out."""
     wanted = [LeftOut(k, run.span, ()) for k, run in enumerate(runs)]
     return _with_windows(wanted, runs, information)
 
@@ -278,9 +268,7 @@ def runs_left_out(runs: Sequence[Run], information: Information) -> tuple[LeftOu
 def stretches_left_out(runs: Sequence[Run], information: Information) -> tuple[LeftOut, ...]:
     """Stretches of the longest run in turn, where all runs are of one motion.
 
-    Args:
-        runs: The fitted runs, each with a name of its own.
-        information: What they say, in windows shorter than the stretches.
+    Windows of `information` must be shorter than the stretches.
     """
     longest = max(range(len(runs)), key=lambda k: runs[k].duration)
     run = runs[longest]

@@ -36,8 +36,6 @@ class Failure:
 
     Attributes:
         left_out: What was left out of it; `None` if it was of all data.
-        reason: Why it failed.
-        fix: What can be done.
     """
 
     left_out: str | None

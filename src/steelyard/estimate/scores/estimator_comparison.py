@@ -37,7 +37,6 @@ class Parts:
 
     Attributes:
         names: What is left out: runs, or stretches of a single one.
-        left_out: Which of the two.
         information: What all of them say about the base columns.
         windows: Per part the indices of its windows.
         others: Samples and experiments of parts, where they can be had.
@@ -59,11 +58,7 @@ class Parts:
         others: Mapping[Needs, Chosen] | None = None,
         lacking: Mapping[Needs, tuple[str, str]] | None = None,
     ) -> "Parts":
-        """Runs, or stretches of a single one.
-
-        Raises:
-            DataError: Two runs have one name, or a run is too short to be divided.
-        """
+        """Runs, or stretches of a single one."""
         windows = tuple(
             tuple(k for k, w in enumerate(information.windows) if fold(w))
             for fold in folds_of(runs)
@@ -85,11 +80,7 @@ class Parts:
         )
 
     def data(self, needs: Needs, parts: Sequence[int]) -> Any:
-        """What an estimator is given.
-
-        Raises:
-            DataError: Such data cannot be had.
-        """
+        """What an estimator is given."""
         if needs == "information":
             return self.information_of(parts)
         if needs not in self.others:
@@ -105,14 +96,7 @@ class Parts:
 def compare(
     offers: Sequence[Offer], context: Context, parts: Parts, *, progress: Progress = silent
 ) -> Comparison:
-    """Fit each estimator to all parts but one, and predict that one.
-
-    Args:
-        offers: The estimators.
-        context: The model and what is known of it.
-        parts: The data.
-        progress: Told about every fit; if it requests a stop, what is done is kept.
-    """
+    """Fit each estimator to all parts but one, and predict that one; a stop keeps what is done."""
     scores: list[EstimatorScore] = []
     try:
         for score in scores_of(offers, context, parts, progress=progress):

@@ -71,7 +71,6 @@ class JointError:
     """Error of one joint in the fixed band.
 
     Attributes:
-        joint: The joint.
         unit: `Nm` or `N` at the joint; the logged unit where no drive gain is known.
         samples: Number of samples it is computed from.
         counted: Whether these are the samples where the joint moves, or all of a log in which no
@@ -128,7 +127,6 @@ class BandErrors:
     Attributes:
         cutoff: Of the low-pass on both sides [Hz].
         at_rest: Whether no joint moves in the run.
-        joints: One per joint.
         as_logged: The same against efforts that are not divided by estimated scales; empty
             without such scales.
     """
@@ -159,9 +157,7 @@ class PooledError:
     """Error over all joints with efforts of one unit, and over runs.
 
     Attributes:
-        unit: Unit of the efforts.
         joints: Number of joints that count in some run.
-        error: Root mean square error.
         reference: Root mean square of the used efforts.
         limit: Root mean square of the effort limits; `None` unless all are known.
     """

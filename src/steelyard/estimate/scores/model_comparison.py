@@ -42,9 +42,7 @@ class ModelErrors:
     """Errors of one model on one log; efforts are in the unit of the errors.
 
     Attributes:
-        run: Name of the log.
         fitted: Whether the model was identified from this log.
-        errors: Errors of all joints.
         mae: Mean absolute error of each joint over the same samples, shape `(n,)`.
         t: Time, shape `(N,)` [s].
         measured: Low-passed measured effort, shape `(N, n)`.
@@ -65,8 +63,6 @@ class ComparedModel:
     """One of the models.
 
     Attributes:
-        name: Its name in tables.
-        identified: The model.
         runs: Its errors, one entry per log.
     """
 
@@ -96,9 +92,6 @@ class CommonParameter:
 
     Attributes:
         name: The standard parameter that leads its group.
-        group: The base parameter in full.
-        unit: Its unit.
-        values: One per model.
     """
 
     name: str
@@ -160,12 +153,6 @@ def model_errors(
 
     Logged efforts are converted by the gains of the first model, so that all models predict the
     same measured effort; of a model with other effort columns by its own.
-
-    Args:
-        identified: The model.
-        run: The run, as the model reads it.
-        first: The first model.
-        fitted: Whether the model was identified from this run.
 
     Raises:
         ModelError: The errors are in other units than those of the first model.
@@ -231,11 +218,7 @@ def same_efforts(one: IdentifiedModel, other: IdentifiedModel) -> bool:
 def refuse_different(
     first: IdentifiedModel, other: IdentifiedModel, names: tuple[str, str]
 ) -> None:
-    """Two models are of one robot, with efforts in the same units.
-
-    Raises:
-        ModelError: Their joints or units differ.
-    """
+    """Two models are of one robot, with efforts in the same units."""
     where = f"models {names[0]} and {names[1]}"
     if first.joints != other.joints:
         raise ModelError(
@@ -260,11 +243,8 @@ def common_parameters(models: Sequence[IdentifiedModel]) -> tuple[CommonParamete
     A base parameter of one model, $\phi = r^T \theta$ of the standard parameters $\theta$, is
     known from another model's base parameters $L \theta$ where $r^T = c^T L$; its value is then
     $c^T \phi'$, its variance $c^T \Sigma' c$. Standard parameters that a model does not have are
-    zero in it.
-
-    Args:
-        models: At least one. The set is that of the model with the most base parameters, with
-            those of the others whose names are not in it.
+    zero in it. The set is that of the model with the most base parameters, with those of the
+    others whose names are not in it.
     """
     found: dict[str, CommonParameter] = {}
     for owner in sorted(models, key=lambda model: -len(model.base)):
@@ -280,14 +260,7 @@ def common_parameters(models: Sequence[IdentifiedModel]) -> tuple[CommonParamete
 def parameter_value(
     identified: IdentifiedModel, name: str, unit: str, row: dict[str, float]
 ) -> ParameterValue:
-    """What a model says of a base parameter.
-
-    Args:
-        identified: The model.
-        name: Name of the base parameter.
-        unit: Its unit.
-        row: Coefficients of standard parameters by name.
-    """
+    """What a model says of a base parameter."""
     base, estimate = identified.base, identified.estimate
     if any(removed.name == name for removed in estimate.removed):
         return ParameterValue("removed", 0.0)

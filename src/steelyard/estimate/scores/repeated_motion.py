@@ -71,9 +71,7 @@ class Repeat:
 def repeat_of(known: Sequence[MotionSamples], run: Run) -> Repeat | None:
     """The run among those known that a run repeats most; `None` if its motion is another one.
 
-    Args:
-        known: Rows of other runs of the same robot, positions in the same units.
-        run: The run.
+    Positions of all must be in the same units.
     """
     rows = motion_rows(run)
     if not rows.moving.any() or len(rows.t) < 2 * AROUND:

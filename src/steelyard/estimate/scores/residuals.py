@@ -61,7 +61,6 @@ class TorqueParts:
     Attributes:
         t: Time, shape `(N,)` [s].
         q: Positions, shape `(N, n)` [rad; m]; likewise `dq` [rad/s; m/s].
-        dq: Velocities.
         moving: Whether each joint moves, shape `(N, n)`.
         measured: Measured effort, at the joints, shape `(N, n)` [Nm; N].
         parts: Predicted effort by cause, in the order of `PARTS`, shape `(5, N, n)` [Nm; N].
@@ -92,11 +91,7 @@ class TorqueParts:
 
 @dataclass(frozen=True, eq=False)
 class TorqueSplit:
-    """Parts of a model's efforts, sample by sample.
-
-    Attributes:
-        valued: The model with its values.
-    """
+    """Parts of a model's efforts, sample by sample."""
 
     valued: ValuedModel
 
@@ -145,7 +140,6 @@ class ResidualTrace:
     """Residuals of a run; of a fast log every k-th sample, at `LEAST_RATE` cut-offs or more.
 
     Attributes:
-        run: Name of the run.
         t: Time, shape `(N,)` [s]; steps of more than twice `step` are gaps.
         step: Time between samples [s].
         residual: Measured minus predicted effort, low-passed, shape `(n, N)` [Nm; N].
@@ -209,9 +203,6 @@ def residual_trace(
         run: Clean motion and effort.
         cutoff: Of the low-pass [Hz].
         at_rest: Whether to look at the rests before the first and after the last motion too.
-
-    Raises:
-        LogError: The run is sampled too slowly for the low-pass, or has no samples.
     """
     if run.rate < LEAST_RATE * cutoff * (1.0 - 1e-6):
         raise LogError(
@@ -279,11 +270,7 @@ def sliding_friction(identified: IdentifiedModel, speed: Array) -> Array:
 
 
 def supported_rate(peaks: ResidualPeaks, wanted: float | None, usual: float = 1.0) -> float:
-    """False alarms per hour to use: those wanted, or the usual, or the least that is supported.
-
-    Raises:
-        DataError: Fewer are wanted than this much free motion supports.
-    """
+    """False alarms per hour to use: those wanted, or the usual, or the least that is supported."""
     least = peaks.lowest_rate
     if not (peaks.visits >= FEWEST).any():
         raise DataError(
@@ -326,7 +313,6 @@ class ResidualNoise:
     """Residuals and measurement noise behind the parallel filter.
 
     Attributes:
-        joints: Names of the effort rows.
         residual: Standard deviation of the residuals, shape `(n,)` [Nm; N].
         noise: Upper bound of the measurement noise's, shape `(n,)`; NaN where no band above the
             motion's tells it.

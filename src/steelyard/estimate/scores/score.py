@@ -159,7 +159,6 @@ def score(
 
     Raises:
         LogError: The cut-off is too high for the run's rate.
-        DataError: The robot's loops close at no sample.
     """
     require_fitting(cutoff, run.rate)
     models = (valued,) if prior is None else (valued, prior)
@@ -340,9 +339,7 @@ class _Squares:
 
     Attributes:
         all: Over all samples, shape `(3, n)`; two rows without a nominal model.
-        moving: Where the joint moves.
         sizes: Sums of the absolute error, of all samples and where the joint moves, shape `(2, n)`.
-        samples: Number of samples.
         samples_moving: The same where each joint moves, shape `(n,)`.
     """
 

@@ -212,11 +212,7 @@ def _carried(identified: IdentifiedModel, run: Run) -> str | None:
 
 
 def _own(peaks: ResidualPeaks | None, identified: IdentifiedModel) -> ResidualPeaks:
-    """Residuals of the model's own left-out motion.
-
-    Raises:
-        DataError: It has none.
-    """
+    """Residuals of the model's own left-out motion."""
     if peaks is None:
         raise DataError(
             "the model has no residuals of left-out motion to calibrate thresholds with",
@@ -237,11 +233,7 @@ def left_out_words(identified: IdentifiedModel) -> str:
 
 
 def _refuse_none(runs: Sequence[Run], notes: Sequence[str]) -> None:
-    """There are calibration runs.
-
-    Raises:
-        DataError: None is left.
-    """
+    """There are calibration runs."""
     if not runs:
         raise DataError(
             f"no calibration log is left: {'; '.join(notes)}",

@@ -208,12 +208,7 @@ def links_carried_by(robot: Robot, joints: Sequence[int]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class SuspectedContact:
-    """A stretch of a calibration run that other motion does not explain.
-
-    Attributes:
-        run: The run.
-        event: What its residuals show.
-    """
+    """A stretch of a calibration run that other motion does not explain."""
 
     run: str
     event: ContactEvent

@@ -43,12 +43,6 @@ class ContactContent:
     """Everything that the page shows.
 
     Attributes:
-        robot: The robot's name.
-        joints: Names of the joints.
-        units: Units of their efforts.
-        trace: Residuals of the log.
-        thresholds: What they were compared with.
-        events: Contacts.
         sigma: Standard deviation of the residuals of the fit, shape `(n,)` [Nm; N].
         source: What the thresholds were calibrated on.
         carried: A payload that explains lasting residuals, for people to read; `None` without.
@@ -56,7 +50,6 @@ class ContactContent:
         wanted: False alarms per hour that were asked for; `None` if the default was used.
         fitted: Whether the model was fitted to this log.
         notes: What was left out of the calibration, and why.
-        details: How the log was processed.
     """
 
     robot: str

@@ -20,8 +20,6 @@ class TorqueFeedforward:
     """A controller, and torques of a model along the desired motion.
 
     Attributes:
-        inner: The controller.
-        model: Model with values.
         smoothing: Speed within which friction by the plain sign turns [rad/s; m/s].
     """
 
@@ -108,11 +106,7 @@ class ComputedTorqueLoop:
 
 
 def refuse_indefinite(model: ValuedModel, motion: Motion) -> None:
-    """The mass matrix is positive definite along a motion.
-
-    Raises:
-        ModelError: It is not, at the posture and time that the message names.
-    """
+    """The mass matrix is positive definite along a motion."""
     rows = np.unique(np.linspace(0, len(motion) - 1, MOST_POSTURES).round().astype(int))
     least = np.linalg.eigvalsh(model.mass_matrix(motion.q[rows]))[:, 0]
     worst = int(least.argmin())
@@ -137,12 +131,7 @@ CONTROLS: tuple[type[Any], ...] = (PD, PID, Cascade, ComputedTorque)
 def control_of(text: str, model: ValuedModel | None = None) -> Control:
     """The controller of a text such as `cascade` or `computed_torque,kp=100,kv=5`.
 
-    Args:
-        text: Name, and gains after commas.
-        model: Model with values; feedforward for controllers that do not compute with it.
-
-    Raises:
-        ModelError: There is none, a gain is no number above zero, or the model is missing.
+    With a model, controllers that do not compute with it get its torques as feedforward.
     """
     name, *given = text.split(",")
     kinds = {kind.kind: kind for kind in CONTROLS}

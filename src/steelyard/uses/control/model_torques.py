@@ -93,9 +93,6 @@ def in_joint_order(
         joints: Names of its columns; `None` if they are those of the robot in its order.
         robot: The robot.
         where: Where the motion comes from, for messages.
-
-    Raises:
-        DataError: A joint of the robot is missing, or there are no names and another number.
     """
     if joints is None:
         if motion.n_joints == robot.n:
@@ -132,12 +129,7 @@ def in_joint_order(
 
 
 def refuse_unknown_gains(identified: IdentifiedModel) -> None:
-    """Efforts of the model are torques.
-
-    Raises:
-        ModelError: A drive gain is unknown or relative, so that they are torques up to a factor
-            only.
-    """
+    """Efforts of the model are torques."""
     signals = identified.signals
     unknown = list(signals.unknown_gains)
     if not any(unknown):
@@ -153,11 +145,7 @@ def refuse_unknown_gains(identified: IdentifiedModel) -> None:
 
 
 def refuse_other_robot(identified: IdentifiedModel, robot: Robot) -> None:
-    """The model is one of a robot that is controlled by joint torques.
-
-    Raises:
-        ModelError: It has other joints, or another gravity.
-    """
+    """The model is one of a robot that is controlled by joint torques."""
     model = identified.model.robot
     where = f"model of '{model.name}', robot '{robot.name}'"
     if model.joint_names != robot.joint_names:

@@ -115,12 +115,7 @@ def minutes(seconds: float | None) -> str:
 
 
 def changes_of(series: Sequence[Series], names: Sequence[str]) -> tuple[HealthChange, ...]:
-    """What changed, the most certain first; of a quantity and place the best shape alone.
-
-    Args:
-        series: All quantities.
-        names: Names of the logs, in the order of time.
-    """
+    """What changed, the most certain first; of a quantity and place the best shape alone."""
     tests = max(1, len(series) * (len(names) + 2))
     found = [change for one in series for change in _tested(one, names, tests)]
     return tuple(sorted(found, key=lambda change: (not change.matters, change.p)))

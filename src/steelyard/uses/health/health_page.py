@@ -34,13 +34,7 @@ class HealthContent:
     """Everything that the page shows.
 
     Attributes:
-        robot: The robot's name.
-        joints: Names of the joints.
         logs: Names of the logs, in the order of time.
-        series: Quantities over windows.
-        changes: All that was tested.
-        warnings: What qualifies the result.
-        notes: How the logs were processed.
     """
 
     robot: str

@@ -45,8 +45,6 @@ class Series:
     """A quantity of one joint over windows.
 
     Attributes:
-        joint: The joint.
-        quantity: Which.
         unit: `""` for a relative change, else `Nm` or `N`.
         log: Number of the log of each window, rising, shape `(w,)`.
         t: Middle of each window from the log's start, shape `(w,)` [s].
@@ -76,13 +74,7 @@ def windowed(information: Information, duration: float) -> Information:
 
 
 def series_of(identified: IdentifiedModel, logs: Sequence[Information]) -> tuple[Series, ...]:
-    """Changes from the model, per joint, quantity and window.
-
-    Args:
-        identified: The model.
-        logs: What the logs say about the columns of its base regressor, one by one, in the order of
-            time, efforts as logged.
-    """
+    """Changes from the model, per joint, quantity and window; efforts of the logs as logged."""
     gains, units = identified.signals.gains, identified.model.robot.effort_units
     scaled = [log.scaled(gains, units) for log in logs]
     return tuple(

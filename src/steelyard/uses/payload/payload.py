@@ -40,8 +40,6 @@ class PayloadTask:
     """Logs with a payload, and the model; checked as far as that is possible before reading.
 
     Attributes:
-        identified: The model.
-        loaded: Logs with the payload.
         unloaded: Logs without it.
         frame: Frame of the results; that of the last link if `None`.
         known: What is known of the payload.
@@ -80,11 +78,7 @@ class PayloadTask:
     def events(
         self, gain_uncertainty: float | None, progress: Progress
     ) -> tuple[PayloadEvents, ...]:
-        """When the payload changes along each log with it.
-
-        Raises:
-            DataError: Logs without payload are given, or knowledge that no event uses.
-        """
+        """When the payload changes along each log with it."""
         if self.unloaded or self.known != PayloadKnowledge():
             raise DataError(
                 "events are found with the model alone",
@@ -179,11 +173,7 @@ def known_of(
 
 
 def counted(name: str, given: Sequence[float], count: int) -> list[float]:
-    """The numbers of an argument that has so many.
-
-    Raises:
-        DataError: It has not.
-    """
+    """The numbers of an argument that has so many."""
     if len(given) != count:
         raise DataError(
             f"'{name}' has {len(given)} numbers",

@@ -63,7 +63,6 @@ class SolidShape:
     """A solid of uniform density along the axes of the payload's frame, wherever its centre is.
 
     Attributes:
-        words: What it is.
         moments: Second moments about the centre per mass, along x, y and z [m²].
     """
 

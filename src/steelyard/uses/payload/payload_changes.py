@@ -115,11 +115,7 @@ class PayloadWindows:
         return np.asarray(np.sum(vector * solved, axis=-1))
 
     def sliding_mass(self, inflation: float) -> SlidingMass:
-        """The mass over time.
-
-        Args:
-            inflation: How many times larger squares are than by normal, white residuals.
-        """
+        """The mass over time."""
         count = min(round(CHANGE_SPAN / CHANGE_STEP), len(self.starts))
         first = np.arange(len(self.starts) - count + 1)
         matrix, vector = (s[first + count] - s[first] for s in self._sums)
@@ -168,7 +164,6 @@ class PayloadChange:
     Attributes:
         time: When [s].
         earliest: Start of the 95 % interval of the time [s].
-        latest: Its end.
         ratio: Squares that it explains over the threshold.
     """
 
@@ -183,12 +178,10 @@ class PayloadChanges:
     """All changes of a run.
 
     Attributes:
-        changes: In order of time.
         least_mass: Change by a mass at the frame's origin that half of the places of the log show;
             infinite if none does [kg].
         inflation: How many times larger the statistic is than by normal, white residuals.
         threshold: Squares that a change has to explain.
-        sliding: The mass over time.
     """
 
     changes: tuple[PayloadChange, ...]

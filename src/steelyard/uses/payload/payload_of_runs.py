@@ -121,11 +121,7 @@ def _refuse_unanswerable(loaded: Sequence[Information], drift: float, gain: floa
 
 
 def refuse_uncertainties(drift: float, gain: float) -> None:
-    """Relative uncertainties of friction and gains are not negative.
-
-    Raises:
-        DataError: One is, or is out of range.
-    """
+    """Relative uncertainties of friction and gains are not negative."""
     if not drift >= 0.0:
         raise DataError(
             f"the drift of friction is {drift:g}",

@@ -57,12 +57,7 @@ MOST_POINTS_OF_MASS = 3000
 
 
 def render_payload_events(found: Sequence[PayloadEvents], robot: str) -> str:
-    """The page as HTML text, to be written as UTF-8.
-
-    Args:
-        found: The logs one by one.
-        robot: The robot's name.
-    """
+    """The page as HTML text, to be written as UTF-8."""
     sections = []
     for number, one in enumerate(found, start=1):
         content = {
@@ -164,12 +159,7 @@ Number = tuple[str, float, float, str]
 
 
 def payload_lines(estimate: PayloadEstimate, console: Console) -> None:
-    """Print the mass in one line, the table and how far it can be trusted.
-
-    Args:
-        estimate: The payload.
-        console: Where to print.
-    """
+    """Print the mass in one line, the table and how far it can be trusted."""
     from rich.text import Text
 
     clear = estimate.weighs and not estimate.unexplained
@@ -189,12 +179,7 @@ def payload_lines(estimate: PayloadEstimate, console: Console) -> None:
 
 
 def event_lines(found: Sequence[PayloadEvents], console: Console) -> None:
-    """Print when the payload changes along some logs.
-
-    Args:
-        found: The logs one by one.
-        console: Where to print.
-    """
+    """Print when the payload changes along some logs."""
     from rich.text import Text
 
     for one in found:

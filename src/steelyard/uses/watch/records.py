@@ -148,11 +148,6 @@ class StreamFiles:
     def opened(cls, folder: Path, joints: Sequence[str], wrench: bool) -> Iterator["StreamFiles"]:
         """New files in a new folder, closed at the end of the block.
 
-        Args:
-            folder: The folder to make.
-            joints: Names of the joints.
-            wrench: Whether wrenches are estimated.
-
         Raises:
             OutputError: The folder exists, or a file cannot be written.
         """

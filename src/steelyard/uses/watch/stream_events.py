@@ -187,15 +187,10 @@ class PayloadStream:
     Attributes:
         state: What is carried; `None` before the first search that succeeds.
         failed: Why the last search failed; empty if it did not.
-        searches: Searches that succeeded.
     """
 
     def __init__(self, detect: Detect) -> None:
-        """Begin.
-
-        Args:
-            detect: The search.
-        """
+        """Begin."""
         self.state: PayloadState | None = None
         self.failed = ""
         self.searches = 0

@@ -51,8 +51,6 @@ class WatchStart:
     """A watcher, and what it rests on.
 
     Attributes:
-        watcher: Takes rows.
-        model: The model.
         notes: What thresholds were calibrated on, and what is not sought and why.
     """
 
@@ -156,14 +154,6 @@ def watch_rows(
     """Report what happens in rows as they arrive, until they end.
 
     A contact that is still going on is ended there, also where an error ends the rows.
-
-    Args:
-        watcher: Takes the rows.
-        arriving: Consecutive rows of the columns `watcher.samples.columns`.
-        emit: Receives every event.
-        files: Receives them too, and is complete after each piece of rows.
-        source: What the rows come from.
-        stopped: Asked after each piece of rows; they end where it is `True`.
 
     Raises:
         SteelyardError: The rows cannot be read, or none of them can be used.
@@ -279,9 +269,6 @@ def stream_trace(identified: IdentifiedModel, log: LogArgument, cutoff: float) -
         identified: The model.
         log: A finished log.
         cutoff: Bandwidth of the observer [Hz].
-
-    Raises:
-        LogError: It has no stretch that is long enough.
     """
     path, cut = parse_log_argument(log.text)
     signals, observer = identified.signals, identified.observe(bandwidth=cutoff)

@@ -114,7 +114,6 @@ class StreamNote:
 
     Attributes:
         time: When [s].
-        text: In a sentence.
     """
 
     time: float
@@ -131,10 +130,8 @@ class StreamSummary:
 
     Attributes:
         duration: Time from the first to the last sample [s].
-        samples: Samples that were used.
         dropped: Rows that were left out, and why.
         gaps: Pauses after which the observer began anew.
-        contacts: Number of contacts.
         payload_changes: Number of changes of the payload.
         largest: Largest external effort of each joint by size [Nm; N].
         payload: Why the last search for changes of the payload was not possible; empty if it was.
@@ -264,14 +261,7 @@ class Watcher:
         return self.observer.steps > self.observer.gaps
 
     def refuse_unusable(self, source: str) -> None:
-        """Rows that arrived can be watched.
-
-        Args:
-            source: What they come from.
-
-        Raises:
-            LogError: All are left out, or come after pauses.
-        """
+        """Rows that arrived can be watched."""
         samples, left_out = self.observer.steps, self.samples.dropped.total()
         if not samples + left_out or samples - self.observer.gaps > LEAST_USED_SHARE * samples:
             return

@@ -44,7 +44,6 @@ class Stretch:
 
     Attributes:
         t: Time from the log's start, shape `(N,)` [s].
-        efforts: External efforts.
     """
 
     t: Array
@@ -56,9 +55,6 @@ class EffortSource:
     """What computes external efforts along runs.
 
     Attributes:
-        identified: The model.
-        quantity: See `observed_quantity`.
-        residual: What efforts are computed from.
         bandwidth: Of the low-pass [Hz].
     """
 

@@ -55,12 +55,8 @@ class ComponentSummary:
     """One component of the wrench over a log; values are in its unit.
 
     Attributes:
-        component: Its name.
-        unit: `N` or `Nm`.
-        rms: Root mean square.
         peak: The largest value, with its sign.
         peak_half_width: Half-width of its 95 % interval.
-        peak_time_s: When it was.
         median_half_width: Of the intervals of all samples.
         nonzero_share: Share of the samples whose interval leaves zero out.
         data_share: Share of the expected variance that the log removes, on average.
@@ -105,12 +101,9 @@ class WrenchContent:
     """Everything that the page shows.
 
     Attributes:
-        robot: The robot's name.
-        estimate: The wrench along the log.
         usual_bandwidth: Cut-off of the model's scores [Hz].
         fitted: Whether the model was fitted to this log.
         left_out: Rows and times of the log that were not examined, for people to read.
-        details: How the log was processed.
     """
 
     robot: str
