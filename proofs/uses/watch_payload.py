@@ -10,8 +10,8 @@ from proofs.uses.watch_ur10e import rows_of
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.identify.identify import identify
 from steelyard.uses.payload.payload_events import PayloadEvent
-from steelyard.uses.watch.stream_events import SEARCH_PERIOD
 from steelyard.uses.watch.watch import start_watch
+from steelyard.uses.watch.watcher import SEARCH_PERIOD
 
 LATEST = 3.0 + 2.0 * SEARCH_PERIOD + 0.5
 """Time after a change by which it is reported [s]: motion on both sides, two searches."""

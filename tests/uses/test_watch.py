@@ -8,19 +8,21 @@ from steelyard.base.errors import DataError
 from steelyard.estimate.external.residual_peaks import ContactThresholds
 from steelyard.estimate.external.rest_changes import ONSET
 from steelyard.estimate.scores.residuals import ResidualTrace
-from steelyard.uses.contact.contact_events import ContactEvent, contacts_in
+from steelyard.uses.contact.contact_events import (
+    ContactEvent,
+    ContactStart,
+    ContactStream,
+    contacts_in,
+)
 from steelyard.uses.payload.payload_changes import SlidingMass
 from steelyard.uses.payload.payload_events import Kind, PayloadEvent, PayloadEvents
-from steelyard.uses.watch.stream_events import (
+from steelyard.uses.watch.watcher import (
     FIRST_SEARCH,
     SEARCH_PERIOD,
     SEARCHED_SPAN,
-    ContactStart,
-    ContactStream,
-    ContactTest,
+    Doubt,
     PayloadStream,
 )
-from steelyard.uses.watch.watcher import Doubt
 from uses.test_contact import EDGES, ROBOT, SIGMA, STEP, N, pushed, silent, trace
 
 
@@ -35,10 +37,10 @@ def streamed(
     known = np.full(N, np.nan) if changes is None else changes
     found = []
     for k, t in enumerate(run.t):
-        level = ContactTest(float(t), run.residual[:, k], limits[:, k])
-        change = ContactTest(float(run.t[max(k - late, 0)]), some[:, k], known)
+        signal, levels = np.stack([run.residual[:, k], some[:, k]]), np.stack([limits[:, k], known])
+        times = (float(t), float(run.t[max(k - late, 0)]))
         gap = bool(k > 0 and t - run.t[k - 1] > 2.0 * STEP)
-        found += list(stream.step(float(t), level, change, gap))
+        found += list(stream.step(float(t), signal, levels, times, gap=gap))
     return [*found, stream.ended()] if stream.active else found
 
 
@@ -180,9 +182,8 @@ def test_a_residual_that_exceeds_for_one_sample_is_no_contact() -> None:
     for k in range(40):
         residual = np.full(N, 0.1)
         residual[1] = 3.0 if k == 10 or 20 <= k < 24 else 0.1
-        level = ContactTest(0.01 * k, residual, np.ones(N))
-        gap = k == 22
-        found += list(stream.step(0.01 * k, level, ContactTest(0.01 * k, never, never), gap))
+        signal, levels = np.stack([residual, never]), np.stack([np.ones(N), never])
+        found += list(stream.step(0.01 * k, signal, levels, (0.01 * k, 0.01 * k), gap=k == 22))
     (start,) = found
     assert isinstance(start, ContactStart) and start.joint.peak == 3.0
     assert (start.time, start.known) == pytest.approx((0.20, 0.21))

@@ -71,9 +71,8 @@ def watch(
     """
     from steelyard.base.errors import DataError
     from steelyard.logs.streams import STANDARD_INPUT, rows_of
-    from steelyard.uses.watch.records import StreamFiles
+    from steelyard.uses.watch.stream_output import StreamFiles, state_line
     from steelyard.uses.watch.watch import watch_rows
-    from steelyard.uses.watch.watch_text import state_line
 
     if source == STANDARD_INPUT and timeout is not None:
         raise DataError(
@@ -140,8 +139,7 @@ class _Printer:
 
     def event(self, event: "StreamEvent") -> None:
         """An event as it comes."""
-        from steelyard.uses.watch.records import record_of
-        from steelyard.uses.watch.watch_text import event_line
+        from steelyard.uses.watch.stream_output import event_line, record_of
         from steelyard.uses.watch.watcher import StreamEstimate
 
         if self._estimates or not isinstance(event, StreamEstimate):
@@ -149,8 +147,7 @@ class _Printer:
 
     def summary(self, begun: "WatchStart") -> None:
         """The end of the stream."""
-        from steelyard.uses.watch.records import summary_record
-        from steelyard.uses.watch.watch_text import summary_lines
+        from steelyard.uses.watch.stream_output import summary_lines, summary_record
 
         found, robot = begun.watcher.summary, begun.model.robot
         texts = summary_lines(found, robot.joint_names, robot.effort_units)

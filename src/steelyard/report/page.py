@@ -8,6 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from importlib.metadata import version as installed
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -170,6 +171,12 @@ class TableSection(Section):
             yield from (text_table(table, self.title) for table in self.tables(content))
 
 
+NO_FIGURES: Numbers = dict.fromkeys(("words", "folded", "note"), "") | dict.fromkeys(
+    ("tables", "legend", "groups"), ()
+)
+"""What the template of figures shows, all of it empty."""
+
+
 class FigureSection(Section):
     """A section that is figures, with words and tables."""
 
@@ -177,8 +184,7 @@ class FigureSection(Section):
 
     def show(self, numbers: Numbers) -> str:
         """The figures as safe HTML; numbers that the section does not have are empty."""
-        empty = {"words": "", "tables": (), "folded": "", "legend": (), "note": ""}
-        return fill(self.template, {"title": self.title, **empty, **numbers})
+        return fill(self.template, {"title": self.title, **NO_FIGURES, **numbers})
 
 
 @dataclass(frozen=True)
@@ -207,6 +213,24 @@ def shown_sections(sections: Iterable[Section], content: Any) -> list[Shown]:
     """The sections that have something to show."""
     numbered = ((section, section.numbers(content)) for section in sections)
     return [Shown.of(section, numbers) for section, numbers in numbered if numbers is not None]
+
+
+def figures(name: str, title: str, **numbers: Any) -> Shown:
+    """A section of words, tables and figures; numbers that are not given are empty."""
+    return Shown(name, title, fill("figures.html", {"title": title, **NO_FIGURES, **numbers}))
+
+
+def notes(name: str, title: str, sentences: Sequence[str], *, folded: bool = False) -> Shown | None:
+    """A section that lists sentences; `None` without any."""
+    if not sentences:
+        return None
+    return Shown(name, title, fill("notes.html", {"notes": sentences}), folded)
+
+
+def inspected_page(title: str, robot: str, sections: Iterable[Shown | None]) -> str:
+    """The page of what was found in logs, as HTML text, to be written as UTF-8."""
+    shown = [one for one in sections if one is not None]
+    return page_of(title, robot, "inspected", installed("steelyard"), shown)
 
 
 def page_of(

@@ -2,15 +2,16 @@
 
 import io
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from rich.console import Console
+from rich.text import Text
 
 from steelyard.base.errors import require
-from steelyard.base.files import whole_folder
+from steelyard.base.files import whole_folder, write_json
 
 if TYPE_CHECKING:
     from polars import DataFrame
@@ -23,6 +24,9 @@ TEXT_WIDTH = 120
 class Result(ABC):
     """A result: `print` it, `save` it, or look at it in a notebook."""
 
+    json_name: ClassVar[str] = ""
+    """File that `write` puts the numbers into; none if empty."""
+
     @abstractmethod
     def report(self) -> str:
         """The report as one self-contained HTML page."""
@@ -31,9 +35,11 @@ class Result(ABC):
     def to_dict(self) -> dict[str, Any]:
         """The numbers as JSON values, as the command's `--json` prints them."""
 
-    @abstractmethod
     def write(self, folder: Path) -> None:
-        """Write the result's files into a folder that is there."""
+        """Write the result's files into a folder that is there: page, and numbers where named."""
+        (folder / "report.html").write_text(self.report(), encoding="utf-8")
+        if self.json_name:
+            write_json(folder / self.json_name, self.to_dict())
 
     @abstractmethod
     def show(self, console: Console) -> None:
@@ -65,6 +71,14 @@ class Result(ABC):
 
     def _repr_html_(self) -> str:
         return f"<pre>{escape(str(self))}</pre>"
+
+
+def print_verdict(console: Console, headline: str, claim: str, warnings: Iterable[str]) -> None:
+    """Print what was found, what that rests on, and what qualifies it."""
+    console.print(Text(headline, style="bold"))
+    console.print(Text(claim))
+    for warning in warnings:
+        console.print(Text(f"! {warning}", style="yellow"))
 
 
 def frame(records: Sequence[Mapping[str, Any]] | Mapping[str, Any], where: str) -> "DataFrame":

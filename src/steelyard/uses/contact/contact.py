@@ -1,7 +1,7 @@
 """Contact in a log, without a force sensor: what `steelyard contact` does."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +10,6 @@ import numpy as np
 from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, LogError
-from steelyard.base.files import write_json
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.effort_uncertainty import EDGES, rest_speed_of, rest_speed_of_runs
 from steelyard.estimate.external.residual_peaks import ContactThresholds, ResidualPeaks
@@ -59,6 +58,7 @@ class Contacts(Result):
     """
 
     content: ContactContent
+    json_name = "contact.json"
 
     @property
     def events(self) -> tuple[ContactEvent, ...]:
@@ -93,11 +93,6 @@ class Contacts(Result):
             "payload": content.carried,
             "notes": list(content.notes),
         }
-
-    def write(self, folder: Path) -> None:
-        """Write `report.html` and `contact.json`."""
-        (folder / "report.html").write_text(self.report(), encoding="utf-8")
-        write_json(folder / "contact.json", self.to_dict())
 
     def show(self, console: "Console") -> None:
         """Print the events and what the thresholds rest on."""
@@ -136,68 +131,63 @@ def contact(
     inspected, given = log_files([str(log)]), log_files(paths_of(calibrate))
     refuse_overlaps(given, inspected)
     processing, signals = processing_of(identified), identified.signals
-    (run,) = prepared(
-        [recording_of(one, signals) for one in inspected], processing, progress, at_rest=True
-    )
-    free = prepared(
-        [recording_of(one, signals) for one in given], processing, progress, at_rest=True
+    (run,), free = (
+        prepared([recording_of(one, signals) for one in some], processing, progress, at_rest=True)
+        for some in (inspected, given)
     )
     fitted = [
         fitted_before(identified, one) or holds_fitted_rows(identified, other)
         for one, other in zip(given, free, strict=True)
     ]
+    notes = [fitted_note(one.name) for one, old in zip(free, fitted, strict=True) if old]
+    unseen = [one for one, old in zip(free, fitted, strict=True) if not old]
     own = None if identified.calibration is None else identified.calibration.peaks
-    notes = [
-        f"{other.name} was fitted: its residuals say nothing of other motion; left out of the "
-        "calibration"
-        for other, old in zip(free, fitted, strict=True)
-        if old
-    ]
-    unseen = [other for other, old in zip(free, fitted, strict=True) if not old]
     cutoff = residual_cutoff(identified, unseen) if own is None else own.cutoff
     sigma = np.asarray(identified.estimate.sigma)
     suspected: tuple[SuspectedContact, ...] = ()
     if given:
+        traces = []
         for other in unseen:
             free_trace = residual_trace(identified, other, cutoff)
             refuse_other_efforts(free_trace, sigma, identified.joints)
-        carried = [_carried(identified, other) for other in unseen]
-        notes += [f"left out of the calibration: {one}" for one in carried if one is not None]
-        unseen = [other for other, one in zip(unseen, carried, strict=True) if one is None]
-        _refuse_none(unseen, notes)
-        traces = [residual_trace(identified, other, cutoff) for other in unseen]
-        peaks, suspected = _calibrated(identified, unseen, traces, cutoff, own)
-        source = f"{len(unseen)} calibration {'log' if len(unseen) == 1 else 'logs'}"
+            carried = _carried(identified, other)
+            if carried is None:
+                traces.append((other, free_trace))
+            else:
+                notes.append(f"left out of the calibration: {carried}")
+        peaks, suspected = _calibrated(identified, traces, cutoff, own, notes)
+        source = f"{len(traces)} calibration {'log' if len(traces) == 1 else 'logs'}"
+    elif own is not None:
+        peaks, source = own, left_out_words(identified)
     else:
-        peaks, source = _own(own, identified), left_out_words(identified)
-    friction = sliding_friction(identified, peaks.edges[:, 1])
-    thresholds = peaks.thresholds(supported_rate(peaks, rate), friction)
+        raise DataError(
+            "the model has no residuals of left-out motion to calibrate thresholds with",
+            where=f"model of '{identified.model.robot.name}'",
+            fix="give logs of motion without contact with --calibrate, or identify again from two "
+            "or more motions",
+        )
+    thresholds = thresholds_of(identified, peaks, rate)
     trace = residual_trace(identified, run, cutoff)
     refuse_other_efforts(trace, sigma, identified.joints)
     robot = identified.model.robot
-    notes += [one.text for one in suspected]
-    notes += left_out(run)
-    events = contacts_in(trace, thresholds, robot, sigma)
-    lasting = (
-        sum(event.end - event.start for event in events) > LEAST_LASTING_SHARE * trace.duration
-    )
     content = ContactContent(
         robot=robot.name,
         joints=robot.joint_names,
         units=robot.effort_units,
         trace=trace,
         thresholds=thresholds,
-        events=events,
-        carried=_carried(identified, run) if lasting else None,
+        events=contacts_in(trace, thresholds, robot, sigma),
+        carried=None,
         sigma=sigma,
         source=source,
         suspected=suspected,
         wanted=rate,
         fitted=fitted_before(identified, inspected[0]) or holds_fitted_rows(identified, run),
-        notes=tuple(notes),
+        notes=(*notes, *(one.text for one in suspected), *left_out(run)),
         details=notes_of([run]),
     )
-    return Contacts(content)
+    lasts = content.busy > LEAST_LASTING_SHARE
+    return Contacts(replace(content, carried=_carried(identified, run) if lasts else None))
 
 
 def _carried(identified: IdentifiedModel, run: Run) -> str | None:
@@ -211,16 +201,19 @@ def _carried(identified: IdentifiedModel, run: Run) -> str | None:
     return None if found is None else payload_words(found, run.name)
 
 
-def _own(peaks: ResidualPeaks | None, identified: IdentifiedModel) -> ResidualPeaks:
-    """Residuals of the model's own left-out motion."""
-    if peaks is None:
-        raise DataError(
-            "the model has no residuals of left-out motion to calibrate thresholds with",
-            where=f"model of '{identified.model.robot.name}'",
-            fix="give logs of motion without contact with --calibrate, or identify again from two "
-            "or more motions",
-        )
-    return peaks
+def fitted_note(log: str) -> str:
+    """What to say of a calibration log that the model was fitted to."""
+    return (
+        f"{log} was fitted: its residuals say nothing of other motion; left out of the calibration"
+    )
+
+
+def thresholds_of(
+    identified: IdentifiedModel, peaks: ResidualPeaks, rate: float | None
+) -> ContactThresholds:
+    """Thresholds for a rate of false alarms per hour, or for the usual one."""
+    friction = sliding_friction(identified, peaks.edges[:, 1])
+    return peaks.thresholds(supported_rate(peaks, rate), friction)
 
 
 def left_out_words(identified: IdentifiedModel) -> str:
@@ -232,28 +225,25 @@ def left_out_words(identified: IdentifiedModel) -> str:
     return f"{calibration.count} {what} that were left out when the model was identified"
 
 
-def _refuse_none(runs: Sequence[Run], notes: Sequence[str]) -> None:
-    """There are calibration runs."""
-    if not runs:
+def _calibrated(
+    identified: IdentifiedModel,
+    free: Sequence[tuple[Run, ResidualTrace]],
+    cutoff: float,
+    own: ResidualPeaks | None,
+    notes: Sequence[str],
+) -> tuple[ResidualPeaks, tuple[SuspectedContact, ...]]:
+    """Largest residuals of calibration runs, and what was left out of them."""
+    if not free:
         raise DataError(
             f"no calibration log is left: {'; '.join(notes)}",
             where="--calibrate",
             fix="give logs of other motion without contact, or leave --calibrate out",
         )
-
-
-def _calibrated(
-    identified: IdentifiedModel,
-    runs: Sequence[Run],
-    traces: Sequence[ResidualTrace],
-    cutoff: float,
-    own: ResidualPeaks | None,
-) -> tuple[ResidualPeaks, tuple[SuspectedContact, ...]]:
-    """Largest residuals of calibration runs, and what was left out of them."""
+    traces = [trace for _, trace in free]
     usual = rest_speed_of(
         identified.robot.n, identified.calibration, identified.processing.rest_speed
     )
-    rest = rest_speed_of_runs([run.rest_speed for run in runs], usual)
+    rest = rest_speed_of_runs([run.rest_speed for run, _ in free], usual)
     edges = edges_of(rest, traces) if own is None else own.edges
     robot, sigma = identified.model.robot, np.asarray(identified.estimate.sigma)
     return without_contact(traces, edges, cutoff, robot, sigma, own)

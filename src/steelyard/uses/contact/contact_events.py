@@ -4,9 +4,12 @@ A force on a link loads the joints between it and the base, and no joint beyond 
 of a joint exceeds its threshold, the contact is on a link that this joint carries.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import reduce
+from itertools import pairwise
+from operator import add
+from typing import Any
 
 import numpy as np
 
@@ -98,6 +101,119 @@ def place_of(links: Sequence[str]) -> str:
     return links[0] if len(links) == 1 else f"{links[0]} or beyond"
 
 
+@dataclass(frozen=True)
+class ContactStart:
+    """A residual exceeds its threshold, and none did just before.
+
+    Attributes:
+        time: When [s].
+        known: When that is known [s]: a change at rest is decided a little later.
+        joint: What the joint with the largest ratio shows.
+        links: Links that the contact may be on.
+    """
+
+    time: float
+    known: float
+    joint: JointLoad
+    links: tuple[str, ...]
+
+    @property
+    def place(self) -> str:
+        """Where the contact is, for people to read."""
+        return place_of(self.links)
+
+
+CHANGE_TEST = 1
+"""Row of changes at rest in the tests of a sample, below that of the residual itself."""
+
+
+class ContactStream:
+    """Finds contacts sample by sample."""
+
+    def __init__(self, robot: Robot, sigma: Array, lasting: float = 0.0) -> None:
+        """Begin.
+
+        Args:
+            robot: The robot.
+            sigma: Standard deviation of the residual of the fit per joint, shape `(n,)` [Nm; N].
+            lasting: Time for which a residual must exceed its threshold, sample after sample, to
+                be contact [s].
+        """
+        self._robot, self._sigma, self._lasting = robot, sigma, lasting
+        self._released = np.full((2, robot.n), np.nan)
+        self._since = np.full((2, robot.n), np.nan)
+        self._loads: dict[int, JointLoad] = {}
+        self._start = self._end = self._known = -np.inf
+
+    @property
+    def active(self) -> bool:
+        """Whether there is a contact now."""
+        return bool(self._loads)
+
+    def step(
+        self,
+        t: float,
+        signal: Array,
+        limits: Array,
+        times: Sequence[float],
+        *,
+        known: Sequence[float] | None = None,
+        gap: bool = False,
+    ) -> Iterator[ContactStart | ContactEvent]:
+        """Take the next sample: the residual, and its change at rest that is decided now.
+
+        Args:
+            t: Time [s].
+            signal: Measured minus predicted effort, and its change at rest, shape `(2, n)`
+                [Nm; N]; NaN where nothing is compared.
+            limits: Thresholds, likewise; NaN of a joint without.
+            times: Of the samples that the rows are of [s].
+            known: When each row is known [s]; at `t` if `None`.
+            gap: Whether samples are missing before this one.
+        """
+        size, at = np.abs(signal), np.array(times)[:, None]
+        held = (size >= self._released) & (not gap)
+        exceeds = size > limits
+        begins = exceeds & (np.isnan(self._since) | gap)
+        self._since = np.where(begins, at, np.where(exceeds, self._since, np.nan))
+        exceeds &= at - self._since >= self._lasting
+        if self._loads and not held.any() and t - self._end > LEAST_TIME_APART:
+            yield self.ended()
+        self._released = np.where(held, self._released, np.where(exceeds, RELEASE * limits, np.nan))
+        touched = held | exceeds
+        if not touched.any():
+            return
+        first, tests = not self._loads, touched.any(axis=1)
+        for k, j in np.argwhere(touched).tolist():
+            self._add(j, float(signal[k, j]), float(size[k, j] / limits[k, j]), k == CHANGE_TEST)
+        latest = float(at[tests].max())
+        decided = float(np.array((t, t) if known is None else known)[tests].min())
+        if first:
+            self._start, self._end = float(self._since[touched].min()), latest
+            self._known = decided
+            event = self._event()
+            yield ContactStart(event.start, t, event.joints[0], event.links)
+        self._end, self._known = max(self._end, latest), min(self._known, decided)
+
+    def ended(self) -> ContactEvent:
+        """The contact that ends, now or with the stream; there must be one."""
+        event = self._event()
+        self._loads.clear()
+        self._released[:] = np.nan
+        return event
+
+    def _add(self, j: int, signal: float, ratio: float, change: bool) -> None:
+        known = self._loads.get(j)
+        if known is None or known.ratio < ratio:
+            axis, sigmas = self._robot.coordinates[j], abs(signal) / float(self._sigma[j])
+            self._loads[j] = JointLoad(axis.name, axis.effort_unit, signal, sigmas, ratio, change)
+
+    def _event(self) -> ContactEvent:
+        links = links_carried_by(self._robot, list(self._loads))
+        joints = sorted(self._loads.values(), key=lambda load: -load.ratio)
+        return ContactEvent(self._start, self._end, self._known, tuple(joints), links)
+
+
 def contacts_in(
     trace: ResidualTrace, thresholds: ContactThresholds, robot: Robot, sigma: Array
 ) -> tuple[ContactEvent, ...]:
@@ -109,88 +225,21 @@ def contacts_in(
         robot: The robot.
         sigma: Standard deviation of the residual of the fit per joint, shape `(n,)` [Nm; N].
     """
-    tests = _tests(trace, thresholds)
-    spans = sorted(
-        _Span(start, stop, j, k)
-        for k, (signal, limits) in enumerate(tests)
-        for j in range(len(signal))
-        for start, stop in _exceeded(np.abs(signal[j]), limits[j], trace.t, trace.step)
-    )
-    groups: list[list[_Span]] = []
-    latest = -np.inf
-    for span in spans:
-        if not groups or trace.t[span.start] - latest > LEAST_TIME_APART:
-            groups.append([])
-        groups[-1].append(span)
-        latest = max(latest, float(trace.t[span.stop - 1]))
-    return tuple(_event(group, trace, tests, robot, sigma) for group in groups)
-
-
-class _Span(NamedTuple):
-    """Samples in which a joint exceeds the thresholds of a test."""
-
-    start: int
-    stop: int
-    joint: int
-    test: int
-
-
-REST_CHANGE_TEST = 1
-"""Number of the test of changes at rest."""
-
-_Tests = tuple[tuple[Array, Array], tuple[Array, Array]]
-"""Residuals and their thresholds, changes at rest and theirs, shapes `(n, N)`."""
-
-
-def _tests(trace: ResidualTrace, thresholds: ContactThresholds) -> _Tests:
     changes = trace.changes(thresholds.edges)
+    signal = np.stack([trace.residual, changes])
     levels = thresholds.at(trace.ranges(thresholds.edges))
-    limits = np.broadcast_to(thresholds.changes[:, None], changes.shape)
-    return (trace.residual, levels), (changes, limits)
-
-
-def _exceeded(size: Array, limit: Array, t: Array, step: float) -> list[tuple[int, int]]:
-    """First sample, and the one after the last, of every stretch of one joint; none over a gap."""
-    found, at = [], 0
-    above = np.flatnonzero(size > limit)
-    while (left := above[above >= at]).size:
-        start = int(left[0])
-        ends = ~(size[start:] >= RELEASE * limit[start]) | (
-            np.diff(t[start:], prepend=t[start]) > 2.0 * step
-        )
-        at = start + int(np.argmax(ends)) if ends.any() else len(size)
-        found.append((start, at))
-    return found
-
-
-def _event(
-    spans: Sequence[_Span], trace: ResidualTrace, tests: _Tests, robot: Robot, sigma: Array
-) -> ContactEvent:
-    joints = sorted({span.joint for span in spans})
-    loads = [
-        _load([span for span in spans if span.joint == j], tests, robot, sigma) for j in joints
-    ]
-    return ContactEvent(
-        float(trace.t[min(span.start for span in spans)]),
-        float(trace.t[max(span.stop for span in spans) - 1]),
-        min(float(trace.t[span.start]) + ONSET * (span.test == REST_CHANGE_TEST) for span in spans),
-        tuple(sorted(loads, key=lambda load: -load.ratio)),
-        links_carried_by(robot, joints),
-    )
-
-
-def _load(spans: Sequence[_Span], tests: _Tests, robot: Robot, sigma: Array) -> JointLoad:
-    """What one joint shows in its spans: the sample that exceeds its threshold most."""
-    j, found = spans[0].joint, []
-    for start, stop, _, k in spans:
-        signal, limits = (x[j, start:stop] for x in tests[k])
-        ratios = np.abs(signal) / limits
-        most = int(np.argmax(ratios))
-        found.append((float(ratios[most]), float(signal[most]), k == REST_CHANGE_TEST))
-    ratio, peak, change = max(found)
-    coordinate = robot.coordinates[j]
-    sigmas = abs(peak) / float(sigma[j])
-    return JointLoad(coordinate.name, coordinate.effort_unit, peak, sigmas, ratio, change)
+    limits = np.stack([levels, np.broadcast_to(thresholds.changes[:, None], changes.shape)])
+    least = np.min(limits, axis=2, where=np.isfinite(limits), initial=np.inf, keepdims=True)
+    possible = np.any(np.abs(signal) >= RELEASE * least, axis=(0, 1))
+    possible[1:] |= possible[:-1].copy()  # a release is seen at the sample after the last one
+    gaps = np.diff(trace.t, prepend=trace.t[:1]) > 2.0 * trace.step
+    stream, found = ContactStream(robot, sigma), list[ContactStart | ContactEvent]()
+    for k in np.flatnonzero(possible):
+        t, gap = float(trace.t[k]), bool(gaps[k])
+        known = (t, t + ONSET)
+        found += stream.step(t, signal[..., k], limits[..., k], (t, t), known=known, gap=gap)
+    found += [stream.ended()] if stream.active else []
+    return tuple(event for event in found if isinstance(event, ContactEvent))
 
 
 def links_carried_by(robot: Robot, joints: Sequence[int]) -> tuple[str, ...]:
@@ -236,7 +285,7 @@ def without_contact(
 
     Every run is compared with thresholds from all others, which all of them together exceed with a
     probability of `EXPECTED_EXCEEDANCES`; the run that exceeds them most loses what exceeds them,
-    until none does. A single run is compared in stretches.
+    until none does. A single run is compared in `CALIBRATION_STRETCHES` parts.
 
     Args:
         traces: Residuals of the runs.
@@ -248,45 +297,26 @@ def without_contact(
     """
     alike = known is not None and known.cutoff == cutoff and np.array_equal(known.edges, edges)
     beside = [known] if known is not None and alike else []
-    parts = list(traces) if len(traces) + len(beside) > 1 else _stretches(traces[0])
+    parts = list(traces)
+    if len(parts) + len(beside) < 2:
+        ends = np.linspace(0, len(parts[0].t), CALIBRATION_STRETCHES + 1).astype(int)
+        parts = [parts[0].of(slice(a, b)) for a, b in pairwise(ends)]
     peaks = [part.peaks(edges, cutoff) for part in parts]
     suspected: list[SuspectedContact] = []
     while len(peaks) + len(beside) > 1 and any(part.duration for part in parts):
         rate = EXPECTED_EXCEEDANCES * 3600.0 / sum(part.duration for part in parts)
-        found = [
-            contacts_in(
-                part, _sum([*peaks[:k], *peaks[k + 1 :], *beside]).thresholds(rate), robot, sigma
-            )
-            for k, part in enumerate(parts)
-        ]
-        worst = max(range(len(parts)), key=lambda k: _worst(found[k]))
+        found = []
+        for k, part in enumerate(parts):
+            limits = reduce(add, [*peaks[:k], *peaks[k + 1 :], *beside]).thresholds(rate)
+            found.append(contacts_in(part, limits, robot, sigma))
+        ratios = [max((event.joints[0].ratio for event in one), default=0.0) for one in found]
+        worst = int(np.argmax(ratios))
         if not found[worst]:
             break
         suspected += [SuspectedContact(parts[worst].run, event) for event in found[worst]]
-        parts[worst] = _outside(parts[worst], found[worst])
+        t, inside = parts[worst].t, np.zeros(len(parts[worst].t), dtype=bool)
+        for event in found[worst]:
+            inside |= (t >= event.start - SUSPECT_MARGIN) & (t <= event.end + SUSPECT_MARGIN)
+        parts[worst] = parts[worst].of(~inside)
         peaks[worst] = parts[worst].peaks(edges, cutoff)
-    return _sum(peaks), tuple(sorted(suspected, key=lambda one: (one.run, one.event.start)))
-
-
-def _worst(events: Sequence[ContactEvent]) -> float:
-    return max((event.joints[0].ratio for event in events), default=0.0)
-
-
-def _sum(peaks: Sequence[ResidualPeaks]) -> ResidualPeaks:
-    return sum(peaks[1:], peaks[0])
-
-
-def _stretches(trace: ResidualTrace) -> list[ResidualTrace]:
-    """`CALIBRATION_STRETCHES` parts of a run."""
-    edges = np.linspace(0, len(trace.t), CALIBRATION_STRETCHES + 1).astype(int)
-    return [trace.of(slice(a, b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-
-
-def _outside(trace: ResidualTrace, events: Sequence[ContactEvent]) -> ResidualTrace:
-    """The samples away from events."""
-    inside = np.zeros(len(trace.t), dtype=bool)
-    for event in events:
-        inside |= (trace.t >= event.start - SUSPECT_MARGIN) & (
-            trace.t <= event.end + SUSPECT_MARGIN
-        )
-    return trace.of(~inside)
+    return reduce(add, peaks), tuple(sorted(suspected, key=lambda one: (one.run, one.event.start)))

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 import numpy as np
+from rich.text import Text
 
 from steelyard.estimate.external.residual_peaks import RANGES
 from steelyard.report.figures import Figure, Group, Key, area, line
-from steelyard.report.page import Shown, fill, page_of
+from steelyard.report.page import figures, inspected_page, notes
+from steelyard.report.result import print_verdict
 from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE, signed, significant
 
@@ -28,8 +29,13 @@ if TYPE_CHECKING:
 MOST_POINTS_OF_RESIDUAL = 4000
 """Points of a line, at most; every one is the largest of those that it stands for."""
 
+EVENT_HEADINGS = (
+    "start [s]", "length [s]", "largest at", "residual", "size", "link", "× threshold", "joints",
+)  # fmt: skip
+"""Columns of the table of events."""
+
 TERMINAL_COLUMNS = (0, 1, 2, 3, 4, 5)
-"""Columns of the table of events for which a terminal has room."""
+"""Those for which a terminal has room."""
 
 THRESHOLD_HEADINGS = ("joint", "unit", RANGES[0], "change", *RANGES[1:])
 """Columns of the table of thresholds."""
@@ -81,6 +87,11 @@ class ContactContent:
         return f"{many} in {duration:.1f} s of {self.trace.run}{stands}"
 
     @property
+    def busy(self) -> float:
+        """Share of the log in which residuals exceed their thresholds."""
+        return sum(event.end - event.start for event in self.events) / self.trace.duration
+
+    @property
     def claim(self) -> str:
         """What the thresholds promise, and what that rests on."""
         rate, minutes = self.thresholds.rate, self.thresholds.duration / 60.0
@@ -104,22 +115,18 @@ class ContactContent:
             )
         if self.fitted:
             found.append("the model was fitted to this log: its residuals are too small")
-        busy = sum(event.end - event.start for event in self.events)
-        if busy > LEAST_LASTING_SHARE * self.trace.duration:
+        if self.busy > LEAST_LASTING_SHARE:
             found.append(
-                f"residuals exceed their thresholds in {100.0 * busy / self.trace.duration:.0f} % "
-                "of the log: a payload, another tool or other efforts than the model's are "
-                "likelier than contact; run steelyard check with this log"
+                f"residuals exceed their thresholds in {100.0 * self.busy:.0f} % of the log: a "
+                "payload, another tool or other efforts than the model's are likelier than "
+                "contact; run steelyard check with this log"
             )
         if self.carried is not None:
             found.append(self.carried)
-        unknown = [
-            joint
-            for joint, row in zip(self.joints, self.thresholds.limits, strict=True)
-            if np.isnan(row).all()
-        ]
-        if unknown:
-            found.append(f"no threshold, no free motion: {', '.join(unknown)}")
+        without = np.isnan(self.thresholds.limits).all(axis=1)
+        if without.any():
+            unknown = ", ".join(np.array(self.joints)[without])
+            found.append(f"no threshold, no free motion: {unknown}")
         return tuple(found)
 
     @property
@@ -136,36 +143,23 @@ class ContactContent:
 
 def events_table(content: ContactContent) -> PlainTable:
     """One row per event."""
-    rows = []
+    rows, changed = [], False
     for event in content.events:
         load = event.joints[0]
-        rows.append(
-            Row(
-                (
-                    f"{event.start:.2f}",
-                    f"{event.end - event.start:.2f}",
-                    load.joint,
-                    f"{signed(load.peak)} {load.unit}{' *' if load.change else ''}",
-                    f"{load.sigmas:.0f} σ",
-                    event.place,
-                    f"{load.ratio:.2g}",
-                    f"{len(event.joints)}",
-                )
-            )
+        changed |= load.change
+        cells = (
+            f"{event.start:.2f}",
+            f"{event.end - event.start:.2f}",
+            load.joint,
+            f"{signed(load.peak)} {load.unit}{' *' if load.change else ''}",
+            f"{load.sigmas:.0f} σ",
+            event.place,
+            f"{load.ratio:.2g}",
+            f"{len(event.joints)}",
         )
-    headings = (
-        "start [s]",
-        "length [s]",
-        "largest at",
-        "residual",
-        "size",
-        "link",
-        "× threshold",
-        "joints",
-    )
-    changed = any(event.joints[0].change for event in content.events)
+        rows.append(Row(cells))
     words = "* change of the residual while the robot rests" if changed else ""
-    return PlainTable("", words, headings, rows, (2, 5))
+    return PlainTable("", words, EVENT_HEADINGS, rows, (2, 5))
 
 
 def thresholds_table(content: ContactContent, *, relative: bool) -> PlainTable:
@@ -175,26 +169,18 @@ def thresholds_table(content: ContactContent, *, relative: bool) -> PlainTable:
         shown = f"{significant(limit)} {limit / sigma:.0f}σ" if relative else significant(limit)
         return shown if np.isfinite(limit) else NONE
 
-    rows = []
-    thresholds = content.thresholds
-    for joint, unit, limits, own, change, sigma in zip(
-        content.joints,
-        content.units,
-        thresholds.limits,
-        thresholds.own,
-        thresholds.changes,
-        content.sigma,
-        strict=True,
-    ):
+    rows, thresholds = [], content.thresholds
+    for j, (joint, unit) in enumerate(zip(content.joints, content.units, strict=True)):
+        sigma = float(content.sigma[j])
         cells = [
-            f"{cell(float(limit), float(sigma))}{'' if mine else ' *'}"
-            for limit, mine in zip(limits, own, strict=True)
+            f"{cell(float(limit), sigma)}{'' if mine else ' *'}"
+            for limit, mine in zip(thresholds.limits[j], thresholds.own[j], strict=True)
         ]
-        cells.insert(1, cell(float(change), float(sigma)))
+        cells.insert(1, cell(float(thresholds.changes[j]), sigma))
         rows.append(Row((joint, unit, *cells)))
     words = (
         "A residual (measured minus predicted effort after a first-order low-pass of "
-        f"{content.thresholds.cutoff:.3g} Hz) beyond its threshold is contact. At rest friction "
+        f"{thresholds.cutoff:.3g} Hz) beyond its threshold is contact. At rest friction "
         "has any value within ± the breakaway friction; change: of the residual while all joints "
         "rest, against its mean of the last seconds; turning: the joint starts, stops or reverses. "
         "* too few visits in the calibration: largest threshold of the joint, and its friction."
@@ -204,18 +190,13 @@ def thresholds_table(content: ContactContent, *, relative: bool) -> PlainTable:
 
 def contact_lines(content: ContactContent, console: Console) -> None:
     """Print the events and what the thresholds rest on."""
-    from rich.text import Text
-
-    console.print(Text(content.headline, style="bold"))
-    console.print(Text(content.claim))
-    for warning in content.warnings:
-        console.print(Text(f"! {warning}", style="yellow"))
+    warnings, events = content.warnings, events_table(content)
+    print_verdict(console, content.headline, content.claim, warnings)
     if content.events:
-        events = events_table(content)
         console.print(narrow_table(events, TERMINAL_COLUMNS))
         if events.words:
             console.print(Text(events.words))
-    if content.warnings or content.events:
+    if warnings or content.events:
         console.print()
     console.print(Text("Thresholds"))
     console.print(narrow_table(thresholds_table(content, relative=False)))
@@ -236,38 +217,32 @@ def _footnotes(thresholds: ContactThresholds) -> Iterator[str]:
 
 def render_contact(content: ContactContent) -> str:
     """The page as HTML text, to be written as UTF-8."""
-    empty = {"words": "", "tables": (), "folded": "", "legend": (), "note": "", "groups": ()}
-    tables = [events_table(content)] if content.events else []
-    verdict = {
-        **empty,
-        "title": "Contacts",
-        "words": f"{content.headline}. {content.claim}",
-        "tables": tables,
-    }
-    figures = {
-        **empty,
-        "title": "Residuals",
-        "legend": [
-            Key("--measured", "residual"),
-            Key("--rest", "within the thresholds", "area"),
-            Key("--vermillion", "contact", "line"),
-        ],
-        "groups": [Group([_figure(content, j) for j in range(len(content.joints))], columns="one")],
-        "note": f"At most {MOST_POINTS_OF_RESIDUAL} points a line: the largest residual of each "
-        "interval.",
-    }
-    limits = {**empty, "title": "Thresholds", "tables": [thresholds_table(content, relative=True)]}
-    sections = [Shown("contacts", "Contacts", fill("figures.html", verdict))]
-    if content.warnings:
-        notes = fill("notes.html", {"notes": content.warnings})
-        sections.append(Shown("notes", "Limits of this result", notes))
-    sections += [
-        Shown("residuals", "Residuals and thresholds over time", fill("figures.html", figures)),
-        Shown("thresholds", "Thresholds", fill("figures.html", limits)),
-        Shown("details", "Notes", fill("notes.html", {"notes": content.details}), folded=True),
-    ]
+    joints = [_figure(content, j) for j in range(len(content.joints))]
+    sections = (
+        figures(
+            "contacts",
+            "Contacts",
+            words=f"{content.headline}. {content.claim}",
+            tables=[events_table(content)] if content.events else (),
+        ),
+        notes("notes", "Limits of this result", content.warnings),
+        figures(
+            "residuals",
+            "Residuals and thresholds over time",
+            legend=[
+                Key("--measured", "residual"),
+                Key("--rest", "within the thresholds", "area"),
+                Key("--vermillion", "contact", "line"),
+            ],
+            groups=[Group(joints, columns="one")],
+            note=f"At most {MOST_POINTS_OF_RESIDUAL} points a line: the largest residual of each "
+            "interval.",
+        ),
+        figures("thresholds", "Thresholds", tables=[thresholds_table(content, relative=True)]),
+        notes("details", "Notes", content.details, folded=True),
+    )
     title = f"{content.robot}: contacts in {content.trace.run}"
-    return page_of(title, content.robot, "inspected", version("steelyard"), sections)
+    return inspected_page(title, content.robot, sections)
 
 
 def _figure(content: ContactContent, j: int) -> Figure:

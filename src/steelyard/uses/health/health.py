@@ -10,7 +10,6 @@ import numpy as np
 
 from steelyard.base.arguments import checked
 from steelyard.base.errors import LogError
-from steelyard.base.files import write_json
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.friction.mixes import has_memory
 from steelyard.estimate.identified import IdentifiedModel, load_model
@@ -20,11 +19,16 @@ from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
 from steelyard.identify.run_notes import notes_of
 from steelyard.identify.scores import processing_of
 from steelyard.report.result import Result
-from steelyard.runs.named_logs import log_files, paths_of, prepared, recording_of
-from steelyard.runs.named_logs import refuse_overlaps as refuse_twice
+from steelyard.runs.named_logs import (
+    log_files,
+    paths_of,
+    prepared,
+    recording_of,
+    refuse_overlaps,
+)
 from steelyard.uses.health.health_changes import HealthChange, changes_of
 from steelyard.uses.health.health_page import HealthContent, health_lines, render_health
-from steelyard.uses.health.health_windows import series_of, windowed
+from steelyard.uses.health.health_windows import LEAST_WINDOW, MOST_WINDOWS_OF_LOG, series_of
 from steelyard.uses.other_efforts import refuse_other_efforts
 from steelyard.uses.payload.payload_of_runs import payload_words, unknown_payload
 
@@ -41,6 +45,7 @@ class Health(Result):
     """
 
     content: HealthContent
+    json_name = "health.json"
 
     @property
     def drifts(self) -> tuple[HealthChange, ...]:
@@ -80,11 +85,6 @@ class Health(Result):
             "notes": list(content.notes),
         }
 
-    def write(self, folder: Path) -> None:
-        """Write `report.html` and `health.json`."""
-        (folder / "report.html").write_text(self.report(), encoding="utf-8")
-        write_json(folder / "health.json", self.to_dict())
-
     def show(self, console: "Console") -> None:
         """Print what drifted, and one line per joint."""
         health_lines(self.content, console)
@@ -115,18 +115,18 @@ def health(
     """
     identified = load_model(model)
     files = log_files(paths_of(logs, least=1))
-    refuse_twice(files, [])
+    refuse_overlaps(files, [])
     recordings = [recording_of(log, identified.signals) for log in files]
     runs = prepared(recordings, processing_of(identified), progress)
     cutoff = residual_cutoff(identified, runs)
     sigma = np.asarray(identified.estimate.sigma)
     regressor, rests = base_regressor(identified.model), has_memory(identified.model.terms)
-    found, carried = [], []
+    threads, found, carried = os.cpu_count() or 1, [], []
     for run in runs:
         refuse_other_efforts(residual_trace(identified, run, cutoff), sigma, identified.joints)
-        threads = os.cpu_count() or 1
         whole = gather(regressor, run, rests=rests, threads=threads, progress=progress)
-        found.append(windowed(whole, run.duration))
+        count = int(run.duration / LEAST_WINDOW)
+        found.append(whole.merged(max(1, min(MOST_WINDOWS_OF_LOG, count))))
         payload = unknown_payload(identified, whole)
         carried += [] if payload is None else [payload_words(payload, run.name)]
     series, names = series_of(identified, found), [run.name for run in runs]

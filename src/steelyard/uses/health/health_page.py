@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 import numpy as np
+from rich.text import Text
 
 from steelyard.estimate.estimate import Z95
 from steelyard.report.figures import Figure, Group, Key, area, line
-from steelyard.report.page import Shown, fill, page_of
+from steelyard.report.page import figures, inspected_page, notes
+from steelyard.report.result import print_verdict
 from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE
 from steelyard.uses.health.health_changes import CLEAR_HALF_WIDTHS, FALSE_DRIFT_LEVEL, LEAST_CHANGE
@@ -66,26 +67,23 @@ class HealthContent:
     @property
     def headline(self) -> str:
         """How much drifted."""
-        joints = dict.fromkeys(change.joint for change in self.drifts)
-        count = len(self.logs)
-        logs = self.logs[0] if count == 1 else f"{count} logs"
-        if not joints and self.unproven:
-            joints = dict.fromkeys(change.joint for change in self.unproven)
-            return f"{len(joints)} of {len(self.joints)} joints differ in {logs}, drift not proven"
-        if not joints:
-            return f"No drift in {logs}"
-        return f"{len(joints)} of {len(self.joints)} joints drifted in {logs}"
+        drifted, differ = ({c.joint for c in some} for some in (self.drifts, self.unproven))
+        logs = self.logs[0] if len(self.logs) == 1 else f"{len(self.logs)} logs"
+        if drifted:
+            return f"{len(drifted)} of {len(self.joints)} joints drifted in {logs}"
+        if differ:
+            return f"{len(differ)} of {len(self.joints)} joints differ in {logs}, drift not proven"
+        return f"No drift in {logs}"
 
     @property
     def limits(self) -> tuple[str, ...]:
         """What qualifies the result."""
+        if not self.unproven:
+            return self.warnings
         by: dict[str, dict[str, None]] = {}
         for change in self.unproven:
             by.setdefault(change.joint, {})[change.quantity] = None
-        if not by:
-            return self.warnings
-        count = len(self.logs)
-        logs = "one log" if count == 1 else f"these {count} logs"
+        logs = "one log" if len(self.logs) == 1 else f"these {len(self.logs)} logs"
         joints = "; ".join(f"{joint} ({', '.join(what)})" for joint, what in by.items())
         return (
             f"{logs} cannot tell drift from an error of the model in other motions or from other "
@@ -124,21 +122,15 @@ def chance(p: float) -> str:
 
 def joints_table(content: HealthContent) -> PlainTable:
     """One row per joint: the level in the last log against the model, marked where it drifted."""
-    last = {
-        (change.joint, change.quantity): change
-        for change in content.changes
-        if change.shape == "differs"
-    }
-    marks = {(change.joint, change.quantity): " ?" for change in content.unproven}
-    marks |= {(change.joint, change.quantity): " !" for change in content.drifts}
-    rows = []
-    for joint in content.joints:
-        cells = []
-        for quantity in QUANTITIES:
-            change = last.get((joint, quantity))
-            mark = marks.get((joint, quantity), "")
-            cells.append(NONE if change is None else f"{change.text}{mark}")
-        rows.append(Row((joint, *cells)))
+    marks = {(c.joint, c.quantity): " ?" for c in content.unproven}
+    marks |= {(c.joint, c.quantity): " !" for c in content.drifts}
+    levels = [c for c in content.changes if c.shape == "differs"]
+    places = [(c.joint, c.quantity) for c in levels]
+    last = {at: f"{c.text}{marks.get(at, '')}" for at, c in zip(places, levels, strict=True)}
+    rows = [
+        Row((joint, *(last.get((joint, quantity), NONE) for quantity in QUANTITIES)))
+        for joint in content.joints
+    ]
     words = "Level in the last log relative to the model, with its 95 % interval; ! drift"
     words += "; ? differs, drift not proven." if content.unproven else "."
     return PlainTable("", words, ("joint", *QUANTITY_HEADINGS), rows)
@@ -146,12 +138,7 @@ def joints_table(content: HealthContent) -> PlainTable:
 
 def health_lines(content: HealthContent, console: Console) -> None:
     """Print what drifted, and one line per joint."""
-    from rich.text import Text
-
-    console.print(Text(content.headline, style="bold"))
-    console.print(Text(content.claim))
-    for warning in content.limits:
-        console.print(Text(f"! {warning}", style="yellow"))
+    print_verdict(console, content.headline, content.claim, content.limits)
     if content.named:
         console.print(narrow_table(drifts_table(content)))
     table = joints_table(content)
@@ -163,33 +150,26 @@ def health_lines(content: HealthContent, console: Console) -> None:
 
 def render_health(content: HealthContent) -> str:
     """The page as HTML text, to be written as UTF-8."""
-    empty = {"words": "", "tables": (), "folded": "", "legend": (), "note": "", "groups": ()}
-    verdict = {
-        **empty,
-        "title": "Drift",
-        "words": f"{content.headline}. {content.claim}",
-        "tables": [drifts_table(content)] if content.named else [],
-    }
-    joints = {**empty, "title": "Joints", "tables": [joints_table(content)]}
-    figures = {
-        **empty,
-        "title": "Changes over time",
-        "legend": [Key("--measured", "windows"), Key("--interval", "95 % interval", "area")],
-        "groups": _groups(content),
-        "note": "Change from the model of every window; logs follow each other without the time "
-        f"between them. Lines are interrupted between logs: {', '.join(content.logs)}.",
-    }
-    sections = [Shown("drift", "Drift", fill("figures.html", verdict))]
-    if content.limits:
-        limits = fill("notes.html", {"notes": content.limits})
-        sections.append(Shown("limits", "Limits of this result", limits))
-    sections += [
-        Shown("joints", "Joints", fill("figures.html", joints)),
-        Shown("windows", "Changes over time", fill("figures.html", figures)),
-        Shown("notes", "Notes", fill("notes.html", {"notes": content.notes}), folded=True),
-    ]
-    title = f"{content.robot}: health"
-    return page_of(title, content.robot, "inspected", version("steelyard"), sections)
+    sections = (
+        figures(
+            "drift",
+            "Drift",
+            words=f"{content.headline}. {content.claim}",
+            tables=[drifts_table(content)] if content.named else (),
+        ),
+        notes("limits", "Limits of this result", content.limits),
+        figures("joints", "Joints", tables=[joints_table(content)]),
+        figures(
+            "windows",
+            "Changes over time",
+            legend=[Key("--measured", "windows"), Key("--interval", "95 % interval", "area")],
+            groups=_groups(content),
+            note="Change from the model of every window; logs follow each other without the time "
+            f"between them. Lines are interrupted between logs: {', '.join(content.logs)}.",
+        ),
+        notes("notes", "Notes", content.notes, folded=True),
+    )
+    return inspected_page(f"{content.robot}: health", content.robot, sections)
 
 
 def _groups(content: HealthContent) -> list[Group]:

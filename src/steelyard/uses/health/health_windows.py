@@ -34,7 +34,7 @@ LEAST_WINDOW = 10.0
 """Least length of a window [s]."""
 
 MOST_WINDOWS_OF_LOG = 32
-"""Windows of a log at most."""
+"""Windows of a log at most, of `LEAST_WINDOW` or more."""
 
 DETERMINED = 1e-8
 """Least eigenvalue of a window's normal matrix, columns of unit length, that is used."""
@@ -66,11 +66,6 @@ class Series:
     single: Array
     scale: float
     known: float
-
-
-def windowed(information: Information, duration: float) -> Information:
-    """A log's information in at most `MOST_WINDOWS_OF_LOG` windows of `LEAST_WINDOW` or more."""
-    return information.merged(max(1, min(MOST_WINDOWS_OF_LOG, int(duration / LEAST_WINDOW))))
 
 
 def series_of(identified: IdentifiedModel, logs: Sequence[Information]) -> tuple[Series, ...]:

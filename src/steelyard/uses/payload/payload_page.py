@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from importlib.metadata import version
 from math import floor, isfinite, log10
 from typing import TYPE_CHECKING
 
 import numpy as np
+from rich.text import Text
 
 from steelyard.report.figures import Figure, Group, Key, area, evenly, line
-from steelyard.report.page import Shown, fill, page_of
+from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.tables import PlainTable, Row, light_table
 from steelyard.uses.payload.payload_changes import CHANGE_SPAN
 
@@ -18,9 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rich.console import Console
-    from rich.text import Text
 
-    from steelyard.base.arrays import Array
     from steelyard.estimate.payload.payload_estimate import PayloadEstimate
     from steelyard.uses.payload.payload_events import PayloadEvents
 
@@ -58,26 +56,27 @@ MOST_POINTS_OF_MASS = 3000
 
 def render_payload_events(found: Sequence[PayloadEvents], robot: str) -> str:
     """The page as HTML text, to be written as UTF-8."""
-    sections = []
-    for number, one in enumerate(found, start=1):
-        content = {
-            "title": one.run,
-            "words": f"{one.run}: {counted_changes(one)}. Frame '{one.frame}'.",
-            "tables": _tables(one),
-            "folded": "",
-            "legend": MASS_LEGEND,
-            "groups": [Group([_figure(one)], columns="one")],
-            "note": MASS_WINDOW_NOTE,
-        }
-        sections.append(Shown(f"log{number}", one.run, fill("figures.html", content)))
     limits = [f"{one.run}: {one.unexplained}" for one in found if one.unexplained]
-    if limits:
-        shown = fill("notes.html", {"notes": limits})
-        sections.insert(0, Shown("limits", "Limits of this result", shown))
-    notes = tuple(dict.fromkeys(note for one in found for note in one.notes))
-    sections.append(Shown("notes", "Notes", fill("notes.html", {"notes": notes}), folded=True))
+    remarks = tuple(dict.fromkeys(note for one in found for note in one.notes))
+    logs = (
+        figures(
+            f"log{number}",
+            one.run,
+            words=f"{one.run}: {counted_changes(one)}. Frame '{one.frame}'.",
+            tables=_tables(one),
+            legend=MASS_LEGEND,
+            groups=[Group([_figure(one)], columns="one")],
+            note=MASS_WINDOW_NOTE,
+        )
+        for number, one in enumerate(found, start=1)
+    )
+    sections = (
+        notes("limits", "Limits of this result", limits),
+        *logs,
+        notes("notes", "Notes", remarks, folded=True),
+    )
     title = f"{robot}: payload in {', '.join(one.run for one in found)}"
-    return page_of(title, robot, "inspected", version("steelyard"), sections)
+    return inspected_page(title, robot, sections)
 
 
 MASS_LEGEND = [
@@ -94,30 +93,24 @@ MASS_WINDOW_NOTE = (
 
 def _tables(found: PayloadEvents) -> list[PlainTable]:
     """Changes, and what is carried."""
-    changes = [
-        Row(
-            (
-                f"{number}",
-                event.kind,
-                f"{event.time:.2f}",
-                f"{event.earliest:.2f} to {event.latest:.2f}",
-                mass_with_interval(event.mass, event.mass_half_width),
-                f"{event.ratio:.3g}",
-            )
+    tables, changes = [], []
+    for number, event in enumerate(found.events, start=1):
+        cells = (
+            f"{number}",
+            event.kind,
+            f"{event.time:.2f}",
+            f"{event.earliest:.2f} to {event.latest:.2f}",
+            mass_with_interval(event.mass, event.mass_half_width),
+            f"{event.ratio:.3g}",
         )
-        for number, event in enumerate(found.events, start=1)
-    ]
-    carried = [
-        Row(
-            (
-                f"{one.start:.2f} to {one.stop:.2f}",
-                mass_with_interval(one.payload.mass, float(one.payload.half_width[0])),
-            )
-        )
-        for one in found.carried
-    ]
-    headings = ("#", "change", "time [s]", "95 % interval [s]", "mass [kg]", "× threshold")
-    tables = [PlainTable("", "", headings, changes, (1, 3, 4))] if changes else []
+        changes.append(Row(cells))
+    if changes:
+        headings = ("#", "change", "time [s]", "95 % interval [s]", "mass [kg]", "× threshold")
+        tables.append(PlainTable("", "", headings, changes, (1, 3, 4)))
+    carried = []
+    for one in found.carried:
+        mass = mass_with_interval(one.payload.mass, float(one.payload.half_width[0]))
+        carried.append(Row((f"{one.start:.2f} to {one.stop:.2f}", mass)))
     if carried:
         tables.append(PlainTable("", "", ("carried [s]", "mass [kg]"), carried, (0, 1)))
     return tables
@@ -127,7 +120,12 @@ def _figure(found: PayloadEvents) -> Figure:
     sliding = found.sliding
     some = evenly(len(sliding.t), MOST_POINTS_OF_MASS)
     t, mass, half = sliding.t[some], sliding.mass[some], sliding.half_width[some]
-    steps, carried = _steps(found)
+    edges = np.array([sliding.t[0], *(e.time for e in found.events), sliding.t[-1]])
+    between = [
+        next((one.payload.mass for one in found.carried if one.start <= t <= one.stop), 0.0)
+        for t in 0.5 * (edges[:-1] + edges[1:])
+    ]
+    steps, carried = np.repeat(edges, 2)[1:-1], np.repeat(between, 2)
     return Figure(
         "",
         f"Mass of the payload along {found.run}, with its interval and the changes",
@@ -142,30 +140,12 @@ def _figure(found: PayloadEvents) -> Figure:
     )
 
 
-def _steps(found: PayloadEvents) -> tuple[Array, Array]:
-    """The mass between changes as a line with steps, zero where nothing is carried."""
-    sliding = found.sliding
-    edges = [float(sliding.t[0]), *(e.time for e in found.events), float(sliding.t[-1])]
-    middles = [0.5 * (a + b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-    masses = [
-        next((one.payload.mass for one in found.carried if one.start <= t <= one.stop), 0.0)
-        for t in middles
-    ]
-    return np.repeat(edges, 2)[1:-1], np.repeat(masses, 2)
-
-
-Number = tuple[str, float, float, str]
-"""Name, value, half-width of its 95 % interval, unit."""
-
-
 def payload_lines(estimate: PayloadEstimate, console: Console) -> None:
     """Print the mass in one line, the table and how far it can be trusted."""
-    from rich.text import Text
-
     clear = estimate.weighs and not estimate.unexplained
     console.print(Text(payload_headline(estimate), style="bold green" if clear else "bold"))
     if estimate.unexplained:
-        console.print(_warning(estimate.unexplained))
+        console.print(Text(f"! {estimate.unexplained}", style="yellow"))
     carried = "" if estimate.frame == estimate.body else f", on link '{estimate.body}'"
     console.print()
     console.print(Text(f"payload in frame '{estimate.frame}'{carried}"))
@@ -180,36 +160,21 @@ def payload_lines(estimate: PayloadEstimate, console: Console) -> None:
 
 def event_lines(found: Sequence[PayloadEvents], console: Console) -> None:
     """Print when the payload changes along some logs."""
-    from rich.text import Text
-
     for one in found:
         console.print(Text(f"{one.run}: {counted_changes(one)}", style="bold"))
         if one.unexplained:
-            console.print(_warning(one.unexplained))
-        for text in _lines_of(one):
+            console.print(Text(f"! {one.unexplained}", style="yellow"))
+        for event in one.events:
+            mass, half = rounded_mass(event.mass, event.mass_half_width)
+            between = f"({event.earliest:.2f} to {event.latest:.2f} s)"
+            text = f"  {event.time:8.2f} s  {between}  {event.kind:9}  {mass} ± {half} kg"
+            console.print(Text(text))
+        for some in one.carried:
+            mass, half = rounded_mass(some.payload.mass, float(some.payload.half_width[0]))
+            text = f"  carried from {some.start:.2f} to {some.stop:.2f} s: {mass} ± {half} kg"
             console.print(Text(text))
     for note in dict.fromkeys(note for one in found for note in one.notes):
         console.print(Text(f"note: {note}"))
-
-
-def _warning(text: str) -> Text:
-    """What qualifies a result."""
-    from rich.text import Text
-
-    return Text(f"! {text}", style="yellow")
-
-
-def _lines_of(found: PayloadEvents) -> Iterator[str]:
-    """Changes, then what is carried."""
-    for event in found.events:
-        mass, half = rounded_mass(event.mass, event.mass_half_width)
-        yield (
-            f"  {event.time:8.2f} s  ({event.earliest:.2f} to {event.latest:.2f} s)  "
-            f"{event.kind:9}  {mass} ± {half} kg"
-        )
-    for one in found.carried:
-        mass, half = rounded_mass(one.payload.mass, float(one.payload.half_width[0]))
-        yield f"  carried from {one.start:.2f} to {one.stop:.2f} s: {mass} ± {half} kg"
 
 
 def payload_headline(estimate: PayloadEstimate) -> str:
@@ -225,8 +190,8 @@ def payload_headline(estimate: PayloadEstimate) -> str:
     return f"Payload: {found}" if estimate.weighs else f"No payload detected: {found}"
 
 
-def _numbers(estimate: PayloadEstimate) -> Iterator[Number]:
-    """The rows: mass, centre and inertia."""
+def _numbers(estimate: PayloadEstimate) -> Iterator[tuple[str, float, float, str]]:
+    """Name, value, half-width and unit of mass, centre and inertia."""
     yield "mass", estimate.mass, float(estimate.half_width[0]), "kg"
     if not estimate.weighs:
         return

@@ -27,8 +27,6 @@ from steelyard.estimate.scores.residuals import (
     FORGOTTEN,
     ResidualTrace,
     greatest,
-    sliding_friction,
-    supported_rate,
 )
 from steelyard.identify.scores import fitted_before, processing_of
 from steelyard.logs.contents import windowed
@@ -38,12 +36,22 @@ from steelyard.runs.named_logs import LogArgument, log_files, paths_of
 from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.sample_stream import SampleStream
-from steelyard.uses.contact.contact import edges_of, left_out_words
+from steelyard.uses.contact.contact import (
+    edges_of,
+    fitted_note,
+    left_out_words,
+    thresholds_of,
+)
 from steelyard.uses.contact.contact_events import without_contact
 from steelyard.uses.payload.payload_events import PayloadEvents, find_payload_events
-from steelyard.uses.watch.records import StreamFiles
-from steelyard.uses.watch.stream_events import Detect, PayloadStream
-from steelyard.uses.watch.watcher import StreamEvent, Watcher, rests_of, velocity_of
+from steelyard.uses.watch.stream_output import StreamFiles
+from steelyard.uses.watch.watcher import (
+    PayloadStream,
+    StreamEvent,
+    Watcher,
+    rests_of,
+    velocity_of,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +121,7 @@ def start_watch(
     if given:
         thresholds, notes = _calibrated(identified, given, cutoff, own, rate, progress)
     elif own is not None and own.cutoff == cutoff:
-        thresholds = _thresholds(identified, own, rate)
+        thresholds = thresholds_of(identified, own, rate)
         notes = [
             f"{_claim(thresholds, left_out_words(identified))}; these logs were smoothed, and "
             "abrupt stops cause larger residuals in a stream: calibrate with logs that were "
@@ -130,16 +138,33 @@ def start_watch(
             "contact is not sought: the model has no residuals of left-out motion "
             f"behind {cutoff:g} Hz; give logs of motion without contact with --calibrate"
         ]
-    payload, why = _payload(identified, frame)
-    watcher = Watcher(
-        identified,
-        observer,
-        frame,
-        thresholds,
-        payload,
-        1.0 / (PER_PERIOD * cutoff) if every is None else every,
-    )
-    return WatchStart(watcher, identified, (*notes, *why))
+    payload: PayloadStream | None = None
+    if identified.signals.effort_kind == "gravity_compensated_torque":
+        notes.append("changes of the payload are not sought: efforts are gravity-compensated")
+    else:
+        payload = payload_stream(identified, frame)
+    period = 1.0 / (PER_PERIOD * cutoff) if every is None else every
+    watcher = Watcher(identified, observer, frame, thresholds, payload, period)
+    return WatchStart(watcher, identified, tuple(notes))
+
+
+def payload_stream(identified: IdentifiedModel, frame: str | None) -> PayloadStream:
+    """What finds changes of a payload in consecutive rows of a stream.
+
+    Raises:
+        ModelError: There is no such frame, or it does not move.
+    """
+    carrier(identified.model.robot, frame)
+    signals, processing = identified.signals, processing_of(identified)
+    rests, regressor = has_memory(identified.model.terms), base_regressor(identified.model)
+
+    def detect(rows: Array) -> PayloadEvents:
+        log = LogInMemory(Path("stream"), signals.columns, rows)
+        run = prepare(Recording(log, signals).unwrapped(), processing)
+        samples = gather_samples(regressor, run, rests=rests, threads=1)
+        return find_payload_events(identified, samples, frame)
+
+    return PayloadStream(detect)
 
 
 def watch_rows(
@@ -178,42 +203,6 @@ def watch_rows(
             report(watcher.end())
 
 
-def _payload(
-    identified: IdentifiedModel, frame: str | None
-) -> tuple[PayloadStream | None, tuple[str, ...]]:
-    if identified.signals.effort_kind == "gravity_compensated_torque":
-        return None, ("changes of the payload are not sought: efforts are gravity-compensated",)
-    return PayloadStream(detector_of(identified, frame)), ()
-
-
-def detector_of(identified: IdentifiedModel, frame: str | None) -> Detect:
-    """What finds changes of a payload in consecutive rows of a stream.
-
-    Raises:
-        ModelError: There is no such frame, or it does not move.
-    """
-    carrier(identified.model.robot, frame)
-    signals, processing = identified.signals, processing_of(identified)
-    rests = has_memory(identified.model.terms)
-    regressor = base_regressor(identified.model)
-
-    def detect(rows: Array) -> PayloadEvents:
-        log = LogInMemory(Path("stream"), signals.columns, rows)
-        run = prepare(Recording(log, signals).unwrapped(), processing)
-        return find_payload_events(
-            identified, gather_samples(regressor, run, rests=rests, threads=1), frame
-        )
-
-    return detect
-
-
-def _thresholds(
-    identified: IdentifiedModel, peaks: ResidualPeaks, rate: float | None
-) -> ContactThresholds:
-    friction = sliding_friction(identified, peaks.edges[:, 1])
-    return peaks.thresholds(supported_rate(peaks, rate), friction)
-
-
 def _claim(thresholds: ContactThresholds, source: str) -> str:
     return (
         f"thresholds for {thresholds.rate:.3g} false alarms per hour, from "
@@ -230,8 +219,7 @@ def _calibrated(
     progress: Progress,
 ) -> tuple[ContactThresholds, list[str]]:
     """Thresholds from residuals as the stream has them, and what they rest on."""
-    fitted = [fitted_before(identified, log) for log in logs]
-    unseen = [log for log, old in zip(logs, fitted, strict=True) if not old]
+    unseen = [log for log in logs if not fitted_before(identified, log)]
     if not unseen:
         raise DataError(
             "all calibration logs were fitted: their residuals say nothing of other motion",
@@ -248,17 +236,12 @@ def _calibrated(
     edges = edges_of(rest, traces) if own is None else own.edges
     robot, sigma = identified.robot, np.asarray(identified.estimate.sigma)
     peaks, suspected = without_contact(traces, edges, cutoff, robot, sigma)
-    thresholds = _thresholds(identified, peaks, rate)
+    thresholds = thresholds_of(identified, peaks, rate)
     count = f"{len(unseen)} calibration {'log' if len(unseen) == 1 else 'logs'}"
     return thresholds, [
         _claim(thresholds, count),
         *(one.text for one in suspected),
-        *(
-            f"{log.path.name} was fitted: its residuals say nothing of other motion; left out of "
-            "the calibration"
-            for log, old in zip(logs, fitted, strict=True)
-            if old
-        ),
+        *(fitted_note(log.path.name) for log in logs if log not in unseen),
     ]
 
 

@@ -1,13 +1,18 @@
-"""External torque, contacts, payload and wrench on rows as they arrive."""
+"""External torque, contacts, payload and wrench on rows as they arrive.
 
-from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass
+Every `SEARCH_PERIOD` changes of a payload are sought in the last `SEARCHED_SPAN`. One that is found
+twice in a row, at about the same time and of the same kind, is an event of the stream: it is
+reported once.
+"""
+
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import LogError
+from steelyard.base.errors import LogError, SteelyardError
 from steelyard.estimate.effort_uncertainty import rest_speed_of
 from steelyard.estimate.external.observer import Observer
 from steelyard.estimate.external.residual_peaks import ContactThresholds
@@ -15,15 +20,9 @@ from steelyard.estimate.external.rest_changes import ChangeStepper
 from steelyard.estimate.friction.mixes import has_memory
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.runs.sample_stream import SampleStream, StreamSample
-from steelyard.uses.contact.contact_events import ContactEvent
+from steelyard.uses.contact.contact_events import ContactEvent, ContactStart, ContactStream
 from steelyard.uses.other_efforts import LARGE_RESIDUAL, LEAST_EXPLAINED
-from steelyard.uses.payload.payload_events import PayloadEvent
-from steelyard.uses.watch.stream_events import (
-    ContactStart,
-    ContactStream,
-    ContactTest,
-    PayloadStream,
-)
+from steelyard.uses.payload.payload_events import PayloadEvent, PayloadEvents
 
 DOUBT_SHARE = 0.5
 """Share of the time from which on residuals beyond their thresholds mean that something lasts."""
@@ -79,6 +78,108 @@ class Doubt:
                 f"residuals exceed their thresholds in {self._beyond:.0f} of {self._seconds:.0f} "
                 f"s: {LIKELIER}"
             )
+
+
+SEARCH_PERIOD = 2.0
+"""Time between two searches [s]."""
+
+SEARCHED_SPAN = 40.0
+"""Latest samples that are searched [s]."""
+
+FIRST_SEARCH = 10.0
+"""Time of samples before the first search [s]."""
+
+SAME_EVENT_TIME = 3.0
+"""Difference of the times of one event in two searches, at most [s]."""
+
+Detect = Callable[[Array], PayloadEvents]
+"""Finds the events of consecutive rows as logged; times count from the first one."""
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadState:
+    """What is carried at the end of a search.
+
+    Attributes:
+        mass: Its mass, zero if nothing is carried [kg].
+        half_width: Half-width of the 95 % interval of the mass; NaN if nothing is carried.
+        least_mass: Smallest change of the mass that would be seen, infinite if none would [kg].
+    """
+
+    mass: float
+    half_width: float
+    least_mass: float
+
+
+class PayloadStream:
+    """Finds changes of a payload sample by sample.
+
+    Attributes:
+        state: What is carried; `None` before the first search that succeeds.
+        failed: Why the last search failed; empty if it did not.
+    """
+
+    def __init__(self, detect: Detect) -> None:
+        """Begin."""
+        self.state: PayloadState | None = None
+        self.failed = ""
+        self.searches = 0
+        self._detect = detect
+        self._kept: deque[tuple[float, Array]] = deque()
+        self._due = FIRST_SEARCH
+        self._candidates: list[PayloadEvent] = []
+        self._reported: list[PayloadEvent] = []
+        self._least: list[float] = []
+
+    @property
+    def least_mass(self) -> float | None:
+        """Change of the mass that half of the searches would have seen [kg]; `None` without any."""
+        return float(np.quantile(self._least, 0.5, method="higher")) if self._least else None
+
+    def step(self, t: float, row: Array) -> tuple[PayloadEvent, ...]:
+        """Take the next sample; the events that are certain with it.
+
+        Args:
+            t: Time from the first sample [s].
+            row: As logged, shape `(columns,)`.
+        """
+        self._kept.append((t, row))
+        if t < self._due:
+            return ()
+        self._due = t + SEARCH_PERIOD
+        while self._kept[0][0] < t - SEARCHED_SPAN:
+            self._kept.popleft()
+        try:
+            found = self._detect(np.array([one for _, one in self._kept]))
+        except SteelyardError as error:
+            self.failed, self._candidates = error.wrong, []
+            return ()
+        self.failed, self.searches = "", self.searches + 1
+        start = self._kept[0][0]
+        last = [one for one in found.carried if one.stop >= t - start - SAME_EVENT_TIME]
+        mass, half_width = 0.0, np.nan
+        if last:
+            mass, half_width = last[-1].payload.mass, float(last[-1].payload.half_width[0])
+        self.state = PayloadState(mass, half_width, found.least_mass)
+        self._least.append(found.least_mass)
+        events = [
+            replace(e, time=e.time + start, earliest=e.earliest + start, latest=e.latest + start)
+            for e in found.events
+        ]
+        certain = [
+            e for e in events if _known(e, self._candidates) and not _known(e, self._reported)
+        ]
+        self._candidates = events
+        self._reported = [*self._reported, *certain][-100:]
+        return tuple(certain)
+
+
+def _known(event: PayloadEvent, others: list[PayloadEvent]) -> bool:
+    return any(
+        other.kind == event.kind
+        and other.earliest - SAME_EVENT_TIME <= event.time <= other.latest + SAME_EVENT_TIME
+        for other in others
+    )
 
 
 LEAST_CONTACT_PERIODS = 0.05
@@ -217,7 +318,7 @@ class Watcher:
         self._largest = np.zeros(robot.n)
         self._counts: Counter[str] = Counter()
         self._noted: set[object] = set()
-        self._doubt = Doubt(np.asarray(identified.estimate.sigma))
+        self._doubt = Doubt(sigma)
 
     def take(self, rows: Array) -> Iterator[StreamEvent]:
         """Take consecutive rows of the columns `samples.columns`.
@@ -227,32 +328,37 @@ class Watcher:
         """
         for sample in self.samples.samples(rows):
             yield from self._sample(sample)
-        yield from self._rows_noted()
+        for verdict in self.samples.dropped:
+            why = f"a row has {verdict.reason}: it is left out, as all such rows"
+            yield from self._once(verdict, why)
+        if self.samples.restarts > 0:
+            why = "the clock was set back: times go on one second later"
+            yield from self._once(("restart", self.samples.restarts), why)
 
     def end(self) -> Iterator[StreamEvent]:
         """What is left to report at the end of the stream: a contact that lasts."""
         if self._contact.active:
-            yield self._counted(self._contact.ended())
+            yield self._contact.ended()
 
     @property
     def summary(self) -> StreamSummary:
         """What was seen so far."""
-        failed = "" if self.payload is None else self.payload.failed
-        state = None if self.payload is None else self.payload.state
-        if self.payload is not None and not self.payload.searches:
-            failed = failed or "too few samples"
+        failed, state, least = "", None, None
+        if self.payload is not None:
+            state, least = self.payload.state, self.payload.least_mass
+            failed = self.payload.failed or ("" if self.payload.searches else "too few samples")
         return StreamSummary(
-            self.time,
-            self.observer.steps,
-            {verdict.reason: count for verdict, count in self.samples.dropped.items()},
-            max(self.observer.gaps - 1, 0),
-            self._counts["contact"],
-            self._counts["payload"],
-            tuple(self._largest.tolist()),
-            failed,
-            self._doubt.text,
-            None if self.payload is None else self.payload.least_mass,
-            None if state is None or not state.mass else (state.mass, state.half_width),
+            duration=self.time,
+            samples=self.observer.steps,
+            dropped={verdict.reason: count for verdict, count in self.samples.dropped.items()},
+            gaps=max(self.observer.gaps - 1, 0),
+            contacts=self._counts["contact"],
+            payload_changes=self._counts["payload"],
+            largest=tuple(self._largest.tolist()),
+            payload=failed,
+            doubt=self._doubt.text,
+            least_mass=least,
+            carried=None if state is None or not state.mass else (state.mass, state.half_width),
         )
 
     @property
@@ -279,8 +385,8 @@ class Watcher:
 
     def _sample(self, sample: StreamSample) -> Iterator[StreamEvent]:
         observer, since, gaps = self.observer, sample.t - self.time, self.observer.gaps
-        velocity = velocity_of(sample.dq, self._rest)
-        observer.step(sample.t, sample.q, velocity, self._gains * sample.effort)
+        effort = self._gains * sample.effort
+        observer.step(sample.t, sample.q, velocity_of(sample.dq, self._rest), effort)
         self.time = sample.t
         torque = observer.torque
         self._largest = np.maximum(self._largest, np.abs(torque))
@@ -291,62 +397,39 @@ class Watcher:
                 f"no samples for {since:.2g} s: the observer begins anew there, as after every "
                 "such pause",
             )
-        if self._stepper is not None:
-            for event in self._touched(sample, -torque, gap):
-                yield self._counted(event)
-        effort = self._gains * sample.effort
+        for event in self._touched(sample, -torque, gap):
+            self._counts["contact"] += isinstance(event, ContactStart)
+            yield event
         self._doubt.step(0.0 if gap else since, self._contact.active, torque, effort)
-        yield from self._once("doubt", self._doubt.text, bool(self._doubt.text))
+        if self._doubt.text:
+            yield from self._once("doubt", self._doubt.text)
         if self.payload is not None:
             for change in self.payload.step(sample.t, sample.row):
                 self._counts["payload"] += 1
                 yield change
         if sample.t >= self._due:
             self._due = sample.t + self._every
-            yield self._estimate(torque)
+            half, on = observer.torque_half_width, self.frame is not None
+            wrench = (observer.wrench, observer.half_width) if on else (None, None)
+            yield StreamEstimate(self.time, torque, half, *wrench)
 
     def _touched(
         self, sample: StreamSample, residual: Array, gap: bool
     ) -> Iterator[ContactStart | ContactEvent]:
         """Contacts that begin or end at a sample."""
-        stepper, changes, thresholds = self._stepper, self._changes, self.thresholds
-        assert stepper is not None and changes is not None and thresholds is not None
-        limits = stepper.step(sample.t, sample.dq)
+        if self.thresholds is None or self._stepper is None or self._changes is None:
+            return
+        level = self._stepper.step(sample.t, sample.dq)
         if gap:
-            changes.begin()
-        changes.step(sample.t, stepper.resting, residual)
-        level = ContactTest(sample.t, residual, limits)
-        change = ContactTest(changes.time, changes.change, thresholds.changes)
-        sizes = np.abs([residual / limits, changes.change / thresholds.changes])
-        self.ratio = float(np.nanmax(sizes, initial=0.0))
-        yield from self._contact.step(sample.t, level, change, gap)
+            self._changes.begin()
+        self._changes.step(sample.t, self._stepper.resting, residual)
+        signal = np.stack([residual, self._changes.change])
+        limits = np.stack([level, self.thresholds.changes])
+        self.ratio = float(np.nanmax(np.abs(signal / limits), initial=0.0))
+        times = (sample.t, self._changes.time)
+        yield from self._contact.step(sample.t, signal, limits, times, gap=gap)
 
-    def _counted(self, event: ContactStart | ContactEvent) -> ContactStart | ContactEvent:
-        self._counts["contact"] += isinstance(event, ContactStart)
-        return event
-
-    def _estimate(self, torque: Array) -> StreamEstimate:
-        observer, on = self.observer, self.frame is not None
-        return StreamEstimate(
-            self.time,
-            torque,
-            observer.torque_half_width,
-            observer.wrench if on else None,
-            observer.half_width if on else None,
-        )
-
-    def _rows_noted(self) -> Iterator[StreamNote]:
-        for verdict in self.samples.dropped:
-            yield from self._once(
-                verdict, f"a row has {verdict.reason}: it is left out, as all such rows"
-            )
-        yield from self._once(
-            ("restart", self.samples.restarts),
-            "the clock was set back: times go on one second later",
-            self.samples.restarts > 0,
-        )
-
-    def _once(self, key: object, text: str, holds: bool = True) -> Iterator[StreamNote]:
-        if holds and key not in self._noted:
+    def _once(self, key: object, text: str) -> Iterator[StreamNote]:
+        if key not in self._noted:
             self._noted.add(key)
             yield StreamNote(self.time, text)

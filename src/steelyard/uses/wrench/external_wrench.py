@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array
-from steelyard.base.files import write_json, write_table
+from steelyard.base.files import write_table
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.external.effort_to_wrench import (
     FORCE,
@@ -53,6 +53,7 @@ class ExternalWrench(Result):
     """
 
     content: WrenchContent
+    json_name = "wrench.json"
 
     @property
     def estimate(self) -> WrenchEstimate:
@@ -132,9 +133,8 @@ class ExternalWrench(Result):
 
     def write(self, folder: Path) -> None:
         """Write `report.html`, `wrench.csv` and `wrench.json`."""
-        (folder / "report.html").write_text(self.report(), encoding="utf-8")
+        super().write(folder)
         write_table(folder / "wrench.csv", self.table())
-        write_json(folder / "wrench.json", self.to_dict())
 
     def show(self, console: "Console") -> None:
         """Print the components and what qualifies them."""

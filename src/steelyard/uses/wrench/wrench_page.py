@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from steelyard.estimate.external.effort_to_wrench import InverseJacobian
 from steelyard.report.figures import Figure, Group, Key, Traced, area, evenly, line
-from steelyard.report.page import Shown, fill, page_of
+from steelyard.report.page import figures, inspected_page, notes
+from steelyard.report.result import print_verdict
 from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE, significant
 from steelyard.uses.wrench.wrench_along_run import COMPONENTS, name_of
@@ -19,7 +19,6 @@ from steelyard.uses.wrench.wrench_smoothing import OBSERVABLE
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from steelyard.base.arrays import Array
     from steelyard.uses.wrench.wrench_along_run import WrenchEstimate
 
 
@@ -151,7 +150,8 @@ class WrenchContent:
     @property
     def components(self) -> tuple[ComponentSummary, ...]:
         """Figures of the six components."""
-        found, nonzero = self.estimate, _nonzero(self.estimate)
+        found = self.estimate
+        nonzero = np.abs(found.wrench) > found.half_width
         rows = []
         for k, (name, unit) in enumerate(zip(COMPONENTS, UNITS, strict=True)):
             own, half = found.wrench[:, k], found.half_width[:, k]
@@ -233,11 +233,6 @@ class WrenchContent:
         )
 
 
-def _nonzero(found: WrenchEstimate) -> Array:
-    """Whether the interval of a component leaves zero out, shape `(N, 6)`."""
-    return np.asarray(np.abs(found.wrench) > found.half_width)
-
-
 def components_table(content: WrenchContent) -> PlainTable:
     """One row per component."""
     words = (
@@ -251,79 +246,59 @@ def components_table(content: WrenchContent) -> PlainTable:
 
 def wrench_lines(content: WrenchContent, console: Console) -> None:
     """Print the components and what qualifies them."""
-    from rich.text import Text
-
-    console.print(Text(content.headline, style="bold"))
-    console.print(Text(content.settings))
-    for warning in content.warnings:
-        console.print(Text(f"! {warning}", style="yellow"))
+    print_verdict(console, content.headline, content.settings, content.warnings)
     console.print(narrow_table(components_table(content)))
 
 
 def render_wrench(content: WrenchContent) -> str:
     """The page as HTML text, to be written as UTF-8."""
     found = content.estimate
-    empty = {
-        "title": "",
-        "words": "",
-        "tables": (),
-        "folded": "",
-        "legend": (),
-        "note": "",
-        "groups": (),
-    }
-    verdict = {
-        **empty,
-        "title": "Wrench",
-        "words": f"{content.headline}. {content.claim}",
-        "tables": [components_table(content)],
-    }
-    over_time = {
-        **empty,
-        "legend": [Key("--measured", "estimate"), Key("--interval", "95 % interval", "area")],
-        "groups": [Group([_component(found, k) for k in range(6)], columns="one")],
-    }
-    observability = {
-        **empty,
-        "words": "Share of the expected variance that the log removes, in the direction where it "
-        f"removes least; below {OBSERVABLE:g} that direction counts as not observable.",
-        "groups": [Group([_least_data_share(found)], columns="one")],
-    }
-    torques = {
-        **empty,
-        "legend": [
-            Key("--measured", "external torque"),
-            Key("--interval", "95 % interval of the model's error", "area"),
-        ],
-        "groups": [Group([_torque(found, j) for j in range(len(found.joints))], columns="one")],
-    }
-    sections = [Shown("wrench", "Wrench", fill("figures.html", verdict))]
-    if content.warnings:
-        notes = fill("notes.html", {"notes": content.warnings})
-        sections.append(Shown("notes", "Limits of this result", notes))
-    sections += [
-        Shown("over-time", "Wrench over time", fill("figures.html", over_time)),
-        Shown("observability", "Observability", fill("figures.html", observability)),
-        Shown("torques", "External torques", fill("figures.html", torques)),
-        Shown("details", "Notes", fill("notes.html", {"notes": content.details}), folded=True),
-    ]
+    torques = [_torque(found, j) for j in range(len(found.joints))]
+    sections = (
+        figures(
+            "wrench",
+            "Wrench",
+            words=f"{content.headline}. {content.claim}",
+            tables=[components_table(content)],
+        ),
+        notes("notes", "Limits of this result", content.warnings),
+        figures(
+            "over-time",
+            "Wrench over time",
+            legend=[Key("--measured", "estimate"), Key("--interval", "95 % interval", "area")],
+            groups=[Group([_component(found, k) for k in range(6)], columns="one")],
+        ),
+        figures(
+            "observability",
+            "Observability",
+            words="Share of the expected variance that the log removes, in the direction where it "
+            f"removes least; below {OBSERVABLE:g} that direction counts as not observable.",
+            groups=[Group([_least_data_share(found)], columns="one")],
+        ),
+        figures(
+            "torques",
+            "External torques",
+            legend=[
+                Key("--measured", "external torque"),
+                Key("--interval", "95 % interval of the model's error", "area"),
+            ],
+            groups=[Group(torques, columns="one")],
+        ),
+        notes("details", "Notes", content.details, folded=True),
+    )
     title = f"{content.robot}: wrench in {found.run}"
-    return page_of(title, content.robot, "inspected", version("steelyard"), sections)
+    return inspected_page(title, content.robot, sections)
 
 
 def _component(found: WrenchEstimate, k: int) -> Figure:
-    own, half, unit = found.wrench[:, k], found.half_width[:, k], UNITS[k]
     at = evenly(len(found.t), MOST_POINTS_OF_WRENCH)
-    t, own, half = found.t[at], own[at], half[at]
+    t, own, half = found.t[at], found.wrench[at, k], found.half_width[at, k]
+    traces = [
+        area("95 % interval", t, own - half, own + half, "--interval"),
+        line("estimate", t, own, "--measured", width=1.5),
+    ]
     kind = COMPONENTS[k].split()[0]
-    return _figure(
-        COMPONENTS[k].capitalize(),
-        f"{kind} [{unit}]",
-        [
-            area("95 % interval", t, own - half, own + half, "--interval"),
-            line("estimate", t, own, "--measured", width=1.5),
-        ],
-    )
+    return _figure(COMPONENTS[k].capitalize(), f"{kind} [{UNITS[k]}]", traces)
 
 
 def _least_data_share(found: WrenchEstimate) -> Figure:

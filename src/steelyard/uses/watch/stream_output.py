@@ -1,0 +1,258 @@
+"""What a stream reports: lines of a terminal, JSON values, and tables that grow with it."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from math import isfinite, isinf, isnan
+from typing import TYPE_CHECKING, Any, TextIO
+
+import numpy as np
+
+from steelyard.base.files import explained
+from steelyard.report.words import signed, significant
+from steelyard.uses.contact.contact_events import ContactEvent, ContactStart, JointLoad
+from steelyard.uses.payload.payload_events import PayloadEvent
+from steelyard.uses.payload.payload_page import mass_with_interval, rounded_mass
+from steelyard.uses.watch.watcher import StreamEstimate, StreamNote
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from steelyard.uses.watch.watcher import StreamEvent, StreamSummary, Watcher
+
+
+def record_of(event: StreamEvent) -> dict[str, Any]:
+    """As JSON values; `event` says what it is."""
+    match event:
+        case ContactStart():
+            return {
+                "event": "contact",
+                "time_s": event.time,
+                "known_s": event.known,
+                **vars(event.joint),
+                "links": list(event.links),
+            }
+        case ContactEvent():
+            return {"event": "contact_end", **event.to_dict()}
+        case PayloadEvent():
+            return {
+                "event": "payload",
+                "kind": event.kind,
+                "time_s": event.time,
+                "earliest_s": event.earliest,
+                "latest_s": event.latest,
+                "mass_kg": event.mass,
+                "mass_half_width_kg": event.mass_half_width,
+                "over_threshold": event.ratio,
+            }
+        case StreamNote():
+            return {"event": "note", "time_s": event.time, "text": event.text}
+    record: dict[str, Any] = {
+        "event": "estimate",
+        "time_s": event.time,
+        "torque": event.torque.tolist(),
+        "torque_half_width": event.half_width.tolist(),
+    }
+    if event.wrench is not None and event.wrench_half_width is not None:
+        record["wrench"] = event.wrench.tolist()
+        record["wrench_half_width"] = event.wrench_half_width.tolist()
+    return record
+
+
+def event_line(event: StreamEvent) -> str:
+    """One line of a terminal."""
+    time = event.end if isinstance(event, ContactEvent) else event.time
+    match event:
+        case ContactStart():
+            what, text = "contact", f"{_load(event.joint)}, {event.place}"
+        case ContactEvent():
+            largest, lasted = _load(event.joints[0]), event.end - event.start
+            what, text = "released", f"after {lasted:.2f} s; largest {largest}, {event.place}"
+        case PayloadEvent():
+            mass, half = rounded_mass(event.mass, event.mass_half_width)
+            between = f"between {event.earliest:.2f} and {event.latest:.2f} s"
+            what, text = event.kind, f"{mass} ± {half} kg ({between})"
+        case StreamNote():
+            what, text = "note", event.text
+        case StreamEstimate():
+            what, text = "estimate", f"torque {' '.join(f'{x:.3g}' for x in event.torque)}"
+            if event.wrench is not None:
+                text += f"; wrench {' '.join(f'{x:.3g}' for x in event.wrench)}"
+    return f"{time:9.2f} s  {what:9}  {text}"
+
+
+def _load(load: JointLoad) -> str:
+    """What a joint shows."""
+    change = " change" if load.change else ""
+    ratio = significant(load.ratio)
+    return f"{load.joint} {signed(load.peak)} {load.unit}{change}, {ratio} × threshold"
+
+
+def summary_record(summary: StreamSummary) -> dict[str, Any]:
+    """A summary as JSON values."""
+    least, carried = summary.least_mass, summary.carried or (None, None)
+    return {
+        "event": "summary",
+        "duration_s": summary.duration,
+        "samples": summary.samples,
+        "dropped_rows": summary.dropped,
+        "gaps": summary.gaps,
+        "contacts": summary.contacts,
+        "payload_changes": summary.payload_changes,
+        "largest_torque": list(summary.largest),
+        "payload_not_sought": summary.payload,
+        "carried_kg": carried[0],
+        "carried_half_width_kg": carried[1],
+        "least_mass_kg": None if least is None or not isfinite(least) else least,
+        "doubt": summary.doubt or None,
+    }
+
+
+def state_line(watcher: Watcher) -> str:
+    """What a watcher sees now, for a line that is written again and again."""
+    if not watcher.observer.steps:
+        return "waiting for samples"
+    parts = [f"{watcher.time:.1f} s"]
+    if not isnan(watcher.ratio):
+        parts.append(f"largest residual {significant(watcher.ratio)} × threshold")
+    if watcher.frame is not None:
+        force, half = watcher.observer.wrench[:3], watcher.observer.half_width[:3]
+        parts.append(f"force {np.linalg.norm(force):.0f} ± {np.linalg.norm(half):.0f} N")
+    payload = watcher.payload
+    if payload is not None and payload.state is not None:
+        mass, half_width = rounded_mass(payload.state.mass, payload.state.half_width)
+        carried = f"{mass} ± {half_width} kg" if half_width else "none"
+        least = payload.state.least_mass
+        changes = "no changes" if isinf(least) else f"changes of {least:.2g} kg or more"
+        parts.append(f"payload {carried} ({changes} visible)")
+    return "   ".join(parts)
+
+
+def summary_lines(
+    summary: StreamSummary, joints: Sequence[str], units: Sequence[str]
+) -> Iterator[str]:
+    """The end of a stream."""
+    rate = summary.samples / summary.duration if summary.duration else 0.0
+    yield (
+        f"{summary.duration:.1f} s, {_counted(summary.samples, 'sample')} ({rate:.0f} a second): "
+        f"{_counted(summary.contacts, 'contact')}, "
+        f"{_counted(summary.payload_changes, 'change')} of the payload"
+    )
+    largest = zip(joints, summary.largest, units, strict=True)
+    sizes = ", ".join(f"{joint} {significant(size)} {unit}" for joint, size, unit in largest)
+    yield f"largest external torque: {sizes}"
+    if summary.doubt:
+        yield summary.doubt
+    if summary.dropped:
+        rows = ", ".join(f"{count} for {why}" for why, count in summary.dropped.items())
+        yield f"rows left out: {rows}"
+    if summary.gaps:
+        yield f"pauses after which the observer restarted: {summary.gaps}"
+    if summary.carried is not None:
+        yield f"payload at the last search: {mass_with_interval(*summary.carried)} kg"
+    if summary.least_mass is not None:
+        yield (
+            "no change of the payload would have been seen: too little motion"
+            if isinf(summary.least_mass)
+            else "smallest change of the payload's mass that would be detected: "
+            f"{summary.least_mass:.2g} kg (for a mass at the frame's origin, in half of the "
+            "searches)"
+        )
+    if summary.payload:
+        yield f"the last search for changes of the payload was not possible: {summary.payload}"
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count or 'no'} {what}{'s' * (count != 1)}"
+
+
+EVENT_COLUMNS = (
+    "event", "time_s", "end_s", "what", "value", "half_width", "unit", "over_threshold", "place",
+)  # fmt: skip
+"""Columns of the table of events."""
+
+WRENCH_COLUMNS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
+"""Entries of a wrench."""
+
+
+def event_row(event: ContactEvent | PayloadEvent | StreamNote) -> dict[str, str | float]:
+    """Cells of the table of events by `EVENT_COLUMNS`."""
+    match event:
+        case ContactEvent():
+            load = event.joints[0]
+            return {
+                "event": "contact",
+                "time_s": event.start,
+                "end_s": event.end,
+                "what": load.joint,
+                "value": load.peak,
+                "unit": load.unit,
+                "over_threshold": load.ratio,
+                "place": event.place,
+            }
+        case PayloadEvent():
+            return {
+                "event": event.kind,
+                "time_s": event.time,
+                "what": "payload",
+                "value": event.mass,
+                "half_width": event.mass_half_width,
+                "unit": "kg",
+                "over_threshold": event.ratio,
+            }
+    return {"event": "note", "time_s": event.time, "what": event.text}
+
+
+EVENTS, ESTIMATES = "events.csv", "estimates.csv"
+
+
+class StreamFiles:
+    """`events.csv` and `estimates.csv`, complete up to the last `flush`."""
+
+    def __init__(self, events: TextIO, estimates: TextIO) -> None:
+        self._files = events, estimates
+        self._events, self._estimates = (csv.writer(x, lineterminator="\n") for x in self._files)
+
+    @classmethod
+    @contextmanager
+    def opened(cls, folder: Path, joints: Sequence[str], wrench: bool) -> Iterator[StreamFiles]:
+        """New files in a new folder, closed at the end of the block.
+
+        Raises:
+            OutputError: The folder exists, or a file cannot be written.
+        """
+        with explained(folder), ExitStack() as stack:
+            folder.mkdir(parents=True)
+            files: list[Any] = [
+                stack.enter_context((folder / name).open("x", encoding="utf-8", newline=""))
+                for name in (EVENTS, ESTIMATES)
+            ]
+            tables = cls(*files)
+            tables._events.writerow(EVENT_COLUMNS)
+            both = [*WRENCH_COLUMNS, *(f"half_width.{x}" for x in WRENCH_COLUMNS)] if wrench else []
+            torques = (f"{what}.{joint}" for what in ("torque", "half_width") for joint in joints)
+            tables._estimates.writerow(["time_s", *torques, *both])
+            tables.flush()
+            yield tables
+
+    def take(self, event: StreamEvent) -> None:
+        """Write what belongs into the tables: contacts when they end."""
+        if isinstance(event, StreamEstimate):
+            both = (event.torque, event.half_width, event.wrench, event.wrench_half_width)
+            known = (x for part in both if part is not None for x in part.tolist())
+            self._estimates.writerow(_short([event.time, *known]))
+        elif isinstance(event, ContactEvent | PayloadEvent | StreamNote):
+            row = event_row(event)
+            self._events.writerow(_short([row.get(name, "") for name in EVENT_COLUMNS]))
+
+    def flush(self) -> None:
+        """Hand all rows to the system."""
+        for file in self._files:
+            file.flush()
+
+
+def _short(row: Sequence[str | float]) -> list[str]:
+    """Cells, numbers with nine digits."""
+    return [cell if isinstance(cell, str) else f"{cell:.9g}" for cell in row]
