@@ -18,7 +18,7 @@ from steelyard.estimate.least_squares.least_squares import (
 )
 from steelyard.estimate.payload.load_case import LoadCase
 from steelyard.estimate.prior.prior import Knowledge, Row, default_knowledge
-from steelyard.uses.payload.weighing import _knowledge
+from steelyard.uses.payload.payload_of_runs import _knowledge
 
 COLUMNS = REGRESSOR.layout.columns
 LEAST = OrdinaryLeastSquares | WeightedLeastSquares

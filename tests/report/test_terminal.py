@@ -22,8 +22,7 @@ from steelyard.identify.page.section_register import (
 )
 from steelyard.uses.contact.contact_page import contact_lines
 from steelyard.uses.payload.payload_page import event_lines
-from steelyard.uses.watch.stream_output import summary_record
-from steelyard.uses.watch.stream_output import summary_lines
+from steelyard.uses.watch.stream_output import summary_lines, summary_record
 from steelyard.uses.watch.watcher import StreamSummary
 
 

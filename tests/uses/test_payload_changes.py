@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.information.information import Information, Signature, Window, packed
-from steelyard.estimate.information.regressor import Layout
 from steelyard.uses.payload.payload_changes import (
     CHANGE_SPAN,
     CHANGE_STEP,
@@ -120,7 +118,7 @@ def test_what_raises_the_threshold_raises_the_least_mass() -> None:
     assert alike.least_mass > 1.5 * plain.least_mass
 
 
-def information(drift: float) -> Information:
+def products(drift: float) -> Array:
     """One row, one friction column and ten of a payload; friction off by `drift`."""
     rng = np.random.default_rng(0)
     columns = rng.normal(size=(900, 20, 11))
@@ -128,18 +126,12 @@ def information(drift: float) -> Information:
     efforts = np.einsum("wsi,wi->ws", columns[:, :, 1:], loads) + drift * columns[:, :, 0]
     efforts += 0.01 * rng.normal(size=efforts.shape)
     whole = np.concatenate([columns, efforts[:, :, None]], axis=2)
-    grams = packed(np.einsum("wsi,wsj->wij", whole, whole))
-    names = ("friction", *(f"p{k}" for k in range(10)))
-    layout = Layout(names, ("1",) * 11, ("joint",), (tuple(range(11)),))
-    labels = tuple(Window("run", CHANGE_STEP * k, CHANGE_STEP * (k + 1)) for k in range(900))
-    return Information(
-        layout, Signature("m", names, ("Nm",), "none"), labels, grams,
-        np.zeros((900, 12)), np.full((900, 1), 20.0),
-    )  # fmt: skip
+    return np.einsum("wsi,wsj->wij", whole, whole)
 
 
 def test_friction_of_the_day_is_no_payload() -> None:
-    found = payload_windows(information(3.0), 1, np.array([5.0]), np.array([1e-4]), 5.0)
+    starts, grams = CHANGE_STEP * np.arange(900), products(3.0) / 1e-4
+    found = payload_windows(starts, starts + CHANGE_STEP, grams, np.array([5.0]), 5.0)
     loaded = slice(450, None)
     mean = np.linalg.solve(found.matrix[loaded].sum(axis=0), found.vector[loaded].sum(axis=0))
     np.testing.assert_allclose(mean, PHI, atol=1e-3)

@@ -32,7 +32,8 @@ from steelyard.runs.run import Run
 from steelyard.uses.other_efforts import refuse_without
 from steelyard.uses.payload.payload_body import PayloadKnowledge, SolidShape
 from steelyard.uses.payload.payload_events import PayloadEvents, find_payload_events
-from steelyard.uses.payload.payload_of_runs import identify_payload as payload_of
+from steelyard.uses.payload.payload_of_runs import NOTHING_KNOWN
+from steelyard.uses.payload.payload_of_runs import identify_payload as payload_of_informations
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,22 +50,18 @@ class PayloadTask:
     loaded: list[LogArgument]
     unloaded: list[LogArgument]
     frame: str | None
-    known: PayloadKnowledge = PayloadKnowledge()
+    known: PayloadKnowledge = NOTHING_KNOWN
 
     def done(self, gain_uncertainty: float | None, progress: Progress) -> PayloadEstimate:
         """The estimate, with the model's cut-off frequencies."""
         identified, count = self.identified, len(self.loaded)
-        recordings = [
-            recording_of(log, identified.signals) for log in (*self.loaded, *self.unloaded)
-        ]
+        runs = self._runs([*self.loaded, *self.unloaded], progress)
         regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
-        runs = prepared(recordings, processing_of(identified), progress)
-        refuse_compensated(identified, runs)
         rests = has_memory(identified.model.terms)
         of_runs = [
             gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in runs
         ]
-        found = payload_of(
+        found = payload_of_informations(
             identified,
             of_runs[:count],
             self.frame,
@@ -72,53 +69,48 @@ class PayloadTask:
             gain=gain_uncertainty,
             known=self.known,
         )
-        notes = (*found.notes, *dropped(identified.model, runs), *self._fitted_before())
-        return replace(found, notes=notes)
+        compared = (
+            f"the model was identified from {log.path.name}: compared with itself it has no payload"
+            for log in self.loaded
+            if not self.unloaded and fitted_before(identified, log)
+        )
+        return replace(found, notes=(*found.notes, *dropped(identified.model, runs), *compared))
 
     def events(
         self, gain_uncertainty: float | None, progress: Progress
     ) -> tuple[PayloadEvents, ...]:
         """When the payload changes along each log with it."""
-        if self.unloaded or self.known != PayloadKnowledge():
+        if self.unloaded or self.known != NOTHING_KNOWN:
             raise DataError(
                 "events are found with the model alone",
                 where="--unloaded" if self.unloaded else "--mass, --com, --box, ...",
                 fix="leave these out with --when, or weigh without --when",
             )
-        identified = self.identified
-        recordings = [recording_of(log, identified.signals) for log in self.loaded]
+        identified, found = self.identified, []
         regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
         rests = has_memory(identified.model.terms)
-        runs = prepared(recordings, processing_of(identified), progress)
-        refuse_compensated(identified, runs)
-        return tuple(
-            find_payload_events(
-                identified,
-                gather_samples(regressor, run, rests=rests, threads=threads, progress=progress),
-                self.frame,
-                gain=gain_uncertainty,
+        for run in self._runs(self.loaded, progress):
+            samples = gather_samples(
+                regressor, run, rests=rests, threads=threads, progress=progress
             )
-            for run in runs
-        )
+            found.append(
+                find_payload_events(identified, samples, self.frame, gain=gain_uncertainty)
+            )
+        return tuple(found)
 
-    def _fitted_before(self) -> tuple[str, ...]:
-        """A log that the model was identified from weighs nothing against it."""
-        return tuple(
-            f"the model was identified from {log.path.name}: compared with itself it has no payload"
-            for log in self.loaded
-            if not self.unloaded and fitted_before(self.identified, log)
-        )
+    def _runs(self, logs: Sequence[LogArgument], progress: Progress) -> list[Run]:
+        """Runs whose efforts contain gravity and friction as those of the model.
 
-
-def refuse_compensated(identified: IdentifiedModel, runs: Sequence[Run]) -> None:
-    """Efforts of a payload's logs contain gravity and friction as those of the model.
-
-    Raises:
-        LogError: They do not.
-    """
-    cutoff, sigma = residual_cutoff(identified, runs), np.asarray(identified.estimate.sigma)
-    for run in runs:
-        refuse_without(residual_trace(identified, run, cutoff), sigma, identified.joints)
+        Raises:
+            LogError: They do not.
+        """
+        identified = self.identified
+        recordings = [recording_of(log, identified.signals) for log in logs]
+        runs = prepared(recordings, processing_of(identified), progress)
+        cutoff, sigma = residual_cutoff(identified, runs), np.asarray(identified.estimate.sigma)
+        for run in runs:
+            refuse_without(residual_trace(identified, run, cutoff), sigma, identified.joints)
+        return list(runs)
 
 
 def payload_inputs(
@@ -151,36 +143,24 @@ def known_of(
     sphere: float | None,
 ) -> PayloadKnowledge:
     """What is known of a payload; the arguments and errors are those of `identify_payload`."""
-    shapes = []
-    if box is not None:
-        x, y, z = counted("box", box, 3)
-        shapes.append(SolidShape.box((x, y, z)))
-    if cylinder is not None:
-        shapes.append(SolidShape.cylinder(*counted("cylinder", cylinder, 2)))
-    if sphere is not None:
-        shapes.append(SolidShape.sphere(sphere))
+    for name, given, count in (("box", box, 3), ("cylinder", cylinder, 2), ("com", com, 3)):
+        if given is not None and len(given) != count:
+            raise DataError(
+                f"'{name}' has {len(given)} numbers",
+                where="what is known of the payload",
+                fix=f"give {count}, in metres",
+            )
+    shapes = [] if box is None else [SolidShape.box(tuple(box))]
+    shapes += [] if cylinder is None else [SolidShape.cylinder(*cylinder)]
+    shapes += [] if sphere is None else [SolidShape.sphere(sphere)]
     if len(shapes) > 1:
         raise DataError(
             f"the payload is {' and '.join(shape.words for shape in shapes)}",
             where="what is known of the payload",
             fix="give one of box, cylinder and sphere",
         )
-    centre = None
-    if com is not None:
-        x, y, z = counted("com", com, 3)
-        centre = (x, y, z)
+    centre = None if com is None else tuple(com)
     return PayloadKnowledge(mass, centre, shapes[0] if shapes else None)
-
-
-def counted(name: str, given: Sequence[float], count: int) -> list[float]:
-    """The numbers of an argument that has so many."""
-    if len(given) != count:
-        raise DataError(
-            f"'{name}' has {len(given)} numbers",
-            where="what is known of the payload",
-            fix=f"give {count}, in metres",
-        )
-    return list(given)
 
 
 @checked(gain_uncertainty=0.0)
@@ -254,5 +234,5 @@ def payload_events(
         >>> payload_events("arm-model", "other.csv").events
         ()
     """
-    task = payload_inputs(model, log, frame, (), PayloadKnowledge())
+    task = payload_inputs(model, log, frame, (), NOTHING_KNOWN)
     return task.events(gain_uncertainty, progress)[0]

@@ -55,7 +55,7 @@ CONVERGED = 1e-5
 FORM = Entropic()
 """Keeps bodies possible, and what hardly anything determines near what stands in for a shape."""
 
-Vector = tuple[float, float, float]
+Vector = tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class PayloadKnowledge:
 
 
 @dataclass(frozen=True, eq=False)
-class PossibleBody:
+class ConsistentBody:
     """The estimate.
 
     Attributes:
@@ -143,7 +143,7 @@ class PossibleBody:
 
 def consistent_body(
     free: Array, information: Array, by_data: Array, widening: Array, known: PayloadKnowledge
-) -> PossibleBody:
+) -> ConsistentBody:
     """The consistent body that agrees best with an unconstrained estimate and what is known.
 
     Args:
@@ -167,9 +167,9 @@ def consistent_body(
         if known.com is not None or np.abs(centre - before).max() < CONVERGED:
             break
     if not known.words:
-        return PossibleBody(ten, by_data, rise)
+        return ConsistentBody(ten, by_data, rise)
     matrix[:, :10] = np.linalg.solve(scale.T, matrix[:, :10].T).T
-    return PossibleBody(ten, covariance_of(matrix.T @ matrix, range(10)), rise)
+    return ConsistentBody(ten, covariance_of(matrix.T @ matrix, range(10)), rise)
 
 
 def refuse_contradiction(free: Array, by_data: Array, known: PayloadKnowledge) -> None:
@@ -254,22 +254,15 @@ def _equations(
     return matrix, np.concatenate([root @ np.linalg.solve(scale, free), np.zeros(count)])
 
 
-def _shape_rows() -> Array:
-    """Second moments over those of the shape and the mass, less one, `(6, 10)`, over `X`."""
-    rows = np.zeros((6, 10))
-    inner = [k for k, (_, j) in enumerate(ENTRIES) if j < ORDER - 1]
-    for row, k in zip(rows, inner, strict=True):
-        i, j = ENTRIES[k]
-        row[k] = 1.0 if i == j else np.sqrt(2.0)
-        row[-1] = -1.0 if i == j else 0.0
-    return rows / STATED
-
-
 def _known_rows(known: PayloadKnowledge, mass: float, scale: Array) -> tuple[Array, Array]:
     """What is known over the entries of `X`, in standard deviations, and its values."""
     rows, values = [np.zeros((0, 10))], [np.zeros(0)]
-    if known.shape is not None:
-        rows.append(_shape_rows())
+    if known.shape is not None:  # second moments over those of the shape and the mass, less one
+        inner = [(k, i == j) for k, (i, j) in enumerate(ENTRIES) if j < ORDER - 1]
+        shape = np.zeros((6, 10))
+        for row, (k, diagonal) in zip(shape, inner, strict=True):
+            row[k], row[-1] = (1.0, -1.0) if diagonal else (np.sqrt(2.0), 0.0)
+        rows.append(shape / STATED)
         values.append(np.zeros(6))
     if known.mass is not None:
         rows.append(scale[:1] / (KNOWN_MASS * known.mass))

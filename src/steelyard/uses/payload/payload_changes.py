@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.estimate import Z95
-from steelyard.estimate.information.information import Information
 
 CHANGE_STEP = 0.1
 """Length of the windows that are added up [s]."""
@@ -95,7 +94,7 @@ class PayloadWindows:
         size = len(self.starts)
         count = min(round(CHANGE_SPAN / CHANGE_STEP), size)
         first = np.clip(np.arange(size) - count // 2, 0, size - count)
-        matrix, vector = (s[first + count] - s[first] for s in self._sums)
+        matrix, vector = self.between(first, first + count)
         mean = np.linalg.solve(matrix + self.prior, vector[..., None])[..., 0]
         left = self.square - 2.0 * np.sum(self.vector * mean, axis=1)
         left = np.maximum(left + np.einsum("wi,wij,wj->w", mean, self.matrix, mean), 1e-300)
@@ -109,8 +108,7 @@ class PayloadWindows:
 
     def gain(self, first: Places, last: Places) -> Array:
         """Squares that a payload of its own explains in windows `first` to `last`, excluded."""
-        sums = self._sums
-        matrix, vector = (s[last] - s[first] for s in sums)
+        matrix, vector = self.between(first, last)
         solved = np.linalg.solve(matrix + self.prior, vector[..., None])[..., 0]
         return np.asarray(np.sum(vector * solved, axis=-1))
 
@@ -118,7 +116,7 @@ class PayloadWindows:
         """The mass over time."""
         count = min(round(CHANGE_SPAN / CHANGE_STEP), len(self.starts))
         first = np.arange(len(self.starts) - count + 1)
-        matrix, vector = (s[first + count] - s[first] for s in self._sums)
+        matrix, vector = self.between(first, first + count)
         covariance = np.linalg.inv(matrix + self.prior)
         mass = np.einsum("wj,wj->w", covariance[:, 0], vector)
         middle = 0.5 * (self.starts[first] + self.stops[first + count - 1])
@@ -126,7 +124,17 @@ class PayloadWindows:
 
     @cached_property
     def _sums(self) -> tuple[Array, Array]:
-        return _cumulated(self.matrix), _cumulated(self.vector)
+        """Sums of matrices and vectors up to each window, of none first."""
+        matrix, vector = (np.cumsum(x, axis=0) for x in (self.matrix, self.vector))
+        return (
+            np.concatenate([np.zeros((1, *matrix.shape[1:])), matrix]),
+            np.concatenate([np.zeros((1, *vector.shape[1:])), vector]),
+        )
+
+    def between(self, first: Places, last: Places) -> tuple[Array, Array]:
+        """Matrices and vectors of windows `first` to `last`, excluded."""
+        matrix, vector = self._sums
+        return matrix[last] - matrix[first], vector[last] - vector[first]
 
     def statistic(self) -> tuple[Array, Array, Array]:
         """`D` at the start of every window, what it is expected to be by white noise, `(w,)`.
@@ -142,7 +150,7 @@ class PayloadWindows:
         at = np.arange(count, len(self.starts) - count + 1)
         sides = []
         for first, last in ((at - count, at), (at, at + count)):
-            matrix, vector = (s[last] - s[first] for s in self._sums)
+            matrix, vector = self.between(first, last)
             covariance = np.linalg.inv(matrix + self.prior)
             mean = np.einsum("wij,wj->wi", covariance, vector)
             sides.append((covariance, mean, covariance @ matrix @ covariance))
@@ -192,49 +200,33 @@ class PayloadChanges:
 
 
 def payload_windows(
-    information: Information, n_drift: int, drift: Array, variances: Array, size: float
+    starts: Array, stops: Array, grams: Array, drift: Array, size: float
 ) -> PayloadWindows:
-    """Windows about the payload alone.
+    """Windows about the payload alone: friction's deviations are the same in all of them.
 
     Args:
-        information: Windows of `CHANGE_STEP` about friction's deviations, then the payload's ten
-            numbers; efforts less those of the model.
-        n_drift: Number of the deviations.
-        drift: Their standard deviations, shape `(n_drift,)`.
-        variances: Of the residuals, shape `(rows,)`.
+        starts: Of the windows, shape `(w,)` [s].
+        stops: Likewise.
+        grams: Sums of products over the variance of the residuals, shape `(w, d + 11, d + 11)`: of
+            friction's deviations, the payload's ten columns, and efforts less those of the model.
+        drift: Standard deviations of the deviations, shape `(d,)`.
         size: Mass that a payload may have [kg].
     """
-    width = n_drift + 11
-    grams = np.zeros((len(information.windows), width, width))
-    for row, seen in enumerate(information.layout.sees):
-        index = np.array([*seen, width - 1])
-        grams[:, index[:, None], index] += information.row_grams(row) / variances[row]
-    prior = np.diag(np.concatenate([[size], np.full(3, 0.3 * size), np.full(6, 0.1 * size)]) ** -2)
+    n, prior = len(drift), np.diag(size**-2.0 * np.repeat([1.0, 0.3, 0.1], [1, 3, 6]) ** -2)
     group = np.arange(len(grams)) // round(CHANGE_SPAN / CHANGE_STEP)
     blocks = np.array([grams[group == k].sum(axis=0) for k in range(group[-1] + 1)])
-    deviations = _deviations(blocks, n_drift, drift, prior)
-    turn = np.concatenate([-deviations, [1.0]])
-    outer = [*range(n_drift), width - 1]
-    efforts = grams[:, :, outer] @ turn
-    return PayloadWindows(
-        np.array([w.start for w in information.windows]),
-        np.array([w.stop for w in information.windows]),
-        grams[:, n_drift:-1, n_drift:-1],
-        efforts[:, n_drift:-1],
-        efforts[:, outer] @ turn,
-        prior,
-    )
-
-
-def _deviations(blocks: Array, n_drift: int, drift: Array, prior: Array) -> Array:
-    """Friction's deviations, whatever payload each block of time carries, shape `(n_drift,)`."""
-    cross, inner = blocks[:, :n_drift, n_drift:-1], blocks[:, n_drift:-1, n_drift:-1] + prior
+    # deviations, whatever payload each block of time carries
+    cross, inner = blocks[:, :n, n:-1], blocks[:, n:-1, n:-1] + prior
     through = cross @ np.linalg.inv(inner)
-    matrix = blocks[:, :n_drift, :n_drift] - through @ cross.swapaxes(1, 2)
-    vector = blocks[:, :n_drift, -1] - np.einsum("kij,kj->ki", through, blocks[:, n_drift:-1, -1])
+    matrix = blocks[:, :n, :n] - through @ cross.swapaxes(1, 2)
+    vector = blocks[:, :n, -1] - np.einsum("kij,kj->ki", through, blocks[:, n:-1, -1])
     scale = np.maximum(drift, 1e-12)
-    total = matrix.sum(axis=0) * scale[:, None] * scale + np.eye(n_drift)
-    return np.asarray(scale * np.linalg.solve(total, scale * vector.sum(axis=0)))
+    total = matrix.sum(axis=0) * scale[:, None] * scale + np.eye(n)
+    deviations = scale * np.linalg.solve(total, scale * vector.sum(axis=0))
+    turn, outer = np.append(-deviations, 1.0), [*range(n), n + 10]
+    efforts = grams[:, :, outer] @ turn
+    inner, vector = grams[:, n:-1, n:-1], efforts[:, n:-1]
+    return PayloadWindows(starts, stops, inner, vector, efforts[:, outer] @ turn, prior)
 
 
 def changes_of(windows: PayloadWindows) -> PayloadChanges:
@@ -257,20 +249,25 @@ def changes_of(windows: PayloadWindows) -> PayloadChanges:
         threshold = inflation * surprise
         places = _peaks(ratios * freedom, threshold, round(CHANGE_SPAN / CHANGE_STEP))
         places = _needed(windows, places, threshold)
-        sure = [
-            p for p, some in _all_explained(windows, places) if some > DOUBTLESS_CHANGE * threshold
-        ]
-        near = np.abs(np.arange(len(values))[:, None] - np.array(sure, dtype=float)[None])
-        beside = tested & np.all(
-            near > round((CHANGE_SPAN + LEAST_TIME_OF_CHANGES) / CHANGE_STEP), axis=1
-        )
+        explained = _explained(windows, places)
+        sure = np.array(places, dtype=float)[np.array(explained) > DOUBTLESS_CHANGE * threshold]
+        near = np.abs(np.arange(len(values))[:, None] - sure[None])
+        apart = round((CHANGE_SPAN + LEAST_TIME_OF_CHANGES) / CHANGE_STEP)
+        beside = tested & np.all(near > apart, axis=1)
     changes = []
     for k, place in enumerate(places):
         low, high = _neighbours(windows, places, k)
-        earliest, latest = _interval(windows, low, place, high, inflation)
-        ratio = _explained(windows, place, low, high) / threshold
-        time = 0.5 * float(windows.stops[place - 1] + windows.starts[place])
-        changes.append(PayloadChange(time, earliest, latest, ratio))
+        at, gains = _profile(windows, low, high)
+        inside = at[gains >= gains[at == place] - 3.84 * inflation]
+        near = inside[np.abs(inside - place) <= round(CHANGE_SPAN / CHANGE_STEP)]
+        changes.append(
+            PayloadChange(
+                time=0.5 * float(windows.stops[place - 1] + windows.starts[place]),
+                earliest=float(windows.stops[near[0] - 1]) - CHANGE_STEP,
+                latest=float(windows.starts[near[-1]]) + CHANGE_STEP,
+                ratio=explained[k] / threshold,
+            )
+        )
     shown = of_mass[tested] * freedom / expected[tested] / threshold
     least_mass = float(np.median(shown)) ** -0.5 if tested.any() else np.inf
     sliding = windows.sliding_mass(inflation)
@@ -315,7 +312,7 @@ def _needed(windows: PayloadWindows, places: list[int], least: float) -> list[in
     """Changes at their best times, without those that explain less than some squares."""
     places = _improved(windows, places, range(len(places)))
     while places:
-        explained = [some for _, some in _all_explained(windows, places)]
+        explained = _explained(windows, places)
         weakest = int(np.argmin(explained))
         if explained[weakest] > least:
             break
@@ -325,18 +322,14 @@ def _needed(windows: PayloadWindows, places: list[int], least: float) -> list[in
     return places
 
 
-def _all_explained(windows: PayloadWindows, places: list[int]) -> list[tuple[int, float]]:
-    """Each change and the squares that it explains."""
-    return [
-        (place, _explained(windows, place, *_neighbours(windows, places, k)))
-        for k, place in enumerate(places)
-    ]
-
-
-def _explained(windows: PayloadWindows, place: int, low: int, high: int) -> float:
-    """Squares that two payloads explain more than one."""
-    one, other, both = windows.gain(np.array([low, place, low]), np.array([place, high, high]))
-    return float(one + other - both)
+def _explained(windows: PayloadWindows, places: list[int]) -> list[float]:
+    """Squares that each change explains: two payloads more than one."""
+    found = []
+    for k, place in enumerate(places):
+        low, high = _neighbours(windows, places, k)
+        one, other, both = windows.gain(np.array([low, place, low]), np.array([place, high, high]))
+        found.append(float(one + other - both))
+    return found
 
 
 def _neighbours(windows: PayloadWindows, places: list[int], k: int) -> tuple[int, int]:
@@ -350,19 +343,3 @@ def _profile(windows: PayloadWindows, low: int, high: int) -> tuple[Places, Arra
     apart = round(LEAST_TIME_OF_CHANGES / CHANGE_STEP)
     at = np.arange(low + apart, high - apart + 1)
     return at, windows.gain(np.full(len(at), low), at) + windows.gain(at, np.full(len(at), high))
-
-
-def _interval(
-    windows: PayloadWindows, low: int, place: int, high: int, inflation: float
-) -> tuple[float, float]:
-    """95 % interval of the time of a change; all of a pause without samples."""
-    at, gains = _profile(windows, low, high)
-    inside = at[gains >= gains[at == place] - 3.84 * inflation]
-    near = inside[np.abs(inside - place) <= round(CHANGE_SPAN / CHANGE_STEP)]
-    return float(windows.stops[near[0] - 1]) - CHANGE_STEP, float(
-        windows.starts[near[-1]]
-    ) + CHANGE_STEP
-
-
-def _cumulated(values: Array) -> Array:
-    return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])

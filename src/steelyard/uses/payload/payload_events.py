@@ -2,21 +2,19 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import compress, count, pairwise
 from typing import Any, Literal
 
 import numpy as np
 
-from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified import IdentifiedModel
-from steelyard.estimate.information.information import Information, Window, packed
-from steelyard.estimate.information.regressor import Layout
+from steelyard.estimate.information.information import Window
 from steelyard.estimate.information.samples import FilteredSamples
 from steelyard.estimate.payload.load_case import carrier, combined, drifting, payload_lift
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.robot.robot import Frame
-from steelyard.uses.payload.payload_body import PayloadKnowledge
 from steelyard.uses.payload.payload_changes import (
     CHANGE_SPAN,
     CHANGE_STEP,
@@ -31,11 +29,13 @@ from steelyard.uses.payload.payload_changes import (
 )
 from steelyard.uses.payload.payload_of_runs import (
     FRICTION_DRIFT,
+    NOTHING_KNOWN,
+    fitted_case,
     gain_share,
     refuse_uncertainties,
     refuse_unexplained_case,
+    weighed,
 )
-from steelyard.uses.payload.weighing import fitted_case, weighed
 
 CERTAIN_MASS_STD = 3.0
 """Standard deviations of a mass, or of its change, from which on it counts."""
@@ -188,56 +188,50 @@ def find_payload_events(
     while True:
         stretches = weigher.stretches(changes)
         payloads, unexplained = weigher.payloads(stretches)
-        kept = [
-            change
-            for change, one, other in zip(changes, payloads[:-1], payloads[1:], strict=True)
-            if _differ(one, other)
-        ]
-        if len(kept) == len(changes):
+        masses = [_change(*pair) for pair in pairwise(payloads)]
+        differ = [abs(mass) > CERTAIN_MASS_STD / Z95 * half for mass, half in masses]
+        if all(differ):
             break
-        changes = kept
-    events = [
-        _event(change, one, other)
-        for change, one, other in zip(changes, payloads[:-1], payloads[1:], strict=True)
-    ]
+        changes = list(compress(changes, differ))
+    events = tuple(
+        PayloadEvent(
+            "picked up" if mass > 0.0 else "put down",
+            change.time,
+            change.earliest,
+            change.latest,
+            abs(mass),
+            half,
+            change.ratio,
+        )
+        for change, (mass, half) in zip(changes, masses, strict=True)
+    )
     carried = tuple(
         Carried(window.start, window.stop, payload)
         for window, payload in zip(stretches, payloads, strict=True)
         if payload is not None
     )
-    return PayloadEvents(
-        samples.sources[0].run,
-        carries.name,
-        identified.model.robot.bodies[carries.body].name,
-        tuple(events),
-        carried,
-        FALSE_EVENTS_PER_HOUR,
-        found.inflation,
-        found.least_mass,
-        bool(events) or found.least_mass <= _largest_payload(identified),
-        _notes(found, carried),
-        found.sliding,
-        unexplained,
-    )
-
-
-def _notes(found: PayloadChanges, carried: tuple[Carried, ...]) -> tuple[str, ...]:
-    """How an event is decided, which would be seen, and what the masses rest on."""
     digits = 0 if found.inflation >= 10.0 else 1
-    return (
-        f"threshold for {FALSE_EVENTS_PER_HOUR:g} false events per hour; residuals along the "
-        "log make the "
-        f"statistic {found.inflation:.{digits}f} times larger than normal, white ones would",
-        f"smallest change of the mass that would be detected: {found.least_mass:.2g} kg (for a "
-        "mass at the frame's origin, in at least half of the log)",
-        *(carried[0].payload.notes if carried else ()),
+    return PayloadEvents(
+        run=samples.sources[0].run,
+        frame=carries.name,
+        body=identified.model.robot.bodies[carries.body].name,
+        events=events,
+        carried=carried,
+        alarms_per_hour=FALSE_EVENTS_PER_HOUR,
+        inflation=found.inflation,
+        least_mass=found.least_mass,
+        conclusive=bool(events) or found.least_mass <= _largest_payload(identified),
+        notes=(
+            f"threshold for {FALSE_EVENTS_PER_HOUR:g} false events per hour; residuals along the "
+            f"log make the statistic {found.inflation:.{digits}f} times larger than normal, white "
+            "ones would",
+            f"smallest change of the mass that would be detected: {found.least_mass:.2g} kg (for a "
+            "mass at the frame's origin, in at least half of the log)",
+            *(carried[0].payload.notes if carried else ()),
+        ),
+        sliding=found.sliding,
+        unexplained=unexplained,
     )
-
-
-def _differ(one: PayloadEstimate | None, other: PayloadEstimate | None) -> bool:
-    """Whether the masses of two payloads differ beyond doubt."""
-    change, half = _change(one, other)
-    return abs(change) > CERTAIN_MASS_STD / Z95 * half
 
 
 def _change(one: PayloadEstimate | None, other: PayloadEstimate | None) -> tuple[float, float]:
@@ -245,21 +239,6 @@ def _change(one: PayloadEstimate | None, other: PayloadEstimate | None) -> tuple
     masses = [0.0 if payload is None else payload.mass for payload in (one, other)]
     widths = [0.0 if payload is None else payload.half_width[0] for payload in (one, other)]
     return masses[1] - masses[0], float(np.linalg.norm(widths))
-
-
-def _event(
-    change: PayloadChange, one: PayloadEstimate | None, other: PayloadEstimate | None
-) -> PayloadEvent:
-    mass, half = _change(one, other)
-    return PayloadEvent(
-        "picked up" if mass > 0.0 else "put down",
-        change.time,
-        change.earliest,
-        change.latest,
-        abs(mass),
-        half,
-        change.ratio,
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,8 +268,7 @@ class _Weigher:
 
         A stretch in which no mass is beyond doubt carries `None`.
         """
-        loads: list[int | None] = list(range(len(stretches)))
-        found = self._weighed(stretches, loads)
+        found = self._weighed(stretches, list(range(len(stretches))))
         unexplained = next((payload.unexplained for payload in found if payload is not None), "")
         if all(payload is None or np.isnan(payload.mass) for payload in found):
             raise DataError(
@@ -302,13 +280,14 @@ class _Weigher:
         heavy = [p is not None and p.mass > CERTAIN_MASS_STD / Z95 * p.half_width[0] for p in found]
         if all(heavy):
             return found, unexplained
-        numbers = iter(range(len(stretches)))
+        if not any(heavy):
+            return [None] * len(stretches), unexplained
+        numbers = count()
         loads = [next(numbers) if some else None for some in heavy]
-        none: list[PayloadEstimate | None] = [None] * len(stretches)
-        return (self._weighed(stretches, loads) if any(heavy) else none), unexplained
+        return self._weighed(stretches, loads), unexplained
 
     def _weighed(
-        self, stretches: list[Window], loads: list[int | None]
+        self, stretches: list[Window], loads: Sequence[int | None]
     ) -> list[PayloadEstimate | None]:
         model = self.identified
         case = combined(
@@ -328,7 +307,7 @@ class _Weigher:
             if load is None
             else weighed(
                 model, case, fit, case.payloads[load], self.carries, False, self.drift,
-                self.gain, PayloadKnowledge(),
+                self.gain, NOTHING_KNOWN,
             )
             for load in loads
         ]  # fmt: skip
@@ -337,86 +316,48 @@ class _Weigher:
 def _changes(
     identified: IdentifiedModel, samples: FilteredSamples, carries: Frame, drift: float
 ) -> PayloadChanges:
-    """Where the statistic exceeds its threshold."""
-    columns = samples.layout.columns
+    """Where the statistic exceeds its threshold.
+
+    It is computed from sums of products in windows of `CHANGE_STEP`: of friction's deviations, of
+    a payload's columns, and of the efforts less the model's.
+    """
+    columns, model = samples.layout.columns, identified.model
     known = identified.estimate.parameters.as_dict()
     values = np.array([known.get(name, 0.0) for name in columns])
-    moving = drifting(identified.model, columns) if drift > 0.0 else ()
-    deviations = drift * np.abs(values[list(moving)])
-    information = _short_windows(identified, samples, carries, values, moving)
-    if len(information.windows) < LEAST_WINDOWS_OF_LOG * round(CHANGE_SPAN / CHANGE_STEP):
+    moving = list(drifting(model, columns)) if drift > 0.0 else []
+    place = {name: k for k, name in enumerate(identified.base.base_names)}
+    lift = payload_lift(model.robot, identified.base, carries)[[place[name] for name in columns]]
+    transform = np.hstack([np.eye(len(columns))[:, moving], lift])
+    number = np.floor((samples.t - samples.t[0]) / CHANGE_STEP).astype(np.intp)
+    width, length = len(moving) + 11, int(number[-1]) + 1
+    grams, full = np.zeros((length, width, width)), np.zeros(length, dtype=bool)
+    for row, (seen, residual) in enumerate(
+        zip(samples.layout.sees, samples.residuals(values), strict=True)
+    ):
+        mine, at = transform[list(seen)], number[samples.at[row]]
+        seen_here = np.flatnonzero(np.any(mine != 0.0, axis=0))
+        weights = samples.weights[row] * samples.shares[row]
+        moved = samples.rows[row][:, :-1] @ mine[:, seen_here]
+        part = np.sqrt(weights)[:, None] * np.column_stack([moved, residual])
+        index = np.ix_([*seen_here, width - 1], [*seen_here, width - 1])
+        for window in np.unique(at):
+            some = part[at == window]
+            grams[window][index] += some.T @ some / np.square(identified.estimate.sigma[row])
+        full[at[weights != 0.0]] = True
+    if full.sum() < LEAST_WINDOWS_OF_LOG * round(CHANGE_SPAN / CHANGE_STEP):
         raise DataError(
-            f"the log has {CHANGE_STEP * len(information.windows):.1f} s in which joints move: "
-            "too short "
-            "to find when a payload changes",
+            f"the log has {CHANGE_STEP * full.sum():.1f} s in which joints move: too short to find "
+            "when a payload changes",
             where=samples.sources[0].run,
             fix=f"give a log with at least {LEAST_WINDOWS_OF_LOG * CHANGE_SPAN:g} s of motion, "
             "or weigh without --when",
         )
-    return changes_of(
-        payload_windows(
-            information,
-            len(moving),
-            deviations,
-            np.square(identified.estimate.sigma),
-            _largest_payload(identified),
-        )
-    )
+    starts = np.asarray(float(samples.t[0]) + CHANGE_STEP * np.flatnonzero(full))
+    deviations, most = drift * np.abs(values[moving]), _largest_payload(identified)
+    return changes_of(payload_windows(starts, starts + CHANGE_STEP, grams[full], deviations, most))
 
 
 def _largest_payload(identified: IdentifiedModel) -> float:
     """Mass that a payload may have [kg]."""
-    return max(
-        LARGEST_PAYLOAD_SHARE * sum(body.inertia.mass for body in identified.model.robot.bodies),
-        1.0,
-    )
-
-
-def _short_windows(
-    identified: IdentifiedModel,
-    samples: FilteredSamples,
-    carries: Frame,
-    values: Array,
-    moving: tuple[int, ...],
-) -> Information:
-    """Windows of `CHANGE_STEP`: friction's deviations and a payload; efforts less the model's."""
-    columns, model = samples.layout.columns, identified.model
-    place = {name: k for k, name in enumerate(identified.base.base_names)}
-    lift = payload_lift(model.robot, identified.base, carries)[[place[name] for name in columns]]
-    transform = np.zeros((len(columns), len(moving) + 10))
-    transform[list(moving), range(len(moving))] = 1.0
-    transform[:, len(moving) :] = lift
-    number = np.floor((samples.t - samples.t[0]) / CHANGE_STEP).astype(np.intp)
-    count = int(number[-1]) + 1
-    sees, grams, counts = [], [], np.zeros((count, len(samples.rows)))
-    residuals = samples.residuals(values)
-    for row, seen in enumerate(samples.layout.sees):
-        mine = transform[list(seen)]
-        seen_here = np.flatnonzero(np.any(mine != 0.0, axis=0))
-        root = np.sqrt(samples.weights[row] * samples.shares[row])[:, None]
-        part = root * np.column_stack(
-            [samples.rows[row][:, :-1] @ mine[:, seen_here], residuals[row]]
-        )
-        at = number[samples.at[row]]
-        sums = np.zeros((count, part.shape[1], part.shape[1]))
-        for window in np.unique(at):
-            some = part[at == window]
-            sums[window] = some.T @ some
-        sees.append(tuple(int(k) for k in seen_here))
-        grams.append(packed(sums))
-        counts[:, row] = np.bincount(at, weights=root[:, 0] ** 2, minlength=count)
-    full = counts.any(axis=1)
-    names = (*(columns[k] for k in moving), *(f"payload {k}" for k in range(10)))
-    layout = Layout(names, ("1",) * len(names), samples.layout.rows, tuple(sees))
-    start = float(samples.t[0])
-    return Information(
-        layout,
-        samples.signature,
-        tuple(
-            Window(samples.sources[0].run, start + CHANGE_STEP * k, start + CHANGE_STEP * (k + 1))
-            for k in np.flatnonzero(full)
-        ),
-        np.concatenate(grams, axis=1)[full],
-        np.full((int(full.sum()), sum(layout.widths)), np.nan),
-        counts[full],
-    )
+    links = sum(body.inertia.mass for body in identified.model.robot.bodies)
+    return max(LARGEST_PAYLOAD_SHARE * links, 1.0)
