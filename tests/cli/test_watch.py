@@ -197,7 +197,7 @@ def test_ctrl_c_ends_with_a_summary(
     monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
     monkeypatch.setattr(interrupt, "_state", interrupt._State())
     before = signal.getsignal(signal.SIGINT)
-    press_at("watch._Arrival.waiting", {})
+    press_at("watch_command._Arrival.waiting", {})
     try:
         with pytest.raises(SystemExit) as end:
             main()

@@ -13,7 +13,7 @@ from cli.mistakes import leftovers
 from cli.test_contact import changed, columns
 from steelyard.base.arrays import Array
 from steelyard.simulate.external_loads import read_wrench
-from steelyard.uses.wrench import external_efforts as efforts
+from steelyard.uses.wrench import wrench_along_run as efforts
 
 AROUND = 1.5
 """Middle of the push [s]."""

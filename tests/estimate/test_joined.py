@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from loaded import run
+from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.estimate.information.information import Signature
+from steelyard.estimate.information.information import Information, Signature
 from steelyard.estimate.payload.load_case import (
-    TransformedRun,
     covariance_of,
     inverse,
     joined,
@@ -20,7 +20,7 @@ RUNS = run(1, noise=0.1), run(2, noise=0.1)
 SIZE = len(RUNS[0].layout.columns)
 
 
-def parts() -> tuple[list[TransformedRun], int]:
+def parts() -> tuple[list[tuple[Information, Array]], int]:
     """Two runs that share all parameters but the first three, which are each run's own."""
     transforms = [np.zeros((SIZE, SIZE + 3)) for _ in RUNS]
     for k, transform in enumerate(transforms):
@@ -28,7 +28,7 @@ def parts() -> tuple[list[TransformedRun], int]:
         if k:
             transform[:3] = 0.0
             transform[[0, 1, 2], [SIZE, SIZE + 1, SIZE + 2]] = 2.0
-    return [TransformedRun(r, t) for r, t in zip(RUNS, transforms, strict=True)], SIZE + 3
+    return [(r, t) for r, t in zip(RUNS, transforms, strict=True)], SIZE + 3
 
 
 def test_joined_runs_have_the_sums_of_mapped_columns() -> None:
@@ -36,9 +36,9 @@ def test_joined_runs_have_the_sums_of_mapped_columns() -> None:
     names = [f"p{k}" for k in range(size)]
     found = joined(both, names, ["1"] * size)
     matrix, vector, square = found.normal(np.arange(1.0, 5.0))
-    want = [part.information.normal(np.arange(1.0, 5.0)) for part in both]
-    want_matrix = sum(p.transform.T @ w[0] @ p.transform for p, w in zip(both, want, strict=True))
-    want_vector = sum(p.transform.T @ w[1] for p, w in zip(both, want, strict=True))
+    want = [part[0].normal(np.arange(1.0, 5.0)) for part in both]
+    want_matrix = sum(t.T @ w[0] @ t for (_, t), w in zip(both, want, strict=True))
+    want_vector = sum(t.T @ w[1] for (_, t), w in zip(both, want, strict=True))
     assert np.abs(matrix - want_matrix).max() < 1e-9 * np.abs(want_matrix).max()
     assert np.abs(vector - want_vector).max() < 1e-9 * np.abs(want_vector).max()
     assert np.isclose(square, sum(w[2] for w in want), rtol=1e-12)
@@ -52,7 +52,7 @@ def test_unequal_runs_are_refused() -> None:
     other = replace(RUNS[0], signature=signature)
     with pytest.raises(DataError, match="unequal effort"):
         joined(
-            [TransformedRun(RUNS[0], np.eye(SIZE)), TransformedRun(other, np.eye(SIZE))],
+            [(RUNS[0], np.eye(SIZE)), (other, np.eye(SIZE))],
             ["x"] * SIZE,
             ["1"] * SIZE,
         )

@@ -16,7 +16,7 @@ from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.information.samples import FilteredSamples
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.reduction.elimination import CRITERIA, FullModel, backward
+from steelyard.estimate.reduction.elimination import CRITERIA, FullModel, State, backward
 from steelyard.estimate.reduction.reduction import RULES, Reduced, criterion_of, reduce, rule_of
 from steelyard.estimate.reduction.stopping_rules import (
     Bic,
@@ -98,7 +98,7 @@ def test_every_state_is_the_refit_with_the_weights_of_the_full_model() -> None:
 
 def test_the_loss_is_the_rise_of_chi_squared_where_residuals_are_white() -> None:
     white = replace(FULL, scores=FULL.matrix)
-    state = white.state(range(len(NAMES)))
+    state = State(white, tuple(range(len(NAMES))))
     _, before = fitted(list(range(len(NAMES))))
     for column, loss in enumerate(state.losses):
         _, after = fitted([k for k in range(len(NAMES)) if k != column])
@@ -107,7 +107,7 @@ def test_the_loss_is_the_rise_of_chi_squared_where_residuals_are_white() -> None
 
 
 def test_contributions_and_mean_columns_are_those_of_the_papers() -> None:
-    state = FULL.state(range(len(NAMES)))
+    state = State(FULL, tuple(range(len(NAMES))))
     torques = np.linalg.norm(A * state.values, axis=0)
     np.testing.assert_allclose(CONTRIBUTION.worth(state), torques / torques.sum(), rtol=1e-9)
     np.testing.assert_allclose(MEAN_COLUMN.worth(state), np.abs(A).mean(axis=0), rtol=1e-9)
@@ -228,7 +228,7 @@ def test_rules_take_what_they_say() -> None:
 
 def test_tolerance_of_mean_absolute_errors() -> None:
     some = samples()
-    state = FULL.state(range(len(NAMES)))
+    state = State(FULL, tuple(range(len(NAMES))))
     values = np.zeros(len(NAMES))
     values[list(state.active)] = state.values
     wanted = [

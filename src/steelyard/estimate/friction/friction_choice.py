@@ -157,33 +157,35 @@ def choose_friction(
     """
     refuse_listed(model)
     divided = folding(runs)
-    considered = stages_of(model, runs[0].recording.signals.effort_kind, divided.left_out)
-    if not memory:
-        considered = tuple(
-            tuple(mix for mix in stage if not has_memory(mix)) for stage in considered
-        )
+    considered = [
+        [mix for mix in stage if memory or not has_memory(mix)]
+        for stage in stages_of(model, runs[0].recording.signals.effort_kind, divided.left_out)
+    ]
     information_of = information_from(runs, threads=threads, progress=progress)
     plain = replace(model, terms=(*model.terms, *PLAIN))
     loaded = any(t.needs_reference for stage in considered for mix in stage for t in mix)
     reference = reference_of(plain, information_of, estimator) if loaded else {}
-    stages = tuple(
-        tuple(tuple(term.with_reference(reference) for term in mix) for mix in stage)
+    stages = [
+        [tuple(term.with_reference(reference) for term in mix) for mix in stage]
         for stage in considered
-    )
+    ]
     wide = Candidates.of(model, stages)
-
-    def gathered(rests: bool) -> Information:
-        parts = information_from(
+    moving, whole = (
+        information_from(
             runs, rests=rests, longest=divided.longest, threads=threads, progress=progress
-        )
-        return parts(wide.regressor)
-
-    moving, whole = gathered(False), gathered(True)
+        )(wide.regressor)
+        for rests in (False, True)
+    )
     folds = divided.parts(moving)
-    moving, whole = per_fold(moving, folds), per_fold(whole, folds)
-    count = sum(len(stage) for stage in stages)
     mix_errors = FrictionMixErrors(
-        model, wide, moving, whole, estimator, consistent, progress=progress, count=count
+        model,
+        wide,
+        per_fold(moving, folds),
+        per_fold(whole, folds),
+        estimator,
+        consistent,
+        progress=progress,
+        count=sum(len(stage) for stage in stages),
     )
     return _staged(
         stages, mix_errors.errors, divided.left_out, mix_errors.per_joint, mix_errors.plausible
@@ -223,18 +225,12 @@ def _staged(
         table += [pair for pair in found if pair[0] not in [mix for mix, _ in table]]
         chosen = _simplest(found) if number else _least(found)
         kept = chosen[: len(chosen) - len(extra)] if number == 0 else chosen
-    first = table[0][1]
-    rows = (
-        MixScore(
-            mix_name(mix),
-            mix,
-            float(np.exp(error.mean())),
-            100.0 * (1.0 - _ratio(error - first)),
-            100.0 * _ratio(error - first) * standard_error(error - first),
-            mix == kept,
-        )
-        for mix, error in table
-    )
+    rows = []
+    for mix, error in table:
+        against = error - table[0][1]
+        ratio, mean = (float(np.exp(x.mean())) for x in (against, error))
+        gain, spread = 100.0 * (1.0 - ratio), 100.0 * ratio * standard_error(against)
+        rows.append(MixScore(mix_name(mix), mix, mean, gain, spread, mix == kept))
     return FrictionChoice(kept, tuple(rows), left_out)
 
 
@@ -257,10 +253,6 @@ def _simplest(found: Sequence[tuple[tuple[Term, ...], Array]]) -> tuple[Term, ..
     best = min((error for _, error in found), key=lambda error: float(error.mean()))
     most = float(found[0][1].mean())
     return next(mix for mix, e in found if not worse(e, best) and e.mean() <= most)
-
-
-def _ratio(logarithms: Array) -> float:
-    return float(np.exp(logarithms.mean()))
 
 
 def worse(error: Array, best: Array, sure: float = LOSS_PROBABILITY) -> bool:

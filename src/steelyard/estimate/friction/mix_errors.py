@@ -49,8 +49,14 @@ class Candidates:
         for term in (term for stage in stages for mix in stage for term in mix):
             known = by_law.setdefault(_place(term), ())
             by_law[_place(term)] = known if term in known else (*known, term)
+
+        def warm_up(term: Term) -> float:
+            if not isinstance(term, StatefulTerm):
+                return 0.0
+            return float(term.warm_up(model.robot).max())
+
         dictionaries = (
-            CandidateTerms.of(model.robot, terms, max(terms, key=lambda t: _warm_up(t, model)))
+            CandidateTerms.of(model.robot, terms, max(terms, key=warm_up))
             for terms in by_law.values()
         )
         wide = Model(model.robot, (*model.terms, *dictionaries))
@@ -71,15 +77,12 @@ class Candidates:
             whole = replace(cast(Any, term), joints=None) if of_some else term
             known = self.candidates[_place(whole)]
             for k, parameter in enumerate(term.parameters(self.model.robot)):
-                number = known.index(whole) if whole in known else _with_length(known, whole, k)
+                if whole in known:
+                    number = known.index(whole)
+                else:  # a length for each joint
+                    number = [length_of(one, k) for one in known].index(length_of(whole, k))
                 names.append(f"{parameter.name}@{number}")
         return tuple(names)
-
-
-def _with_length(known: Sequence[Term], term: Term, joint: int) -> int:
-    """Number of the candidate whose length of a joint is that of a term with one for each."""
-    wanted = cast(Any, term).length[joint]
-    return next(k for k, one in enumerate(known) if length_of(one, joint) == wanted)
 
 
 def length_of(term: Term, joint: int) -> float:
@@ -88,18 +91,9 @@ def length_of(term: Term, joint: int) -> float:
     return float(length[joint] if isinstance(length, tuple) else length)
 
 
-def same_lengths(one: Term, other: Term, joints: int) -> bool:
-    """Whether two terms have the same length at each joint."""
-    return all(length_of(one, joint) == length_of(other, joint) for joint in range(joints))
-
-
 def _place(term: Term) -> tuple[Any, ...]:
     """What terms of one dictionary have in common."""
     return (term.law, *(getattr(term, name, None) for name in ("joints", "motors", "along")))
-
-
-def _warm_up(term: Term, model: Model) -> float:
-    return float(term.warm_up(model.robot).max()) if isinstance(term, StatefulTerm) else 0.0
 
 
 ConsistentOf = Callable[[Model, BaseMap], Consistent]
@@ -208,29 +202,26 @@ class FrictionMixErrors:
             return []
         logs = np.log(np.maximum([self.known[mix] for mix in tried], 1e-12))
         logs = np.where(self.sizes > 0.0, logs, 0.0)
-        best = self._with_lengths(tried, logs.sum(axis=1), following)
-        if any(same_lengths(best[0], mix[0], len(self.whole.layout.rows)) for mix in tried):
+
+        def with_lengths(errors: Array) -> tuple[Term, ...]:
+            best = np.argmin(errors, axis=0).tolist()
+            lengths = tuple(length_of(tried[k][0], joint) for joint, k in enumerate(best))
+            return (Dahl(length=lengths), *following)
+
+        best, joints = with_lengths(logs.sum(axis=1)), range(len(self.whole.layout.rows))
+        lengths = [[length_of(mix[0], joint) for joint in joints] for mix in (best, *tried)]
+        if lengths[0] in lengths[1:]:
             return []
-        count = len(self.whole.windows)
-        found = []
+        count, found = len(self.whole.windows), []
         for fold in range(count):
-            others = [k for k in range(count) if k != fold]
-            mix = self._with_lengths(tried, logs[:, others].sum(axis=1), following)
-            names = self.wide.columns_of(mix)
-            some = self.whole.select(names)
+            mix = with_lengths(np.delete(logs, fold, axis=1).sum(axis=1))
+            some = self.whole.select(self.wide.columns_of(mix))
             try:
                 errors = left_out_errors(some, some, self.fitting(mix), only=(fold,))
             except DataError:
                 return []
             found.append(errors[0])
         return [(best, logarithms(np.array(found), self.sizes))]
-
-    def _with_lengths(
-        self, tried: Sequence[tuple[Term, ...]], logs: Array, following: tuple[Term, ...]
-    ) -> tuple[Term, ...]:
-        best = np.argmin(logs, axis=0).tolist()
-        lengths = tuple(length_of(tried[k][0], joint) for joint, k in enumerate(best))
-        return (Dahl(length=lengths), *following)
 
 
 def _plain(information: Information) -> Information:

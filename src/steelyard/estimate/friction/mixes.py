@@ -88,7 +88,17 @@ def stages_of(
             tell a spring from what else depends on posture.
     """
     aside = [x for x in model.terms if isinstance(x, Viscous) and (x.along or x.motors)]
-    speed = [(*laws, *_along(laws[1:], aside)) for laws in SPEED]
+    speed = [
+        (
+            *laws,
+            *(
+                replace(cast(Any, law), joints=x.joints, motors=x.motors, along=x.along)
+                for law in laws[1:]
+                for x in aside
+            ),
+        )
+        for laws in SPEED
+    ]
     stages = [_sized(DIRECTION, model.robot), _sized(speed, model.robot)]
     if kind in LOADED:
         stages.append(_sized(LOAD, model.robot))
@@ -103,24 +113,15 @@ def _sized(stage: Sequence[tuple[Term, ...]], robot: Robot) -> tuple[tuple[Term,
     sizes = [LEVER if c.kind == "prismatic" else 1.0 for c in robot.coordinates]
     if LEVER not in sizes:
         return tuple(stage)
-    return tuple(tuple(_with_sizes(term, sizes) for term in mix) for mix in stage)
 
+    def sized(term: Term) -> Term:
+        if any(getattr(term, name, None) for name in ("joints", "motors", "along")):
+            return term
+        given = {name: getattr(term, name) for name in term.bounds}
+        wanted = {name: tuple(value * x for x in sizes) for name, value in given.items() if value}
+        return cast(Term, replace(cast(Any, term), **wanted)) if wanted else term
 
-def _with_sizes(term: Term, sizes: Sequence[float]) -> Term:
-    if any(getattr(term, name, None) for name in ("joints", "motors", "along")):
-        return term
-    given = {name: getattr(term, name) for name in term.bounds}
-    wanted = {name: tuple(value * x for x in sizes) for name, value in given.items() if value}
-    return cast(Term, replace(cast(Any, term), **wanted)) if wanted else term
-
-
-def _along(laws: Sequence[Term], aside: Sequence[Viscous]) -> tuple[Term, ...]:
-    """The laws along the coordinates of others."""
-    return tuple(
-        replace(cast(Any, law), joints=x.joints, motors=x.motors, along=x.along)
-        for law in laws
-        for x in aside
-    )
+    return tuple(tuple(map(sized, mix)) for mix in stage)
 
 
 def has_memory(terms: Sequence[Term]) -> bool:
@@ -130,18 +131,17 @@ def has_memory(terms: Sequence[Term]) -> bool:
 
 def mix_name(terms: Sequence[Term]) -> str:
     """A mix for people to read: laws with their speeds and lengths, and what else is not usual."""
-    return " + ".join(_term_name(term) for term in terms)
-
-
-def _term_name(term: Term) -> str:
-    values = {f.name: getattr(term, f.name) for f in fields(term)}  # type: ignore[arg-type]
-    usual = {f.name: f.default for f in fields(term)}  # type: ignore[arg-type]
-    given = [
-        name if value is True else f"{name} {_short(value)}"
-        for name, value in values.items()
-        if name not in term.unnamed and value and (name in term.bounds or value != usual[name])
-    ]
-    return f"{term.law} ({', '.join(given)})" if given else term.law
+    names = []
+    for term in terms:
+        values = {f: getattr(term, f.name) for f in fields(term)}  # type: ignore[arg-type]
+        given = [
+            f.name if value is True else f"{f.name} {_short(value)}"
+            for f, value in values.items()
+            if f.name not in term.unnamed and value
+            if f.name in term.bounds or value != f.default
+        ]
+        names.append(f"{term.law} ({', '.join(given)})" if given else term.law)
+    return " + ".join(names)
 
 
 def _short(value: object) -> str:

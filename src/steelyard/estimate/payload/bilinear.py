@@ -212,14 +212,14 @@ def solved(problem: Bilinear) -> Solution:
         turned = start.copy()
         turned[row] *= -1.0
         other = _reweighted(problem, turned)
-        if _misfit(problem, other) < _misfit(problem, best):
+        # twice the negative logarithms of the likelihoods with the rows' own variances
+        misfit, known = (
+            float(problem.counts @ np.log(np.maximum(problem.squares(one), 1e-300)))
+            for one in (other, best)
+        )
+        if misfit < known:
             start, best = turned, other
     return best
-
-
-def _misfit(problem: Bilinear, solution: Solution) -> float:
-    """Twice the negative logarithm of the likelihood with the rows' own variances."""
-    return float(problem.counts @ np.log(np.maximum(problem.squares(solution), 1e-300)))
 
 
 def _reweighted(problem: Bilinear, rho: Array) -> Solution:
@@ -242,11 +242,16 @@ def _reweighted(problem: Bilinear, rho: Array) -> Solution:
 def _descended(problem: Bilinear, solution: Solution) -> Solution:
     """Damped Gauss-Newton steps until the cost no longer falls."""
     damping, cost = 1e-3, problem.cost(solution)
+    wanted, n_free = list(problem.wanted), len(problem.free)
     for _ in range(STEPS):
         matrix, gradient = problem.normal(solution)
+        most = LONGEST * np.abs(solution.rho[wanted])
         after, best = np.inf, solution
         while after > cost and damping < 1e9:
-            best = _stepped(problem, solution, matrix, gradient, damping)
+            damped = matrix + damping * np.diag(np.diag(matrix))
+            rho, step = solution.rho.copy(), (inverse(damped) @ gradient)[n_free:]
+            rho[wanted] += np.clip(step, -most, most)
+            best = Solution(problem.linear(rho, solution.weights), rho, solution.weights)
             after = problem.cost(best)
             damping *= 0.2 if after <= cost else 5.0
         if not after <= cost:
@@ -255,18 +260,6 @@ def _descended(problem: Bilinear, solution: Solution) -> Solution:
         if fall <= TOLERANCE * cost:
             break
     return solution
-
-
-def _stepped(
-    problem: Bilinear, solution: Solution, matrix: Array, gradient: Array, damping: float
-) -> Solution:
-    """One damped step of `rho`, and the best parameters for it."""
-    damped = matrix + damping * np.diag(np.diag(matrix))
-    step = (inverse(damped) @ gradient)[len(problem.free) :]
-    rho, wanted = solution.rho.copy(), list(problem.wanted)
-    most = LONGEST * np.abs(rho[wanted])
-    rho[wanted] += np.clip(step, -most, most)
-    return Solution(problem.linear(rho, solution.weights), rho, solution.weights)
 
 
 def _used(problem: Bilinear, solution: Solution) -> Array:

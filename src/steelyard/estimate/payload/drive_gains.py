@@ -87,15 +87,9 @@ class GainEstimate:
     def each(self) -> tuple[DriveGain, ...]:
         """The gains one by one."""
         return tuple(
-            DriveGain(*one)
-            for one in zip(
-                self.joints,
-                self.gains.tolist(),
-                self.half_width.tolist(),
-                self.units,
-                self.known,
-                self.assumed,
-                strict=True,
+            DriveGain(joint, gain, half, self.units[k], self.known[k], self.assumed[k])
+            for k, (joint, gain, half) in enumerate(
+                zip(self.joints, self.gains.tolist(), self.half_width.tolist(), strict=True)
             )
         )
 
@@ -149,11 +143,19 @@ def identified_gains(
     refuse_foreign(model, (*unloaded, *loaded))
     carries = carrier(model.robot, frame)
     case = load_case(model, base_parameters(model), carries, unloaded, loaded, first_deviates=False)
-    problem = Bilinear.of(case, mass, given, bool(loaded), _dissipative(model))
+    dissipative = frozenset(
+        p.name
+        for term in model.terms
+        if term.dissipation == "each"
+        for p in term.parameters(model.robot)
+    )
+    problem = Bilinear.of(case, mass, given, bool(loaded), dissipative)
     solution = solved(problem)
-    units = _units(model, case.information.signature.effort)
+    pairs = zip(model.robot.effort_units, case.information.signature.effort, strict=True)
+    units = tuple("1" if joint == unit else f"{joint}/{unit}" for joint, unit in pairs)
     assumed = np.zeros(len(given), dtype=np.bool_)
-    while (unseen := _least_seen(problem, solution)) is not None:
+    while (shares := problem.deviation(solution)).max(initial=0.0) > LARGEST:
+        unseen = problem.wanted[int(np.argmax(shares))]
         assumed[unseen] = True
         problem = replace(problem, given=_assumed(problem, solution, unseen, units))
         solution = solved(problem)
@@ -162,21 +164,11 @@ def identified_gains(
         gains=frozen(1.0 / solution.rho),
         units=units,
         covariance=frozen(_covariance(problem, solution)),
-        known=tuple(bool(x) for x in ~np.isnan(given)),
-        assumed=tuple(bool(x) for x in assumed),
+        known=tuple((~np.isnan(given)).tolist()),
+        assumed=tuple(assumed.tolist()),
         relative=unscaled,
         payload=_payload(problem, case, solution, model.robot, carries) if loaded else None,
         sigma=frozen(1.0 / np.sqrt(solution.weights)),
-    )
-
-
-def _dissipative(model: Model) -> frozenset[str]:
-    """Names of parameters of friction that are not negative, whatever the other laws are."""
-    return frozenset(
-        p.name
-        for term in model.terms
-        if term.dissipation == "each"
-        for p in term.parameters(model.robot)
     )
 
 
@@ -238,14 +230,6 @@ def _refuse_unanswerable(
             )
 
 
-def _least_seen(problem: Bilinear, solution: Solution) -> int | None:
-    """The row whose gain is seen least, if its interval reaches zero."""
-    shares = problem.deviation(solution)
-    if not len(shares) or shares.max() <= LARGEST:
-        return None
-    return problem.wanted[int(np.argmax(shares))]
-
-
 def _assumed(problem: Bilinear, solution: Solution, row: int, units: Sequence[str]) -> Array:
     """The given gains with that of a row, the geometric mean of the others of its unit.
 
@@ -258,8 +242,7 @@ def _assumed(problem: Bilinear, solution: Solution, row: int, units: Sequence[st
         if k != row and units[k] == units[row] and shares.get(k, 0.0) <= LARGEST
     ]
     if not alike:
-        share = shares[row]
-        width = 100.0 * Z95 * share
+        width = 100.0 * Z95 * shares[row]
         by = f" (95 % interval of ± {width:.0f} %)" if width < 1e4 else ""
         raise DataError(
             f"the data do not determine the gain of joint '{problem.names[row]}'{by}, nor any "
@@ -272,11 +255,6 @@ def _assumed(problem: Bilinear, solution: Solution, row: int, units: Sequence[st
     given = problem.given.copy()
     given[row] = sign * np.exp(np.log(np.abs(gains)).mean())
     return given
-
-
-def _units(model: Model, logged: Sequence[str]) -> tuple[str, ...]:
-    pairs = zip(model.robot.effort_units, logged, strict=True)
-    return tuple("1" if joint == unit else f"{joint}/{unit}" for joint, unit in pairs)
 
 
 def _payload(

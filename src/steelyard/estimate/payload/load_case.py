@@ -9,7 +9,7 @@ ten columns of the body times the move.
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,72 +32,56 @@ RANK = 1e-13
 """Relative eigenvalue of a scaled normal matrix below which a direction is left at zero."""
 
 
-@dataclass(frozen=True, eq=False)
-class TransformedRun:
-    """One run, and how its columns' parameters follow from the shared ones.
-
-    Attributes:
-        transform: Shape `(columns, shared)`.
-    """
-
-    information: Information
-    transform: Array
-
-
 def joined(
-    parts: Sequence[TransformedRun], names: Sequence[str], units: Sequence[str]
+    parts: Sequence[tuple[Information, Array]], names: Sequence[str], units: Sequence[str]
 ) -> Information:
     """All parts as information about the shared parameters, one window each.
 
     Sums of |column| are not known in the result.
 
+    Args:
+        parts: What runs say, each with its transform from shared parameters to those of its
+            columns, shape `(columns, shared)`.
+        names: Of the shared parameters.
+        units: Likewise.
+
     Raises:
-        DataError: The parts differ in model, columns, effort unit or filters.
+        DataError: The parts differ in model, columns, effort unit or filters; one has no samples.
     """
-    first = parts[0].information
-    for part in parts[1:]:
-        first.of(()) + part.information.of(())
-    rows, sees = range(len(first.layout.rows)), []
-    for row in rows:
-        seen = list(first.layout.sees[row])
-        touched = [np.any(part.transform[seen] != 0.0, axis=0) for part in parts]
-        sees.append(tuple(int(k) for k in np.flatnonzero(np.any(touched, axis=0))))
+    from scipy.linalg import block_diag
+
+    first = parts[0][0]
+    for information, _ in parts[1:]:
+        first.of(()) + information.of(())
+    sees = []
+    for seen in first.layout.sees:
+        touched = [np.any(transform[list(seen)] != 0.0, axis=0) for _, transform in parts]
+        sees.append(tuple(np.flatnonzero(np.any(touched, axis=0)).tolist()))
     layout = Layout(tuple(names), tuple(units), first.layout.rows, tuple(sees))
-    grams = [
-        np.concatenate([packed(_mapped(part, row, sees[row])) for row in rows]) for part in parts
-    ]
-    windows = tuple(_window(part.information) for part in parts)
-    signature = type(first.signature)(
-        first.signature.model, tuple(names), first.signature.effort, first.signature.filters
-    )
+    grams, windows = [], []
+    for information, transform in parts:
+        rows = []
+        for row, (old, seen) in enumerate(zip(information.layout.sees, sees, strict=True)):
+            moved = block_diag(transform[np.ix_(old, seen)], 1.0)
+            rows.append(packed(moved.T @ information.row_gram(row) @ moved))
+        grams.append(np.concatenate(rows))
+        if not information.windows:
+            raise DataError(
+                "the run has no usable samples",
+                where="information of a run",
+                fix="leave the run out, or log a motion in which the joints move",
+            )
+        windows.append(
+            Window(information.runs, information.windows[0].start, information.windows[-1].stop)
+        )
     return Information(
         layout,
-        signature,
-        windows,
+        replace(first.signature, columns=tuple(names)),
+        tuple(windows),
         np.array(grams),
         np.full((len(parts), sum(layout.widths)), np.nan),
-        np.array([part.information.n_samples for part in parts]),
+        np.array([information.n_samples for information, _ in parts]),
     )
-
-
-def _mapped(part: TransformedRun, row: int, seen: Sequence[int]) -> Array:
-    """One row's Gram matrix of the shared parameters it sees, and the effort."""
-    old = list(part.information.layout.sees[row])
-    transform = np.zeros((len(old) + 1, len(seen) + 1))
-    transform[:-1, :-1] = part.transform[np.ix_(old, list(seen))]
-    transform[-1, -1] = 1.0
-    return np.asarray(transform.T @ part.information.row_gram(row) @ transform)
-
-
-def _window(information: Information) -> Window:
-    runs = information.runs
-    if not information.windows:
-        raise DataError(
-            "the run has no usable samples",
-            where="information of a run",
-            fix="leave the run out, or log a motion in which the joints move",
-        )
-    return Window(runs, information.windows[0].start, information.windows[-1].stop)
 
 
 def inverse(matrix: Array) -> Array:
@@ -122,29 +106,32 @@ def marginal(matrix: Array, chosen: Sequence[int]) -> Array:
     return np.asarray((left + left.T) / 2.0)
 
 
+def _scaled(matrix: Array, chosen: Sequence[int]) -> tuple[Array, Array, Array]:
+    """Scale of each chosen parameter, eigenvalues and vectors of what is left about them in it."""
+    size = np.sqrt(np.maximum(np.diag(matrix)[list(chosen)], 0.0))
+    scale = np.where(size > 0.0, size, np.inf)
+    values, vectors = np.linalg.eigh(marginal(matrix, chosen) / scale[:, None] / scale)
+    return scale, values, vectors
+
+
 def seen_information(matrix: Array, chosen: Sequence[int]) -> Array:
     """The same without directions that the data do not see, which rounding leaves in it."""
-    mine = list(chosen)
-    size = np.sqrt(np.maximum(np.diag(matrix)[mine], 1e-300))
-    values, vectors = np.linalg.eigh(marginal(matrix, mine) / size[:, None] / size)
-    kept = vectors[:, values >= SEEN] * size[:, None]
-    return np.asarray((kept * values[values >= SEEN]) @ kept.T)
+    scale, values, vectors = _scaled(matrix, chosen)
+    seen = values >= SEEN
+    kept = vectors[:, seen] * np.where(np.isfinite(scale), scale, 0.0)[:, None]
+    return np.asarray((kept * values[seen]) @ kept.T)
 
 
 def covariance_of(matrix: Array, chosen: Sequence[int]) -> Array:
-    """Covariance of some parameters; rows of those that the data do not see are not numbers.
+    """Covariance of some parameters, shape `(c, c)`.
+
+    Rows of those that the data do not see are not numbers.
 
     Args:
         matrix: Information about all parameters, shape `(p, p)`.
         chosen: Those of interest, `c` of them.
-
-    Returns:
-        Shape `(c, c)`.
     """
-    mine = list(chosen)
-    size = np.sqrt(np.maximum(np.diag(matrix)[mine], 0.0))
-    scale = np.where(size > 0.0, size, np.inf)
-    values, vectors = np.linalg.eigh(marginal(matrix, mine) / scale[:, None] / scale)
+    scale, values, vectors = _scaled(matrix, chosen)
     null = values < SEEN
     kept = vectors[:, ~null] / scale[:, None]
     covariance = np.asarray((kept / values[~null]) @ kept.T)
@@ -172,19 +159,18 @@ def carrier(robot: Robot, name: str | None = None) -> Frame:
             where=f"robot '{robot.name}'",
             fix=advice(name, frames, "frames"),
         )
-    if frames[name].body < 0:
+    frame, wrong, which = frames[name], "", ""
+    if frame.body < 0:
+        wrong, which = "is fixed to the base: a payload there loads no joint", "frame that moves"
+    elif robot.bodies[frame.body].massless:
+        wrong, which = "lies between two joints of one body, and has no mass", "link with mass"
+    if wrong:
         raise ModelError(
-            f"frame '{name}' is fixed to the base: a payload there loads no joint",
+            f"frame '{name}' {wrong}",
             where=f"robot '{robot.name}'",
-            fix=f"name a frame that moves, such as '{robot.bodies[-1].name}'",
+            fix=f"name a {which}, such as '{robot.bodies[-1].name}'",
         )
-    if robot.bodies[frames[name].body].massless:
-        raise ModelError(
-            f"frame '{name}' lies between two joints of one body, and has no mass",
-            where=f"robot '{robot.name}'",
-            fix=f"name a link with mass, such as '{robot.bodies[-1].name}'",
-        )
-    return frames[name]
+    return frame
 
 
 def payload_lift(robot: Robot, base: BaseMap, frame: Frame) -> Array:
@@ -267,17 +253,9 @@ def load_case(
     drifts: bool = True,
     zero: Collection[str] = (),
 ) -> LoadCase:
-    """Put runs together.
+    """Put runs without and with one payload together; see `combined`.
 
-    Args:
-        model: The model.
-        base: Its base parameters.
-        frame: What carries the payload.
-        unloaded: Runs without it, one piece of information each.
-        loaded: Runs with it.
-        first_deviates: Whether the first run deviates from the arm's friction too.
-        drifts: Whether friction and offset are each run's own.
-        zero: Base parameters of the arm that are known to be zero; a payload adds to them too.
+    Friction and offset of the first run are those of the arm, unless it deviates too.
     """
     runs = (*unloaded, *loaded)
     deviating = range(0 if first_deviates else 1, len(runs))
@@ -337,7 +315,7 @@ def combined(
         if load is not None:
             transform[:, start + 10 * load : start + 10 * load + 10] = lift
         pieces = [run.of([k]) for k in range(len(run.windows))] or [run]
-        parts += [TransformedRun(piece, transform) for piece in pieces]
+        parts += [(piece, transform) for piece in pieces]
     deviations = [(f"{names[k]} of run {r + 1}", units[k]) for r in range(n_days) for k in drift]
     tens = [
         (f"{name}.payload{k or ''}", unit)

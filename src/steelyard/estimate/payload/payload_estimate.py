@@ -94,13 +94,24 @@ class PayloadEstimate:
     @property
     def com_half_width(self) -> Array:
         """Half-widths of the 95 % intervals of the centre, by the delta method, shape `(3,)`."""
-        return self._through(self._com_slope())
+        slope = np.zeros((3, 10))
+        if self.mass:
+            slope[:, 0] = -self.com / self.mass
+            slope[:, 1:4] = np.eye(3) / self.mass
+        return self._through(slope)
 
     @property
     def inertia_com_half_width(self) -> Array:
         """The same of the inertia about the centre, shape `(3, 3)`."""
-        six = self._through(self._inertia_slope())
-        return np.array([[six[k] for k in row] for row in ((0, 1, 3), (1, 2, 4), (3, 4, 5))])
+        slope = np.zeros((6, 10))  # of (xx, xy, yy, xz, yz, zz) over the ten numbers
+        slope[:, 4:] = np.eye(6)
+        if self.mass:
+            h = skew(self.ten[1:4])
+            change = [-h @ h / self.mass**2]
+            change += [(skew(e) @ h + h @ skew(e)) / self.mass for e in np.eye(3)]
+            for column, matrix in enumerate(change):
+                slope[:, column] = matrix[(0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)]
+        return np.asarray(self._through(slope)[[(0, 1, 3), (1, 2, 4), (3, 4, 5)]])
 
     @property
     def not_seen(self) -> tuple[str, ...]:
@@ -198,26 +209,6 @@ class PayloadEstimate:
             part = self.covariance[np.ix_(used, used)]
             widths.append(Z95 * np.sqrt(row[used] @ part @ row[used]))
         return np.array(widths)
-
-    def _com_slope(self) -> Array:
-        """Slope of the centre over the ten numbers, shape `(3, 10)`."""
-        slope = np.zeros((3, 10))
-        if self.mass:
-            slope[:, 0] = -self.com / self.mass
-            slope[:, 1:4] = np.eye(3) / self.mass
-        return slope
-
-    def _inertia_slope(self) -> Array:
-        """Slope of the inertia about the centre, `(xx, xy, yy, xz, yz, zz)`, shape `(6, 10)`."""
-        slope = np.zeros((6, 10))
-        slope[:, 4:] = np.eye(6)
-        if self.mass:
-            h = skew(self.ten[1:4])
-            change = [-h @ h / self.mass**2]
-            change += [(skew(e) @ h + h @ skew(e)) / self.mass for e in np.eye(3)]
-            for column, matrix in enumerate(change):
-                slope[:, column] = matrix[(0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)]
-        return slope
 
 
 def payload_of(

@@ -5,7 +5,7 @@ followed each removal, a row that lost a parameter would count less, and the nex
 would seem cheaper than it is.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -86,10 +86,6 @@ class FullModel:
         """Means of |column| over all rows and samples, shape `(p,)`."""
         return np.asarray(self.information.absolute_sums() / self.information.n_samples.sum())
 
-    def state(self, active: Sequence[int]) -> "State":
-        """The model with some of the columns, refitted with the full model's weights."""
-        return State(self, tuple(active))
-
 
 @dataclass(frozen=True, eq=False)
 class State:
@@ -107,10 +103,6 @@ class State:
         """Names of the parameters that are left."""
         return tuple(self.full.names[k] for k in self.active)
 
-    def without(self, column: int) -> "State":
-        """The model without one more column."""
-        return State(self.full, tuple(k for k in self.active if k != column))
-
     @cached_property
     def _inverse(self) -> Array:
         """Inverse normal matrix of columns of unit length, shape `(k, k)`."""
@@ -118,8 +110,7 @@ class State:
 
     @cached_property
     def _unit_values(self) -> Array:
-        index = list(self.active)
-        return np.asarray(self._inverse @ self.full.vector[index])
+        return np.asarray(self._inverse @ self.full.vector[list(self.active)])
 
     @property
     def values(self) -> Array:
@@ -208,7 +199,6 @@ CRITERIA: tuple[Criterion, ...] = (
 )
 """All criteria, the default one first."""
 
-
 Accepts = Callable[[State, State], bool]
 """Whether a model may lose a parameter: the full model, and the one without it."""
 
@@ -267,7 +257,7 @@ def backward(
     instead. The path ends where all parameters that are left are essential, or one is left.
     Parameters to drop are removed first, whatever they are worth.
     """
-    complete = state = full.state(range(len(full.names)))
+    complete = state = State(full, tuple(range(len(full.names))))
     essential, wanted = dict.fromkeys(keep), set(drop)
     if wanted.issuperset(full.names):
         raise DataError(
@@ -298,4 +288,4 @@ def _without_least(state: State, free: Collection[str], criterion: Criterion) ->
     worth = criterion.worth(state)
     place = min((state.names.index(name) for name in free), key=lambda k: worth[k])
     step = Step(state.names[place], float(state.losses[place]))
-    return step, state.without(state.active[place])
+    return step, State(state.full, (*state.active[:place], *state.active[place + 1 :]))

@@ -69,8 +69,7 @@ def rule_of(text: str) -> StoppingRule:
             where="--stop",
             fix=advice(name, known, "stopping rules"),
         )
-    kind = known[name]
-    make = RULES[kind]
+    kind, make = known[name], RULES[known[name]]
     if make is None and equals:
         raise ModelError(
             f"stopping rule '{name}' takes no number", where="--stop", fix=f"--stop {name}"
@@ -82,12 +81,11 @@ def rule_of(text: str) -> StoppingRule:
     except ValueError:
         value = float("nan")
     if make is None or not isfinite(value) or not value > 0.0 or (kind is Count and value % 1.0):
+        whole = "give a whole number, such as count=25"
         raise ModelError(
             f"'{number}' is no number that stopping rule '{name}' can use",
             where=f"--stop {text}",
-            fix="give a whole number, such as count=25"
-            if kind is Count
-            else f"give a number above zero, such as {name}=5",
+            fix=whole if kind is Count else f"give a number above zero, such as {name}=5",
         )
     return make(value)
 

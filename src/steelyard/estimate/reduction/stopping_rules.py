@@ -6,7 +6,7 @@ the left-out fold does not need it would make that fold's error too small [Hasti
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -102,7 +102,8 @@ def left_out_errors(information: Information, path_of: PathOf) -> LeftOutErrors:
         others = [k for k in range(len(information.windows)) if k not in set(mine)]
         path = path_of(FullModel.of(information.of(others)))
         results.append((path, path_errors(path, information.of(mine))))
-    sizes = _shared_sizes([path for path, _ in results])
+    shared = set.intersection(*(set(path.sizes) for path, _ in results))
+    sizes = tuple(sorted(shared, reverse=True))
     errors, logs, removed = [], [], [Counter[str]() for _ in sizes]
     for path, (found, squares) in results:
         at = [path.sizes.index(size) for size in sizes]
@@ -117,12 +118,6 @@ def left_out_errors(information: Information, path_of: PathOf) -> LeftOutErrors:
         tuple(removed),
         tuple(name for name, _ in folds),
     )
-
-
-def _shared_sizes(paths: Sequence[Path]) -> tuple[int, ...]:
-    """Sizes that all paths have, the greatest first."""
-    shared = set(paths[0].sizes).intersection(*(path.sizes for path in paths))
-    return tuple(sorted(shared, reverse=True))
 
 
 def path_errors(path: Path, tested: Information) -> tuple[Array, Array]:
@@ -269,41 +264,56 @@ class Bic(StoppingRule):
 
 
 @dataclass(frozen=True)
-class ConditionLimit(StoppingRule):
+class _FirstWithin(StoppingRule):
+    """The first model of which a figure is at most `limit`."""
+
+    figure: ClassVar[str]
+    limit: float = 30.0
+
+    @abstractmethod
+    def figure_of(self, state: State) -> float:
+        """The figure of a model."""
+
+    def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
+        """See `StoppingRule`."""
+        values = np.array([self.figure_of(state) for state in path.states])
+        if not (values <= self.limit).any():
+            raise DataError(
+                f"no model has a {self.figure} of {self.limit:g} or less: the least is "
+                f"{values.min():.3g}",
+                where=WHERE,
+                fix="allow a larger one, keep fewer parameters, or log a motion that excites more",
+            )
+        return int(np.argmax(values <= self.limit))
+
+
+@dataclass(frozen=True)
+class ConditionLimit(_FirstWithin):
     """The first model whose condition number is small enough [Wang].
 
-    Attributes:
-        limit: Largest condition number, columns of the weighted regressor at unit length.
+    That of the weighted regressor with columns of unit length.
     """
 
     name: ClassVar[str] = "condition"
     about: ClassVar[str] = "condition number of this or less"
+    figure: ClassVar[str] = "condition number"
 
-    limit: float = 30.0
-
-    def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
-        """See `StoppingRule`."""
-        found = [state.condition for state in path.states]
-        return _first_below(found, self.limit, "condition number")
+    def figure_of(self, state: State) -> float:
+        """The condition number."""
+        return state.condition
 
 
 @dataclass(frozen=True)
-class DeviationRatio(StoppingRule):
-    """The first model whose relative standard deviations lie close enough together [Pham1991].
-
-    Attributes:
-        limit: Largest ratio of the greatest relative standard deviation to the least.
-    """
+class DeviationRatio(_FirstWithin):
+    """The first model whose relative standard deviations lie close enough together [Pham1991]."""
 
     name: ClassVar[str] = "ratio"
     about: ClassVar[str] = "greatest over least relative standard deviation of this or less"
+    figure: ClassVar[str] = "ratio of relative deviations"
 
-    limit: float = 30.0
-
-    def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
-        """See `StoppingRule`."""
-        ratios = [float(s.ratios.max() / max(s.ratios.min(), 1e-300)) for s in path.states]
-        return _first_below(ratios, self.limit, "ratio of relative deviations")
+    def figure_of(self, state: State) -> float:
+        """The greatest relative standard deviation over the least."""
+        return float(state.ratios.max() / max(state.ratios.min(), 1e-300))
 
 
 @dataclass(frozen=True)
@@ -357,15 +367,3 @@ class Refit(StoppingRule):
     def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
         """See `StoppingRule`."""
         return 0
-
-
-def _first_below(values: list[float], limit: float, what: str) -> int:
-    """Place of the first value up to a limit."""
-    place = next((k for k, value in enumerate(values) if value <= limit), None)
-    if place is None:
-        raise DataError(
-            f"no model has a {what} of {limit:g} or less: the least is {min(values):.3g}",
-            where=WHERE,
-            fix="allow a larger one, keep fewer parameters, or log a motion that excites more",
-        )
-    return place

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
 from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array
 from steelyard.base.files import write_table
@@ -24,9 +26,9 @@ from steelyard.identify.validation_data import holds_fitted_rows
 from steelyard.report.result import Result
 from steelyard.runs.named_logs import log_files, prepared, recording_of
 from steelyard.uses.control.model_torques import refuse_unknown_gains
-from steelyard.uses.wrench.external_efforts import ResidualKind
 from steelyard.uses.wrench.wrench_along_run import (
     COMPONENTS,
+    ResidualKind,
     WrenchEstimate,
     estimated_wrench,
     name_of,
@@ -121,15 +123,15 @@ class ExternalWrench(Result):
     def table(self) -> dict[str, Array]:
         """Columns of `wrench.csv`: time, wrench, half-widths, external efforts, data share."""
         found = self.estimate
-        columns = {"time_s": found.t}
-        for name, own in zip(WRENCH_TABLE_COLUMNS, found.wrench.T, strict=True):
-            columns[name] = own
-        for name, own in zip(WRENCH_TABLE_COLUMNS, found.half_width.T, strict=True):
-            columns[f"half_width_{name}"] = own
-        for joint, unit, own in zip(found.joints, found.units, found.torque.T, strict=True):
-            columns[f"external_{joint}_{unit}"] = own
-        columns["least_data_share"] = found.least_data_share
-        return columns
+        joints = zip(found.joints, found.units, strict=True)
+        names = (
+            *WRENCH_TABLE_COLUMNS,
+            *(f"half_width_{name}" for name in WRENCH_TABLE_COLUMNS),
+            *(f"external_{joint}_{unit}" for joint, unit in joints),
+        )
+        own = np.hstack([found.wrench, found.half_width, found.torque]).T
+        columns = dict(zip(names, own, strict=True))
+        return {"time_s": found.t, **columns, "least_data_share": found.least_data_share}
 
     def write(self, folder: Path) -> None:
         """Write `report.html`, `wrench.csv` and `wrench.json`."""
@@ -186,7 +188,12 @@ def external_wrench(
     identified = load_model(model)
     refuse_unknown_gains(identified)
     moved_frame(identified.robot, frame)
-    chosen = _method(method, Expected(force, lever), duration)
+    expected = Expected(force, lever)
+    chosen: WrenchMethod
+    if method == "smoothed":
+        chosen = Smoothed(expected, duration)
+    else:
+        chosen = (Weighted if method == "weighted" else InverseJacobian)(expected)
     (file,) = log_files([str(log)])
     recording = recording_of(file, identified.signals)
     (run,) = prepared([recording], processing_of(identified), progress, at_rest=True)
@@ -209,10 +216,3 @@ def external_wrench(
         details=notes_of([run]),
     )
     return ExternalWrench(content)
-
-
-def _method(name: MethodName, expected: Expected, duration: float) -> WrenchMethod:
-    """The method of a name."""
-    if name == "smoothed":
-        return Smoothed(expected, duration)
-    return Weighted(expected) if name == "weighted" else InverseJacobian(expected)

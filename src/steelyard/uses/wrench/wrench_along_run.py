@@ -1,6 +1,16 @@
-"""The external wrench along a run, with intervals and the directions that efforts do not show."""
+r"""The external wrench along a run, with intervals and the directions that efforts do not show.
 
+External efforts are what the model's efforts leave over: by the torque,
+$\tau_e = M \ddot q + b + \tau_f + \dots - \tau$, or by the momentum, which needs no accelerations;
+both behind the same zero-phase low-pass, so that neither lags. Where a joint rests, its friction
+lies anywhere in a dead zone: laws without memory then predict none, and efforts are that uncertain
+for as long as the low-pass sees the rest.
+"""
+
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import groupby
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,19 +21,30 @@ from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.external.effort_to_wrench import (
     Expected,
+    ExternalEfforts,
     InverseJacobian,
     Wrenches,
     WrenchMethod,
     condition_numbers,
 )
-from steelyard.estimate.external.observer import PER_PERIOD, check_bandwidth
-from steelyard.estimate.external.observer_program import Axes, moved_frame, observed_quantity
+from steelyard.estimate.external.observer import PER_PERIOD, check_bandwidth, momentum_residual
+from steelyard.estimate.external.observer_program import (
+    Axes,
+    Observed,
+    moved_frame,
+    observed_quantity,
+)
+from steelyard.estimate.friction.mixes import has_memory
 from steelyard.estimate.identified import IdentifiedModel
-from steelyard.estimate.scores.residuals import FORGOTTEN, residual_trace
-from steelyard.runs.run import Run
+from steelyard.estimate.information.gather import blocks_with_channels
+from steelyard.estimate.scores.residuals import FORGOTTEN, FRICTION, TorqueSplit, residual_trace
+from steelyard.model.quantity import Quantity
+from steelyard.runs.run import Block, Run
+from steelyard.runs.smoothing.filters import noise_bandwidth, zero_phase
 from steelyard.uses.other_efforts import refuse_other_efforts
-from steelyard.uses.wrench.external_efforts import EffortSource, ResidualKind
 from steelyard.uses.wrench.wrench_smoothing import OBSERVABLE, Smoothed
+
+ResidualKind = Literal["momentum", "torque"]
 
 COMPONENTS = (
     "force along x", "force along y", "force along z",
@@ -69,17 +90,15 @@ def name_of(direction: Array) -> str:
     sizes = np.abs(direction)
     sign = np.sign(direction[np.argmax(sizes)])
     named = np.where(sizes > MINOR_COMPONENT * sizes.max(), sign * direction, 0.0).reshape(2, 3)
-    parts = [_axis_name(kind, axis) for kind, axis in zip(KINDS, named, strict=True) if axis.any()]
+    parts = []
+    for kind, axis in zip(KINDS, named, strict=True):
+        if np.count_nonzero(axis) == 1:
+            minus = "−" if axis.sum() < 0.0 else ""
+            parts.append(f"{kind} {minus}{'xyz'[int(np.argmax(np.abs(axis)))]}")
+        elif axis.any():
+            figures = (f"{one:.2g}" for one in axis / np.abs(axis).max() + 0.0)
+            parts.append(f"{kind} the axis ({', '.join(figures)})".replace("-", "−"))
     return " with ".join(parts)
-
-
-def _axis_name(kind: str, axis: Array) -> str:
-    """A force or moment along an axis; coordinates are relative to the largest, shape `(3,)`."""
-    if np.count_nonzero(axis) == 1:
-        sign = "−" if axis.sum() < 0.0 else ""
-        return f"{kind} {sign}{'xyz'[int(np.argmax(np.abs(axis)))]}"
-    figures = (f"{one:.2g}" for one in axis / np.abs(axis).max() + 0.0)
-    return f"{kind} the axis ({', '.join(figures)})".replace("-", "−")
 
 
 SIMULTANEOUS = 2.795
@@ -180,6 +199,87 @@ class WrenchEstimate:
         return float(np.mean(self.least_data_share < OBSERVABLE))
 
 
+WHITE_NOISE_SHARE = 0.5
+"""Share of the fit's residual variance that is noise. Slow residuals are given all of it too, with
+what left-out motion and the dead zone add: on a UR10e on other days most of it is slow."""
+
+LONGEST_STRETCH = 120.0
+"""Longest stretch along which the errors of the model's parameters are the same [s]."""
+
+
+def external_efforts(
+    identified: IdentifiedModel, run: Run, quantity: Quantity, residual: ResidualKind, cutoff: float
+) -> Iterator[tuple[Array, ExternalEfforts]]:
+    """Time and external efforts of stretches without gaps, of at most `LONGEST_STRETCH`.
+
+    Args:
+        identified: The model.
+        run: The run.
+        quantity: See `observed_quantity`.
+        residual: What efforts are computed from.
+        cutoff: Of the low-pass [Hz]; there are samples at twice the cut-off or faster.
+    """
+    uncertainty = identified.effort_uncertainty(noise_bandwidth(cutoff))
+    every = max(1, int(run.rate / (2.0 * cutoff)))
+    blocks = blocks_with_channels(run.blocks(), identified.model)
+    split = TorqueSplit(identified.valued)
+    for _, of_segment in groupby(blocks, key=lambda block: block.segment):
+        full, kept, start = [], [], 0
+        for block in of_segment:
+            observed, speed = _observed(identified, quantity, block), np.abs(block.dq)
+            noise = uncertainty.noise(speed, block.moving)
+            full.append((*_driven(identified, block, observed, split, residual), noise))
+            at = slice(-start % every, None, every)
+            spread = uncertainty.spread(observed.columns[at], speed[:, at], block.moving[:, at])
+            kept.append((block.t[at], observed.jacobian[at].copy(), spread))
+            start += len(block.t)
+        first, driven, noise = (np.concatenate(some) for some in zip(*full, strict=True))
+        raw = first - driven
+        if residual == "momentum":
+            raw = momentum_residual(first, driven, run.rate)
+        t, jacobian, spread = (np.concatenate(some) for some in zip(*kept, strict=True))
+        noise = np.maximum(noise, zero_phase(noise, cutoff, run.rate))[::every]
+        efforts = ExternalEfforts(
+            step=every / run.rate,
+            torque=zero_phase(raw, cutoff, run.rate)[::every],
+            jacobian=jacobian,
+            spread=spread,
+            slow=noise,
+            noise=np.sqrt(WHITE_NOISE_SHARE) * np.minimum(noise, uncertainty.sigma),
+            correlation=uncertainty.correlation,
+            per_independent=run.rate / every / (2.0 * noise_bandwidth(cutoff)),
+        )
+        count = -(-len(t) * every // int(LONGEST_STRETCH * run.rate + 1))
+        for inside in np.array_split(np.arange(len(t)), count):
+            chosen = slice(int(inside[0]), int(inside[-1]) + 1)
+            yield t[chosen], efforts.part(chosen)
+
+
+def _driven(
+    identified: IdentifiedModel,
+    block: Block,
+    observed: Observed,
+    split: TorqueSplit,
+    residual: ResidualKind,
+) -> tuple[Array, Array]:
+    """Predicted and measured efforts, or the momentum and what changes it, `(N, n)` each."""
+    predicted = split.block(block)
+    at_rest = predicted[FRICTION] * ~(block.moving | has_memory(identified.model.terms))
+    effort = (block.effort * identified.signals.gains[:, None] + at_rest).T
+    if residual == "torque":
+        return predicted.sum(axis=0).T, effort
+    return observed.momentum.copy(), effort + observed.drive
+
+
+def _observed(identified: IdentifiedModel, quantity: Quantity, block: Block) -> Observed:
+    """The observed quantity at the samples of a block."""
+    compiled = identified.model.compiled(quantity)
+    channels = np.empty((0, len(block.t))) if block.channels is None else block.channels
+    values = identified.valued.values.values[compiled.columns]
+    entries = compiled.code((block.q, block.dq, block.ddq, channels, values), [False] * 4 + [True])
+    return Observed.of(entries.T, identified.robot.n)
+
+
 def estimated_wrench(
     identified: IdentifiedModel,
     run: Run,
@@ -220,17 +320,16 @@ def estimated_wrench(
     pushes = _expected_efforts(identified, whole, method.expected)
     refuse_other_efforts(residual_trace(identified, run, chosen), sigma, identified.joints, pushes)
     quantity = observed_quantity(place, axes, identified.base.independent)
-    source = EffortSource(identified, quantity, residual, chosen)
     parts = []
     expected, length = method.expected, sum(s.samples for s in whole.segments) / run.rate
     known, done = expected.variances > 0.0, 0.0
-    for stretch in source.stretches(whole):
+    for t, efforts in external_efforts(identified, whole, quantity, residual, chosen):
         report_progress(progress, "estimating the wrench", done, length)
-        efforts, found = stretch.efforts, method(stretch.efforts)
-        done += len(stretch.t) * efforts.step
+        found = method(efforts)
+        done += len(t) * efforts.step
         parts.append(
             (
-                stretch.t,
+                t,
                 found.values,
                 _half_width(found.covariance),
                 _force_half_width(found),

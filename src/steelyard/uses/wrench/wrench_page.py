@@ -209,28 +209,22 @@ class WrenchContent:
             )
         if self.fitted:
             warnings.append("the model was fitted to this log: its residuals are too small")
-        return (*warnings, *self._doubts)
-
-    @property
-    def _doubts(self) -> tuple[str, ...]:
-        """That the force is likelier to be an error of the log or of the model than a push."""
-        found, doubts = self.estimate, []
-        lasting, at = float(np.mean(found.pushed)), found.largest
-        times = float(found.force[at]) / found.expected.force
+        lasting, doubts = float(np.mean(found.pushed)), []
+        times = float(found.force[found.largest]) / found.expected.force
         if lasting > LEAST_LASTING_SHARE:
             doubts.append(f"the force differs from zero in {100.0 * lasting:.0f} % of the log")
-        if found.pushed[at] and times > LEAST_UNEXPECTED_FORCE:
+        if found.pushed[found.largest] and times > LEAST_UNEXPECTED_FORCE:
             doubts.append(
                 f"the largest force is {significant(times, 2)} times the expected "
                 f"{found.expected.force:g} N"
             )
-        if not doubts:
-            return ()
-        return (
-            f"{', '.join(doubts)}: efforts in other units or with another sign, other positions, "
-            "a payload, another tool or other drive gains are likelier than pushes; steelyard "
-            "check names what differs, steelyard payload identifies a payload",
-        )
+        if doubts:
+            warnings.append(
+                f"{', '.join(doubts)}: efforts in other units or with another sign, other "
+                "positions, a payload, another tool or other drive gains are likelier than pushes; "
+                "steelyard check names what differs, steelyard payload identifies a payload"
+            )
+        return tuple(warnings)
 
 
 def components_table(content: WrenchContent) -> PlainTable:
