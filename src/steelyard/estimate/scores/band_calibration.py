@@ -7,6 +7,8 @@ and extrapolation alike. Where all runs are of one motion, stretches of it are l
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +25,7 @@ from steelyard.estimate.effort_uncertainty import (
     rest_speed_of,
     rest_speed_of_runs,
 )
-from steelyard.estimate.estimate import Z95, Estimate, Estimator
-from steelyard.estimate.external.residual_peaks import ResidualPeaks
+from steelyard.estimate.estimate import Z95, Estimator
 from steelyard.estimate.friction.mixes import has_memory
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.estimate.information.information import Information
@@ -92,16 +93,9 @@ def calibrate(
     calibration = _calibration(kind, found)
     usual = rest_speed_of(identified.robot.n, calibration, identified.processing.rest_speed)
     rest_speed = rest_speed_of_runs([run.rest_speed for run in runs], usual)
-    return replace(calibration, peaks=_peaks(calibration.edges, rest_speed, cutoff, found))
-
-
-def _peaks(
-    edges: Array, rest_speed: Array, cutoff: float, found: Sequence["_Errors"]
-) -> ResidualPeaks:
-    """Largest residuals of all left-out stretches, by joint and speed."""
-    meet = np.maximum(np.column_stack([rest_speed, edges]), rest_speed[:, None])
-    one, *others = (errors.trace.peaks(meet, cutoff) for errors in found)
-    return sum(others, one)
+    meet = np.maximum(np.column_stack([rest_speed, calibration.edges]), rest_speed[:, None])
+    peaks = [errors.trace.peaks(meet, cutoff) for errors in found]
+    return replace(calibration, peaks=reduce(add, peaks))
 
 
 def _shorter(
@@ -164,22 +158,18 @@ def _errors(
         return None
     errors = Z95 * (traces.measured - traces.predicted) / traces.band
     errors *= np.sign(identified.signals.gains)
-    blind = _blind(identified.estimate, estimate, information)
-    errors[:, blind] = np.nan
-    duration = one.span[1] - one.span[0]
-    worth = min(1.0, 2.0 * band * duration / max(len(traces.t), 1))
-    return _Errors(errors.T, traces.speed.T, traces.moving.T, worth, trace.without(blind))
-
-
-def _blind(whole: Estimate, part: Estimate, information: Information) -> list[int]:
-    """Rows with a parameter that all runs show and the fitted part does not."""
-    absent = set(whole.parameters.names) - set(part.parameters.names)
+    # rows with a parameter that all runs show and the fitted part does not
+    absent = set(identified.estimate.parameters.names) - set(estimate.parameters.names)
     layout = information.layout
-    return [
+    blind = [
         row
         for row, seen in enumerate(layout.sees)
         if not absent.isdisjoint(layout.columns[k] for k in seen)
     ]
+    errors[:, blind] = np.nan
+    duration = one.span[1] - one.span[0]
+    worth = min(1.0, 2.0 * band * duration / max(len(traces.t), 1))
+    return _Errors(errors.T, traces.speed.T, traces.moving.T, worth, trace.without(blind))
 
 
 def _calibration(kind: Kind, found: Sequence[_Errors]) -> Calibration:

@@ -141,19 +141,10 @@ class Bands:
         return np.asarray(np.hypot(np.maximum(factor, Z95) * model_std, factor * noise))
 
     def columns(self, block: Block) -> Array:
-        """The regressor's outputs, which `std_behind` takes, shape `(C, B)`."""
+        """The regressor's outputs, which `ModelStd` takes, shape `(C, B)`."""
         channels = np.empty((0, len(block.t))) if block.channels is None else block.channels
         inputs = (block.q, block.dq, block.ddq, channels, np.zeros_like(block.q))
         return self.regressor.code([np.ascontiguousarray(x) for x in inputs])
-
-    def std_behind(self, cutoff: float, rate: float) -> ModelStd:
-        """What makes of `columns` the standard deviation of the low-passed predicted effort.
-
-        Args:
-            cutoff: Of the zero-phase low-pass [Hz].
-            rate: Of the samples [Hz].
-        """
-        return ModelStd.behind(cutoff, rate, self.regressor.layout, self.factor)
 
 
 MOST_DRAWN = 100_000
@@ -223,7 +214,8 @@ class BandChannels:
 
         n = len(gains)
         left = np.empty((n, 0))
-        for part in apply(bands.std_behind(cutoff, rate), columns()):
+        std_of = ModelStd.behind(cutoff, rate, bands.regressor.layout, bands.factor)
+        for part in apply(std_of, columns()):
             left = np.concatenate((left, part), axis=1)
             while waiting and len(waiting[0].t) <= left.shape[1]:
                 block = waiting.pop(0)

@@ -6,6 +6,7 @@ no test of a fit to its other half: windows that repeat what is left out are lef
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from math import ceil
 from typing import Literal
 
@@ -68,7 +69,21 @@ def folds_of(runs: Sequence[Run]) -> tuple[Fold, ...]:
     _refuse_one_name(runs)
     if len(runs) > 1:
         return tuple(_of_run(run.name) for run in runs)
-    return tuple(_between(part.start, part.stop) for part in stretches_of(runs[0]))
+    return tuple(_within({w.run: (w.start, w.stop)}) for w in stretches_of(runs[0]))
+
+
+def _of_run(name: str) -> Fold:
+    return lambda window: window.run == name
+
+
+def _within(spans: Mapping[str, tuple[float, float]]) -> Fold:
+    """Windows whose middle is in the span of their run."""
+
+    def has(window: Window) -> bool:
+        start, stop = spans.get(window.run, (np.inf, np.inf))
+        return start <= 0.5 * (window.start + window.stop) < stop
+
+    return has
 
 
 def _refuse_one_name(runs: Sequence[Run]) -> None:
@@ -99,10 +114,8 @@ class Folding:
         if self.left_out == "run":
             return tuple(_of_run(name) for name in names)
         edges = {name: _edges(moving, name) for name in names}
-        parts = (
-            _of_stretches({name: found[k : k + 2] for name, found in edges.items()})
-            for k in range(FOLDS)
-        )
+        spans = ({name: (x[k], x[k + 1]) for name, x in edges.items()} for k in range(FOLDS))
+        parts = (_within(some) for some in spans)
         return tuple(part for part in parts if any(map(part, moving.windows)))
 
 
@@ -132,19 +145,11 @@ def _edges(moving: Information, run: str) -> list[float]:
     return [-np.inf, *(starts[k] for k in at), np.inf]
 
 
-def _of_stretches(edges: Mapping[str, Sequence[float]]) -> Fold:
-    def has(window: Window) -> bool:
-        start, stop = edges.get(window.run, (np.inf, np.inf))
-        return start <= 0.5 * (window.start + window.stop) < stop
-
-    return has
-
-
 def stretches_of(run: Run) -> tuple[Window, ...]:
     """Stretches of equal length; the first and the last have no outer end."""
     edges = np.linspace(*run.span, FOLDS + 1).tolist()
     edges[0], edges[-1] = -np.inf, np.inf
-    return tuple(Window(run.name, a, b) for a, b in zip(edges[:-1], edges[1:], strict=True))
+    return tuple(Window(run.name, a, b) for a, b in pairwise(edges))
 
 
 def longest_window(runs: Sequence[Run]) -> float:
@@ -217,14 +222,6 @@ def left_out_errors(
     return frozen(errors)
 
 
-def _of_run(name: str) -> Fold:
-    return lambda window: window.run == name
-
-
-def _between(start: float, stop: float) -> Fold:
-    return lambda window: start <= 0.5 * (window.start + window.stop) < stop
-
-
 PER_WAVE = 20.0
 """Instants at which motions are compared, over the regression cut-off."""
 
@@ -261,8 +258,7 @@ class LeftOut:
 
 def runs_left_out(runs: Sequence[Run], information: Information) -> tuple[LeftOut, ...]:
     """Every run in turn; runs of which nothing but repetitions would be left are not left out."""
-    wanted = [LeftOut(k, run.span, ()) for k, run in enumerate(runs)]
-    return _with_windows(wanted, runs, information)
+    return _left_out([(k, run.span) for k, run in enumerate(runs)], runs, information)
 
 
 def stretches_left_out(runs: Sequence[Run], information: Information) -> tuple[LeftOut, ...]:
@@ -271,43 +267,35 @@ def stretches_left_out(runs: Sequence[Run], information: Information) -> tuple[L
     Windows of `information` must be shorter than the stretches.
     """
     longest = max(range(len(runs)), key=lambda k: runs[k].duration)
-    run = runs[longest]
-    begin, end = run.span
-    spans = [(max(part.start, begin), min(part.stop, end)) for part in stretches_of(run)]
-    wanted = [LeftOut(longest, span, ()) for span in spans]
-    return _with_windows(wanted, runs, information)
+    begin, end = runs[longest].span
+    parts = stretches_of(runs[longest])
+    wanted = [(longest, (max(part.start, begin), min(part.stop, end))) for part in parts]
+    return _left_out(wanted, runs, information)
 
 
-def _first(run: Run, span: tuple[float, float]) -> tuple[float, float]:
-    """The span, or that of its first samples where it has more than `LONGEST`."""
-    return span[0], min(span[1], span[0] + LONGEST / run.rate)
-
-
-def _with_windows(
-    wanted: Sequence[LeftOut],
+def _left_out(
+    wanted: Sequence[tuple[int, tuple[float, float]]],
     runs: Sequence[Run],
     information: Information,
 ) -> tuple[LeftOut, ...]:
-    """With what may be fitted; without those for which nothing may."""
-    courses, size = _courses(runs)
-    place = {run.name: k for k, run in enumerate(runs)}
+    """Spans of runs with what may be fitted meanwhile; without those for which nothing may."""
+    courses = [_Course.of(run, INSTANTS) for run in runs]
+    size = np.std(np.concatenate([course.states for course in courses]), axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    by_run = {run.name: course.over(size) for run, course in zip(runs, courses, strict=True)}
     found = []
-    for one in wanted:
-        run = runs[one.run]
-        span = _first(run, one.span)
-        out = _Course.of(replace(run, span=span)).over(size)
+    for number, (start, stop) in wanted:
+        run = runs[number]
+        first = (start, min(stop, start + LONGEST / run.rate))
+        out = _Course.of(replace(run, span=first)).over(size)
         fitted = tuple(
             k
             for k, window in enumerate(information.windows)
-            if not (window.run == run.name and _overlap(window, one.span))
-            and not courses[place[window.run]].during(window.start, window.stop).repeats(out)
+            if not (window.run == run.name and window.start < stop and start < window.stop)
+            and not by_run[window.run].during(window.start, window.stop).repeats(out)
         )
-        found += [LeftOut(one.run, span, fitted)] if fitted else []
+        found += [LeftOut(number, first, fitted)] if fitted else []
     return tuple(found)
-
-
-def _overlap(window: Window, span: tuple[float, float]) -> bool:
-    return bool(window.start < span[1] and span[0] < window.stop)
 
 
 @dataclass(frozen=True, eq=False)
@@ -359,11 +347,3 @@ class _Course:
         lags = self.t[near] - other.t[index[near]]
         steady = np.abs(lags - np.median(lags)) <= SAME_LAG * max(self.apart, other.apart)
         return bool(np.sum(steady) >= REPEATED_WINDOW_SHARE * len(near))
-
-
-def _courses(runs: Sequence[Run]) -> tuple[list[_Course], Array]:
-    """The motions in standard deviations of positions and velocities over all runs, and these."""
-    courses = [_Course.of(run, INSTANTS) for run in runs]
-    size = np.std(np.concatenate([course.states for course in courses]), axis=0)
-    size = np.where(size > 0.0, size, 1.0)
-    return [course.over(size) for course in courses], size

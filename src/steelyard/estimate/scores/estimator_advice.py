@@ -129,12 +129,7 @@ class EstimatorScore:
             return "no error"
         if not self.standard_error:
             return f"{self.mean:.2f} %"
-        digits = (
-            max(0, 1 - int(np.floor(np.log10(self.standard_error))))
-            if self.standard_error < 10.0
-            else 0
-        )
-        digits = min(digits, 3)
+        digits = min(max(0, 1 - int(np.floor(np.log10(self.standard_error)))), 3)
         return f"{self.mean:.{digits}f} ± {self.standard_error:.{digits}f} %"
 
     def to_dict(self) -> dict[str, Any]:
@@ -153,10 +148,7 @@ class EstimatorScore:
             "chi_square": _json(self.chi_square),
             "bodies_valid": None if self.impossible is None else not self.impossible,
             "impossible_bodies": None if self.impossible is None else list(self.impossible),
-            "failures": [
-                {"left_out": one.left_out, "reason": one.reason, "fix": one.fix}
-                for one in self.failures
-            ],
+            "failures": [vars(one) for one in self.failures],
             "notes": list(self.notes),
         }
 
@@ -217,7 +209,7 @@ class Comparison:
             "parts": list(self.parts),
             "joints": list(self.joints),
             "estimators": [score.to_dict() for score in self.scores],
-            "recommended": None if advice is None else {"name": advice.name, "why": advice.why},
+            "recommended": None if advice is None else vars(advice),
             "robot_file": self.setting or None,
             "stopped_before": list(self.untried),
         }

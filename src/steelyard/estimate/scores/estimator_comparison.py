@@ -4,6 +4,7 @@ An estimator that fails has its reason, and stops no other.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, Literal
@@ -69,15 +70,16 @@ class Parts:
                 where=", ".join(run.name for run in runs),
                 fix="log longer, or several runs",
             )
-        several = len(runs) > 1
-        return cls(
-            tuple(run.name for run in runs) if several else _names(runs[0]),
-            "run" if several else "segment",
-            information,
-            windows,
-            others or {},
-            lacking or {},
-        )
+        if len(runs) > 1:
+            left_out: Literal["run", "segment"] = "run"
+            names = tuple(run.name for run in runs)
+        else:
+            left_out, (first, last) = "segment", runs[0].span
+            names = tuple(
+                f"{max(part.start, first):.3g} to {min(part.stop, last):.3g} s"
+                for part in stretches_of(runs[0])
+            )
+        return cls(names, left_out, information, windows, others or {}, lacking or {})
 
     def data(self, needs: Needs, parts: Sequence[int]) -> Any:
         """What an estimator is given."""
@@ -98,11 +100,9 @@ def compare(
 ) -> Comparison:
     """Fit each estimator to all parts but one, and predict that one; a stop keeps what is done."""
     scores: list[EstimatorScore] = []
-    try:
+    with suppress(Stopped):
         for score in scores_of(offers, context, parts, progress=progress):
             scores.append(score)
-    except Stopped:
-        pass
     return compared(scores, offers, context, parts)
 
 
@@ -132,7 +132,10 @@ def scores_of(
     Raises:
         Stopped: `progress` requested a stop.
     """
-    noise = _noise(context, parts.information)
+    noise: Array | None = None
+    with suppress(SteelyardError, np.linalg.LinAlgError):
+        least_squares = WeightedLeastSquares(per_run=context.per_run)
+        noise = np.square(least_squares(parts.information).sigma)
     for offer in ordered(offers):
         yield _tried(offer, context, parts, noise, progress)
 
@@ -200,14 +203,11 @@ def _fitted(
     except MemoryError:
         return "there is not enough memory", LEFT
     except Exception as error:  # whatever an estimator does, the others go on
-        return f"it failed: {type(error).__name__}: {_first_line(error)}", LEFT
+        reason = (str(error).splitlines() or ["no reason given"])[0]
+        return f"it failed: {type(error).__name__}: {reason}", LEFT
     if not np.isfinite(estimate.values.values).all():
         return "its values are not finite", LEFT
     return estimate
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or ["no reason given"])[0]
 
 
 def base_values(estimate: Estimate, base: BaseMap) -> Array:
@@ -247,14 +247,6 @@ def _errors(estimate: Estimate, base: BaseMap, left_out: Information) -> tuple[A
     return 100.0 * np.sqrt(shares), 100.0 * float(np.sqrt(pooled))
 
 
-def _noise(context: Context, information: Information) -> Array | None:
-    """Residual variances of weighted least squares, shape `(rows,)`."""
-    try:
-        return np.square(WeightedLeastSquares(per_run=context.per_run)(information).sigma)
-    except (SteelyardError, np.linalg.LinAlgError):
-        return None
-
-
 def _chi_square(estimate: Estimate, context: Context, parts: Parts, noise: Array) -> float:
     """Squared residuals over the noise, per degree of freedom of weighted least squares."""
     base, information = context.regressor.base, parts.information
@@ -269,12 +261,3 @@ def _chi_square(estimate: Estimate, context: Context, parts: Parts, noise: Array
             squares += information.of(windows).residual_squares(np.array(values))
     freedom = float(information.n_samples.sum()) - len(base)
     return float((squares / noise).sum()) / max(freedom, 1.0)
-
-
-def _names(run: Run) -> tuple[str, ...]:
-    """What the stretches of a run are called."""
-    first, last = run.span
-    return tuple(
-        f"{max(part.start, first):.3g} to {min(part.stop, last):.3g} s"
-        for part in stretches_of(run)
-    )

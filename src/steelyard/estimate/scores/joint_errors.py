@@ -247,28 +247,15 @@ def band_errors(
     all_known = gains_known(run.effort_units, gains, reference.scales)
     joints = []
     for j, (name, unit) in enumerate(names):
-        known = all_known[j]
+        known, moves = all_known[j], bool(moving[j])
         unscaled = scales[j] if scales and known else 1.0
         scale = unscaled * abs(float(gains[j])) if known else 1.0
-        moves = bool(moving[j])
-        squares, samples = (
-            (sums_moving[0][:, j], int(sums_moving[1][j])) if moves else (sums[0][:, j], sums[1])
-        )
-        error, used = (scale * sqrt(float(x) / samples) for x in squares)
+        some, samples = (sums_moving[0], int(sums_moving[1][j])) if moves else sums
+        error, used = (scale * sqrt(float(x) / samples) for x in some[:, j])
         limit = reference.limit[j] if known and reference.limit else None
         least = LEAST_USED * unscaled * reference.fitted[j] if reference.fitted else 0.0
-        joints.append(
-            JointError(
-                name,
-                unit if known else run.effort_units[j],
-                samples,
-                moves or at_rest,
-                error,
-                used,
-                least,
-                limit,
-            )
-        )
+        shown, counts = unit if known else run.effort_units[j], moves or at_rest
+        joints.append(JointError(name, shown, samples, counts, error, used, least, limit))
     return BandErrors(band_of(reference, run.rate), at_rest, tuple(joints))
 
 
@@ -298,7 +285,7 @@ def gains_known(
 def effort_reference(identified: IdentifiedModel) -> EffortReference:
     """What errors of an identified model are related to: its robot's limits and fitted runs."""
     signals, robot = identified.signals, identified.model.robot
-    known, scales = known_efforts(identified), _scales(identified)
+    known, scales = known_efforts(identified), identified.effort_scales
     fitted: tuple[float, ...] = ()
     if identified.motions:
         efforts = np.concatenate([samples.effort for samples in identified.motions])
@@ -309,18 +296,15 @@ def effort_reference(identified: IdentifiedModel) -> EffortReference:
         one.limits.effort if ok and 0.0 < one.limits.effort < np.inf else None
         for one, ok in zip(robot.coordinates, known, strict=True)
     )
-    return EffortReference(identified.cutoffs.headline, limits, fitted, scales)
+    scaled = () if scales is None else tuple(scales.values.tolist())
+    return EffortReference(identified.cutoffs.headline, limits, fitted, scaled)
 
 
 def known_efforts(identified: IdentifiedModel) -> tuple[bool, ...]:
     """Whether each effort that a model was identified from is known in Nm or N at the joint."""
-    signals = identified.signals
-    return gains_known(signals.effort_units, signals.gains, _scales(identified))
-
-
-def _scales(identified: IdentifiedModel) -> tuple[float, ...]:
-    scales = identified.effort_scales
-    return () if scales is None else tuple(scales.values.tolist())
+    signals, scales = identified.signals, identified.effort_scales
+    given = () if scales is None else tuple(scales.values.tolist())
+    return gains_known(signals.effort_units, signals.gains, given)
 
 
 def _percent(error: float, reference: float) -> float:

@@ -11,17 +11,15 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
-from steelyard.estimate.scores.bands import Traces
 from steelyard.estimate.scores.joint_errors import (
     BandErrors,
-    JointError,
     PooledError,
     band_of,
     effort_reference,
     known_efforts,
     pooled,
 )
-from steelyard.estimate.scores.score import RunScore, score
+from steelyard.estimate.scores.score import score
 
 if TYPE_CHECKING:
     from steelyard.estimate.identified import IdentifiedModel
@@ -162,29 +160,23 @@ def model_errors(
     reference = replace(effort_reference(first), scales=())
     gains, cutoff = identified.signals.gains, band_of(reference, run.rate)
     found = score(identified.valued, run, gains, cutoff, reference=reference)
-    scales = _scales(identified, first)
+    mine = first if same_efforts(identified, first) else identified
+    # effort in the unit of the errors per logged unit, of either sign
+    scales = np.where(known_efforts(mine), mine.signals.gains, 1.0)
     own = np.where(known_efforts(identified), np.abs(gains), 1.0)
-    joints = [
-        _rescaled(joint, float(scale), unit)
-        for joint, scale, unit in zip(
+    joints = tuple(
+        replace(joint, unit=unit, error=float(x) * joint.error, used=float(x) * joint.used)
+        for joint, x, unit in zip(
             found.errors.joints, np.abs(scales) / own, units_of(first), strict=True
         )
-    ]
-    return _with_traces(found, replace(found.errors, joints=tuple(joints)), scales, fitted)
-
-
-def _with_traces(found: RunScore, errors: BandErrors, scales: Array, fitted: bool) -> ModelErrors:
-    traces: Traces = found.traces
-    efforts = traces.measured * scales, traces.predicted * scales
+    )
+    errors, traces = replace(found.errors, joints=joints), found.traces
     logged = [
         joint.mae if joint.mae_moving is None or errors.at_rest else joint.mae_moving
         for joint in found.joints
     ]
+    efforts = traces.measured * scales, traces.predicted * scales
     return ModelErrors(found.run, fitted, errors, np.abs(scales) * logged, traces.t, *efforts)
-
-
-def _rescaled(joint: JointError, factor: float, unit: str) -> JointError:
-    return replace(joint, unit=unit, error=factor * joint.error, used=factor * joint.used)
 
 
 def units_of(identified: IdentifiedModel) -> tuple[str, ...]:
@@ -196,12 +188,6 @@ def units_of(identified: IdentifiedModel) -> tuple[str, ...]:
             identified.robot.effort_units, logged, known_efforts(identified), strict=True
         )
     )
-
-
-def _scales(identified: IdentifiedModel, first: IdentifiedModel) -> Array:
-    """Effort in the unit of the errors per logged unit, of either sign, shape `(n,)`."""
-    mine = first if same_efforts(identified, first) else identified
-    return np.where(known_efforts(mine), mine.signals.gains, 1.0)
 
 
 def same_efforts(one: IdentifiedModel, other: IdentifiedModel) -> bool:

@@ -20,7 +20,6 @@ are at least that many times the noise.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import groupby
 
 import numpy as np
@@ -89,33 +88,23 @@ class TorqueParts:
         return np.asarray(self.residual + self.parts[PARTS.index("friction")])
 
 
-@dataclass(frozen=True, eq=False)
 class TorqueSplit:
     """Parts of a model's efforts, sample by sample."""
 
-    valued: ValuedModel
+    def __init__(self, valued: ValuedModel) -> None:
+        self._masses = only(valued, lambda term: term.cause == "inertia")
+        self._friction = only(valued, lambda term: term.cause == "friction")
+        self._others = only(valued, lambda term: term.cause not in ("inertia", "friction"))
 
     def block(self, block: Block) -> Array:
         """Unfiltered parts of the efforts of samples with channels, shape `(5, n, B)` [Nm; N]."""
-        still = np.zeros_like(block.dq)
-        masses = self._masses
-        gravity = masses.block(block.q, still, still, block.channels)
-        bias = masses.block(block.q, block.dq, still, block.channels)
-        rigid = masses.block(block.q, block.dq, block.ddq, block.channels)
-        rest = (m.block(block.q, block.dq, block.ddq, block.channels) for m in self._others)
-        return np.stack([gravity, bias - gravity, rigid - bias, *rest])
-
-    @cached_property
-    def _masses(self) -> ValuedModel:
-        return only(self.valued, lambda term: term.cause == "inertia")
-
-    @cached_property
-    def _others(self) -> tuple[ValuedModel, ValuedModel]:
-        """Friction, and all that is neither friction nor inertia."""
-        return (
-            only(self.valued, lambda term: term.cause == "friction"),
-            only(self.valued, lambda term: term.cause not in ("inertia", "friction")),
+        q, dq, ddq, still = block.q, block.dq, block.ddq, np.zeros_like(block.dq)
+        gravity, bias, rigid = (
+            self._masses.block(q, *motion, block.channels)
+            for motion in ((still, still), (dq, still), (dq, ddq))
         )
+        rest = (m.block(q, dq, ddq, block.channels) for m in (self._friction, self._others))
+        return np.stack([gravity, bias - gravity, rigid - bias, *rest])
 
 
 def only(valued: ValuedModel, chosen: Callable[[Term], bool]) -> ValuedModel:
@@ -343,8 +332,17 @@ def residual_noise(
     variances, seconds = np.zeros(len(gains)), 0.0
     for run in runs:
         taps = ParallelFilter.design(run.matched_cutoff, run.rate).taps
-        rest = _unexplained(valued, run, gains)
-        density = noise_floor(rest, run.rate, run.matched_cutoff)
+        stretches: dict[int, list[Array]] = {}
+        start: float | None = None
+        for block in blocks_with_channels(run.blocks(), valued.model):
+            start = float(block.t[0]) if start is None else start
+            if block.t[0] - start > LONGEST:
+                break
+            predicted = valued.block(block.q, block.dq, block.ddq, block.channels)
+            rest = gains[:, None] * block.effort - predicted
+            stretches.setdefault(block.segment, []).append(rest)
+        longest = max(stretches.values(), key=lambda parts: sum(p.shape[1] for p in parts))
+        density = noise_floor(np.concatenate(longest, axis=1), run.rate, run.matched_cutoff)
         least = np.square(np.asarray(run.quality.effort_resolution) * gains) / 12.0
         own = np.fmax(0.5 * run.rate * density, np.where(np.isnan(density), np.nan, least))
         variances += own * np.sum(np.square(taps)) * run.duration
@@ -373,17 +371,3 @@ def noise_floor(signals: Array, rate: float, cutoff: float) -> Array:
             best = np.fmax(best, np.median(density[:, inside], axis=1))
         low = high
     return best
-
-
-def _unexplained(valued: ValuedModel, run: Run, gains: Array) -> Array:
-    """Measured minus predicted effort of the longest stretch without a gap, `(n, N)`."""
-    stretches: dict[int, list[Array]] = {}
-    start: float | None = None
-    for block in blocks_with_channels(run.blocks(), valued.model):
-        start = float(block.t[0]) if start is None else start
-        if block.t[0] - start > LONGEST:
-            break
-        predicted = valued.block(block.q, block.dq, block.ddq, block.channels)
-        stretches.setdefault(block.segment, []).append(gains[:, None] * block.effort - predicted)
-    longest = max(stretches.values(), key=lambda parts: sum(p.shape[1] for p in parts))
-    return np.concatenate(longest, axis=1)

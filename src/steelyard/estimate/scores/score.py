@@ -178,7 +178,10 @@ def score(
         for part, banded in zip_longest(own, in_band):
             if banded is not None:
                 (t, moving, *_), efforts = _inside(run, banded)
-                fixed.add(_and_unscaled(efforts, reference.scales), moving)
+                if reference.scales:  # the prediction of efforts without estimated scales, too
+                    unscaled = efforts[1:] / np.array(reference.scales)[:, None]
+                    efforts = np.concatenate([efforts, unscaled])
+                fixed.add(efforts, moving)
             if part is None:
                 continue
             beside_them = known if sure is None else sure.next(len(part[0][0]))
@@ -199,6 +202,11 @@ def score(
         squares.joint(j, coordinate.name, run.effort_units[j])
         for j, coordinate in enumerate(valued.model.robot.coordinates)
     )
+    parts: TorqueParts | None = None
+    if split is not None:
+        t, moving, q, dq, measured, causes = kept.joined()
+        motion = (t, q.T, dq.T, moving.T.astype(bool))
+        parts = TorqueParts(*motion, measured.T * gains, causes.swapaxes(1, 2) * gains)
     comparable = len(set(run.effort_units)) == 1
     error, size = squares.all[:2].sum(axis=1)
     error_moving, size_moving = squares.moving[:2].sum(axis=1)
@@ -214,20 +222,8 @@ def score(
         ),
         errors=_errors(valued, run, gains, reference, fixed),
         traces=traces_of(thinned, None if bands is None else bands.sigma / np.abs(gains)),
-        parts=None if split is None else _kept_torque_parts(kept, gains),
+        parts=parts,
     )
-
-
-def _and_unscaled(efforts: Array, scales: Sequence[float]) -> Array:
-    """Measured and predicted efforts, and those predicted for efforts without estimated scales.
-
-    Args:
-        efforts: In logged units, `(2, n, B)`.
-        scales: Logged effort over that of the model, one per joint; empty without.
-    """
-    if not scales:
-        return efforts
-    return np.concatenate([efforts, efforts[1:] / np.array(scales)[:, None]])
 
 
 def _errors(
@@ -244,19 +240,6 @@ def _errors(
     if not reference.scales:
         return found
     return replace(found, as_logged=of_rows([2, 1], reference.scales).joints)
-
-
-def _kept_torque_parts(kept: Thinned, gains: Array) -> TorqueParts:
-    """What was kept of a run's samples; efforts in logged units become those at the joints."""
-    t, moving, q, dq, measured, parts = kept.joined()
-    return TorqueParts(
-        t,
-        q.T,
-        dq.T,
-        moving.T.astype(bool),
-        measured.T * gains,
-        parts.swapaxes(1, 2) * gains,
-    )
 
 
 def filtered_efforts(
@@ -344,14 +327,13 @@ class _Squares:
     """
 
     def __init__(self) -> None:
-        self.all, self.moving = np.zeros((2, 1)), np.zeros((2, 1))
-        self.sizes = np.zeros((2, 1))
+        self.all = self.moving = self.sizes = np.zeros((2, 1))
         self.samples, self.samples_moving = 0, np.zeros(1)
 
     def add(self, efforts: Array, moving: Mask) -> None:
-        measured, predicted = efforts[0], efforts[1]
-        size = np.abs(measured - predicted)
-        parts = np.square([measured - predicted, measured, *(measured - efforts[2:])])
+        """Measured and predicted efforts, and others that are predicted, `(2 + k, n, B)`."""
+        measured, size = efforts[0], np.abs(efforts[0] - efforts[1])
+        parts = np.square([measured - efforts[1], measured, *(measured - efforts[2:])])
         if not self.samples:
             self.all = self.moving = np.zeros(parts.shape[:2])
         self.all = self.all + parts.sum(axis=2)
@@ -362,22 +344,16 @@ class _Squares:
 
     def joint(self, j: int, name: str, unit: str) -> JointScore:
         """Errors of one joint."""
-        root = np.sqrt(self.all[:, j] / self.samples)
+        root, count = np.sqrt(self.all[:, j] / self.samples), self.samples_moving[j]
         return JointScore(
             joint=name,
             unit=unit,
             relative_percent=_percent(*self.all[:2, j]),
-            relative_percent_moving=(
-                _percent(*self.moving[:2, j]) if self.samples_moving[j] else None
-            ),
+            relative_percent_moving=_percent(*self.moving[:2, j]) if count else None,
             rmse=float(root[0]),
-            rmse_moving=(
-                sqrt(self.moving[0, j] / self.samples_moving[j]) if self.samples_moving[j] else None
-            ),
+            rmse_moving=sqrt(self.moving[0, j] / count) if count else None,
             mae=float(self.sizes[0, j] / self.samples),
-            mae_moving=(
-                float(self.sizes[1, j] / self.samples_moving[j]) if self.samples_moving[j] else None
-            ),
+            mae_moving=float(self.sizes[1, j] / count) if count else None,
             predict_zero=float(root[1]),
             prior_rmse=float(root[2]) if len(root) > 2 else None,
         )
