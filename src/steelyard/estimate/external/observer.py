@@ -22,7 +22,6 @@ from steelyard.estimate.external.observer_program import STATES, StepProgram
 from steelyard.estimate.external.residual_peaks import ContactThresholds
 from steelyard.estimate.external.rest_changes import ChangeStepper
 from steelyard.model.evaluation import check_angles
-from steelyard.model.terms.memory import Scan
 from steelyard.symbolic.native.emit import MAX_ANGLE
 
 PER_PERIOD = 10.0
@@ -166,11 +165,19 @@ class Observer:
         """
         since = t - self._t
         if not since > 0.0:
-            raise self._backward(t)
+            raise _refused(
+                f"time does not increase: {t:g} s after {self._t:g} s",
+                "leave repeated samples out",
+            )
         try:
             self._q[:], self._dq[:], self._tau[:] = q, dq, tau
         except (TypeError, ValueError):
-            raise self._misfit(q, dq, tau) from None
+            shapes = ", ".join(str(np.shape(x)) for x in (q, dq, tau))
+            raise DataError(
+                f"values of shapes {shapes} for {self._n} joints",
+                where="q, dq, tau",
+                fix="give one number per joint in each",
+            ) from None
         gap = since > self._longest
         if gap:
             self._begin()
@@ -178,11 +185,17 @@ class Observer:
         else:
             self._scalars[:] = exp(-self._rate * since), 1.0 / since, self._rate
         if self._scan is not None:
-            self._remember(self._scan)
-        if t >= self._due:
-            self._refresh(t)
+            motion = (self._q, self._dq, self._accelerations())
+            self._channels[:] = self._scan(*(x[:, None] for x in motion))[:, 0]
+        if t >= self._due:  # the covariance of the efforts changes no faster than the observer
+            entries = self._columns(self._q, self._dq, self._accelerations())
+            self._covariance[:] = self._noise(entries, self._dq)
+            self._due = t + self._hold
         if not self._call(self._place):
-            self._check()
+            check_angles(self._q)
+            numbers("dq", self._dq, [(self._n,)])
+            numbers("tau", self._tau, [(self._n,)])
+            raise _refused("a velocity or an effort is too large for numbers", "check their units")
         self._state[:] = self._next
         self._t = t
         if self._thresholds is not None and self._changes is not None:
@@ -190,8 +203,14 @@ class Observer:
             resting, external = self._thresholds.resting, self._state[3 * self._n :]
             self._changed = self._changes.step(t, resting, external)
         self.steps += 1
-        if gap:
-            self._count()
+        self.gaps += gap
+        if gap and self.steps > FEW and 2 * self.gaps > self.steps:
+            raise DataError(
+                f"most samples are more than {self._longest:.3g} s apart",
+                where=f"observer with a bandwidth of {self.bandwidth:g} Hz",
+                fix=f"give at least {PER_PERIOD * self.bandwidth:g} samples a second, or choose a "
+                "lower bandwidth",
+            )
 
     @property
     def torque(self) -> Array:
@@ -246,52 +265,9 @@ class Observer:
         slow = self._state[2 * self._n : 3 * self._n]
         return np.asarray(self._rate * self._scalars[0] * (self._dq - slow))
 
-    def _remember(self, scan: Scan) -> None:
-        """Channels of the sample."""
-        motion = (self._q, self._dq, self._accelerations())
-        self._channels[:] = scan(*(x[:, None] for x in motion))[:, 0]
 
-    def _refresh(self, t: float) -> None:
-        """The covariance of the efforts, which changes no faster than the observer."""
-        entries = self._columns(self._q, self._dq, self._accelerations())
-        self._covariance[:] = self._noise(entries, self._dq)
-        self._due = t + self._hold
-
-    def _check(self) -> None:
-        """Name the argument that is too large or not finite."""
-        check_angles(self._q)
-        numbers("dq", self._dq, [(self._n,)])
-        numbers("tau", self._tau, [(self._n,)])
-        raise DataError(
-            "a velocity or an effort is too large for numbers",
-            where="samples of an observer",
-            fix="check their units",
-        )
-
-    def _count(self) -> None:
-        self.gaps += 1
-        if self.steps > FEW and 2 * self.gaps > self.steps:
-            raise DataError(
-                f"most samples are more than {self._longest:.3g} s apart",
-                where=f"observer with a bandwidth of {self.bandwidth:g} Hz",
-                fix=f"give at least {PER_PERIOD * self.bandwidth:g} samples a second, or choose a "
-                "lower bandwidth",
-            )
-
-    def _misfit(self, *given: ArrayLike) -> DataError:
-        shapes = ", ".join(str(np.shape(x)) for x in given)
-        return DataError(
-            f"values of shapes {shapes} for {self._n} joints",
-            where="q, dq, tau",
-            fix="give one number per joint in each",
-        )
-
-    def _backward(self, t: float) -> DataError:
-        return DataError(
-            f"time does not increase: {t:g} s after {self._t:g} s",
-            where="samples of an observer",
-            fix="leave repeated samples out",
-        )
+def _refused(wrong: str, fix: str) -> DataError:
+    return DataError(wrong, where="samples of an observer", fix=fix)
 
 
 class _Noise:
@@ -311,16 +287,14 @@ class _Noise:
     def __call__(self, columns: Array, dq: Array) -> Array:
         """Covariance, shape `(n, n)`, of regressor entries `(n, c)` at velocities `(n,)`."""
         place = np.abs(dq)[:, None] > self._edges
-        found = self._of_speed.get(place.tobytes())
-        if found is None:
-            found = self._of_speed[place.tobytes()] = self._ranges(np.abs(dq))
-        noise, scale = found
+        key = place.tobytes()
+        if key not in self._of_speed:
+            speed = np.abs(dq)[:, None]
+            moving = speed > self._rest
+            nothing = np.zeros((1, len(speed), self._factor.shape[0]))
+            noise = self._uncertainty.covariance(nothing, speed, moving)[0]
+            scale = np.maximum(self._uncertainty.factor_of(speed, moving), 1.0)
+            self._of_speed[key] = noise, scale
+        noise, scale = self._of_speed[key]
         spread = (columns @ self._factor) * scale
         return np.asarray(spread @ spread.T + noise)
-
-    def _ranges(self, speed: Array) -> tuple[Array, Array]:
-        speed = speed[:, None]
-        moving = speed > self._rest
-        nothing = np.zeros((1, len(speed), self._factor.shape[0]))
-        noise = self._uncertainty.covariance(nothing, speed, moving)[0]
-        return noise, np.maximum(self._uncertainty.factor_of(speed, moving), 1.0)

@@ -197,15 +197,15 @@ def _outputs(
     variances: Sequence[Scalar],
 ) -> list[Scalar]:
     n = equations.robot.n
-    old = _vectors(state, n)
-    q, dq, tau = _vectors(sample, n)
+    old = [state[k * n : (k + 1) * n] for k in range(STATES)]
+    q, dq, tau = (sample[k * n : (k + 1) * n] for k in range(3))
     slow, ddq = slow_velocities(dq, old[2], scalars)
     given = {"q": q, "dq": dq, "ddq": ddq, "channels": channels, "parameters": parameters}
     momentum, drive, torque = observed_torque(
         equations, given, tau, (old[0], old[1], old[3]), scalars
     )
     rows = jacobian_of(equations, frame, axes, given)
-    wrench, spread = _wrench([list(row) for row in rows], covariance, variances, torque)
+    wrench, spread = _wrench(rows, covariance, variances, torque)
     return [*momentum, *drive, *slow, *torque, *ddq, *wrench, *spread]
 
 
@@ -251,13 +251,8 @@ def observed_torque(
     return momentum, drive, torque
 
 
-def _vectors(entries: Sequence[Scalar], n: int) -> list[Sequence[Scalar]]:
-    """Vectors of `n` that stand one after another."""
-    return [entries[k * n : (k + 1) * n] for k in range(len(entries) // n)]
-
-
 def _wrench(
-    jacobian: list[list[Scalar]],
+    jacobian: Matrix,
     covariance: Sequence[Scalar],
     variances: Sequence[Scalar],
     torque: Sequence[Scalar],
@@ -278,23 +273,23 @@ def _wrench(
                 pivots.append(value)
             else:
                 lower[i][j] = value / pivots[j]
-    efforts = _forward(lower, list(torque))
+
+    def forward(side: Sequence[Scalar]) -> list[Scalar]:
+        """$L^{-1}$ times a vector."""
+        found: list[Scalar] = []
+        for i, value in enumerate(side):
+            found.append(value - _dot(lower[i][:i], found))
+        return found
+
+    efforts = forward(torque)
     wrench: list[Scalar] = []
     spread: list[Scalar] = []
     for variance, row in zip(variances, weighed, strict=True):
-        along = _forward(lower, row)
+        along = forward(row)
         scaled = [x / pivot for x, pivot in zip(along, pivots, strict=True)]
         wrench.append(_dot(scaled, efforts))
         spread.append(variance - _dot(scaled, along))
     return wrench, spread
-
-
-def _forward(lower: list[list[Scalar]], side: list[Scalar]) -> list[Scalar]:
-    """$L^{-1}$ times a vector."""
-    found: list[Scalar] = []
-    for i, value in enumerate(side):
-        found.append(value - _dot(lower[i][:i], found))
-    return found
 
 
 def _dot(a: Sequence[Scalar], b: Sequence[Scalar]) -> Scalar:

@@ -48,6 +48,13 @@ class Tail:
     base: float
     excesses: Array
 
+    @classmethod
+    def of(cls, maxima: Array, visits: float) -> "Tail":
+        """That of the largest maxima of some visits, which fall."""
+        count = int(min(max(FEWEST, TAIL_SHARE * visits), len(maxima) - 1))
+        base, least = float(maxima[count]), 1e-9 * max(float(maxima[0]), 1e-300)
+        return cls(base, frozen(np.maximum(maxima[:count] - base, least)))
+
     @cached_property
     def _scales(self) -> Array:
         return np.asarray(np.mean(self.excesses) * np.geomspace(0.1, 10.0, 60)[None])
@@ -183,7 +190,7 @@ class ResidualPeaks:
         limits = np.full(self.visits.shape, np.nan)
         for k, test in enumerate(TESTS):
             joints = [int(j) for j in np.flatnonzero(self.visits[:, k] >= FEWEST)]
-            tails = [self._tail(j, k) for j in joints]
+            tails = [Tail.of(self.maxima[j][k], float(self.visits[j, k])) for j in joints]
             shape = sum((tail.log_shape for tail in tails), start=LOG_PRIOR)
             for j, tail in zip(joints, tails, strict=True):
                 per_hour = 3600.0 * (len(tail.excesses) + 0.5) / float(self.seconds[j, k])
@@ -204,14 +211,6 @@ class ResidualPeaks:
             tuple(map(tuple, own.tolist())),
             frozen(changes),
         )
-
-    def _tail(self, j: int, k: int) -> Tail:
-        """The largest maxima of one joint in one range."""
-        maxima, visits = self.maxima[j][k], float(self.visits[j, k])
-        count = int(min(max(FEWEST, TAIL_SHARE * visits), len(maxima) - 1))
-        least = 1e-9 * max(float(maxima[0]), 1e-300)
-        base = float(maxima[count])
-        return Tail(base, frozen(np.maximum(maxima[:count] - base, least)))
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values; maxima with six digits."""
@@ -268,7 +267,10 @@ class ContactThresholds:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values; `None` for a threshold that is not known."""
-        limits, changes = (_known(x) for x in (self.limits, self.changes[None]))
+        limits, (changes,) = (
+            [[None if np.isnan(x) else float(x) for x in row] for row in rows]
+            for rows in (self.limits, self.changes[None])
+        )
         return {
             "false_alarms_per_hour": self.rate,
             "free_motion_s": self.duration,
@@ -277,7 +279,7 @@ class ContactThresholds:
             "speed_edges": self.edges.tolist(),
             "thresholds": limits,
             "own": [list(row) for row in self.own],
-            "changes_at_rest": changes[0],
+            "changes_at_rest": changes,
         }
 
     @classmethod
@@ -296,11 +298,6 @@ class ContactThresholds:
             tuple(tuple(bool(x) for x in row) for row in data["own"]),
             changes[0],
         )
-
-
-def _known(rows: Array) -> list[list[float | None]]:
-    """Numbers as JSON values, `None` for NaN."""
-    return [[None if np.isnan(x) else float(x) for x in row] for row in rows]
 
 
 class ThresholdStepper:
@@ -366,25 +363,19 @@ def peaks_of(
         edges: See `ResidualPeaks`.
         cutoff: Likewise [Hz].
     """
-    found = [_visits(np.abs(r), k, t, step) for r, k in zip(residual, ranges, strict=True)]
-    tested, found_there = _changes(t, residual, ranges, step)
-    found = [[*own, change] for own, change in zip(found, found_there, strict=True)]
+    change = np.abs(changes_at_rest(t, residual, ranges, step))
+    tested = np.isfinite(change).any(axis=0)
+    cut = np.ones(int(tested.sum()), dtype=np.intp)  # as visits to a range in which joints move
+    found = [
+        [*_visits(np.abs(r), k, t, step), _visits(x, cut, t[tested], step)[1]]
+        for r, k, x in zip(residual, ranges, change[:, tested], strict=True)
+    ]
     maxima = tuple(tuple(_largest(m) for m in row) for row in found)
     visits = frozen([[len(m) for m in row] for row in found])
     known = np.asarray(np.isfinite(residual).all(axis=1))
-    spent = [[*np.bincount(k, minlength=len(RANGES)), tested] for k in ranges]
+    spent = [[*np.bincount(k, minlength=len(RANGES)), len(cut)] for k in ranges]
     seconds = known[:, None] * np.array(spent, dtype=np.float64) * step
     return ResidualPeaks(edges, cutoff, maxima, visits, frozen(seconds))
-
-
-def _changes(
-    t: Array, residual: Array, ranges: NDArray[np.intp], step: float
-) -> tuple[int, list[Array]]:
-    """Samples at which changes at rest are tested, and the largest of every visit per joint."""
-    change = changes_at_rest(t, residual, ranges, step)
-    tested = np.isfinite(change).any(axis=0)
-    cut = np.ones(int(tested.sum()), dtype=np.intp)  # as visits to a range in which joints move
-    return len(cut), [_visits(x, cut, t[tested], step)[1] for x in np.abs(change[:, tested])]
 
 
 def _visits(size: Array, ranges: NDArray[np.intp], t: Array, step: float) -> list[Array]:
