@@ -138,38 +138,31 @@ def _fit(columns: Array, y: Array, std: Array) -> _Fit:
 
 
 def _tested(one: Series, names: Sequence[str], tests: int) -> Iterator[HealthChange]:
-    std = one.std * np.sqrt(_inflation(one))
-    levels: list[tuple[int, float, float]] = []
-    for log in np.unique(one.log):
-        mine = one.log == log
-        t, y, s = one.t[mine], one.value[mine], std[mine]
-        constant = _fit(np.ones((len(y), 1)), y, s)
-        level, spread = float(constant.values[0]), float(np.sqrt(constant.covariance[0, 0]))
+    inflation, levels = np.sqrt(_inflation(one)), list[tuple[int, float, float]]()
+    for log, t, y, std in one.by_log():
+        s, settled = inflation * std, np.ones(len(t), dtype=bool)
         if len(y) >= LEAST_WINDOWS_OF_CHANGE:
-            best = _within(one, t, y, s, constant.square, names[int(log)], tests)
+            best = _within(one, t, y, s, names[log], tests)
             yield best
             if best.p < FALSE_DRIFT_LEVEL:
-                later = t > t[0] + 0.5 * (t[-1] - t[0])
-                settled = _fit(np.ones((int(later.sum()), 1)), y[later], s[later])
-                level, spread = float(settled.values[0]), float(np.sqrt(settled.covariance[0, 0]))
-        levels.append((int(log), level, spread))
+                settled = t > t[0] + 0.5 * (t[-1] - t[0])
+        level = _fit(np.ones((int(settled.sum()), 1)), y[settled], s[settled])
+        levels.append((log, float(level.values[0]), float(np.sqrt(level.covariance[0, 0]))))
     apart = OTHER_MOTION * float(np.median(one.single)) if len(levels) < ENOUGH_LOGS else 0.0
     if len(levels) > 1:
         change, apart = _over_logs(one, levels, apart, names, tests)
         yield change
-    number, level, spread = levels[-1]
+    number, last, spread = levels[-1]
     variance = spread**2 + one.known**2 + apart**2
-    chance = _chance(level**2 / variance, 1, len(one.t)) * tests
+    chance = _chance(last**2 / variance, 1, len(one.t)) * tests
     places = ("model", names[number])
-    yield _change(one, "differs", level, float(np.sqrt(variance)), places, None, chance, few=True)
+    yield _change(one, "differs", last, float(np.sqrt(variance)), places, None, chance, few=True)
 
 
 def _inflation(one: Series) -> float:
     """By how much windows scatter more than their deviations say, neighbours alike included."""
     residuals = []
-    for log in np.unique(one.log):
-        mine = one.log == log
-        t, y, s = one.t[mine], one.value[mine], one.std[mine]
+    for _, t, y, s in one.by_log():
         if len(y) > 3:
             shapes = [_settling(t, _constant(t, y, s)), _step(len(y), _best_cut(y, s))]
             found = min(
@@ -204,10 +197,9 @@ def _chance(statistic: float, parameters: int, count: int) -> float:
     return float(fdtrc(parameters, freedom, max(statistic, 0.0) / parameters))
 
 
-def _within(
-    one: Series, t: Array, y: Array, s: Array, constant: float, name: str, tests: int
-) -> HealthChange:
+def _within(one: Series, t: Array, y: Array, s: Array, name: str, tests: int) -> HealthChange:
     """The best change within a log."""
+    constant = _fit(np.ones((len(y), 1)), y, s).square
     tau = _constant(t, y, s)
     settling = _fit(_settling(t, tau), y, s)
     ends = _settling(t, tau)[[0, -1]]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.text import Text
 
 from steelyard.estimate.estimate import Z95
@@ -186,18 +185,15 @@ def _groups(content: HealthContent) -> list[Group]:
 def _figure(one: Series) -> Figure:
     """Windows of one quantity, the logs one after another."""
     factor, unit = (1.0, one.unit) if one.unit else (100.0, "%")
-    logs = np.unique(one.log)
-    lengths = [float(one.t[one.log == log].max()) for log in logs]
-    starts = np.concatenate([[0.0], np.cumsum(lengths)])
-    traces = []
-    for log, start in zip(logs, starts, strict=False):
-        mine = one.log == log
-        t = (start + one.t[mine]) / 60.0
-        value, half = factor * one.value[mine], factor * Z95 * one.std[mine]
+    traces, start = [], 0.0
+    for _, times, values, stds in one.by_log():
+        t = (start + times) / 60.0
+        value, half = factor * values, factor * Z95 * stds
         traces += [
             area("95 %", t, value - half, value + half, "--interval"),
             line("window", t, value, "--measured", mode="lines+markers", marker={"size": 4}),
         ]
+        start += float(times.max())
     label = f"Change of the {one.quantity} of {one.joint} over time"
     return Figure(
         one.quantity, label, "time in logs [min]", f"change [{unit}]", traces, {"showlegend": False}

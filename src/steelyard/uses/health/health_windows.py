@@ -11,7 +11,7 @@ a drive gain, or a payload). The sums of products of a window give all four with
 what the model lacks shows as scatter between windows, which widens them.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,7 +20,6 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.estimate.information.information import Information
-from steelyard.model.model import Model
 
 HealthQuantity = Literal["dry friction", "viscous friction", "offset", "effort scale"]
 QUANTITIES: tuple[HealthQuantity, ...] = (
@@ -67,37 +66,40 @@ class Series:
     scale: float
     known: float
 
+    def by_log(self) -> Iterator[tuple[int, Array, Array, Array]]:
+        """Number of each log, and times, values and standard deviations of its windows."""
+        for log in np.unique(self.log):
+            mine = self.log == log
+            yield int(log), self.t[mine], self.value[mine], self.std[mine]
+
 
 def series_of(identified: IdentifiedModel, logs: Sequence[Information]) -> tuple[Series, ...]:
     """Changes from the model, per joint, quantity and window; efforts of the logs as logged."""
     gains, units = identified.signals.gains, identified.model.robot.effort_units
     scaled = [log.scaled(gains, units) for log in logs]
-    return tuple(
-        series for row in range(len(units)) for series in _of_joint(identified, scaled, row)
-    )
-
-
-def _groups(model: Model) -> dict[str, HealthQuantity]:
-    """The quantity that every parameter belongs to, by name; those of bodies are absent."""
-    found: dict[str, HealthQuantity] = {}
+    model = identified.model
+    groups: dict[str, HealthQuantity] = {}  # what is not in it belongs to bodies
     for term in model.terms:
         for parameter in term.parameters(model.robot):
             if term.cause == "offset":
-                found[parameter.name] = "offset"
+                groups[parameter.name] = "offset"
             elif term.cause == "friction":
                 faster = "s" in parameter.unit
-                found[parameter.name] = "viscous friction" if faster else "dry friction"
-    return found
+                groups[parameter.name] = "viscous friction" if faster else "dry friction"
+    rows = range(len(units))
+    return tuple(one for row in rows for one in _of_joint(identified, scaled, groups, row))
 
 
 def _of_joint(
-    identified: IdentifiedModel, logs: Sequence[Information], row: int
+    identified: IdentifiedModel,
+    logs: Sequence[Information],
+    groups: Mapping[str, HealthQuantity],
+    row: int,
 ) -> Iterator[Series]:
-    layout, estimate = logs[0].layout, identified.estimate
+    layout = logs[0].layout
     seen = [layout.columns[k] for k in layout.sees[row]]
-    known = estimate.parameters.as_dict()
+    known = identified.estimate.parameters.as_dict()
     values = np.array([known.get(name, 0.0) for name in seen])
-    groups = _groups(identified.model)
     of = np.array([groups.get(name, "effort scale") for name in seen])
     parts = np.array([np.where(of == q, 1.0 if q == "offset" else values, 0.0) for q in QUANTITIES])
     transform = np.column_stack([*np.pad(parts, ((0, 0), (0, 1))), np.append(-values, 1.0)])
@@ -106,28 +108,31 @@ def _of_joint(
     small = np.einsum("ki,wkl,lj->wij", transform, grams, transform)
     total = small.sum(axis=0)
     used = [k for k in range(len(QUANTITIES)) if total[k, k] > 0.0]
-    solved = [
-        _solved(gram[np.ix_([*used, -1], [*used, -1])], n)
-        for gram, n in zip(small, counts, strict=True)
-    ]
+    chosen = np.ix_([*used, -1], [*used, -1])
+    solved = [_solved(gram[chosen], n) for gram, n in zip(small, counts, strict=True)]
     kept = [k for k, one in enumerate(solved) if one is not None]
     if not kept:
         return
-    found = [one for one in solved if one is not None]
-    log = np.concatenate([np.full(len(one.windows), k) for k, one in enumerate(logs)])[kept]
-    middle = [0.5 * (w.start + w.stop) for one in logs for w in one.windows]
-    t = np.array(middle)[kept]
+    changes, deviations = np.swapaxes([one for one in solved if one is not None], 0, 1)
+    log = np.repeat(np.arange(len(logs), dtype=np.float64), [len(one.windows) for one in logs])
+    middle = np.array([0.5 * (w.start + w.stop) for one in logs for w in one.windows])
     coordinate = identified.model.robot.coordinates[row]
     friction = float(np.sqrt(sum(total[k, k] for k in (0, 1)) / max(counts.sum(), 1.0)))
     stds = _relative_std(identified, seen, parts)
     for place, k in enumerate(used):
-        value = np.array([one[0][place] for one in found])
-        std = np.array([one[1][place] for one in found])
-        quantity = QUANTITIES[k]
-        offset = quantity == "offset"
-        unit, scale = (coordinate.effort_unit, friction) if offset else ("", 1.0)
-        single = std * np.sqrt(counts[kept])
-        yield Series(coordinate.name, quantity, unit, log, t, value, std, single, scale, stds[k])
+        offset, std = QUANTITIES[k] == "offset", deviations[:, place].copy()
+        yield Series(
+            joint=coordinate.name,
+            quantity=QUANTITIES[k],
+            unit=coordinate.effort_unit if offset else "",
+            log=log[kept],
+            t=middle[kept],
+            value=changes[:, place].copy(),
+            std=std,
+            single=std * np.sqrt(counts[kept]),
+            scale=friction if offset else 1.0,
+            known=stds[k],
+        )
 
 
 def _solved(gram: Array, count: float) -> tuple[Array, Array] | None:
