@@ -129,7 +129,15 @@ def refuse_without(trace: ResidualTrace, sigma: Array, joints: Sequence[str]) ->
         sigma: Standard deviation of the residual of the fit per joint, shape `(n,)` [Nm; N].
         joints: Names of the joints.
     """
-    _refuse_constant(trace, sigma, joints)
+    predicted = np.std(trace.measured - trace.residual, axis=1)
+    constant = np.ptp(trace.measured, axis=1) <= CONSTANT * np.max(np.abs(trace.measured), axis=1)
+    if names := _chosen(joints, constant & (predicted > LEAST_PART_STD * sigma)):
+        raise LogError(
+            f"the effort of {names} never changes: its column holds no measured effort",
+            where=trace.run,
+            fix="log measured efforts of all joints, with the columns of the logs that the model "
+            "was identified from",
+        )
     whitened = trace.residual / sigma[:, None]
     wrong = OPPOSITES[1]
     for part, name, fix, contrary in zip(trace.parts, CHECKED, FIXES, OPPOSITES, strict=True):
@@ -158,20 +166,6 @@ def refuse_without(trace: ResidualTrace, sigma: Array, joints: Sequence[str]) ->
             f"the {which} the reversed sign: measured is minus predicted effort",
             where=trace.run,
             fix=SIGN_FIX,
-        )
-
-
-def _refuse_constant(trace: ResidualTrace, sigma: Array, joints: Sequence[str]) -> None:
-    """The effort of a joint changes where the predicted one does."""
-    predicted = np.std(trace.measured - trace.residual, axis=1)
-    size = np.max(np.abs(trace.measured), axis=1)
-    constant = np.ptp(trace.measured, axis=1) <= CONSTANT * size
-    if names := _chosen(joints, constant & (predicted > LEAST_PART_STD * sigma)):
-        raise LogError(
-            f"the effort of {names} never changes: its column holds no measured effort",
-            where=trace.run,
-            fix="log measured efforts of all joints, with the columns of the logs that the model "
-            "was identified from",
         )
 
 

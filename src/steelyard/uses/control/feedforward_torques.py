@@ -82,15 +82,10 @@ class FeedforwardTorques:
         Raises:
             OutputError: It cannot be written.
         """
-        motion = self.motion
-        columns = {"time_s": motion.t}
-        for what, values in (
-            ("q", motion.q),
-            ("dq", motion.dq),
-            ("ddq", motion.ddq),
-            ("tau", self.torque),
-        ):
-            for joint, column in zip(self.joints, values.T, strict=True):
+        motion, columns = self.motion, {"time_s": self.motion.t}
+        values = {"q": motion.q, "dq": motion.dq, "ddq": motion.ddq, "tau": self.torque}
+        for what, samples in values.items():
+            for joint, column in zip(self.joints, samples.T, strict=True):
                 columns[f"{what}_{joint.name}"] = column
         write_table(Path(path), columns)
 
@@ -210,17 +205,14 @@ def _samples(
             fix="leave them out",
         )
     path = Path(motion)
-    if path.suffix != ".json":
-        table = read_table(path, robot)
-        found = table.unstopped.sample(grid_times(table.motion.duration, rate))
-        samples = Motion(table.start + found.t, found.q, found.dq, found.ddq)
-        noisy = _noisy(table.motion.t, table.motion.q)
-        return samples, tuple(
-            joint.name for joint, is_noisy in zip(robot.coordinates, noisy, strict=True) if is_noisy
-        )
-    trajectory, names = read_named(path)
-    found = trajectory.sample(grid_times(trajectory.duration, rate))
-    return in_joint_order(found, names, robot, str(path)), ()
+    if path.suffix == ".json":
+        trajectory, names = read_named(path)
+        found = trajectory.sample(grid_times(trajectory.duration, rate))
+        return in_joint_order(found, names, robot, str(path)), ()
+    table = read_table(path, robot)
+    found = table.unstopped.sample(grid_times(table.motion.duration, rate))
+    noisy = np.array(robot.joint_names)[_noisy(table.motion.t, table.motion.q)]
+    return Motion(table.start + found.t, found.q, found.dq, found.ddq), tuple(noisy.tolist())
 
 
 def _noisy(t: Array, q: Array) -> NDArray[np.bool_]:

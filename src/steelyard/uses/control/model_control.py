@@ -161,11 +161,8 @@ def _gain(text: str, kind: type[Any], whole: str) -> tuple[str, float | bool]:
     name, _, number = text.partition("=")
     known = [field.name for field in fields(kind) if field.name != "model"]
     if name not in known:
-        raise ModelError(
-            f"controller '{kind.kind}' has no gain '{name}'",
-            where=f"--control {whole}",
-            fix=advice(name, known, "gains"),
-        )
+        wrong, fix = f"controller '{kind.kind}' has no gain '{name}'", advice(name, known, "gains")
+        raise ModelError(wrong, where=f"--control {whole}", fix=fix)
     if name == "friction" and number in ("0", "1"):
         return name, number == "1"
     try:
@@ -173,11 +170,10 @@ def _gain(text: str, kind: type[Any], whole: str) -> tuple[str, float | bool]:
     except ValueError:
         value = float("nan")
     if name == "friction" or not (isfinite(value) and value > 0.0):
+        above = f"give a number above zero, such as {name}=100"
         raise ModelError(
             f"'{number}' is no value of '{name}'",
             where=f"--control {whole}",
-            fix="give friction=0 or friction=1"
-            if name == "friction"
-            else f"give a number above zero, such as {name}=100",
+            fix="give friction=0 or friction=1" if name == "friction" else above,
         )
     return name, value

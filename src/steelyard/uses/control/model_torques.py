@@ -28,11 +28,7 @@ SIGN_SMOOTHING = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class SmoothedQuantity(Quantity):
-    """A quantity whose jumps at zero velocity are spread.
-
-    Attributes:
-        width: Speed within which they turn [rad/s; m/s].
-    """
+    """A quantity whose jumps at zero velocity are spread over a speed `width` [rad/s; m/s]."""
 
     width: float = SIGN_SMOOTHING
 
@@ -58,29 +54,29 @@ def smoothed(quantity: Quantity, width: float) -> Quantity:
 
 
 def feedforward_torque(
-    valued: ValuedModel, motion: Motion, smoothing: float = SIGN_SMOOTHING
+    valued: ValuedModel,
+    motion: Motion,
+    smoothing: float = SIGN_SMOOTHING,
+    quantity: Quantity = TORQUE,
 ) -> Array:
-    """Joint torques of a model along a desired motion.
+    """Joint torques of a model along a desired motion, shape `(N, n)` [Nm; N].
 
     Args:
         valued: Model with values.
         motion: Desired motion, `N` samples of `n` joints; friction with memory begins at rest.
         smoothing: Speed within which laws that jump at zero velocity turn [rad/s; m/s]; zero for
             the plain sign.
-
-    Returns:
-        Shape `(N, n)` [Nm; N].
+        quantity: What of the torques: all, or those of the friction laws.
     """
-    quantity = smoothed(TORQUE, smoothing)
-    return valued.evaluate(quantity, motion.q, motion.dq, motion.ddq, t=motion.t)
+    chosen = smoothed(quantity, smoothing)
+    return valued.evaluate(chosen, motion.q, motion.dq, motion.ddq, t=motion.t)
 
 
 def friction_torque(
     valued: ValuedModel, motion: Motion, smoothing: float = SIGN_SMOOTHING
 ) -> Array:
     """Torques of the friction laws along a desired motion, as `feedforward_torque`."""
-    quantity = smoothed(FRICTION, smoothing)
-    return valued.evaluate(quantity, motion.q, motion.dq, motion.ddq, t=motion.t)
+    return feedforward_torque(valued, motion, smoothing, FRICTION)
 
 
 def in_joint_order(
@@ -109,20 +105,17 @@ def in_joint_order(
             where=where,
             fix="give one name per column, each once",
         )
-    for name in robot.joint_names:
-        if name not in joints:
-            raise DataError(
-                f"the motion has no joint '{name}', which the model has",
-                where=where,
-                fix=advice(name, joints, "joints of the motion"),
-            )
-    for name in joints:
-        if name not in robot.joint_names:
-            raise DataError(
-                f"the model has no joint '{name}', which the motion moves",
-                where=where,
-                fix=advice(name, robot.joint_names, "joints of the model"),
-            )
+    for wanted, known, lacks, has in (
+        (robot.joint_names, joints, "motion", "the model has"),
+        (joints, robot.joint_names, "model", "the motion moves"),
+    ):
+        for name in wanted:
+            if name not in known:
+                raise DataError(
+                    f"the {lacks} has no joint '{name}', which {has}",
+                    where=where,
+                    fix=advice(name, known, f"joints of the {lacks}"),
+                )
     order = np.array([list(joints).index(name) for name in robot.joint_names])
     parts = (x[:, order] for x in (motion.q, motion.dq, motion.ddq))
     return Motion(motion.t, *parts)
@@ -170,12 +163,13 @@ def refuse_other_robot(identified: IdentifiedModel, robot: Robot) -> None:
 
 def remarks_on_torques(identified: IdentifiedModel) -> tuple[str, ...]:
     """What the torques of the model leave out, a sentence each."""
+    kind, scales = identified.signals.effort_kind, identified.effort_scales
     found = []
-    if identified.signals.effort_kind == "gravity_compensated_torque":
+    if kind == "gravity_compensated_torque":
         found.append(
             "torques are without gravity: they are for a controller that adds gravity itself"
         )
-    if identified.signals.effort_kind == "link_torque":
+    if kind == "link_torque":
         found.append(
             "torques are those on the link side: inertia and friction of the motors are not in them"
         )
@@ -184,10 +178,9 @@ def remarks_on_torques(identified: IdentifiedModel) -> tuple[str, ...]:
             "friction with memory is zero at first from rest; a motion that begins moving is "
             "taken to have moved at that speed before"
         )
-    if identified.effort_scales is not None:
-        factors = identified.effort_scales.words
+    if scales is not None:
         found.append(
-            f"torques are those of the model: logged efforts are {factors} times as large "
+            f"torques are those of the model: logged efforts are {scales.words} times as large "
             "(estimated effort scales)"
         )
     return tuple(found)

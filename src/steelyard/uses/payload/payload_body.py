@@ -104,7 +104,7 @@ class PayloadKnowledge:
     shape: SolidShape | None = None
 
     def __post_init__(self) -> None:
-        if self.mass is not None and not (np.isfinite(self.mass) and self.mass > 0.0):
+        if self.mass is not None and not 0.0 < self.mass < np.inf:
             raise _refused(f"the known mass is {self.mass:g} kg", "give a mass above zero, in kg")
         if self.com is not None and not (len(self.com) == 3 and np.isfinite(self.com).all()):
             raise _refused(
