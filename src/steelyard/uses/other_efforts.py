@@ -86,14 +86,9 @@ def refuse_other_efforts(
 ) -> None:
     """The efforts of a log must be of the model's kind, and of its robot.
 
-    Compared are medians over time: contact does not last.
-
-    Args:
-        trace: Residuals of the log.
-        sigma: Standard deviation of the residual of the fit per joint, shape `(n,)` [Nm; N].
-        joints: Names of the joints.
-        pushes: Standard deviation of efforts that are expected from outside for as long as the log
-            lasts, shape `(n,)` [Nm; N].
+    Compared are medians over time: contact does not last. `sigma` is the standard deviation of the
+    residual of the fit, `pushes` that of efforts that are expected from outside for as long as the
+    log lasts, shape `(n,)` each [Nm; N].
 
     Raises:
         LogError: They lack gravity or friction, have another sign, or the model does not explain
@@ -124,10 +119,7 @@ def refuse_unexplained(
 def refuse_without(trace: ResidualTrace, sigma: Array, joints: Sequence[str]) -> None:
     """Efforts must be measured, and contain gravity and friction with the model's sign.
 
-    Args:
-        trace: Residuals of the log.
-        sigma: Standard deviation of the residual of the fit per joint, shape `(n,)` [Nm; N].
-        joints: Names of the joints.
+    `sigma` is the standard deviation of the residual of the fit per joint, shape `(n,)` [Nm; N].
     """
     predicted = np.std(trace.measured - trace.residual, axis=1)
     constant = np.ptp(trace.measured, axis=1) <= CONSTANT * np.max(np.abs(trace.measured), axis=1)

@@ -182,13 +182,9 @@ class InverseJacobian:
 def learned_of(covariance: Array, expected: Expected) -> Array:
     r"""Share of what is expected of a wrench that efforts decide, $1 - P^{-1/2} C P^{-1/2}$.
 
-    Args:
-        covariance: Of wrenches that had the covariance $P$ before, shape `(N, 6, 6)`.
-        expected: What was expected.
-
-    Returns:
-        Shape `(N, 6, 6)`; eigenvalues of 0 belong to directions that no effort shows, of 1 to those
-        that efforts show exactly. Without a lever there is nothing to know of moments.
+    $C$ is a covariance, and $P$ what it was before, shape `(N, 6, 6)`. Eigenvalues of 0 belong to
+    directions that no effort shows, of 1 to those that efforts show exactly. Without a lever there
+    is nothing to know of moments.
     """
     std = np.sqrt(expected.variances)
     scale = np.divide(1.0, std, out=np.zeros(6), where=std > 0.0)

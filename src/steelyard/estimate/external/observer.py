@@ -45,11 +45,7 @@ def momentum_residual(momentum: Array, effort: Array, rate: float) -> Array:
     r"""External efforts along one segment, not low-passed, shape `(N, n)` [Nm; N].
 
     That of a sample is the mean of $s$ before and after it; zero where there is one sample alone.
-
-    Args:
-        momentum: Shape `(N, n)`.
-        effort: Joint efforts and what else drives the momentum, $\tau + u$, shape `(N, n)`.
-        rate: Of the samples [Hz].
+    `effort` is what drives the momentum, $\tau + u$; `rate` that of the samples [Hz].
     """
     if len(momentum) < 2:
         return np.zeros_like(momentum)
@@ -100,17 +96,9 @@ class Observer:
         expected: Expected,
         thresholds: ContactThresholds | None = None,
     ) -> None:
-        """Begin.
+        """Begin; `columns` are regressor entries `(n, c)` at a sample, `values` of all parameters.
 
-        Args:
-            program: One step.
-            values: All parameters of the model.
-            columns: Regressor entries `(n, c)` at a sample.
-            uncertainty: How far the model's efforts may be off.
-            rest_speed: Speed up to which each joint rests, shape `(n,)` [rad/s; m/s].
-            bandwidth: Of the observer [Hz].
-            expected: Size of wrenches.
-            thresholds: Of contact, for this bandwidth; without, no contact is reported.
+        Thresholds of contact must be for this bandwidth [Hz]; without, no contact is reported.
         """
         code, n = program.code, len(rest_speed)
         self.bandwidth, self.expected = bandwidth, expected

@@ -212,13 +212,7 @@ def _outputs(
 def slow_velocities(
     dq: Sequence[Scalar], old: Sequence[Scalar], scalars: Sequence[Scalar]
 ) -> tuple[list[Scalar], list[Scalar]]:
-    """Velocities behind the observer's low-pass, and the accelerations there.
-
-    Args:
-        dq: Velocities, `(n,)`.
-        old: Slow velocities of the sample before, `(n,)`.
-        scalars: See `StepProgram`.
-    """
+    """Velocities behind the observer's low-pass, and the accelerations there, from the old ones."""
     left, _, rate = scalars
     slow = [v + left * (before - v) for v, before in zip(dq, old, strict=True)]
     return slow, [rate * (v - s) for v, s in zip(dq, slow, strict=True)]
@@ -231,14 +225,9 @@ def observed_torque(
     old: tuple[Sequence[Scalar], Sequence[Scalar], Sequence[Scalar]],
     scalars: Sequence[Scalar],
 ) -> tuple[Sequence[Scalar], list[Scalar], list[Scalar]]:
-    """Momentum, drive and external efforts after a step, `(n,)` each.
+    """Momentum, drive and external efforts after a step, `(n,)` each, from those before.
 
-    Args:
-        equations: The model.
-        given: `q`, `dq`, `ddq`, `channels` and `parameters`.
-        tau: Joint efforts, `(n,)`.
-        old: Momentum, drive and external efforts of the sample before.
-        scalars: See `StepProgram`.
+    `scalars` are as of `StepProgram`.
     """
     left, inverse, _ = scalars
     old_momentum, old_drive, old_torque = old

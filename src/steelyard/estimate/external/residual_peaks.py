@@ -74,11 +74,9 @@ class Tail:
         return np.asarray(np.log(np.exp(self._log_likelihood - highest).sum(axis=1) + 1e-300))
 
     def size(self, probability: float, log_shape: Array) -> float:
-        """The size that a maximum above the base exceeds with a probability.
+        """The size that a maximum above the base exceeds with a probability; the base from 1 on.
 
-        Args:
-            probability: Wanted; the base is returned from 1 on.
-            log_shape: Logarithm of what is known otherwise of every shape.
+        `log_shape` is the logarithm of what is known otherwise of every shape.
         """
         if probability >= 1.0:
             return self.base
@@ -177,15 +175,11 @@ class ResidualPeaks:
         return 3600.0 / (EXTRAPOLATION * self.duration) if self.duration else np.inf
 
     def thresholds(self, rate: float, friction: Array | float = 0.0) -> "ContactThresholds":
-        """Thresholds that free motion exceeds at a rate.
+        """Thresholds that free motion exceeds at a rate per hour, of all joints together.
 
         Every joint may cause its share of the false alarms. A range that was visited less than
-        `FEWEST` times takes the largest threshold of its joint, increased by friction; changes at
-        rest are then not tested.
-
-        Args:
-            rate: False alarms per hour of all joints together.
-            friction: What that friction is, shape `(n,)` [Nm; N].
+        `FEWEST` times takes the largest threshold of its joint, increased by friction [Nm; N];
+        changes at rest are then not tested.
         """
         limits = np.full(self.visits.shape, np.nan)
         for k, test in enumerate(TESTS):
@@ -319,15 +313,7 @@ class ThresholdStepper:
         self.resting = False
 
     def step(self, t: float, speed: Array | Sequence[float]) -> Array:
-        """Thresholds at a sample.
-
-        Args:
-            t: Time, not falling [s].
-            speed: Velocities, shape `(n,)` [rad/s; m/s].
-
-        Returns:
-            Shape `(n,)` [Nm; N].
-        """
+        """Thresholds at a time, which does not fall, and velocities, shape `(n,)` [Nm; N]."""
         now = np.sum(np.abs(speed)[:, None] > self._edges, axis=1)
         self._last[self._joints, now] = t
         self._moved[now > 0] = t
@@ -340,10 +326,8 @@ class ThresholdStepper:
 def ranges_of(slowest: Array, fastest: Array, edges: Array) -> NDArray[np.intp]:
     """Range of every sample, shape `(n, B)`.
 
-    Args:
-        slowest: Least speed of each joint in the last `HOLD` seconds, shape `(n, B)`.
-        fastest: Greatest speed in the last `SETTLED` seconds, likewise.
-        edges: Shape `(n, 3)`.
+    From the least speed of each joint in the last `HOLD` seconds, and the greatest in the last
+    `SETTLED` seconds, of the same shape; edges are `(n, 3)`.
     """
     found = np.sum(slowest[:, None] > edges[:, :, None], axis=1)
     return np.asarray(found + ((found > 0) | (fastest > edges[:, :1])), dtype=np.intp)
@@ -354,14 +338,8 @@ def peaks_of(
 ) -> ResidualPeaks:
     """Largest residual of every visit to a range, in stretches without contact.
 
-    Args:
-        t: Time, shape `(N,)` [s]; a step of more than twice `step` ends all visits.
-        residual: Measured minus predicted effort, low-passed, shape `(n, N)`; a joint with NaN is
-            left out [Nm; N].
-        ranges: Shape `(n, N)`.
-        step: Time between samples [s].
-        edges: See `ResidualPeaks`.
-        cutoff: Likewise [Hz].
+    Residuals and ranges have the shape `(n, N)`; a joint with NaN is left out. A step of time of
+    more than twice `step` ends all visits.
     """
     change = np.abs(changes_at_rest(t, residual, ranges, step))
     tested = np.isfinite(change).any(axis=0)

@@ -25,13 +25,7 @@ breaks away."""
 
 
 def low_passed(signals: Array, cutoff: float, rate: float) -> Array:
-    """First-order low-pass along the last axis, started from the first sample.
-
-    Args:
-        signals: Shape `(..., N)`, finite.
-        cutoff: [Hz].
-        rate: Samples per second.
-    """
+    """First-order low-pass along the last axis of finite signals, started from the first sample."""
     keep = np.exp(-2.0 * np.pi * cutoff / rate)
     decay, unbounded = (np.full((1, signals.shape[-1]), value) for value in (keep, np.inf))
     rows = signals.reshape(-1, 1, signals.shape[-1])
@@ -44,10 +38,7 @@ def low_passed(signals: Array, cutoff: float, rate: float) -> Array:
 def rests(t: Array, ranges: NDArray[np.intp], step: float) -> list[tuple[int, int]]:
     """First sample, and the one after the last, of every stretch in which all joints rest.
 
-    Args:
-        t: Time, shape `(N,)` [s]; a step of more than twice `step` ends a stretch.
-        ranges: Range of speed of every joint, shape `(n, N)`, see `ranges_of`.
-        step: Time between samples [s].
+    A step of time of more than twice `step` ends a stretch; ranges are as of `ranges_of`.
     """
     calm = np.all(ranges == 0, axis=0)
     begins = calm & np.concatenate([[True], ~calm[:-1] | (np.diff(t) > 2.0 * step)])
@@ -56,14 +47,7 @@ def rests(t: Array, ranges: NDArray[np.intp], step: float) -> list[tuple[int, in
 
 
 def changes_at_rest(t: Array, residual: Array, ranges: NDArray[np.intp], step: float) -> Array:
-    """Change of the residual where all joints rest, NaN elsewhere, shape `(n, N)` [Nm; N].
-
-    Args:
-        t: Time, shape `(N,)` [s].
-        residual: Shape `(n, N)` [Nm; N].
-        ranges: See `rests`.
-        step: Likewise [s].
-    """
+    """Change of the residual where all joints rest, NaN elsewhere, shape `(n, N)` [Nm; N]."""
     found = np.full(residual.shape, np.nan)
     if step > 0.5 * CREEP:
         return found  # too slow a log, or a wrong unit of time
@@ -111,10 +95,7 @@ class ChangeStepper:
     def step(self, t: float, resting: bool, residual: Array) -> NDArray[np.bool_]:
         """Whether the change of each joint exceeded its threshold `ONSET` ago, shape `(n,)`.
 
-        Args:
-            t: Time [s].
-            resting: Whether all joints rest.
-            residual: Shape `(n,)` [Nm; N].
+        `resting` says that all joints rest; residuals have the shape `(n,)` [Nm; N].
         """
         if not resting:
             self.begin()

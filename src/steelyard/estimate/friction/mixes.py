@@ -180,9 +180,8 @@ def joint_motions(
 ) -> tuple[JointMotion, ...]:
     """Motion of each joint.
 
-    Args:
-        logs: Of each log velocities, shape `(n, B)` [rad/s; m/s], the number of the stretch that
-            each sample lies in, shape `(B,)`, and the time between samples [s].
+    A log is velocities `(n, B)` [rad/s; m/s], the number of the stretch that each sample lies in
+    `(B,)`, and the time between samples [s].
     """
     n = len(logs[0][0])
     fastest = [max(float(np.quantile(np.abs(dq[j]), 0.98)) for dq, _, _ in logs) for j in range(n)]

@@ -37,13 +37,8 @@ def joined(
 ) -> Information:
     """All parts as information about the shared parameters, one window each.
 
-    Sums of |column| are not known in the result.
-
-    Args:
-        parts: What runs say, each with its transform from shared parameters to those of its
-            columns, shape `(columns, shared)`.
-        names: Of the shared parameters.
-        units: Likewise.
+    A part is what a run says, and its transform from shared parameters to those of its columns,
+    shape `(columns, shared)`. Sums of |column| are not known in the result.
 
     Raises:
         DataError: The parts differ in model, columns, effort unit or filters; one has no samples.
@@ -123,13 +118,9 @@ def seen_information(matrix: Array, chosen: Sequence[int]) -> Array:
 
 
 def covariance_of(matrix: Array, chosen: Sequence[int]) -> Array:
-    """Covariance of some parameters, shape `(c, c)`.
+    """Covariance of `c` chosen of `p` parameters with an information matrix, shape `(c, c)`.
 
     Rows of those that the data do not see are not numbers.
-
-    Args:
-        matrix: Information about all parameters, shape `(p, p)`.
-        chosen: Those of interest, `c` of them.
     """
     scale, values, vectors = _scaled(matrix, chosen)
     null = values < SEEN
@@ -284,15 +275,9 @@ def combined(
 ) -> LoadCase:
     """Put runs, or parts of one, together.
 
-    Args:
-        model: The model.
-        base: Its base parameters.
-        frame: What carries the payloads.
-        runs: The runs.
-        loads: Number of the payload that each carries; `None` without. There is one at least.
-        days: Number of the deviations of friction and offset of each; `None` for those of the arm.
-        drifts: Whether there are such deviations.
-        zero: Base parameters of the arm that are known to be zero; a payload adds to them too.
+    `loads` are the numbers of the payloads that they carry, `days` those of their deviations of
+    friction and offset; `None` without, or for those of the arm. Base parameters of the arm that
+    are known to be `zero` are left out; a payload adds to them too.
     """
     runs = tuple(run.merged(WINDOWS) for run in runs)
     layout = runs[0].layout

@@ -72,11 +72,7 @@ def calibrate(
 ) -> Calibration | None:
     """Half-widths of 95 % bands from runs, or stretches, that are left out in turn.
 
-    Returns:
-        `None` where less than two stretches can be left out.
-
-    Raises:
-        Stopped: `progress` requested a stop.
+    `None` where less than two stretches can be left out.
     """
     kind: Kind = "runs"
     chosen = runs_left_out(runs, information)[:MOST_RUNS_LEFT_OUT]

@@ -55,14 +55,7 @@ class ModelStd:
 
     @classmethod
     def behind(cls, cutoff: float, rate: float, layout: Layout, factor: Array) -> "ModelStd":
-        """Behind the zero-phase low-pass of scores, at four samples per period of the cut-off.
-
-        Args:
-            cutoff: [Hz], below half the rate.
-            rate: [Hz].
-            layout: See the attributes.
-            factor: See the attributes.
-        """
+        """Behind the zero-phase low-pass of scores [Hz], four samples per period of the cut-off."""
         taps = low_pass(cutoff, rate, tail=TAIL).taps[0]
         return cls(layout, factor, frozen(taps), max(1, int(rate / (4.0 * cutoff))))
 
@@ -127,11 +120,9 @@ class Bands:
     def half_width(self, block: Block, model_std: Array) -> Array:
         """Half-width of the band that holds 95 % of new measurements, in the effort's unit.
 
-        A calibration below 1.96 says that residuals are smaller than their standard deviation; it
-        does not make parameters surer, whose errors show in motions unlike those left out.
-
-        Returns:
-            Shape `(n, B)`; NaN of a joint whose `sigma` is.
+        Shape `(n, B)`; NaN of a joint whose `sigma` is. A calibration below 1.96 says that
+        residuals are smaller than their standard deviation; it does not make parameters surer,
+        whose errors show in motions unlike those left out.
         """
         noise = np.broadcast_to(self.sigma[:, None], model_std.shape)
         if self.calibration is None:
@@ -257,12 +248,7 @@ class Thinned:
 
 
 def traces_of(thinned: Thinned, sigma: Array | None) -> Traces:
-    """Traces from time, where joints move, measured and predicted efforts, and `BandChannels`.
-
-    Args:
-        thinned: What was kept of these five.
-        sigma: See `Traces`; `None` without bands.
-    """
+    """Traces from time, where joints move, measured and predicted efforts, and `BandChannels`."""
     t, moving, measured, predicted, known = thinned.joined()
     std, speed, band = (None, None, None) if sigma is None else (x.T for x in known)
     seen = moving.T.astype(bool)

@@ -29,14 +29,8 @@ def logarithms(errors: Array, sizes: Array) -> Array:
     """One figure per fold: between the typical joint's error and that of all joints together.
 
     The former alone would let joints that carry next to nothing decide, the latter would leave
-    all but the strongest out.
-
-    Args:
-        errors: Relative errors, shape `(folds, rows)`.
-        sizes: Squares of the efforts, shape `(folds, rows)`; zero of rows that do not count.
-
-    Returns:
-        Logarithms of relative errors, shape `(folds,)`.
+    all but the strongest out. Relative errors `(folds, rows)` and squares of the efforts, zero of
+    rows that do not count, give logarithms `(folds,)`.
     """
     least, known = 1e-12, sizes > 0.0
     each = np.where(known, np.log(np.maximum(errors, least)), 0.0)
@@ -123,10 +117,7 @@ def folding(runs: Sequence[Run]) -> Folding:
     """Parts of which each leaves motion of every joint to be fitted.
 
     Where a joint moves in one run only, without that run nothing identifies its friction: then a
-    stretch of every run is left out.
-
-    Raises:
-        DataError: Two runs have one name.
+    stretch of every run is left out. Two runs of one name are refused.
     """
     _refuse_one_name(runs)
     speeds = np.array([run.quality.max_speed for run in runs])
@@ -202,13 +193,9 @@ def left_out_errors(
 ) -> Array:
     r"""Relative errors of each fold, predicted from all others, shape `(folds, rows)` [%].
 
-    $100\,\|y - A\hat\phi\| / \|y\|$ per effort row behind the parallel filter.
-
-    Args:
-        fitted: One window per fold, to fit.
-        tested: The same folds, to be predicted; its columns are those fitted.
-        values: Values of an information's columns, fitted to it.
-        only: Folds that are predicted; all if `None`.
+    $100\,\|y - A\hat\phi\| / \|y\|$ per effort row behind the parallel filter. Information has one
+    window per fold; `values` are those of an information's columns, fitted to it. Only some folds
+    are predicted where `only` names them.
     """
     count = len(fitted.windows)
     wanted = range(count) if only is None else only

@@ -269,12 +269,8 @@ def gains_known(
 ) -> tuple[bool, ...]:
     """Whether each logged effort is known in Nm or N at the joint.
 
-    One gain of 1 among those of currents fixes their common scale, which is then unknown.
-
-    Args:
-        units: Of the logged efforts.
-        gains: Joint effort per logged unit, shape `(n,)`.
-        scales: Estimated scales that the gains contain.
+    One gain of 1 among those of currents fixes their common scale, which is then unknown; gains
+    count without the estimated `scales` that they contain.
     """
     currents = [unit in ("A", "%") for unit in units]
     given = np.abs(gains * np.asarray(scales) if len(scales) else gains)

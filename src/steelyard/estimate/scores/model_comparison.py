@@ -151,11 +151,6 @@ def model_errors(
 
     Logged efforts are converted by the gains of the first model, so that all models predict the
     same measured effort; of a model with other effort columns by its own.
-
-    Raises:
-        ModelError: The errors are in other units than those of the first model.
-        LogError: The band is too wide for the run's rate.
-        DataError: The robot's loops close at no sample.
     """
     reference = replace(effort_reference(first), scales=())
     gains, cutoff = identified.signals.gains, band_of(reference, run.rate)

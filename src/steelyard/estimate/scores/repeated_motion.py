@@ -81,12 +81,9 @@ def repeat_of(known: Sequence[MotionSamples], run: Run) -> Repeat | None:
 
 
 def repeat_within(run: Run, middle: float, stop: float) -> Repeat | None:
-    """How far the end of a run repeats what comes before; `None` if its motion is another one.
+    """How far the end of a run, from `middle` to `stop` [s], repeats what comes before.
 
-    Args:
-        run: The run.
-        middle: Where that end begins, from the log's start [s].
-        stop: Where it ends, likewise [s].
+    `None` if its motion is another one.
     """
     rows = motion_rows(run)
     early, end = rows.where(rows.t < middle), rows.where((rows.t >= middle) & (rows.t <= stop))

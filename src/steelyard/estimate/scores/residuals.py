@@ -185,13 +185,9 @@ def residual_cutoff(identified: IdentifiedModel, runs: Sequence[Run]) -> float:
 def residual_trace(
     identified: IdentifiedModel, run: Run, cutoff: float, *, at_rest: bool = True
 ) -> ResidualTrace:
-    """The residual of a run.
+    """The residual of a run behind a low-pass [Hz].
 
-    Args:
-        identified: The model.
-        run: Clean motion and effort.
-        cutoff: Of the low-pass [Hz].
-        at_rest: Whether to look at the rests before the first and after the last motion too.
+    With `at_rest` the rests before the first and after the last motion are looked at too.
     """
     if run.rate < LEAST_RATE * cutoff * (1.0 - 1e-6):
         raise LogError(
@@ -245,12 +241,7 @@ SLID = 0.1
 
 
 def sliding_friction(identified: IdentifiedModel, speed: Array) -> Array:
-    """Largest predicted friction of each joint at a low speed, shape `(n,)` [Nm; N].
-
-    Args:
-        identified: The model.
-        speed: Of each joint, shape `(n,)` [rad/s; m/s].
-    """
+    """Largest predicted friction of each joint at a low speed, shape `(n,)` each [Nm; N]."""
     t = np.linspace(0.0, SLID / float(np.min(speed)), 400)
     there = np.concatenate([t, t[::-1]])[:, None] * speed
     dq = np.repeat([1.0, -1.0], len(t))[:, None] * speed
@@ -321,14 +312,7 @@ class ResidualNoise:
 def residual_noise(
     valued: ValuedModel, runs: Sequence[Run], sigma: Array, gains: Array
 ) -> ResidualNoise:
-    """Measurement noise of runs behind their parallel filter, beside a fit's residuals.
-
-    Args:
-        valued: The fitted model.
-        runs: The fitted runs.
-        sigma: Standard deviation of the filtered residuals per joint [Nm; N].
-        gains: Joint effort per logged unit, shape `(n,)`.
-    """
+    """Measurement noise of runs behind their parallel filter, beside the residuals of a fit."""
     variances, seconds = np.zeros(len(gains)), 0.0
     for run in runs:
         taps = ParallelFilter.design(run.matched_cutoff, run.rate).taps
@@ -354,13 +338,8 @@ def residual_noise(
 def noise_floor(signals: Array, rate: float, cutoff: float) -> Array:
     """Largest noise density above a band, one-sided, shape `(n,)`; NaN where nothing is above.
 
-    Of octaves from `CLEAR` times the cut-off to `TOP` times the rate, the median density of the
-    loudest.
-
-    Args:
-        signals: Shape `(n, N)`, uniformly sampled.
-        rate: [Hz].
-        cutoff: Edge of the band [Hz].
+    Of octaves from `CLEAR` times the cut-off to `TOP` times the rate [Hz], the median density of
+    the loudest. Signals have the shape `(n, N)`.
     """
     frequency, density = welch(signals, rate, SPECTRUM)
     best, low = np.full(len(signals), np.nan), CLEAR * cutoff

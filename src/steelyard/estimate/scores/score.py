@@ -250,9 +250,6 @@ def filtered_efforts(
     Yields:
         Time `(B,)`, where each joint moves `(n, B)`, measured and predicted effort in logged
         units, `(2, n, B)`.
-
-    Raises:
-        LogError: The cut-off is too high for the run's rate.
     """
     require_fitting(cutoff, run.rate)
     predicted = _predictions((valued,), None, gains)

@@ -250,12 +250,7 @@ def _calibrated(
 
 
 def edges_of(rest: Array, traces: Sequence[ResidualTrace]) -> Array:
-    """Ranges of speed of runs, where the model has none.
-
-    Args:
-        rest: Speed up to which each joint rests, shape `(n,)` [rad/s; m/s].
-        traces: Residuals of the runs.
-    """
+    """Ranges of speed of runs, where the model has none, from rest speeds `(n,)` [rad/s; m/s]."""
     speeds = np.concatenate([trace.slowest for trace in traces], axis=1)
     typical = np.sqrt(np.mean(np.square(speeds), axis=1))
     edges = np.column_stack([rest, np.outer(typical, EDGES)])

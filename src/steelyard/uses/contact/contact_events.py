@@ -131,13 +131,9 @@ class ContactStream:
     """Finds contacts sample by sample."""
 
     def __init__(self, robot: Robot, sigma: Array, lasting: float = 0.0) -> None:
-        """Begin.
+        """Begin; `sigma` is the standard deviation of the fit's residual, shape `(n,)` [Nm; N].
 
-        Args:
-            robot: The robot.
-            sigma: Standard deviation of the residual of the fit per joint, shape `(n,)` [Nm; N].
-            lasting: Time for which a residual must exceed its threshold, sample after sample, to
-                be contact [s].
+        A residual is contact that exceeds its threshold, sample after sample, for a time `lasting`.
         """
         self._robot, self._sigma, self._lasting = robot, sigma, lasting
         self._released = np.full((2, robot.n), np.nan)
@@ -219,11 +215,7 @@ def contacts_in(
 ) -> tuple[ContactEvent, ...]:
     """Stretches of a run in which residuals exceed their thresholds.
 
-    Args:
-        trace: Residuals behind the low-pass of the thresholds.
-        thresholds: Per joint and speed.
-        robot: The robot.
-        sigma: Standard deviation of the residual of the fit per joint, shape `(n,)` [Nm; N].
+    `sigma` is the standard deviation of the residual of the fit per joint, shape `(n,)` [Nm; N].
     """
     changes = trace.changes(thresholds.edges)
     signal = np.stack([trace.residual, changes])
@@ -285,15 +277,8 @@ def without_contact(
 
     Every run is compared with thresholds from all others, which all of them together exceed with a
     probability of `EXPECTED_EXCEEDANCES`; the run that exceeds them most loses what exceeds them,
-    until none does. A single run is compared in `CALIBRATION_STRETCHES` parts.
-
-    Args:
-        traces: Residuals of the runs.
-        edges: Ranges of speed, see `ResidualPeaks`.
-        cutoff: Low-pass of the residuals [Hz].
-        robot: The robot.
-        sigma: Standard deviation of the residual of the fit per joint, shape `(n,)` [Nm; N].
-        known: What the model knows of its own left-out motion, to compare with.
+    until none does. A single run is compared in `CALIBRATION_STRETCHES` parts. What the model knows
+    of its own left-out motion is compared with, too.
     """
     alike = known is not None and known.cutoff == cutoff and np.array_equal(known.edges, edges)
     beside = [known] if known is not None and alike else []

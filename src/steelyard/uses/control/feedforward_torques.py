@@ -163,13 +163,9 @@ def feedforward(
 def beyond_limits(
     joints: Sequence[Coordinate], motion: Motion, torque: Array, measured: Sequence[str] = ()
 ) -> Iterator[str]:
-    """What speaks against commanding the torques, and what to do.
+    """What speaks against commanding torques `(N, n)` [Nm; N] along a motion, and what to do.
 
-    Args:
-        joints: The joints.
-        motion: The motion.
-        torque: Along it, shape `(N, n)` [Nm; N].
-        measured: Joints whose positions in the table are measured ones with noise.
+    `measured` are the joints whose positions in the table are measured ones with noise.
     """
     found = False
     for joint, column, ddq in zip(joints, torque.T, motion.ddq.T, strict=True):
@@ -216,14 +212,10 @@ def _samples(
 
 
 def _noisy(t: Array, q: Array) -> NDArray[np.bool_]:
-    """Whether second differences of each joint are mostly noise, shape `(n,)`.
+    """Whether second differences of positions `(N, n)` are mostly noise, shape `(n,)`.
 
     Those of white noise have a correlation of -2/3 from row to row, those of a motion that the rows
     resolve a positive one.
-
-    Args:
-        t: Times of the rows, shape `(N,)` [s].
-        q: Positions, shape `(N, n)` [rad; m].
     """
     if len(t) < FEWEST_ROWS:
         return np.zeros(q.shape[1], dtype=np.bool_)

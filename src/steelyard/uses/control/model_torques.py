@@ -59,14 +59,10 @@ def feedforward_torque(
     smoothing: float = SIGN_SMOOTHING,
     quantity: Quantity = TORQUE,
 ) -> Array:
-    """Joint torques of a model along a desired motion, shape `(N, n)` [Nm; N].
+    """Joint torques of a model, or those of a quantity, along a motion, shape `(N, n)` [Nm; N].
 
-    Args:
-        valued: Model with values.
-        motion: Desired motion, `N` samples of `n` joints; friction with memory begins at rest.
-        smoothing: Speed within which laws that jump at zero velocity turn [rad/s; m/s]; zero for
-            the plain sign.
-        quantity: What of the torques: all, or those of the friction laws.
+    Friction with memory begins at rest. Laws that jump at zero velocity turn within the speed
+    `smoothing` [rad/s; m/s]; zero for the plain sign.
     """
     chosen = smoothed(quantity, smoothing)
     return valued.evaluate(chosen, motion.q, motion.dq, motion.ddq, t=motion.t)
@@ -82,14 +78,7 @@ def friction_torque(
 def in_joint_order(
     motion: Motion, joints: Sequence[str] | None, robot: Robot, where: str
 ) -> Motion:
-    """The motion of a robot's joints, in their order.
-
-    Args:
-        motion: Samples, shape `(N, n)` or more columns.
-        joints: Names of its columns; `None` if they are those of the robot in its order.
-        robot: The robot.
-        where: Where the motion comes from, for messages.
-    """
+    """The motion of a robot's joints, in their order, which is that of columns without names."""
     if joints is None:
         if motion.n_joints == robot.n:
             return motion

@@ -127,13 +127,10 @@ class PayloadKnowledge:
 
 @dataclass(frozen=True, eq=False)
 class ConsistentBody:
-    """The estimate.
+    """The ten numbers of a body, their covariance, and the rise of the squares by the constraints.
 
-    Attributes:
-        ten: The ten numbers of a physically consistent body, shape `(10,)`.
-        covariance: With what is known, shape `(10, 10)`; rows of what nothing determines are not
-            numbers. Physical constraints do not narrow it.
-        chi_squared: Rise of the weighted squares by the physical constraints.
+    Rows of the covariance of what nothing determines are not numbers; it counts what is known, and
+    physical constraints do not narrow it.
     """
 
     ten: Array
@@ -173,16 +170,7 @@ def consistent_body(
 
 
 def refuse_contradiction(free: Array, by_data: Array, known: PayloadKnowledge) -> None:
-    """What is known must not contradict the data.
-
-    Args:
-        free: The unconstrained ten numbers, shape `(10,)`.
-        by_data: Their covariance, shape `(10, 10)`.
-        known: What is known.
-
-    Raises:
-        DataError: It does, by more than `TOO_FAR` standard deviations.
-    """
+    """What is known must not contradict the data, by more than `TOO_FAR` standard deviations."""
     std = float(np.sqrt(by_data[0, 0]))
     if known.mass is not None and abs(free[0] - known.mass) > TOO_FAR * std:
         raise _refused(

@@ -167,12 +167,7 @@ def find_payload_events(
 ) -> PayloadEvents:
     """Find when a payload changes along one run, and weigh what is carried between.
 
-    Args:
-        identified: The robot without payload.
-        samples: Filtered samples of the run, efforts as logged.
-        frame: The frame of the payloads; that of the last link if `None`.
-        drift: Standard deviation of the run's friction and offset, see `identify_payload`.
-        gain: Relative standard deviation of each gain of the efforts, likewise.
+    Efforts are as logged; `drift` and `gain` are as of `identify_payload`.
 
     Raises:
         ModelError: There is no such frame, or it does not move.

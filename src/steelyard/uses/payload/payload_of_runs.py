@@ -199,9 +199,7 @@ LEAST_PAYLOAD_SHARE = 0.02
 def unknown_payload(identified: IdentifiedModel, run: Information) -> PayloadEstimate | None:
     """What a run carries beyond doubt; `None` if there is nothing, or no way to know.
 
-    Args:
-        identified: The robot without it.
-        run: What the run says, efforts as logged.
+    Efforts of the run are as logged.
     """
     if identified.signals.effort_kind == "gravity_compensated_torque":
         return None
@@ -334,10 +332,7 @@ def _unexplained(identified: IdentifiedModel, case: LoadCase, fit: CaseFit) -> s
 def _scale_note(gain: float, of_scales: Array | None, covariance: Array) -> str:
     """How well the scale of the efforts is known.
 
-    Args:
-        gain: Relative standard deviation of the gains.
-        of_scales: Covariance of the payload by the model's scales; `None` of a model without.
-        covariance: All of it.
+    `of_scales` is the part of the covariance that the model's scales make; `None` without scales.
     """
     if of_scales is not None:
         half, all_of_it = (Z95 * np.sqrt(matrix[0, 0]) for matrix in (of_scales, covariance))

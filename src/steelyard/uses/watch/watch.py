@@ -246,13 +246,7 @@ def _calibrated(
 
 
 def stream_trace(identified: IdentifiedModel, log: LogArgument, cutoff: float) -> ResidualTrace:
-    """Residuals of a log as a stream of its rows would show them.
-
-    Args:
-        identified: The model.
-        log: A finished log.
-        cutoff: Bandwidth of the observer [Hz].
-    """
+    """Residuals of a finished log as a stream of its rows shows them, behind a cut-off [Hz]."""
     path, cut = parse_log_argument(log.text)
     signals, observer = identified.signals, identified.observe(bandwidth=cutoff)
     stream, rest = SampleStream(signals, identified.robot), rests_of(identified)

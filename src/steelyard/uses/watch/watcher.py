@@ -52,13 +52,9 @@ class Doubt:
         self._squares = np.zeros(2)
 
     def step(self, seconds: float, beyond: bool, residual: Array, measured: Array) -> None:
-        """Take the next sample.
+        """Take the next sample, some seconds after the one before; zero after a pause.
 
-        Args:
-            seconds: Time since the sample before; zero after a pause.
-            beyond: Whether a residual is beyond its threshold.
-            residual: Shape `(n,)` [Nm; N].
-            measured: Measured effort, likewise.
+        `beyond` says that a residual is beyond its threshold; efforts are `(n,)` [Nm; N].
         """
         self._seconds += seconds
         self._beyond += seconds * beyond
@@ -137,11 +133,9 @@ class PayloadStream:
         return float(np.quantile(self._least, 0.5, method="higher")) if self._least else None
 
     def step(self, t: float, row: Array) -> tuple[PayloadEvent, ...]:
-        """Take the next sample; the events that are certain with it.
+        """Take the next sample, a row as logged; the events that are certain with it.
 
-        Args:
-            t: Time from the first sample [s].
-            row: As logged, shape `(columns,)`.
+        Its time counts from the first sample [s].
         """
         self._kept.append((t, row))
         if t < self._due:
@@ -294,15 +288,9 @@ class Watcher:
         payload: PayloadStream | None = None,
         every: float | None = None,
     ) -> None:
-        """Begin.
+        """Begin with a new observer, whose bandwidth is the cut-off of the thresholds of contact.
 
-        Args:
-            identified: The model.
-            observer: A new one, with the cut-off of the thresholds as bandwidth.
-            frame: Its frame, if the wrench is wanted.
-            thresholds: Of contact.
-            payload: What seeks changes of the payload.
-            every: Time between two estimates that are reported [s]; of every sample if `None`.
+        Estimates are reported of every sample, or with a time between them [s].
         """
         robot = identified.model.robot
         self.frame, self.thresholds, self.observer = frame, thresholds, observer

@@ -60,12 +60,9 @@ MINOR_COMPONENT = 0.3
 def unobservable_directions(learned: Array, expected: Expected) -> tuple[Array, ...]:
     """Directions with less than `OBSERVABLE` from data, each of shape `(6,)` and length 1.
 
-    Components are shares of the expected size. Of several directions, as many components as
-    there are directions stand in one of them each, so that they are as simple as can be.
-
-    Args:
-        learned: See `learned_of`, shape `(6, 6)`.
-        expected: What was expected; components that are expected to be zero are in no direction.
+    Components are shares of the expected size; those that are expected to be zero are in none. Of
+    several directions, as many components as there are directions stand in one of them each, so that
+    they are as simple as can be. `learned` is that of `learned_of`, shape `(6, 6)`.
     """
     from scipy.linalg import qr
 
@@ -212,12 +209,7 @@ def external_efforts(
 ) -> Iterator[tuple[Array, ExternalEfforts]]:
     """Time and external efforts of stretches without gaps, of at most `LONGEST_STRETCH`.
 
-    Args:
-        identified: The model.
-        run: The run.
-        quantity: See `observed_quantity`.
-        residual: What efforts are computed from.
-        cutoff: Of the low-pass [Hz]; there are samples at twice the cut-off or faster.
+    They are behind a low-pass [Hz], at twice its cut-off or faster.
     """
     uncertainty = identified.effort_uncertainty(noise_bandwidth(cutoff))
     every = max(1, int(run.rate / (2.0 * cutoff)))
@@ -293,24 +285,14 @@ def estimated_wrench(
 ) -> WrenchEstimate:
     """Estimate the external wrench along a run, from its first to its last row.
 
-    Args:
-        identified: The model.
-        run: The run.
-        frame: Frame that the wrench acts on; that of the robot's end if `None`.
-        residual: What external efforts are computed from.
-        method: From efforts to the wrench; `Smoothed` for the usual size if `None`.
-        bandwidth: Of the low-pass of the efforts [Hz]; if `None`, the cut-off of the model's
-            scores, or a tenth of the log's rate if that is less.
-        axes: Whose axes components are along.
-        progress: Told how far the estimate is.
+    `Smoothed` for the usual size by default, on the frame of the robot's end. The efforts' low-pass
+    [Hz] is by default the cut-off of the model's scores, or a tenth of the log's rate if that is less.
 
     Raises:
         ModelError: There is no such frame, or no joint moves it.
-        DataError: The log's rate is less than ten times the bandwidth, or the log is too short for
-            it.
+        DataError: The log's rate is less than ten times the bandwidth, or it is too short for it.
         LogError: The efforts lack gravity or friction that the model predicts, or the model does
             not explain them; see `refuse_other_efforts`.
-        Stopped: `progress` requested a stop.
     """
     place = moved_frame(identified.robot, frame)
     chosen = _bandwidth(identified, run, bandwidth)
