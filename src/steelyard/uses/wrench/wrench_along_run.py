@@ -60,9 +60,9 @@ MINOR_COMPONENT = 0.3
 def unobservable_directions(learned: Array, expected: Expected) -> tuple[Array, ...]:
     """Directions with less than `OBSERVABLE` from data, each of shape `(6,)` and length 1.
 
-    Components are shares of the expected size; those that are expected to be zero are in none. Of
-    several directions, as many components as there are directions stand in one of them each, so that
-    they are as simple as can be. `learned` is that of `learned_of`, shape `(6, 6)`.
+    Components are shares of the expected size; those that are expected to be zero are in none.
+    Of several directions, as many components as there are directions stand in one of them each,
+    so that they are as simple as can be. `learned` is that of `learned_of`, shape `(6, 6)`.
     """
     from scipy.linalg import qr
 
@@ -285,8 +285,9 @@ def estimated_wrench(
 ) -> WrenchEstimate:
     """Estimate the external wrench along a run, from its first to its last row.
 
-    `Smoothed` for the usual size by default, on the frame of the robot's end. The efforts' low-pass
-    [Hz] is by default the cut-off of the model's scores, or a tenth of the log's rate if that is less.
+    `Smoothed` for the usual size by default, on the frame of the robot's end. The bandwidth of
+    the efforts [Hz] is by default the cut-off of the model's scores, or a tenth of the log's rate
+    if that is less.
 
     Raises:
         ModelError: There is no such frame, or no joint moves it.
