@@ -1,7 +1,9 @@
 """Read-only arrays, and parameters that carry their names and units."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +30,19 @@ def frozen(values: ArrayLike, shape: Sequence[int | None] | None = None) -> Arra
         raise ValueError(f"expected an array of {wanted} numbers, got shape {array.shape}")
     array.flags.writeable = False
     return array
+
+
+def finite_json(value: Any) -> Any:
+    """Numbers, arrays, lists and dictionaries as JSON values; `None` for what is not finite."""
+    if isinstance(value, Mapping):
+        return {name: finite_json(one) for name, one in value.items()}
+    if isinstance(value, np.ndarray):
+        return finite_json(value.tolist())
+    if isinstance(value, list | tuple):
+        return [finite_json(one) for one in value]
+    if isinstance(value, float):
+        return float(value) if isfinite(value) else None
+    return value
 
 
 def set_fields(value: object, **fields: object) -> None:

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, finite_json, frozen
 from steelyard.estimate.external.rest_changes import changes_at_rest
 
 SHAPE = (0.1, 0.2)
@@ -261,19 +261,15 @@ class ContactThresholds:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values; `None` for a threshold that is not known."""
-        limits, (changes,) = (
-            [[None if np.isnan(x) else float(x) for x in row] for row in rows]
-            for rows in (self.limits, self.changes[None])
-        )
         return {
             "false_alarms_per_hour": self.rate,
             "free_motion_s": self.duration,
             "cutoff_hz": self.cutoff,
             "ranges": list(RANGES),
             "speed_edges": self.edges.tolist(),
-            "thresholds": limits,
+            "thresholds": finite_json(self.limits),
             "own": [list(row) for row in self.own],
-            "changes_at_rest": changes,
+            "changes_at_rest": finite_json(self.changes),
         }
 
     @classmethod

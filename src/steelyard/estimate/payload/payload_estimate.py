@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, finite_json, frozen
 from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Z95
 from steelyard.robot.rigid_body import INERTIAL_NAMES, INERTIAL_UNITS, Inertia, skew
@@ -181,17 +181,17 @@ class PayloadEstimate:
             "schema_version": 1,
             "frame": self.frame,
             "link": self.body,
-            "mass": _plain(self.mass),
-            "mass_half_width": _plain(self.half_width[0]),
+            "mass": finite_json(self.mass),
+            "mass_half_width": finite_json(self.half_width[0]),
             "negative_mass": self.negative_mass,
-            "centre": _plain(self.com) if seen else None,
-            "centre_half_width": _plain(self.com_half_width) if seen else None,
-            "inertia_com": _plain(self.inertia_com) if seen else None,
-            "inertia_com_half_width": _plain(self.inertia_com_half_width) if seen else None,
+            "centre": finite_json(self.com) if seen else None,
+            "centre_half_width": finite_json(self.com_half_width) if seen else None,
+            "inertia_com": finite_json(self.inertia_com) if seen else None,
+            "inertia_com_half_width": finite_json(self.inertia_com_half_width) if seen else None,
             "names": list(INERTIAL_NAMES),
             "units": list(INERTIAL_UNITS),
-            "ten": _plain(self.ten),
-            "covariance": _plain(self.covariance),
+            "ten": finite_json(self.ten),
+            "covariance": finite_json(self.covariance),
             "not_seen": list(self.not_seen),
             "consistent_body": self.flaw is None if seen and not self.not_seen else None,
             "flaw": self.flaw,
@@ -252,13 +252,6 @@ def refuse_unseen(covariance: Array, frame: Frame) -> None:
             where=f"frame '{frame.name}'",
             fix="log a motion that turns the payload against gravity, with and without it",
         )
-
-
-def _plain(value: Any) -> Any:
-    """Floats and lists of them; what is not finite is `None`."""
-    if np.ndim(value):
-        return [_plain(x) for x in value]
-    return float(value) if np.isfinite(value) else None
 
 
 def _interval(value: float, half: float, unit: str) -> str:

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, finite_json
 from steelyard.estimate.scores.cross_validation import standard_error
 
 NEGLIGIBLE_LOSS = 0.02
@@ -134,23 +134,24 @@ class EstimatorScore:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values; an error that is not finite is `None`."""
-        return {
+        figures = {
             "estimator": self.name,
             "about": self.about,
             "needs": self.needs,
-            "mean_percent": _json(self.mean),
-            "standard_error_percent": _json(self.standard_error),
-            "pooled_percent": _json(self.mean_pooled),
-            "errors_percent": [[_json(x) for x in row] for row in self.errors.tolist()],
+            "mean_percent": self.mean,
+            "standard_error_percent": self.standard_error,
+            "pooled_percent": self.mean_pooled,
+            "errors_percent": self.errors,
             "seconds_per_fit": self.seconds,
             "parameters": self.parameters,
-            "condition_normalised": _json(self.condition),
-            "chi_square": _json(self.chi_square),
+            "condition_normalised": self.condition,
+            "chi_square": self.chi_square,
             "bodies_valid": None if self.impossible is None else not self.impossible,
-            "impossible_bodies": None if self.impossible is None else list(self.impossible),
+            "impossible_bodies": self.impossible,
             "failures": [vars(one) for one in self.failures],
-            "notes": list(self.notes),
+            "notes": self.notes,
         }
+        return dict(finite_json(figures))
 
 
 @dataclass(frozen=True)
@@ -282,7 +283,3 @@ def mean_of(errors: Array, axis: int) -> Array:
     total = np.where(known, errors, 0.0).sum(axis=axis)
     count = known.sum(axis=axis)
     return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
-
-
-def _json(value: float | None) -> float | None:
-    return None if value is None or not isfinite(value) else float(value)

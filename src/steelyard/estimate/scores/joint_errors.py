@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, finite_json
 from steelyard.estimate.identified import BAND
 
 if TYPE_CHECKING:
@@ -108,16 +108,17 @@ class JointError:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
-        return {
+        figures = {
             "joint": self.joint,
             "unit": self.unit,
             "moving": self.counted,
-            "error": _finite(self.error),
-            "used": _finite(self.used),
+            "error": self.error,
+            "used": self.used,
             "limit": self.limit,
-            "percent_of_used": _finite(self.percent_of_used),
-            "percent_of_limit": _finite(self.percent_of_limit),
+            "percent_of_used": self.percent_of_used,
+            "percent_of_limit": self.percent_of_limit,
         }
+        return dict(finite_json(figures))
 
 
 @dataclass(frozen=True)
@@ -180,12 +181,8 @@ class PooledError:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
-        return {
-            "unit": self.unit,
-            "error": _finite(self.error),
-            "percent_of_used": _finite(self.percent_of_used),
-            "percent_of_limit": _finite(self.percent_of_limit),
-        }
+        names = ("unit", "error", "percent_of_used", "percent_of_limit")
+        return {name: finite_json(getattr(self, name)) for name in names}
 
 
 def pooled(runs: Iterable[BandErrors]) -> tuple[PooledError, ...]:
@@ -307,7 +304,3 @@ def _percent(error: float, reference: float) -> float:
     if reference == 0.0:
         return 0.0 if error == 0.0 else float("inf")
     return 100.0 * error / reference
-
-
-def _finite(value: float | None) -> float | None:
-    return value if value is not None and np.isfinite(value) else None

@@ -5,15 +5,15 @@ one zero-phase fourth-order Butterworth low-pass; once over all samples, once ov
 joint moves.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby, tee, zip_longest
-from math import isfinite, sqrt
+from math import sqrt
 from typing import Any, Literal
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, finite_json
 from steelyard.base.errors import DataError
 from steelyard.estimate.information.gather import Mask, blocks_with_channels
 from steelyard.estimate.scores.bands import (
@@ -129,10 +129,8 @@ class RunScore:
             "pooled_percent_moving": self.pooled_percent_moving,
             "band_coverage_percent": self.coverage_percent,
         }
-        return _finite(figures) | {
-            "headline": self.errors.to_dict(),
-            "joints": [_finite(vars(joint)) for joint in self.joints],
-        }
+        joints = [vars(joint) for joint in self.joints]
+        return dict(finite_json(figures | {"headline": self.errors.to_dict(), "joints": joints}))
 
 
 def score(
@@ -354,14 +352,6 @@ class _Squares:
             predict_zero=float(root[1]),
             prior_rmse=float(root[2]) if len(root) > 2 else None,
         )
-
-
-def _finite(figures: Mapping[str, Any]) -> dict[str, Any]:
-    """JSON knows no infinity."""
-    return {
-        name: None if isinstance(value, float) and not isfinite(value) else value
-        for name, value in figures.items()
-    }
 
 
 def _percent(error: float, reference: float) -> float:
