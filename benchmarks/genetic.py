@@ -26,7 +26,7 @@ from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.stribeck import Stribeck
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
-from steelyard.model.terms.open_fields import Find
+from steelyard.model.terms.axes import Find
 from steelyard.model.terms.term import Cause, Columns, Dissipation, Term
 from steelyard.robot.robot import Coordinate, Robot
 

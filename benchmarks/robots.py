@@ -10,7 +10,7 @@ from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
-from steelyard.robot.file.model_source import dh_mechanism
+from steelyard.robot.file.loaded_robot import dh_mechanism
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.sections import DHRow
 from steelyard.robot.from_mechanism import reduced

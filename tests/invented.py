@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steelyard.robot.file.model_source import dh_mechanism
+from steelyard.robot.file.loaded_robot import dh_mechanism
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.sections import DHRow
 from steelyard.robot.from_mechanism import reduced

@@ -9,7 +9,7 @@ import typer.main
 
 from steelyard.cli.app import app
 from steelyard.model.laws.register import term_of
-from steelyard.model.terms.open_fields import finds_of
+from steelyard.model.terms.axes import finds_of
 from steelyard.robot.file.sections import RobotFile
 from steelyard.robot.file.toml import Section, checked, meanings_of
 

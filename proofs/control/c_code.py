@@ -34,7 +34,7 @@ from steelyard.model.laws.stribeck import Stribeck
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
-from steelyard.robot.file.model_source import dh_mechanism
+from steelyard.robot.file.loaded_robot import dh_mechanism
 from steelyard.robot.file.sections import DHRow
 from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.robot import Limits, Robot

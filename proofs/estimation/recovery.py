@@ -17,7 +17,7 @@ from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.model.model import Model
-from steelyard.robot.file.model_source import dh_mechanism
+from steelyard.robot.file.loaded_robot import dh_mechanism
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.sections import DHRow
 from steelyard.robot.file.signals import Signals

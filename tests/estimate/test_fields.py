@@ -25,7 +25,7 @@ from steelyard.model.laws.register import DEFAULT_TERMS, TERMS, description_of, 
 from steelyard.model.laws.stribeck import Stribeck
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
-from steelyard.model.terms.open_fields import Find
+from steelyard.model.terms.axes import Find
 from steelyard.model.terms.term import CandidateTerms, Term
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Coordinate, Robot

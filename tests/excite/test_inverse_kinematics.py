@@ -11,7 +11,7 @@ from steelyard.excite.planned.inverse_kinematics import (
     within,
 )
 from steelyard.excite.planned.postures import least_shift
-from steelyard.robot.file.model_source import dh_mechanism
+from steelyard.robot.file.loaded_robot import dh_mechanism
 from steelyard.robot.file.sections import DHRow
 from steelyard.robot.from_mechanism import reduced
 from tooled import Arm, arm, invented_arm

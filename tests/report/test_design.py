@@ -41,7 +41,7 @@ from steelyard.identify.page.section_register import SECTIONS
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.excitation_sections import BoxSpans, PlaneSection, WorkspaceSection
-from steelyard.robot.skeleton import all_joints
+from steelyard.robot.loop_closures import all_joints
 
 ROOM = WorkspaceSection(
     box=BoxSpans(x=(-1.0, 1.0), z=(-1.0, 1.0)),

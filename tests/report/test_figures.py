@@ -28,8 +28,7 @@ from steelyard.identify.page.residual_figures import ResidualsSection, binned
 from steelyard.identify.page.section_register import render
 from steelyard.report.figures import Figure
 from steelyard.robot.rigid_body import Inertia
-from steelyard.robot.robot import Frame
-from steelyard.robot.skeleton import frame_origins
+from steelyard.robot.robot import Frame, frame_origins
 
 
 def unpacked(values: dict[str, str]) -> np.ndarray:

@@ -22,8 +22,7 @@ from steelyard.excite.page.replay import mesh_of
 from steelyard.excite.page.stage import Stage, staged, sticks
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.robot.loop_closures import gaps
-from steelyard.robot.skeleton import all_joints
+from steelyard.robot.loop_closures import all_joints, gaps
 
 CORNERS = np.random.default_rng(1).standard_normal((30, 3))
 VOLUMES = [

@@ -3,7 +3,7 @@ import pytest
 
 from oracles import body_positions, pinocchio_torque
 from steelyard.base.errors import ModelError
-from steelyard.robot.file.model_source import DHConvention, dh_mechanism
+from steelyard.robot.file.loaded_robot import DHConvention, dh_mechanism
 from steelyard.robot.file.sections import DHRow
 from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.rigid_body import turn

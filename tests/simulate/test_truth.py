@@ -15,7 +15,7 @@ from steelyard.model.laws.spring import Spring
 from steelyard.model.laws.stribeck import Stribeck
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
-from steelyard.model.terms.open_fields import Find
+from steelyard.model.terms.axes import Find
 from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Limits, Robot, Transmission
 from steelyard.simulate.plant import MujocoPlant

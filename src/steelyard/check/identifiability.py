@@ -17,7 +17,7 @@ from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.register import DEFAULT_TERMS, law_of, term_of
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
-from steelyard.model.terms.open_fields import finds_of
+from steelyard.model.terms.axes import finds_of
 from steelyard.runs.prepare import prepare
 from steelyard.runs.run import Run
 

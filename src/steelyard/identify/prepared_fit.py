@@ -34,7 +34,7 @@ from steelyard.estimate.requested_estimator import method_of
 from steelyard.estimate.scores.cross_validation import TooShortError
 from steelyard.model.model import Model
 from steelyard.model.robot_file_model import with_friction
-from steelyard.model.terms.open_fields import finds_of
+from steelyard.model.terms.axes import finds_of
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.runs.run import Run, fastest_of
 

@@ -254,6 +254,21 @@ def _independent(rows: Array) -> list[int]:
     return sorted(kept)
 
 
+def all_joints(robot: Robot, q: Array) -> Array:
+    """Positions `(N, n_joints)` of all joints along a motion of the independent ones `q` `(N, n)`.
+
+    Each row is closed from the one before it, the first one from the assembly.
+    """
+    if not robot.passive:
+        return q
+    free = list(range(robot.n, robot.n_joints))
+    rows, last = [], np.array(loop_equations(robot).assembly)
+    for own in q:
+        last = closest(robot, np.concatenate([own, last[robot.n :]]), free)
+        rows.append(last)
+    return np.array(rows)
+
+
 @dataclass(frozen=True)
 class Closing:
     """What a robot file says of closed chains, beside what the model file says.

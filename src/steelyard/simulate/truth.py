@@ -19,8 +19,7 @@ from steelyard.base.errors import ModelError
 from steelyard.model.laws.register import DEFAULT_TERMS, description_of, term_of
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
-from steelyard.model.terms.axes import Axis
-from steelyard.model.terms.open_fields import Find
+from steelyard.model.terms.axes import Axis, Find
 from steelyard.model.terms.term import INVENTED_TORQUE_SHARE, ActsOnAxes, Role, StatefulTerm, Term
 from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Robot

@@ -13,7 +13,7 @@ from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import Regressor, chosen_regressor
 from steelyard.estimate.nonlinear.field_search import CostShape, Indices, Problem, Slots
 from steelyard.model.model import Model
-from steelyard.model.terms.open_fields import Find, finds_of
+from steelyard.model.terms.axes import Find, finds_of
 from steelyard.model.terms.term import CandidateTerms, Term
 
 POINTS = 12

@@ -38,7 +38,7 @@ from steelyard.estimate.nonlinear.field_passes import (
 )
 from steelyard.estimate.nonlinear.field_search import CostShape
 from steelyard.model.model import Model
-from steelyard.model.terms.open_fields import finds_of
+from steelyard.model.terms.axes import finds_of
 from steelyard.model.terms.term import Term
 from steelyard.robot.rigid_body import INERTIAL_NAMES
 from steelyard.runs.run import Run

@@ -20,8 +20,7 @@ from steelyard.excite.constraints.markers import Marker
 from steelyard.excite.constraints.workspace import checked_boxes, keep_out, planes, tool_box
 from steelyard.model.equations.kinematics import frame_of, last_frame
 from steelyard.robot.file.excitation_sections import WorkspaceSection
-from steelyard.robot.file.loaded_robot import LoadedRobot
-from steelyard.robot.file.model_source import beside
+from steelyard.robot.file.loaded_robot import LoadedRobot, beside
 from steelyard.robot.file.motion_sections import BoxSpans
 from steelyard.robot.robot import Robot
 

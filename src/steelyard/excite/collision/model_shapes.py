@@ -24,7 +24,7 @@ from steelyard.excite.collision.solids import (
     mesh_points,
 )
 from steelyard.excite.constraints.constraint import Declined, Gap
-from steelyard.robot.file.model_source import read_mechanism
+from steelyard.robot.file.loaded_robot import read_mechanism
 from steelyard.robot.mechanism import Mechanism
 from steelyard.robot.models.xacro import expand
 from steelyard.robot.models.xml_reader import Element, read_xml

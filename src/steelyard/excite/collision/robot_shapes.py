@@ -19,8 +19,7 @@ from steelyard.excite.collision.solids import Ball, Capsule, HalfSpace
 from steelyard.excite.constraints.constraint import Declined, Gap
 from steelyard.excite.constraints.markers import Marker
 from steelyard.model.equations.kinematics import frame_of, last_frame
-from steelyard.robot.file.loaded_robot import LoadedRobot
-from steelyard.robot.file.model_source import read_mechanism
+from steelyard.robot.file.loaded_robot import LoadedRobot, read_mechanism
 from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Frame, Robot
 

@@ -21,8 +21,7 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.solids import Ball, HalfSpace, Solid
 from steelyard.model.equations.kinematics import Points
-from steelyard.robot.robot import Frame, Robot
-from steelyard.robot.skeleton import bodies_along
+from steelyard.robot.robot import Frame, Robot, bodies_along
 
 Origin = Literal["link", "tool", "world"]
 """Whose a shape is: a link's of the model, a tool's or a payload's, or the cell's."""

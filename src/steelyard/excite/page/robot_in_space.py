@@ -12,8 +12,7 @@ from steelyard.base.arrays import Array
 from steelyard.excite.collision.cell import up_of
 from steelyard.excite.collision.robot_shapes import along
 from steelyard.model.equations.kinematics import frame_of
-from steelyard.robot.robot import Frame, Robot
-from steelyard.robot.skeleton import body_frames, frame_origins, sticks
+from steelyard.robot.robot import Frame, Robot, body_frames, frame_origins, sticks
 
 if TYPE_CHECKING:
     from steelyard.excite.constraints.markers import Marker

@@ -17,9 +17,8 @@ from steelyard.excite.collision.robot_shapes import along
 from steelyard.excite.collision.shapes import Shape, ShapeKinematics
 from steelyard.excite.collision.solids import Ball, Cylinder
 from steelyard.excite.page.robot_in_space import all_lines, faces_of, tool_frame, tool_path
-from steelyard.robot.loop_closures import closest
+from steelyard.robot.loop_closures import all_joints, closest
 from steelyard.robot.robot import Robot
-from steelyard.robot.skeleton import all_joints
 
 if TYPE_CHECKING:
     from steelyard.excite.constraints.markers import Marker

@@ -21,7 +21,7 @@ from steelyard.excite.page.robot_in_space import (
 from steelyard.identify.page.content import ReportContent
 from steelyard.report.page import Numbers, Section, fill, packed, rounded, script_json
 from steelyard.report.words import significant
-from steelyard.robot.skeleton import all_joints
+from steelyard.robot.loop_closures import all_joints
 
 if TYPE_CHECKING:
     from steelyard.robot.file.excitation_sections import WorkspaceSection

@@ -16,7 +16,7 @@ from steelyard.export.model_files.content import FORMAT_NAMES, Content, Format, 
 from steelyard.export.model_files.mjcf import mjcf_of
 from steelyard.export.model_files.original_urdf import urdf_behind, urdf_with
 from steelyard.export.model_files.urdf import document, head_of, urdf_of
-from steelyard.robot.file.model_source import read_mechanism
+from steelyard.robot.file.loaded_robot import read_mechanism
 from steelyard.robot.from_mechanism import reduced
 from steelyard.robot.mechanism import Mechanism
 from steelyard.robot.rigid_body import INERTIAL_NAMES

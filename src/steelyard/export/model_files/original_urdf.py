@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from steelyard.base.errors import ModelError, advice
 from steelyard.export.model_files.content import Content, carriers_of
 from steelyard.export.model_files.urdf import comment, dynamics_of, inertial_of, origin_of
-from steelyard.robot.file.model_source import read_mechanism
+from steelyard.robot.file.loaded_robot import read_mechanism
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.models.xacro import expand, split_reference
 from steelyard.robot.models.xml_reader import read_bytes, read_xml

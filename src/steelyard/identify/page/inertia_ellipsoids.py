@@ -15,8 +15,7 @@ from steelyard.report.page import FigureSection, Numbers, packed
 from steelyard.report.words import significant
 from steelyard.robot.loop_closures import loop_equations
 from steelyard.robot.rigid_body import Inertia
-from steelyard.robot.robot import Robot
-from steelyard.robot.skeleton import body_poses, sticks
+from steelyard.robot.robot import Robot, body_poses, sticks
 
 AXES = "xyz"
 

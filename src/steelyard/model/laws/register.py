@@ -22,8 +22,8 @@ from steelyard.model.laws.rotor_inertia import RotorInertia
 from steelyard.model.laws.spring import Spring
 from steelyard.model.laws.stribeck import Stribeck
 from steelyard.model.laws.viscous import Viscous
+from steelyard.model.terms.axes import Find, finds_of, is_search, search_of
 from steelyard.model.terms.memory import Presliding
-from steelyard.model.terms.open_fields import Find, finds_of, is_search, search_of
 from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, Term, channels_of
 from steelyard.robot.file.kinds import Kinds
 from steelyard.robot.rigid_body import INERTIAL_NAMES

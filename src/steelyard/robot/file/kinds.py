@@ -66,7 +66,7 @@ class Kinds:
 
 
 def _value(declared: Any, name: str, value: Any, where: str) -> Any:
-    from steelyard.robot.file.sections import as_declared
+    from steelyard.robot.file.toml import as_declared
 
     try:
         return as_declared(declared, _tuples(value))

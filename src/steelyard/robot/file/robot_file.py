@@ -14,14 +14,16 @@ from steelyard.robot.file.loaded_robot import LoadedRobot as LoadedRobot
 from steelyard.robot.file.loaded_robot import (
     SourceFile,
     TermSpec,
+    dh_table,
+    model_path_of,
     model_sources,
     read_model,
     robot_of_model,
     sha256_of,
     source_of,
+    xacro_settings,
 )
-from steelyard.robot.file.model_source import dh_table, model_path_of, xacro_settings
-from steelyard.robot.file.model_source import read_mechanism as read_mechanism
+from steelyard.robot.file.loaded_robot import read_mechanism as read_mechanism
 from steelyard.robot.file.sections import RobotFile, RobotSection
 from steelyard.robot.file.signals import build_signals
 from steelyard.robot.file.toml import Places, checked

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, field_validator
+from pydantic import Field, field_validator
 from pydantic_core import PydanticCustomError
 
 from steelyard.robot.file.excitation_sections import ExcitationSection as ExcitationSection
@@ -369,16 +369,3 @@ class RobotFile(Section):
     excitation: ExcitationSection = key(
         ExcitationSection(), "The motion that `steelyard excite` designs."
     )
-
-
-def as_declared(declared: Any, value: Any) -> Any:
-    """A value from a file as a type says it, strictly; lists are tuples.
-
-    A `ValueError` says which type is wanted, where it is of another.
-    """
-    strict = ConfigDict(strict=True, allow_inf_nan=False)
-    value = tuple(value) if isinstance(value, list) else value
-    try:
-        return TypeAdapter(declared, config=strict).validate_python(value)
-    except ValidationError as error:
-        raise ValueError(error.errors()[0]["msg"].lower()) from None

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from steelyard.base.errors import ModelError, advice
 
@@ -335,3 +335,16 @@ def _schemas(annotation: Any) -> Iterator[type[BaseModel]]:
         yield annotation
     for argument in get_args(annotation):
         yield from _schemas(argument)
+
+
+def as_declared(declared: Any, value: Any) -> Any:
+    """A value from a file as a type says it, strictly; lists are tuples.
+
+    A `ValueError` says which type is wanted, where it is of another.
+    """
+    strict = ConfigDict(strict=True, allow_inf_nan=False)
+    value = tuple(value) if isinstance(value, list) else value
+    try:
+        return TypeAdapter(declared, config=strict).validate_python(value)
+    except ValidationError as error:
+        raise ValueError(error.errors()[0]["msg"].lower()) from None

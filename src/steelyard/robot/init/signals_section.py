@@ -3,12 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from steelyard.robot.file.sections import (
-    EffortKind,
-    EffortUnit,
-    Gain,
-    SignalsSection,
-)
+from steelyard.robot.file.sections import EffortKind, EffortUnit, Gain, SignalsSection
 from steelyard.robot.file.signals import expanded
 from steelyard.robot.file.toml_edits import comment, toml_text
 from steelyard.robot.init.column_names import Column
