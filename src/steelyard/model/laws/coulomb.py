@@ -6,14 +6,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from steelyard.base.arrays import Parameter
 from steelyard.base.errors import ModelError
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.terms.axes import (
     DEFAULT_SHAPE,
     Field,
     directions,
-    each,
     is_zero,
     per_axis,
     refuse_negative,
@@ -63,10 +61,6 @@ class Coulomb(ActsOnAxes):
     def role(self) -> Role:
         """By the plain sign it sticks and slips: at rest it holds up to its size."""
         return "brake" if is_zero(self.threshold) and is_zero(self.smoothing) else "effort"
-
-    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """One per coordinate, not negative."""
-        return each(self.axes(robot), self.law, lambda axis: axis.effort_unit, lower=0.0)
 
     def columns(self, robot: Robot, state: JointState) -> Columns:
         """Direction of motion."""

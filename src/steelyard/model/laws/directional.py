@@ -6,13 +6,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from steelyard.base.arrays import Parameter
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.terms.axes import (
     DEFAULT_SHAPE,
     Field,
     directions,
-    each,
     refuse_negative,
     refuse_shape,
     spread,
@@ -40,6 +38,7 @@ class DirectionalCoulomb(ActsOnAxes):
     cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "motion in both directions of"
     in_model_files: ClassVar[Place] = mean_of_directions("dry")
+    ways: ClassVar[tuple[str, ...]] = ("_forward", "_backward")
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
     smoothing: Field = 0.0
     shape: str = DEFAULT_SHAPE
@@ -47,14 +46,6 @@ class DirectionalCoulomb(ActsOnAxes):
     def __post_init__(self) -> None:
         refuse_negative(self.law, smoothing=self.smoothing)
         refuse_shape(self.law, self.shape, self.smoothing)
-
-    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """Forward and backward per coordinate, not negative."""
-        axes = self.axes(robot)
-        return (
-            *each(axes, f"{self.law}_forward", lambda axis: axis.effort_unit, lower=0.0),
-            *each(axes, f"{self.law}_backward", lambda axis: axis.effort_unit, lower=0.0),
-        )
 
     def columns(self, robot: Robot, state: JointState) -> Columns:
         """The direction of motion, its positive and its negative part."""
@@ -75,14 +66,8 @@ class DirectionalViscous(ActsOnAxes):
     cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "motion at several speeds in both directions of"
     in_model_files: ClassVar[Place] = mean_of_directions("viscous")
-
-    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """Forward and backward per coordinate, not negative."""
-        axes = self.axes(robot)
-        return (
-            *each(axes, f"{self.law}_forward", lambda axis: axis.rate_unit, lower=0.0),
-            *each(axes, f"{self.law}_backward", lambda axis: axis.rate_unit, lower=0.0),
-        )
+    unit: ClassVar[str] = "rate_unit"
+    ways: ClassVar[tuple[str, ...]] = ("_forward", "_backward")
 
     def columns(self, robot: Robot, state: JointState) -> Columns:
         """The velocity, its positive and its negative part."""

@@ -4,9 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from steelyard.base.arrays import Parameter
 from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.terms.axes import each, spread
+from steelyard.model.terms.axes import spread
 from steelyard.model.terms.model_files import Place, left_out
 from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation
 from steelyard.robot.robot import Robot
@@ -21,12 +20,9 @@ class Offset(ActsOnAxes):
     cause: ClassVar[Cause] = "offset"
     shown_by: ClassVar[str] = "motion both ways of"
     in_model_files: ClassVar[Place] = left_out("constant efforts")
+    lower: ClassVar[float] = float("-inf")
     symbol: ClassVar[str] = "OFF"
     shares: ClassVar[Mapping[str, tuple[float, float]]] = {"offset": (-0.03, 0.03)}
-
-    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """One per coordinate, of either sign."""
-        return each(self.axes(robot), self.law, lambda axis: axis.effort_unit)
 
     def columns(self, robot: Robot, state: JointState) -> Columns:
         """One."""

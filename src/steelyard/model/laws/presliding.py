@@ -72,10 +72,6 @@ class Dahl(OneState):
     dissipation: ClassVar[Dissipation] = "each"
     in_model_files: ClassVar[Place] = full_sliding("dahl", unsupported=PRESLIDING_DISPLACEMENT)
 
-    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """One per coordinate, not negative."""
-        return each(self.axes(robot), self.law, lambda axis: axis.effort_unit, lower=0.0)
-
 
 @dataclass(frozen=True)
 class MaxwellSlip(Presliding):

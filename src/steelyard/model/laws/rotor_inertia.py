@@ -6,9 +6,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from steelyard.base.arrays import Array, Parameter
+from steelyard.base.arrays import Array
 from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.terms.axes import Axis, each, spread
+from steelyard.model.terms.axes import Axis, spread
 from steelyard.model.terms.model_files import Place, as_one
 from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation, Role
 from steelyard.robot.robot import Robot
@@ -27,12 +27,9 @@ class RotorInertia(ActsOnAxes):
     cause: ClassVar[Cause] = "inertia"
     shown_by: ClassVar[str] = "stronger acceleration of"
     in_model_files: ClassVar[Place] = as_one("rotor")
+    unit: ClassVar[str] = "inertia_unit"
     symbol: ClassVar[str] = "IA"
     shares: ClassVar[Mapping[str, tuple[float, float]]] = {"rotor_inertia": (0.2, 0.6)}
-
-    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """One per coordinate, not negative."""
-        return each(self.axes(robot), self.law, lambda axis: axis.inertia_unit, lower=0.0)
 
     def columns(self, robot: Robot, state: JointState) -> Columns:
         """The coordinate's acceleration."""

@@ -1,18 +1,17 @@
 """Friction that falls when motion begins."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from steelyard.base.arrays import Parameter
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar
 from steelyard.model.terms.axes import (
     DEFAULT_SHAPE,
+    Axis,
     Field,
     directions,
-    each,
     per_axis,
     refuse_negative,
     refuse_not_positive,
@@ -61,18 +60,15 @@ class Stribeck(ActsOnAxes):
         refuse_negative(self.law, smoothing=self.smoothing)
         refuse_shape(self.law, self.shape, self.smoothing)
 
-    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """The excess per coordinate, not negative."""
-        return each(self.axes(robot), self.law, lambda axis: axis.effort_unit, lower=0.0)
-
     def columns(self, robot: Robot, state: JointState) -> Columns:
         """The direction of motion, fading with speed."""
         axes = self.axes(robot)
         sense = directions(axes, state.dq, self.smoothing, self.law, self.shape)
+        fading = self.fading(axes, state.dq)
+        return spread(axes, lambda k, _: sense[k] * fading[k])
+
+    def fading(self, axes: Sequence[Axis], dq: Sequence[Scalar]) -> list[Scalar]:
+        r"""$e^{-|v/v_s|^\beta}$ along every coordinate."""
         scales = per_axis(self.speed, axes, self.law)
-
-        def value(k: int, relative: Scalar) -> Scalar:
-            power = np.abs(relative) if self.exponent == 1 else relative * relative
-            return sense[k] * np.exp(-power)
-
-        return spread(axes, lambda k, axis: value(k, axis.of(state.dq) / scales[k]))
+        relative = [axis.of(dq) / scale for axis, scale in zip(axes, scales, strict=True)]
+        return [np.exp(-(np.abs(x) if self.exponent == 1 else x * x)) for x in relative]

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from steelyard.base.arrays import Parameter
 from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.terms.axes import each, spread
+from steelyard.model.terms.axes import spread
 from steelyard.model.terms.model_files import Place, as_one
 from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation
 from steelyard.robot.robot import Robot
@@ -20,11 +19,8 @@ class Viscous(ActsOnAxes):
     cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "motion at several speeds of"
     in_model_files: ClassVar[Place] = as_one("viscous")
+    unit: ClassVar[str] = "rate_unit"
     symbol: ClassVar[str] = "FV"
-
-    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """One per coordinate, not negative."""
-        return each(self.axes(robot), self.law, lambda axis: axis.rate_unit, lower=0.0)
 
     def columns(self, robot: Robot, state: JointState) -> Columns:
         """The coordinate's velocity."""

@@ -166,10 +166,25 @@ class ActsOnAxes(Term):
         per_run: Whether every run has parameters of its own.
     """
 
+    unit: ClassVar[str] = "effort_unit"
+    """Property of an `Axis`: unit of the parameters."""
+    lower: ClassVar[float] = 0.0
+    """Least value of the parameters."""
+    ways: ClassVar[tuple[str, ...]] = ("",)
+    """Behind the law's name in that of a parameter: `_forward` and `_backward`."""
     joints: tuple[str, ...] | str | None = None
     motors: tuple[str, ...] | str | None = None
     along: Along | None = None
     per_run: bool = False
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """One per coordinate and direction of motion, not negative unless the law says so."""
+        axes = self.axes(robot)
+        return tuple(
+            Parameter(f"{self.law}{way}.{axis.name}", getattr(axis, self.unit), lower=self.lower)
+            for way in self.ways
+            for axis in axes
+        )
 
     def axes(self, robot: Robot) -> tuple[Axis, ...]:
         """The coordinates it acts along."""
