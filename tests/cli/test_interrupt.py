@@ -105,17 +105,17 @@ def test_ctrl_c_at_the_start_leaves_nothing(function: str, work: Path) -> None:
     [
         ("files._beside", IDENTIFY),
         ("gather.gather", IDENTIFY),
-        ("show.progress_bar.<locals>.watch", IDENTIFY),
+        ("command.progress_bar.<locals>.watch", IDENTIFY),
         ("identify.Identification.write", IDENTIFY),
-        ("page.render", IDENTIFY),
+        ("section_register.render", IDENTIFY),
         ("files.write_table", SIMULATE),
         ("files.write_json", SIMULATE),
         ("files._remove", SIMULATE),
         ("examine.examine", CHECK),
-        ("check_page.render_check", (*CHECK, "-o", "out")),
+        ("findings_page.render_check", (*CHECK, "-o", "out")),
         ("files.whole_folder", (*CHECK, "-o", "out")),
         ("files.whole_file", CHECK),
-        ("edits.edited", CHECK),
+        ("toml_edits.edited", CHECK),
         ("template.drafted", ("init", "../given/demo_arm.urdf")),
         ("files.whole_file", ("init", "../given/demo_arm.urdf")),
     ],
@@ -140,8 +140,8 @@ def test_ctrl_c_comes_too_late_once_results_take_their_place(
 ) -> None:
     monkeypatch.chdir(work)
     arguments = (*IDENTIFY, "-o", "out")
-    code, entered = pressed_here("terminal.summary", arguments, monkeypatch)
-    assert "terminal.summary" in entered
+    code, entered = pressed_here("section_register.print_report", arguments, monkeypatch)
+    assert "section_register.print_report" in entered
     assert (code, capsys.readouterr().err) == (0, "")
     names = sorted(p.name for p in Path("out").iterdir())
     assert names == ["model.json", "parameters.csv", "report.html"]
@@ -157,8 +157,8 @@ def test_the_reduced_model_stays_when_the_next_motion_is_stopped(
     monkeypatch.chdir(work)
     options = ("--robot", ROBOT, "--next", "motion", "--stop", "one_fewer", "-o", "small")
     arguments = ("reduce", str(identified), LOG, *options)
-    code, entered = pressed_here("design.design_excitation", arguments, monkeypatch)
-    assert "design.design_excitation" in entered
+    code, entered = pressed_here("excite.design_excitation", arguments, monkeypatch)
+    assert "excite.design_excitation" in entered
     assert (code, capsys.readouterr().err) == (130, "stopped: small is written, nothing else\n")
     assert Path("small/model.json").exists() and not Path("motion").exists()
 
@@ -192,7 +192,7 @@ def swallow(arguments):
     Deaf()
     return arguments
 
-commands.expanded = swallow
+app.expanded = swallow
 main()
 """
 

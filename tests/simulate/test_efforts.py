@@ -25,7 +25,7 @@ from steelyard.robot.robot import Robot, Transmission
 from steelyard.runs.recording import Recording
 from steelyard.simulate.sensors import Sensors, TrueRun
 from steelyard.simulate.truth import Truth, random_truth
-from steelyard.simulate.virtual_robot import VirtualRobot, simulate
+from steelyard.simulate.virtual_robot import VirtualRobot, write_run
 
 MOTORS = ("m1", "m2")
 GEARS = np.array([[50.0, 0.0], [40.0, -40.0]])
@@ -164,8 +164,8 @@ def test_unknown_gains_are_those_of_the_sensors_and_stated_in_the_truth(
 ) -> None:
     declared = signals(leg, {"kind": "motor_current", "unit": "A", "gain": ("identify", 10.0)})
     truth, path = random_truth(leg, 1), short(leg)
-    sensors = Sensors().with_random_gains(2, seed=4)
-    files = simulate(leg, truth, path, sensors, tmp_path / "out", signals=declared)
+    sensors = Sensors(gains=np.random.default_rng(4).uniform(5.0, 15.0, 2))
+    files = write_run(VirtualRobot(leg, truth, sensors, signals=declared), path, tmp_path / "out")
     run = VirtualRobot(leg, truth).follow(path)
     (_, channels), *_ = Recording(open_log(files.log), declared).raw((0, None))
     hidden = json.loads(files.truth.read_text())["drive_gains"]

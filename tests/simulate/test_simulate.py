@@ -13,7 +13,7 @@ from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Robot
 from steelyard.simulate.demo import demo_runs
 from steelyard.simulate.truth import Truth, random_truth
-from steelyard.simulate.virtual_robot import customary_sensors, simulate
+from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors, write_run
 
 
 def interrupted(event: Event) -> bool:
@@ -25,7 +25,8 @@ def interrupted(event: Event) -> bool:
 def test_writes_log_truth_and_motion(arm: Robot, tmp_path: Path) -> None:
     truth, motion = random_truth(arm, 0), random_fourier(arm, seed=0, period=2.0)
     sensors = customary_sensors(arm, truth)
-    files = simulate(arm, truth, motion, sensors, tmp_path / "deep" / "out", seed=4)
+    rig = VirtualRobot(arm, truth, sensors, seed=4)
+    files = write_run(rig, motion, tmp_path / "deep" / "out")
     table = pl.read_csv(files.log)
     assert len(table) == 1001 and len(table.columns) == 19
     back = Truth.from_dict(json.loads(files.truth.read_text()), arm)
@@ -58,7 +59,8 @@ def test_nothing_is_left_when_stopped(
     watch = interrupted if error is KeyboardInterrupt else lambda event: event.done < 0.5
     sensors = customary_sensors(arm, truth)
     with pytest.raises(error):
-        simulate(arm, truth, motion, sensors, tmp_path / "out", progress=watch)
+        rig = VirtualRobot(arm, truth, sensors, progress=watch)
+        write_run(rig, motion, tmp_path / "out")
     with pytest.raises(error):
         demo_runs(tmp_path / "demo", progress=watch)
     assert not list(tmp_path.iterdir())
@@ -70,11 +72,12 @@ def test_a_folder_with_something_in_it_is_refused_before_any_work(
     (tmp_path / "precious").write_text("x")
     truth, motion = random_truth(arm, 0), random_fourier(arm, seed=0, period=2.0)
     sensors, events = customary_sensors(arm, truth), []
+    rig = VirtualRobot(arm, truth, sensors, progress=lambda e: not events.append(e))
     with pytest.raises(OutputError, match="exists already") as caught:
-        simulate(arm, truth, motion, sensors, tmp_path, progress=lambda e: not events.append(e))
+        write_run(rig, motion, tmp_path)
     assert str(tmp_path) in caught.value.where and not events
     with pytest.raises(OutputError, match="cannot be written|exists already"):
-        simulate(arm, truth, motion, sensors, tmp_path / "precious" / "sub")
+        write_run(rig, motion, tmp_path / "precious" / "sub")
     assert [p.name for p in tmp_path.iterdir()] == ["precious"]
 
 

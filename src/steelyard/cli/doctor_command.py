@@ -1,6 +1,5 @@
 """`steelyard doctor`: what is installed, what is cached, and where steelyard can write."""
 
-import json
 import os
 import platform
 import re
@@ -13,7 +12,7 @@ from pathlib import Path
 
 import typer
 
-from steelyard.cli.command import Json, guarded
+from steelyard.cli.command import Json, guarded, print_json
 
 EXTRA_PACKAGES = {
     "polars": "logs in Parquet, results as data frames, CSV logs ten times faster",
@@ -41,13 +40,6 @@ class Line:
     fix: str = ""
     optional: bool = False
 
-    @property
-    def mark(self) -> tuple[str, str]:
-        """Label and style in the terminal."""
-        if not self.ok:
-            return "wrong", "bold red"
-        return ("optional", "cyan") if self.optional else ("ok", "bold green")
-
 
 @guarded
 def doctor(as_json: Json = False) -> None:
@@ -63,14 +55,15 @@ def doctor(as_json: Json = False) -> None:
 
     found = list(examined())
     if as_json:
-        typer.echo(json.dumps([asdict(line) for line in found]))
+        print_json([asdict(line) for line in found])
     else:
         table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
         for line in found:
             words = Text(line.says, overflow="fold")
             if line.fix:
                 words.append(f"\n{line.fix}", "cyan")
-            table.add_row(Text(*line.mark), line.name, words)
+            mark = ("optional", "cyan") if line.optional else ("ok", "bold green")
+            table.add_row(Text(*mark if line.ok else ("wrong", "bold red")), line.name, words)
         console = Console()
         console.print(table)
         console.print(Text(summary(found)))
@@ -102,20 +95,16 @@ def examined() -> Iterator[Line]:
 
 
 def _names(extra: str = "") -> list[str]:
-    """Packages that steelyard needs, or that an extra adds."""
+    """Packages that steelyard needs on this version of Python, or that an extra adds."""
     found = []
     for line in requires("steelyard") or ():
         wanted = re.search(r"extra == ['\"](\w+)", line)
         name = re.match(r"[\w.-]+", line)
-        if name and (wanted[1] if wanted else "") == extra and _applies(line):
+        bound = re.search(r"python_version (<|>=) ['\"]3\.(\d+)['\"]", line)
+        here = not bound or (bound[1] == "<") == (sys.version_info < (3, int(bound[2])))
+        if name and here and (wanted[1] if wanted else "") == extra:
             found.append(name[0])
     return found
-
-
-def _applies(line: str) -> bool:
-    """Whether a package is needed on this version of Python."""
-    bound = re.search(r"python_version (<|>=) ['\"]3\.(\d+)['\"]", line)
-    return bound is None or (bound[1] == "<") == (sys.version_info < (3, int(bound[2])))
 
 
 def _versions(names: list[str]) -> tuple[list[str], list[str]]:
@@ -132,12 +121,8 @@ def _versions(names: list[str]) -> tuple[list[str], list[str]]:
 def _packages() -> Line:
     there, missing = _versions(_names())
     if missing:
-        return Line(
-            "packages",
-            f"missing: {', '.join(missing)}",
-            False,
-            f"{sys.executable} -m pip install {' '.join(missing)}",
-        )
+        fix = f"{sys.executable} -m pip install {' '.join(missing)}"
+        return Line("packages", f"missing: {', '.join(missing)}", False, fix)
     return Line("packages", ", ".join(there))
 
 
@@ -163,11 +148,8 @@ def _cache() -> Line:
         return Line("cache", "off: STEELYARD_CACHE is empty, so every start compiles again")
     place = folder()
     if place is None:
-        return Line(
-            "cache",
-            "no private folder could be made, so every start compiles again",
-            fix="set STEELYARD_CACHE to a folder that only you can write to",
-        )
+        says = "no private folder could be made, so every start compiles again"
+        return Line("cache", says, fix="set STEELYARD_CACHE to a folder that only you can write to")
     sizes = [file.stat().st_size for file in place.glob("*.kernel")]
     return Line("cache", f"{place}: {len(sizes)} programs, {sum(sizes) / 2**20:.1f} MiB")
 

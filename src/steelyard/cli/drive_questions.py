@@ -1,6 +1,6 @@
 """Drives as `steelyard init` learns of them: by questions at a terminal, or by options."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -24,60 +24,43 @@ def parsed(text: str, count: int) -> tuple[float, ...] | None:
     return values if len(values) == count and finite else None
 
 
-def numbers(text: str, moving: Sequence[Coordinate], where: str) -> tuple[float, ...]:
-    """One number other than zero for each joint.
-
-    Args:
-        text: Numbers with commas.
-        moving: The joints.
-        where: The option, for messages.
-
-    Raises:
-        ModelError: The text is something else.
-    """
+def numbers(text: str, moving: Sequence[Coordinate], option: str) -> tuple[float, ...]:
+    """One number other than zero for each joint, separated by commas."""
     found = parsed(text, len(moving))
     if found is None or not all(found):
         raise ModelError(
             f"'{text}' is not {len(moving)} numbers other than zero",
-            where=where,
-            fix="give one for each of " + ", ".join(c.name for c in moving) + ", with commas",
+            where=option,
+            fix=f"give one for each of {_names(moving)}, with commas",
         )
     return found
 
 
-def positions(text: str, moving: Sequence[Coordinate], where: str) -> tuple[float, ...]:
-    """One position for each joint [rad; m]: numbers in rad (m), or with `deg` behind them.
-
-    Raises:
-        ModelError: The text is something else.
-    """
+def positions(text: str, moving: Sequence[Coordinate]) -> tuple[float, ...]:
+    """One position for each joint [rad; m]: numbers in rad (m), or with `deg` behind them."""
     words = text.replace(",", " ").split()
     turned = [word.endswith("deg") for word in words]
     plain = parsed(" ".join(word.removesuffix("deg") for word in words), len(moving))
     if plain is None:
-        names = ", ".join(c.name for c in moving)
         raise ModelError(
             f"'{text}' is not {len(moving)} positions",
-            where=where,
-            fix=f"give one for each of {names}, with commas, such as 0,-90deg,1.5708",
+            where="--zeros",
+            fix=f"give one for each of {_names(moving)}, with commas, such as 0,-90deg,1.5708",
         )
     for x, in_degrees, coordinate in zip(plain, turned, moving, strict=True):
         if not in_degrees and looks_like_degrees(x, coordinate):
             raise ModelError(
                 f"positions are in rad: {x:g} of '{coordinate.name}' looks like degrees",
-                where=where,
+                where="--zeros",
                 fix=f"write {x:g}deg",
             )
     return tuple(float(np.deg2rad(x)) if d else x for x, d in zip(plain, turned, strict=True))
 
 
-def coupled(text: str, moving: Sequence[Coordinate], where: str) -> tuple[int, int, float]:
+def coupled(text: str, moving: Sequence[Coordinate]) -> tuple[int, int, float]:
     """Motor and second joint by number, and the ratio, of MOTOR,JOINT,RATIO.
 
-    A motor goes by the joint that it drives, or by its number, as `motor_6`.
-
-    Raises:
-        ModelError: The text is something else.
+    A motor is named by the joint that it drives, or by its number, as `motor_6`.
     """
     names = [c.name for c in moving]
     words = [word.strip() for word in text.split(",")]
@@ -85,7 +68,7 @@ def coupled(text: str, moving: Sequence[Coordinate], where: str) -> tuple[int, i
     if len(words) != 3 or ratio is None or not ratio[0]:
         raise ModelError(
             f"'{text}' is not MOTOR,JOINT,RATIO",
-            where=where,
+            where="--coupling",
             fix="write the motor by the joint that it drives, such as "
             f"{names[-1]},{names[-2:][0]},32",
         )
@@ -94,7 +77,7 @@ def coupled(text: str, moving: Sequence[Coordinate], where: str) -> tuple[int, i
     for name in words[:2]:
         if name not in names:
             raise ModelError(
-                f"there is no joint '{name}'", where=where, fix=advice(name, names, "joints")
+                f"there is no joint '{name}'", where="--coupling", fix=advice(name, names, "joints")
             )
     return names.index(words[0]), names.index(words[1]), ratio[0]
 
@@ -131,7 +114,9 @@ def effort_of(guess: Guess, ask: Ask) -> Effort | None:
     if needs_gains(guess) or guess.motor_side:
         return None
     guessed = "2" if guess.section.effort.kind == "link_torque" else "1"
-    answer = _chosen(ask, f"{_KIND}Number", guessed, EFFORT_ANSWERS)
+    question = f"{_KIND}Number"
+    while (answer := ask(question, guessed).strip()) not in EFFORT_ANSWERS:
+        question = f"'{answer}' is none of {', '.join(EFFORT_ANSWERS)}"
     return None if answer == guessed else EFFORT_ANSWERS[answer]
 
 
@@ -153,11 +138,10 @@ def coupling_of(moving: Sequence[Coordinate], ask: Ask) -> tuple[tuple[int, int,
         "Motors that turn with a second joint, as MOTOR,JOINT,RATIO, the motor by the joint that "
         f"it drives ({moving[-1].name},{moving[-2:][0].name},32), separated by spaces"
     )
-
-    def read(text: str) -> tuple[tuple[int, int, float], ...]:
-        return tuple(coupled(word, moving, "--coupling") for word in text.split())
-
-    return _answered(ask, question, "none", read) or ()
+    pairs = _answered(
+        ask, question, "none", lambda text: [coupled(w, moving) for w in text.split()]
+    )
+    return tuple(pairs or ())
 
 
 def zeros_of(moving: Sequence[Coordinate], ask: Ask) -> tuple[float, ...]:
@@ -166,9 +150,7 @@ def zeros_of(moving: Sequence[Coordinate], ask: Ask) -> tuple[float, ...]:
         "Joint positions where the motors' positions are zero, in rad (m) or as -90deg "
         f"({_names(moving)}), separated by commas"
     )
-    return (
-        _answered(ask, question, "all zero", lambda text: positions(text, moving, "--zeros")) or ()
-    )
+    return _answered(ask, question, "all zero", lambda text: positions(text, moving)) or ()
 
 
 def mounting_of(ask: Ask) -> tuple[float, float, float] | None:
@@ -202,13 +184,6 @@ def _names(moving: Sequence[Coordinate]) -> str:
     return ", ".join(c.name for c in moving)
 
 
-def _chosen(ask: Ask, question: str, default: str, choices: Mapping[str, object]) -> str:
-    """One of the choices; the question is repeated until it is."""
-    while (text := ask(question, default).strip()) not in choices:
-        question = f"'{text}' is none of {', '.join(choices)}"
-    return text
-
-
 def _answered(ask: Ask, question: str, default: str, read: Callable[[str], T]) -> T | None:
     """What an answer says, asked again until it can be read; `None` for the default."""
     asked = question
@@ -237,11 +212,7 @@ class Stated:
     zeros: str | None = None
 
     def gears(self, guess: Guess, moving: Sequence[Coordinate]) -> Gears | None:
-        """The gears, where they are stated.
-
-        Raises:
-            ModelError: They are incomplete, or the log's signals are not of motors.
-        """
+        """The gears, where they are stated."""
         if self.ratios is None and not self.coupling:
             return None
         if not guess.motor_side:
@@ -257,25 +228,13 @@ class Stated:
                 fix="give --ratios as well, one number for each joint",
             )
         ratios = numbers(self.ratios, moving, "--ratios")
-        coupling = tuple(coupled(text, moving, "--coupling") for text in self.coupling)
+        coupling = tuple(coupled(text, moving) for text in self.coupling)
         return Gears(ratios, coupling, "ratios as stated by --ratios")
 
-    def with_zeros(self, known: Known, moving: Sequence[Coordinate]) -> Known:
-        """What is known, with the stated zeros.
-
-        Raises:
-            ModelError: They are not one per joint.
-        """
-        if self.zeros is None:
-            return known
-        return replace(known, zeros=positions(self.zeros, moving, "--zeros"))
-
-    def with_gains(self, known: Known, guess: Guess, moving: Sequence[Coordinate]) -> Known:
-        """What is known, with the stated gains.
-
-        Raises:
-            ModelError: They are not one per joint, or the log's efforts have no gains.
-        """
+    def added(self, known: Known, guess: Guess, moving: Sequence[Coordinate]) -> Known:
+        """What is known, with the stated zeros and gains."""
+        if self.zeros is not None:
+            known = replace(known, zeros=positions(self.zeros, moving))
         if self.gains is None:
             return known
         if not needs_gains(guess):

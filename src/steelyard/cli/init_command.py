@@ -1,6 +1,5 @@
 """`steelyard init`: a commented robot file with the best guesses."""
 
-import json
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -9,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from steelyard.cli.command import XACRO_ARGUMENTS_HELP, FixedBase, Json, guarded
+from steelyard.cli import interrupt
+from steelyard.cli.command import (
+    XACRO_ARGUMENTS_HELP,
+    FixedBase,
+    Json,
+    guarded,
+    output_option,
+    print_json,
+)
 
 if TYPE_CHECKING:
     from steelyard.cli.drive_questions import Stated
@@ -42,9 +49,7 @@ def init(
             metavar="[LOG]...",
         ),
     ] = None,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Robot file to write; must not exist.")
-    ] = None,
+    output: Annotated[Path | None, output_option("Robot file to write; must not exist.")] = None,
     rate: Annotated[
         float | None,
         typer.Option(
@@ -105,7 +110,6 @@ def init(
     """
     from steelyard.base.errors import ModelError, OutputError
     from steelyard.base.files import whole_file
-    from steelyard.cli import interrupt
     from steelyard.cli.drive_questions import Stated
     from steelyard.identify.validation_data import ProposedCut, propose_cut
     from steelyard.robot.file.robot_file import load_robot
@@ -138,7 +142,20 @@ def init(
     written = proposal.loaded if draft.unreadable else load_robot(target)
     notes = (*proposal.notes, *_locked(draft), *notes_beside(proposal.loaded, written))
     if as_json:
-        typer.echo(json.dumps(results(draft, known, target, notes)))
+        print_json(
+            {
+                "robot_file": str(target),
+                "complete": not (draft.missing or draft.without_columns),
+                "joints": list(draft.identified),
+                "without_columns": list(draft.without_columns),
+                "columns_found": draft.guess is not None,
+                "missing": [{"what": what, "fix": fix} for what, fix in draft.missing],
+                "guesses": [] if draft.guess is None else list(draft.guess.reasons),
+                "gains": list(known.gains) or None,
+                "friction": "auto" if known.auto else "fixed",
+                "notes": list(notes),
+            }
+        )
     else:
         whole = draft.unreadable or written.signals is None
         parts = ProposedCut(tuple(logs or ())) if whole else propose_cut(written, logs or ())
@@ -175,8 +192,7 @@ def examined(
     if asked and gears is not None and len(moving) > 1 and gears is not guess.gears:
         gears = replace(gears, coupling=questions.coupling_of(moving, _ask))
     known = known_from_logs(proposal.loaded, moving, logs, with_effort(guess, effort), gears)
-    known = stated.with_gains(replace(known, effort=effort, gears=gears), guess, moving)
-    known = stated.with_zeros(known, moving)
+    known = stated.added(replace(known, effort=effort, gears=gears), guess, moving)
     if asking:
         of_motors = guess.section.coordinates == "motor" and known.gears is not None
         if asked and of_motors and not known.zeros:
@@ -191,39 +207,18 @@ def _ask(question: str, default: str) -> str:
     return str(typer.prompt(f"{question} (Enter: {default})", default, show_default=False))
 
 
-def results(
-    draft: "Draft", known: "Known", target: Path, notes: Sequence[str]
-) -> dict[str, object]:
-    """What `--json` prints."""
-    return {
-        "robot_file": str(target),
-        "complete": not (draft.missing or draft.without_columns),
-        "joints": list(draft.identified),
-        "without_columns": list(draft.without_columns),
-        "columns_found": draft.guess is not None,
-        "missing": [{"what": what, "fix": fix} for what, fix in draft.missing],
-        "guesses": [] if draft.guess is None else list(draft.guess.reasons),
-        "gains": list(known.gains) or None,
-        "friction": "auto" if known.auto else "fixed",
-        "notes": list(notes),
-    }
-
-
-def _locked(draft: "Draft") -> tuple[str, ...]:
+def _locked(draft: "Draft") -> list[str]:
     """Joints that are locked, if any: those of hands, and those apart from identified ones."""
-    return tuple(
-        f"locked {_some(names)} ({why}); to identify one, move it from [robot.locked] to joints"
-        for names, why in (
-            (draft.hands, "recognised as joints of a hand"),
-            (draft.apart, "no columns in the log; apart from the identified joints"),
-        )
-        if names
-    )
-
-
-def _some(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return ", ".join(names[:_NAMED]) + more
+    lines = []
+    for names, why in (
+        (draft.hands, "recognised as joints of a hand"),
+        (draft.apart, "no columns in the log; apart from the identified joints"),
+    ):
+        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        some = ", ".join(names[:_NAMED]) + more
+        move = "to identify one, move it from [robot.locked] to joints"
+        lines += [f"locked {some} ({why}); {move}"] if names else []
+    return lines
 
 
 def show(
@@ -266,11 +261,8 @@ def show(
         say(f"wrote {target}: {count(len(draft.identified), 'joint')} to identify")
     for reason in () if draft.guess is None else draft.guess.reasons:
         say(f"guess {reason}")
-    for line in _beyond_columns(draft, known):
-        say(line)
-    for note in notes:
-        say(f"note  {note}")
-    for line in next_steps(draft, named, parts):
+    notes = [f"note  {note}" for note in notes]
+    for line in (*_beyond_columns(draft, known), *notes, *next_steps(draft, named, parts)):
         say(line)
 
 
@@ -301,13 +293,7 @@ def _beyond_columns(draft: "Draft", known: "Known") -> Iterator[str]:
 
 
 def next_steps(draft: "Draft", named: Sequence[str], parts: "ProposedCut") -> list[str]:
-    """Commands that follow, with the real names.
-
-    Args:
-        draft: The robot file.
-        named: Model file, robot file and logs, as they were given.
-        parts: Logs to identify from, the last to validate.
-    """
+    """Commands that follow, with the real names; the arguments are those of `show`."""
     from steelyard.identify.page.model_verdict import identify_command, path_word, step_lines
 
     target = path_word(named[1])
@@ -321,12 +307,8 @@ def next_steps(draft: "Draft", named: Sequence[str], parts: "ProposedCut") -> li
         why = "--validate OTHER_LOG validates the model"
     steps = []
     if not named[2:]:
-        steps = [
-            (
-                f"steelyard excite {target} -o motion",
-                "review the lines marked CHECK, then design a motion to record:",
-            ),
-        ]
+        design = "review the lines marked CHECK, then design a motion to record:"
+        steps = [(f"steelyard excite {target} -o motion", design)]
         review = "with its log (columns are guessed unless [signals] names them):"
     elif draft.missing:
         review = f"correct the above, {review}"

@@ -26,7 +26,6 @@ from steelyard.cli.derived_command import from_function
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
-    from rich.text import Text
 
     from steelyard.check.check import CheckResult
     from steelyard.logs.contents import LogContent
@@ -131,7 +130,7 @@ def hints(
 
     Args:
         found: What was found.
-        folder: Of the page, if there is one.
+        folder: Folder of the page, if there is one.
         named: Robot file and logs as they were given, to be identified from; else empty.
         ends: Why the log that validates ends before its last row, if it does.
         gains: Whether the drive gains are known; if not, a robot file is needed for them.
@@ -267,16 +266,26 @@ def show_content(content: "LogContent", console: "Console") -> None:
         facts.append(f"{content.duration:.6g} s")
     if content.rate is not None:
         facts.append(f"{content.rate:.6g} Hz")
-    console.print(content.path, style="bold", highlight=False, markup=False)
-    console.print(", ".join(facts), highlight=False)
+    lines = [", ".join(facts)]
     if content.time is not None:
-        line = f"time is '{content.time.name}' in {content.time.unit}"
+        lines.append(f"time is '{content.time.name}' in {content.time.unit}")
+    lines += [f"note  {remark}" for remark in content.remarks]
+    console.print(content.path, style="bold", highlight=False, markup=False)
+    for line in lines:
         console.print(line, highlight=False, markup=False)
-    for remark in content.remarks:
-        console.print(f"note  {remark}", highlight=False, markup=False)
-    console.print(_columns(content))
-    if content.topics:
-        console.print(_topics(content))
+    columns = []
+    for column in content.columns:
+        numbers = (column.first, column.least, column.most)
+        missing = f"{100.0 * column.missing:.3g} %" if column.missing else ""
+        texts = ("" if x is None else f"{x:.6g}" for x in numbers)
+        columns.append((column.name, column.kind, *texts, missing))
+    console.print(_table("column kind first least greatest missing".split(), columns))
+    topics = []
+    for topic in content.topics:
+        rate = f"{topic['rate']:.4g} Hz" if topic["rate"] else ""
+        topics.append((topic["name"], topic["type"], str(topic["count"]), rate, topic["problem"]))
+    if topics:
+        console.print(_table(["topic", "type", "messages", "rate", ""], topics))
     for name, why in content.left_out:
         console.print(f"left out  {name}: {why}", highlight=False, markup=False)
     console.print()
@@ -291,39 +300,14 @@ def size_text(size: int) -> str:
     return f"{value:.4g} {units[0]}"
 
 
-def _columns(content: "LogContent") -> "Table":
-    table = _table("column", "kind", "first", "least", "greatest", "missing")
-    for column in content.columns:
-        numbers = [
-            "" if x is None else f"{x:.6g}" for x in (column.first, column.least, column.most)
-        ]
-        missing = f"{100.0 * column.missing:.3g} %" if column.missing else ""
-        table.add_row(_text(column.name), column.kind, *numbers, missing)
-    return table
-
-
-def _topics(content: "LogContent") -> "Table":
-    table = _table("topic", "type", "messages", "rate", "")
-    for topic in content.topics:
-        rate = f"{topic['rate']:.4g} Hz" if topic["rate"] else ""
-        table.add_row(
-            _text(topic["name"]), _text(topic["type"]), str(topic["count"]), rate,
-            _text(topic["problem"])
-        )  # fmt: skip
-    return table
-
-
-def _table(*headings: str) -> "Table":
+def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> "Table":
     from rich.table import Table
+    from rich.text import Text
 
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     for heading in headings:
-        right = heading in ("first", "least", "greatest", "missing", "messages", "rate")
-        table.add_column(heading, justify="right" if right else "left", overflow="fold")
+        words = heading in ("column", "kind", "topic", "type", "")
+        table.add_column(heading, justify="left" if words else "right", overflow="fold")
+    for row in rows:
+        table.add_row(*map(Text, row))
     return table
-
-
-def _text(name: str) -> "Text":
-    from rich.text import Text
-
-    return Text(name)

@@ -2,7 +2,7 @@
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
@@ -110,16 +110,7 @@ def reduce(
 
 
 def _refuse_missing(robot: str | None, asking: dict[str, bool], last: Path | None) -> None:
-    """Options that others need are given.
-
-    Args:
-        robot: The robot file.
-        asking: Options that need it, and whether they are given.
-        last: The motion to improve, which needs `--next`.
-
-    Raises:
-        ModelError: One is missing.
-    """
+    """Refuse options `asking` for a robot file without one, and `--last` without `--next`."""
     from steelyard.base.errors import ModelError
 
     if robot is None and any(asking.values()):
@@ -137,34 +128,20 @@ def _refuse_missing(robot: str | None, asking: dict[str, bool], last: Path | Non
 
 
 Kind = Literal["urdf", "mjcf", "c", "python", "fmu", "ros2", "simulink"]
-KIND_OF_ENDING: dict[str, Kind] = {
-    ".urdf": "urdf",
-    ".mjcf": "mjcf",
-    ".xml": "mjcf",
-    ".py": "python",
-    ".fmu": "fmu",
+FORMATS: dict[Kind, tuple[str, str]] = {
+    "urdf": ("URDF", ".urdf"),
+    "mjcf": ("MJCF", ".xml"),
+    "c": ("C", "-c"),
+    "python": ("Python", ".py"),
+    "fmu": ("an FMU", ".fmu"),
+    "ros2": ("a ROS 2 package", "-ros2"),
+    "simulink": ("Simulink", "-simulink"),
 }
-KIND_NAMES: dict[Kind, str] = {
-    "urdf": "URDF",
-    "mjcf": "MJCF",
-    "c": "C",
-    "python": "Python",
-    "fmu": "an FMU",
-    "ros2": "a ROS 2 package",
-    "simulink": "Simulink",
-}
+"""What is written, in words, and the usual ending of its name."""
+
+ENDINGS = {".mjcf": "mjcf"} | {end: kind for kind, (_, end) in FORMATS.items() if end[0] == "."}
 FEW_DATA_SHARE = 0.5
 """Share of a link's mass from the data below which the terminal names the link."""
-
-USUAL_ENDINGS: dict[Kind, str] = {
-    "urdf": ".urdf",
-    "mjcf": ".xml",
-    "c": "-c",
-    "python": ".py",
-    "fmu": ".fmu",
-    "ros2": "-ros2",
-    "simulink": "-simulink",
-}
 
 
 @guarded
@@ -224,13 +201,15 @@ def export(
 
     Example: steelyard export steelyard-ur10e --to c -o ur10e-c
     """
-    from steelyard.base.files import whole_file
+    from steelyard.base.files import refuse_existing, whole_file
     from steelyard.estimate.identified import load_model
     from steelyard.export.model_files.model_file import exported, refuse_changed
 
     form = _format(to, output)
     identified = load_model(model)
-    path = _new_file(output, f"{identified.model.robot.name}{USUAL_ENDINGS[form]}")
+    usual = f"{identified.model.robot.name}{FORMATS[form][1]}".replace("/", "_")
+    path = Path(usual).absolute() if output is None else output
+    refuse_existing(path)
     if form != "urdf" and form != "mjcf":
         _refuse(form, {"--model": original})
         from steelyard.export.code.model_code import write_code
@@ -246,30 +225,16 @@ def export(
         part.write_text(made.text, encoding="utf-8", newline="")
         refuse_changed(part, made)
         interrupt.too_late()
-    if as_json:
-        printed = {
-            "file": str(path),
-            "format": form,
-            "unsupported": list(made.unsupported),
-            "mass_from_data": made.mass_shares,
-            "not_seen": list(made.unseen),
-            "impossible_in_original": list(made.impossible),
-        }
-        print_json(printed)
-        return
-    _print_export(path, made)
+    _print_export(path, made, as_json)
 
 
 def _format(to: Kind | None, output: Path | None) -> Kind:
-    """The format that is asked for, by name or by the file's ending.
-
-    Raises:
-        OutputError: Neither says it, or they say two things.
-    """
+    """The format that is requested, by name or by the file's ending, which must agree."""
     from steelyard.base.errors import OutputError
 
     ending = "" if output is None else output.suffix.lower()
-    form = to or KIND_OF_ENDING.get(ending)
+    of_ending = cast("Kind | None", ENDINGS.get(ending))
+    form = to or of_ending
     if form is None:
         raise OutputError(
             "no format is named",
@@ -277,59 +242,53 @@ def _format(to: Kind | None, output: Path | None) -> Kind:
             fix="give --to urdf, mjcf, c, python, fmu, ros2 or simulink, or end the name of "
             "--output in .urdf, .xml, .py or .fmu",
         )
-    if ending in (".urdf", ".mjcf", ".py", ".fmu") and KIND_OF_ENDING[ending] != form:
-        usual = USUAL_ENDINGS[form]
+    if of_ending not in (None, form) and ending != ".xml":
+        what, usual = FORMATS[form]
         name = f"end its name in '{usual}'" if usual.startswith(".") else "name a folder"
         raise OutputError(
-            f"the file would be {KIND_NAMES[form]}, but its name ends in '{ending}'",
+            f"the file would be {what}, but its name ends in '{ending}'",
             where=str(output),
-            fix=f"{name}, or give --to {KIND_OF_ENDING[ending]}",
+            fix=f"{name}, or give --to {of_ending}",
         )
     return form
 
 
 def _refuse(form: Kind, given: dict[str, object]) -> None:
-    """Refuse options that a format has no use for.
-
-    Raises:
-        OutputError: One of them is given.
-    """
+    """Refuse options that a format has no use for."""
     from steelyard.base.errors import OutputError
 
     for option, value in given.items():
         if value:
             raise OutputError(
-                f"{option} does not apply to {KIND_NAMES[form]}",
+                f"{option} does not apply to {FORMATS[form][0]}",
                 where=option,
                 fix=f"leave it out, or give --to {'urdf' if option == '--model' else 'c'}",
             )
 
 
-def _new_file(output: Path | None, default: str) -> Path:
-    """The file to make.
-
-    Raises:
-        OutputError: It is there already.
-    """
-    from steelyard.base.files import refuse_existing
-
-    path = Path(default.replace("/", "_")).absolute() if output is None else output
-    refuse_existing(path)
-    return path
-
-
-def _print_export(path: Path, made: "Exported") -> None:
+def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
     """What was written, and what was not."""
     from rich.console import Console
     from rich.text import Text
 
     from steelyard.export.model_files.model_file import KEPT, UNSEEN, listed_under
+    from steelyard.report.words import count
 
-    content = made.content
-    count = sum(not body.massless for body in content.robot.bodies)
-    mass = sum(inertia.mass for inertia in content.inertias)
+    if as_json:
+        print_json(
+            {
+                "file": str(path),
+                "format": made.form,
+                "unsupported": list(made.unsupported),
+                "mass_from_data": made.mass_shares,
+                "not_seen": list(made.unseen),
+                "impossible_in_original": list(made.impossible),
+            }
+        )
+        return
+    links = count(sum(not body.massless for body in made.content.robot.bodies), "moving link")
+    mass = sum(inertia.mass for inertia in made.content.inertias)
     console = Console()
-    links = "1 moving link" if count == 1 else f"{count} moving links"
     console.print(Text(f"{path}: {links}, {mass:.4g} kg"), soft_wrap=True)
     few = [f"{name} {x:.0%}" for name, x in made.mass_shares.items() if x < FEW_DATA_SHARE]
     for heading, sentences in (
@@ -351,16 +310,17 @@ def _print_code(path: Path, form: Kind, written: "WrittenCode", as_json: bool) -
     from rich.text import Text
 
     if as_json:
-        printed = {
-            "file": str(path),
-            "format": form,
-            "files": list(written.files),
-            "functions": list(written.functions),
-            "absent": list(written.absent),
-            "identifiers": written.renamed,
-            "stack_bytes": written.stack,
-        }
-        print_json(printed)
+        print_json(
+            {
+                "file": str(path),
+                "format": form,
+                "files": list(written.files),
+                "functions": list(written.functions),
+                "absent": list(written.absent),
+                "identifiers": written.renamed,
+                "stack_bytes": written.stack,
+            }
+        )
         return
     lines = [f"{path}: {', '.join(written.files)}", f"functions: {', '.join(written.functions)}"]
     if written.stack is not None:

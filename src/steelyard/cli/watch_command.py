@@ -108,60 +108,49 @@ def watch(
             if watcher.started:
                 printer.summary(begun)
                 if folder is not None and not as_json:
-                    printer.text(f"written  {folder}")
+                    printer.texts(f"written  {folder}")
             line.clear()
         if watcher.observer.steps:
             interrupt.answered()
 
 
 class _Printer:
-    """Prints what a stream reports, in lines or as JSON.
-
-    Args:
-        line: The terminal's line of the state, removed before anything is printed.
-        as_json: Whether every line is a JSON object.
-        estimates: Whether estimates are printed too.
-    """
+    """Prints what a stream reports, in lines or as JSON, over the terminal's line of the state."""
 
     def __init__(self, line: "_StateLine", as_json: bool, *, estimates: bool) -> None:
         self._line, self._as_json, self._estimates = line, as_json, estimates
 
-    def text(self, text: str) -> None:
-        """A line."""
+    def texts(self, *texts: str) -> None:
+        """Lines."""
         self._line.clear()
-        typer.echo(text)
+        for text in texts:
+            typer.echo(text)
 
     def start(self, begun: "WatchStart") -> None:
         """What the watcher rests on."""
-        lines = (json.dumps(begun.to_dict()),) if self._as_json else begun.notes
-        for text in lines:
-            self.text(text)
+        self.texts(*((json.dumps(begun.to_dict()),) if self._as_json else begun.notes))
 
     def event(self, event: "StreamEvent") -> None:
-        """An event as it comes."""
+        """An event as it comes; estimates only if they are requested."""
         from steelyard.uses.watch.stream_output import event_line, record_of
         from steelyard.uses.watch.watcher import StreamEstimate
 
         if self._estimates or not isinstance(event, StreamEstimate):
-            self.text(json.dumps(record_of(event)) if self._as_json else event_line(event))
+            self.texts(json.dumps(record_of(event)) if self._as_json else event_line(event))
 
     def summary(self, begun: "WatchStart") -> None:
         """The end of the stream."""
         from steelyard.uses.watch.stream_output import summary_lines, summary_record
 
         found, robot = begun.watcher.summary, begun.model.robot
-        texts = summary_lines(found, robot.joint_names, robot.effort_units)
-        for text in (json.dumps(summary_record(found)),) if self._as_json else texts:
-            self.text(text)
+        if self._as_json:
+            self.texts(json.dumps(summary_record(found)))
+        else:
+            self.texts(*summary_lines(found, robot.joint_names, robot.effort_units))
 
 
 class _Arrival:
-    """Waits for rows, and knows when to stop.
-
-    Args:
-        timeout: Time without rows after which the stream ends [s]; never if `None`.
-        draw: Shows the state.
-    """
+    """Waits for rows; without any for the time `timeout` [s], the stream ends."""
 
     def __init__(self, timeout: float | None, draw: Callable[[], None]) -> None:
         self._timeout, self._draw = timeout, draw

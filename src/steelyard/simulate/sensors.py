@@ -1,7 +1,6 @@
 """What a log shows of what happened: sampling, noise, clock, and the names of its columns."""
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -108,6 +107,8 @@ class Reading:
 class Sensors:
     """How a run is logged. Per-joint values are a number for all joints or shape `(n,)`.
 
+    `dataclasses.replace` changes some of it.
+
     Attributes:
         rate: Rows per second; divides the controller's 1000.
         resolution: Step of the encoders [rad; m]; 0 is perfect.
@@ -152,7 +153,13 @@ class Sensors:
         gains: ArrayLike | None = None,
         effort: EffortKind = "joint_torque",
     ) -> None:
-        _check_rate(rate)
+        every = CONTROL_RATE / rate if rate > 0.0 else 0.0
+        if every < 1.0 or abs(every - round(every)) > 1e-9:
+            raise DataError(
+                f"a log cannot have {rate:g} rows a second",
+                where=f"sensors of the virtual robot, controlled at {CONTROL_RATE:g} Hz",
+                fix="take a rate that divides it: 1000, 500, 250, 200, 125, 100, ...",
+            )
         object.__setattr__(self, "rate", float(rate))
         for name, values in (
             ("resolution", resolution),
@@ -173,43 +180,6 @@ class Sensors:
         object.__setattr__(self, "effort", effort)
         if self.gains is not None and not np.all(self.gains):
             raise ValueError("a gain is zero")
-
-    def with_random_gains(self, n: int, seed: int) -> "Sensors":
-        """The same sensors with drive gains of 5 to 15 Nm/A, for `n` joints."""
-        return self.with_gains(np.random.default_rng(seed).uniform(5.0, 15.0, n))
-
-    def with_rate(self, rate: float) -> "Sensors":
-        """The same sensors at a rate.
-
-        Raises:
-            DataError: The rate does not divide the controller's.
-        """
-        _check_rate(rate)
-        changed = copy(self)
-        object.__setattr__(changed, "rate", float(rate))
-        return changed
-
-    def with_even_rows(self, rate: float) -> "Sensors":
-        """The same sensors at a rate, without jitter: for logs whose stamps are not written.
-
-        Raises:
-            DataError: The rate does not divide the controller's.
-        """
-        changed = self.with_rate(rate)
-        object.__setattr__(changed, "clock_jitter", 0.0)
-        return changed
-
-    def with_commands(self) -> "Sensors":
-        """The same sensors, with columns of the desired motion and the commanded torques."""
-        changed = copy(self)
-        object.__setattr__(changed, "commanded", True)
-        return changed
-
-    def with_gains(self, gains: ArrayLike) -> "Sensors":
-        """The same sensors with drive gains, shape `(n,)` [Nm/A; N/A]."""
-        changed = copy(self)
-        object.__setattr__(changed, "gains", frozen(gains))
-        return changed
 
     def measure(
         self, run: TrueRun, rng: np.random.Generator, kind: EffortKind | None = None
@@ -273,17 +243,6 @@ class Sensors:
         return {f"motor_tau{j + 1}_Nm": column for j, column in enumerate(motors)}
 
 
-def _check_rate(rate: float) -> None:
-    """Raise unless rows fall on ticks of the controller."""
-    every = CONTROL_RATE / rate if rate > 0.0 else 0.0
-    if every < 1.0 or abs(every - round(every)) > 1e-9:
-        raise DataError(
-            f"a log cannot have {rate:g} rows a second",
-            where=f"sensors of the virtual robot, controlled at {CONTROL_RATE:g} Hz",
-            fix="take a rate that divides it: 1000, 500, 250, 200, 125, 100, ...",
-        )
-
-
 def _stepped(q: Array, resolution: Array) -> Array:
     """Positions rounded to the encoders' steps."""
     step = np.broadcast_to(resolution, q.shape)
@@ -308,22 +267,17 @@ def as_declared(
     """
     named = {} if signals.time == ROW else {signals.time: reading.t / signals.time_scale}
     offset = 0.0 if signals.position_offset is None else signals.position_offset
-    q = _before_log_map(reading.q - offset, signals.position_map)
-    named |= _scaled_columns(signals.position, q, signals.position_scale)
+    mapped = signals.position_map
+
+    def columns(names: Sequence[str], values: Array, scales: Array) -> dict[str, Array]:
+        before = values if mapped is None else np.linalg.solve(mapped, values.T).T
+        return dict(zip(names, (before / scales).T, strict=True))
+
+    named |= columns(signals.position, reading.q - offset, signals.position_scale)
     if signals.velocity is not None and signals.velocity_scale is not None and velocity:
-        dq = _before_log_map(reading.dq, signals.position_map)
-        named |= _scaled_columns(signals.velocity, dq, signals.velocity_scale)
+        named |= columns(signals.velocity, reading.dq, signals.velocity_scale)
     true = signals.gains
     if any(signals.unknown_gains) and gains is not None:
         true = np.where(signals.unknown_gains, gains, true)
     effort = replace(signals, gains=true).logged_efforts(reading.effort)
     return named | dict(zip(signals.effort, effort.T, strict=True))
-
-
-def _before_log_map(values: Array, mapped: Array | None) -> Array:
-    """Values, `(N, n)`, before the map that reading a log applies to them."""
-    return values if mapped is None else np.asarray(np.linalg.solve(mapped, values.T).T)
-
-
-def _scaled_columns(names: Sequence[str], values: Array, scales: Array) -> dict[str, Array]:
-    return dict(zip(names, (values / scales).T, strict=True))

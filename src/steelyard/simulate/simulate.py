@@ -1,7 +1,9 @@
 """A virtual robot runs a motion and writes a log: what `steelyard simulate` does."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array
@@ -22,14 +24,21 @@ from steelyard.simulate.external_loads import AppliedWrench, Axes, Payload, read
 from steelyard.simulate.plant import customary_drives
 from steelyard.simulate.sensors import Sensors
 from steelyard.simulate.truth import Truth, random_truth, read_truth
-from steelyard.simulate.virtual_robot import SimulatedFiles, customary_sensors
-from steelyard.simulate.virtual_robot import simulate as simulate_robot
+from steelyard.simulate.virtual_robot import (
+    SimulatedFiles,
+    VirtualRobot,
+    customary_sensors,
+    write_run,
+)
 from steelyard.uses.control.joint_control import PD, Control
 from steelyard.uses.control.model_control import control_of
 from steelyard.uses.control.model_torques import refuse_other_robot, refuse_unknown_gains
 
 RANDOM_PERIOD = 10.0
 """Length of a random motion [s], if none is given."""
+
+RANDOM_GAINS = (5.0, 15.0)
+"""Least and largest drive gain of a robot whose truth has none [Nm/A; N/A]."""
 
 _LONGEST_RUN = 24.0 * 3600.0
 """Robot time that a run may take [s]."""
@@ -134,43 +143,44 @@ def simulate(
         'log.csv'
     """
     loaded = load_robot(robot, base=fixed_base)
-    _check_factor(dry_run)
+    if not 0.0 < dry_run <= 1.0:
+        raise DataError(
+            f"a dry run at {dry_run:g} of the speed is not slower than the motion",
+            where="--dry-run",
+            fix="give a number above 0 and at most 1, such as 0.2",
+        )
     once = _one_period(loaded.robot, motion, period, periods, dry_run, seed)
     _check_length(once.duration, periods, dry_run)
-    trajectory = _slowed(_repeated(once, loaded.robot, periods), dry_run)
+    trajectory = _repeated(once, loaded.robot, periods)
+    if dry_run < 1.0:
+        trajectory = SlowedMotion(trajectory, dry_run)
     real, gains = true_robot(loaded, truth, friction_drift, seed)
     sensors = _sensors(loaded, real, noise, rate, gains, seed)
     controller = _controller(loaded.robot, control, model)
     if controller is not None:
-        sensors = sensors.with_commands()
-    load = _payload(loaded.robot, payload_mass, payload_frame, attach, release)
-    files = simulate_robot(
+        sensors = replace(sensors, commanded=True)
+    rig = VirtualRobot(
         loaded.robot,
         real,
-        trajectory,
         sensors,
-        Path(folder),
         seed=seed,
         signals=loaded.signals,
-        payload=load,
+        payload=_payload(loaded.robot, payload_mass, payload_frame, attach, release),
         control=controller,
         drives=None if controller is None else customary_drives(loaded.robot),
         wrench=_wrench(loaded.robot, wrench, wrench_frame, wrench_axes),
         progress=progress,
     )
+    files = write_run(rig, trajectory, Path(folder))
     return SimulatedRun(files, loaded.notes, once.duration)
 
 
 def true_robot(
     loaded: LoadedRobot, truth: str | Path | None, friction_drift: float, seed: int
 ) -> tuple[Truth, Array | None]:
-    """What a robot really is, and its drive gains, shape `(n,)`, if the truth has some.
+    """What a robot really is, and its drive gains, shape `(n,)`, if the file `truth` has some.
 
-    Args:
-        loaded: The robot.
-        truth: File of the truth; random values near the nominal ones if `None`.
-        friction_drift: Factor on its friction.
-        seed: Seed of the random values.
+    Without a file, random values near the nominal ones.
     """
     if truth is None:
         terms = with_friction(model_with_open_friction(loaded), loaded).terms
@@ -187,18 +197,13 @@ def _sensors(
     gains: Array | None,
     seed: int,
 ) -> Sensors:
-    """Customary sensors, with the rate and the gains that are requested or declared.
-
-    Raises:
-        DataError: The rate is not the one that the robot file declares for its rows.
-    """
+    """Customary sensors, with the rate and the gains that are requested or declared."""
     sensors = customary_sensors(loaded.robot, truth, noise)
     signals = loaded.signals
     if signals is not None and any(signals.unknown_gains):
         if gains is None:
-            sensors = sensors.with_random_gains(loaded.robot.n, seed)
-        else:
-            sensors = sensors.with_gains(gains)
+            gains = np.random.default_rng(seed).uniform(*RANDOM_GAINS, loaded.robot.n)
+        sensors = replace(sensors, gains=gains)
     if signals is not None and signals.time == ROW:
         declared = 1.0 / signals.time_scale
         if rate is not None and abs(rate - declared) > 1e-9 * declared:
@@ -208,8 +213,9 @@ def _sensors(
                 where="--rate",
                 fix="leave it out, or change the robot file",
             )
-        return sensors.with_even_rows(declared)
-    return sensors if rate is None else sensors.with_rate(rate)
+        # stamps of such a log are not written: its clock is even
+        return replace(sensors, rate=declared, clock_jitter=0.0)
+    return sensors if rate is None else replace(sensors, rate=rate)
 
 
 def _controller(
@@ -227,11 +233,7 @@ def _controller(
 def _wrench(
     robot: Robot, file: str | Path | None, frame: str | None, axes: str
 ) -> AppliedWrench | None:
-    """The outside wrench that the options describe.
-
-    Raises:
-        ModelError: A frame or axes are given without a table, or axes have no such name.
-    """
+    """The external wrench that the options describe."""
     if file is None:
         if frame is None and axes == "base":
             return None
@@ -256,11 +258,7 @@ def _one_period(
     dry_run: float,
     seed: int,
 ) -> ExactTrajectory:
-    """The motion that is given, or a random one.
-
-    Raises:
-        DataError: A period is given together with a motion, or the run takes too long.
-    """
+    """The motion that is given, or a random one."""
     if motion is None:
         seconds = RANDOM_PERIOD if period is None else period
         _check_length(seconds, periods, dry_run)
@@ -275,11 +273,7 @@ def _one_period(
 
 
 def _repeated(trajectory: ExactTrajectory, robot: Robot, periods: int) -> ExactTrajectory:
-    """The motion several times without a stop.
-
-    Raises:
-        DataError: It does not end where and as it starts.
-    """
+    """The motion several times without a stop; it must end where and as it starts."""
     for order, (what, unit, close) in enumerate(_REPEATABLE_ENDS):
         first, last = trajectory.derivative([0.0, trajectory.duration], order)
         jumps = abs(last - first)
@@ -296,26 +290,8 @@ def _repeated(trajectory: ExactTrajectory, robot: Robot, periods: int) -> ExactT
     return repeated(trajectory, periods)
 
 
-def _check_factor(factor: float) -> None:
-    """A dry run is slower than the motion.
-
-    Raises:
-        DataError: It is not.
-    """
-    if not 0.0 < factor <= 1.0:
-        raise DataError(
-            f"a dry run at {factor:g} of the speed is not slower than the motion",
-            where="--dry-run",
-            fix="give a number above 0 and at most 1, such as 0.2",
-        )
-
-
 def _check_length(once: float, periods: int, factor: float) -> None:
-    """The run takes a day of robot time at most.
-
-    Raises:
-        DataError: It takes longer.
-    """
+    """Refuse a run of more than a day of robot time."""
     seconds = once * periods / factor
     if not seconds <= _LONGEST_RUN:
         raise DataError(
@@ -326,21 +302,10 @@ def _check_length(once: float, periods: int, factor: float) -> None:
         )
 
 
-def _slowed(trajectory: ExactTrajectory, factor: float) -> ExactTrajectory:
-    """The motion at a share of its speed."""
-    return trajectory if factor == 1.0 else SlowedMotion(trajectory, factor)
-
-
 def _payload(
     robot: Robot, mass: float | None, frame: str | None, attach: float, release: float
 ) -> Payload | None:
-    """The load that the options describe.
-
-    Raises:
-        ModelError: It has no mass, or cannot be carried.
-    """
-    from steelyard.simulate.external_loads import Payload
-
+    """The load that the options describe."""
     if mass is not None:
         named = [f.name for f in robot.frames] or [b.name for b in robot.bodies]
         return Payload.ball(mass, named[-1] if frame is None else frame, attach, release)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from steelyard.base.arrays import Array, Parameters, frozen
 from steelyard.base.errors import DataError
 from steelyard.base.files import whole_folder, write_json, write_table
-from steelyard.base.motion import Motion, Rig, Trajectory, run
+from steelyard.base.motion import Motion, Trajectory, run
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.closed_loop.motion_under_torque import Controller, joint_inertia, tuned_pd
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
@@ -296,62 +296,21 @@ def customary_sensors(robot: Robot, truth: Truth, noise: float = 1.0) -> Sensors
     )
 
 
-def simulate(
-    robot: Robot,
-    truth: Truth,
-    trajectory: ExactTrajectory,
-    sensors: Sensors,
-    folder: Path,
-    *,
-    seed: int = 0,
-    signals: Signals | None = None,
-    payload: Payload | None = None,
-    control: Control | None = None,
-    drives: Drives | None = None,
-    wrench: AppliedWrench | None = None,
-    progress: Progress = silent,
-) -> SimulatedFiles:
-    """Send the virtual robot along a trajectory and write its log, its truth and the motion.
+def write_run(rig: VirtualRobot, trajectory: ExactTrajectory, folder: Path) -> SimulatedFiles:
+    """Send a virtual robot along a trajectory and write its log, its truth and the motion.
 
-    The folder appears whole, when all is done, or not at all.
-
-    Args:
-        robot: The robot.
-        truth: What it really is.
-        trajectory: The motion.
-        sensors: How the log is written.
-        folder: Folder to make; it may not exist, unless it is empty.
-        seed: Seed of the noise.
-        signals: Names, units and gains of the log's columns; customary ones if `None`.
-        payload: What the robot carries for a while, if anything.
-        control: The joint controller; that of `VirtualRobot` if `None`.
-        drives: What lies between controller and joints; perfect if `None`.
-        wrench: What acts on the robot from outside, if anything.
-        progress: Told how far the simulation is.
+    The folder appears whole, when all is done, or not at all; it may not exist, unless it is empty.
 
     Raises:
         OutputError: The folder cannot be written.
-        Stopped: `progress` requested a stop.
+        Stopped: The watcher of the robot requested a stop.
     """
+    signals, gains = rig.signals, rig.sensors.gains
     with whole_folder(folder) as part:
-        rig: Rig = VirtualRobot(
-            robot,
-            truth,
-            sensors,
-            seed=seed,
-            signals=signals,
-            payload=payload,
-            control=control,
-            drives=drives,
-            wrench=wrench,
-            progress=progress,
-        )
         run(rig, trajectory, part / "log.csv")
-        hidden = truth.to_dict()
-        if signals is not None and any(signals.unknown_gains) and sensors.gains is not None:
-            hidden["drive_gains"] = dict(
-                zip(robot.joint_names, sensors.gains.tolist(), strict=True)
-            )
+        hidden = rig.truth.to_dict()
+        if signals is not None and any(signals.unknown_gains) and gains is not None:
+            hidden["drive_gains"] = dict(zip(rig.robot.joint_names, gains.tolist(), strict=True))
         write_json(part / "truth.json", hidden)
-        write_motion(part / "trajectory.json", trajectory, robot)
+        write_motion(part / "trajectory.json", trajectory, rig.robot)
     return SimulatedFiles(folder / "log.csv", folder / "truth.json", folder / "trajectory.json")
