@@ -9,7 +9,7 @@ from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.robot.robot import Robot
-from steelyard.simulate.plant import Drives, customary_drives
+from steelyard.simulate.plant import Drives, DrivesInUse, customary_drives
 from steelyard.simulate.truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot
 from steelyard.uses.control.joint_control import Cascade
@@ -19,13 +19,13 @@ TICK = 1e-3
 
 def seen(drives: Drives, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What the controller sees of one joint, tick by tick."""
-    used = drives.start(TICK, q[:1])
+    used = DrivesInUse(drives, TICK, q[:1])
     found = [used.sense(a[None], b[None]) for a, b in zip(q, dq, strict=True)]
     return np.array(found)[:, 0, 0], np.array(found)[:, 1, 0]
 
 
 def test_perfect_drives_change_nothing() -> None:
-    used = Drives().start(TICK, np.zeros(2))
+    used = DrivesInUse(Drives(), TICK, np.zeros(2))
     q, dq = np.array([0.1, 0.2]), np.array([1.0, 2.0])
     assert used.sense(q, dq)[0] is q
     np.testing.assert_array_equal(used.actuate(q), q)
@@ -64,7 +64,7 @@ def test_the_motion_as_seen_is_what_a_robot_on_it_shows() -> None:
 
 
 def test_torque_lags_and_its_impulse_is_exact() -> None:
-    used = Drives(lag=2e-3).start(TICK, np.zeros(1))
+    used = DrivesInUse(Drives(lag=2e-3), TICK, np.zeros(1))
     held = np.array([used.actuate(np.ones(1))[0] for _ in range(50)])
     edges = TICK * np.arange(51)
     area = edges + 2e-3 * np.exp(-edges / 2e-3)
@@ -72,7 +72,7 @@ def test_torque_lags_and_its_impulse_is_exact() -> None:
 
 
 def test_torque_saturates_per_joint() -> None:
-    used = Drives(limits=[1.0, 5.0]).start(TICK, np.zeros(2))
+    used = DrivesInUse(Drives(limits=[1.0, 5.0]), TICK, np.zeros(2))
     np.testing.assert_array_equal(used.actuate(np.array([3.0, -7.0])), [1.0, -5.0])
     np.testing.assert_array_equal(used.command, [1.0, -5.0])
 
@@ -96,7 +96,7 @@ def test_commands_are_recorded_and_limited(leg: Robot) -> None:
     assert np.abs(run.q - goal).max() < 0.01
     np.testing.assert_array_equal(speed[run.t < 0.2], 0.0)
     # the response to a command a while ago is forgotten
-    used = drives.start(TICK, goal[0])
+    used = DrivesInUse(drives, TICK, goal[0])
     held = np.array([used.actuate(one) for one in command])
     np.testing.assert_allclose(run.tau[200:], 0.5 * (held[199:-1] + held[200:]), atol=1e-9)
     bound = 0.6 * np.abs(command).max(axis=0)

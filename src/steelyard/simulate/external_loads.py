@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.base.errors import DataError, LogError, ModelError
 from steelyard.logs.formats import open_log
 from steelyard.robot.rigid_body import Inertia
@@ -35,11 +35,10 @@ class Payload:
     def __post_init__(self) -> None:
         flaw = self.inertia.flaw()
         if flaw is not None or not 0.0 <= self.attach < self.release:
+            times = f"attached at {self.attach:g} s, released at {self.release:g} s"
             raise ModelError(
-                f"the payload is not physically consistent: {flaw}"
-                if flaw is not None
-                else f"the payload is attached at {self.attach:g} s, released at "
-                f"{self.release:g} s",
+                "the payload is "
+                + (times if flaw is None else f"not physically consistent: {flaw}"),
                 where=f"payload on '{self.frame}'",
                 fix="give mass properties of a real body, and times 0 <= attach < release",
             )
@@ -103,8 +102,7 @@ class AppliedWrench:
     axes: Axes = "base"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "t", frozen(self.t, (None,)))
-        object.__setattr__(self, "values", frozen(self.values, (len(self.t), 6)))
+        set_fields(self, t=frozen(self.t, (None,)), values=frozen(self.values, (len(self.t), 6)))
         finite = np.isfinite(self.t).all() and np.isfinite(self.values).all()
         if not len(self.t) or not finite or not np.all(np.diff(self.t) > 0.0):
             raise DataError(
@@ -120,11 +118,7 @@ class AppliedWrench:
 
 
 def read_wrench(path: Path, frame: str, axes: Axes = "base") -> AppliedWrench:
-    """The wrench in a table with the columns `time_s`, `fx_N` to `fz_N`, `tx_Nm` to `tz_Nm`.
-
-    Raises:
-        DataError: The file cannot be read, or a column is missing.
-    """
+    """The wrench in a table with the columns `time_s`, `fx_N` to `fz_N`, `tx_Nm` to `tz_Nm`."""
     names = ("time_s", *WRENCH_COLUMNS)
     try:
         table = open_log(path)

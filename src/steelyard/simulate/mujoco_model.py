@@ -106,19 +106,22 @@ def build(
     for index, body in enumerate(robot.bodies):
         matrix[index, body.coordinate] = body.ratio
     offset = [body.offset for body in robot.bodies]
-    compiled = _compile(spec, robot)
-    order = _order(compiled)
+    try:
+        compiled = spec.compile()
+    except ValueError as error:
+        raise ModelError(
+            f"MuJoCo cannot use this robot: {error}",
+            where=f"robot '{robot.name}'",
+            fix="check the masses, inertias and joint axes in the model file",
+        ) from error
+    # MuJoCo goes through a tree depth first: the bodies in the order of its joints
+    order = [int(compiled.joint(k).name.split()[0]) for k in range(compiled.njnt)]
     return MujocoModel(
         compiled,
         frozen(matrix[order]),
         frozen(np.array(offset)[order]),
         tuple(order.index(carrier) for carrier in carriers),
     )
-
-
-def _order(compiled: Any) -> list[int]:
-    """Which body's joint each of MuJoCo's joints is: MuJoCo goes through a tree depth first."""
-    return [int(compiled.joint(k).name.split()[0]) for k in range(compiled.njnt)]
 
 
 def inverse_dynamics(model: MujocoModel, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
@@ -135,7 +138,8 @@ def inverse_dynamics(model: MujocoModel, q: ArrayLike, dq: ArrayLike, ddq: Array
     """
     q, dq, ddq = (np.asarray(a, dtype=np.float64) @ model.map.T for a in (q, dq, ddq))
     data = new_data(model)
-    free = _without_constraints(model.compiled)
+    free = model.compiled.__copy__()
+    free.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     torque = np.empty_like(q)
     for k in range(len(q)):
         data.qpos[:], data.qvel[:], data.qacc[:] = q[k] + model.offset, dq[k], ddq[k]
@@ -264,7 +268,7 @@ def _tie(spec: Any, robot: Robot, index: int, carrier: int, timestep: float) -> 
     tie = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
     tie.name1, tie.name2 = f"{index} {body.joint}", f"{carrier} {master.joint}"
     tie.data[:2] = body.offset - slope * master.offset, slope
-    _stiffen(tie, timestep)
+    tie.solref, tie.solimp = _stiffest(timestep)
 
 
 def _pin(spec: Any, loop: LoopClosure, bodies: Sequence[Any], timestep: float) -> None:
@@ -274,12 +278,7 @@ def _pin(spec: Any, loop: LoopClosure, bodies: Sequence[Any], timestep: float) -
     for body, name, point in zip(bodies, names, loop.points, strict=True):
         body.add_site(name=name, pos=point)
     pin.name1, pin.name2 = names
-    _stiffen(pin, timestep)
-
-
-def _stiffen(equality: Any, timestep: float) -> None:
-    """As stiff as the step allows."""
-    equality.solref, equality.solimp = _stiffest(timestep)
+    pin.solref, pin.solimp = _stiffest(timestep)
 
 
 def _stiffest(timestep: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -298,32 +297,37 @@ def _brake(
     """Add Coulomb friction along a tendon of the joints that it brakes."""
     tendon = spec.add_tendon(name=f"brake {number}", frictionloss=brake.level)
     tendon.solref_friction, tendon.solimp_friction = _stiffest(timestep)
-    for joint, coefficient in enumerate(brake.row):
-        if coefficient:
-            body = robot.bodies[carriers[joint]]
-            tendon.wrap_joint(f"{carriers[joint]} {body.joint}", coefficient / body.ratio)
+    for name, slope in _slopes(robot, brake.row, carriers).items():
+        tendon.wrap_joint(name, slope)
 
 
 def _turn(spec: Any, robot: Robot, number: int, rotor: Rotor, carriers: Sequence[int]) -> None:
     """Add a rotor: armature of its joint, or of a tendon of all joints that it turns with."""
-    moving = [j for j, coefficient in enumerate(rotor.row) if coefficient]
-    bodies = [robot.bodies[carriers[j]] for j in moving]
-    names = [f"{carriers[j]} {body.joint}" for j, body in zip(moving, bodies, strict=True)]
-    slopes = [rotor.row[j] / body.ratio for j, body in zip(moving, bodies, strict=True)]
-    if len(moving) == 1:
-        spec.joint(names[0]).armature += rotor.inertia * slopes[0] ** 2
+    slopes = _slopes(robot, rotor.row, carriers)
+    if len(slopes) == 1:
+        ((name, slope),) = slopes.items()
+        spec.joint(name).armature += rotor.inertia * slope**2
         return
-    _check_chain(robot, [carriers[j] for j in moving])
+    _check_chain(robot, [carriers[j] for j, coefficient in enumerate(rotor.row) if coefficient])
     tendon = spec.add_tendon(name=f"rotor {number}", armature=rotor.inertia)
-    for name, slope in zip(names, slopes, strict=True):
+    for name, slope in slopes.items():
         tendon.wrap_joint(name, slope)
+
+
+def _slopes(robot: Robot, row: Sequence[float], carriers: Sequence[int]) -> dict[str, float]:
+    """Coefficients of MuJoCo's joints, by name, of a row over the robot's joints."""
+    bodies = [robot.bodies[carrier] for carrier in carriers]
+    return {
+        f"{carrier} {body.joint}": coefficient / body.ratio
+        for carrier, body, coefficient in zip(carriers, bodies, row, strict=True)
+        if coefficient
+    }
 
 
 def _check_chain(robot: Robot, bodies: Iterable[int]) -> None:
     """Raise unless the bodies carry each other: MuJoCo couples inertia along chains only."""
     last, *before = sorted(bodies, reverse=True)
-    carried = set()
-    body = last
+    carried, body = set(), last
     while body >= 0:
         carried.add(body)
         body = robot.bodies[body].parent
@@ -336,22 +340,3 @@ def _check_chain(robot: Robot, bodies: Iterable[int]) -> None:
                 fix="the virtual robot couples rotors along one chain of joints only: put the "
                 "rotor inertia on the joints",
             )
-
-
-def _compile(spec: Any, robot: Robot) -> Any:
-    """Compile, with MuJoCo's objections put into our words."""
-    try:
-        return spec.compile()
-    except ValueError as error:
-        raise ModelError(
-            f"MuJoCo cannot use this robot: {error}",
-            where=f"robot '{robot.name}'",
-            fix="check the masses, inertias and joint axes in the model file",
-        ) from error
-
-
-def _without_constraints(compiled: Any) -> Any:
-    """A copy of the model that is free of the mimic ties."""
-    free = compiled.__copy__()
-    free.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    return free

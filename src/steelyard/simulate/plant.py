@@ -7,7 +7,7 @@ from math import exp, inf, pi
 import numpy as np
 from numpy.typing import ArrayLike
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.motion import Motion
 from steelyard.model.equations.kinematics import frame_of
@@ -56,11 +56,8 @@ class Drives:
         lag: float = 0.0,
         limits: ArrayLike = inf,
     ) -> None:
-        object.__setattr__(self, "resolution", frozen(resolution))
-        object.__setattr__(self, "speed_filter", speed_filter)
-        object.__setattr__(self, "delay", float(delay))
-        object.__setattr__(self, "lag", float(lag))
-        object.__setattr__(self, "limits", frozen(limits))
+        set_fields(self, resolution=frozen(resolution), limits=frozen(limits))
+        set_fields(self, speed_filter=speed_filter, delay=float(delay), lag=float(lag))
         times = (self.delay, self.lag, 0.0 if speed_filter is None else speed_filter)
         if min(times) < 0.0 or not np.all(self.resolution >= 0.0) or not np.all(self.limits > 0.0):
             raise ModelError(
@@ -91,10 +88,6 @@ class Drives:
         rows = np.maximum(np.arange(len(motion)) - round(self.delay / tick), 0)
         return Motion(motion.t, q[rows], dq[rows], motion.ddq[rows])
 
-    def start(self, tick: float, q: Array) -> "DrivesInUse":
-        """The drives of a robot at rest at `q`, shape `(n,)`, without torque."""
-        return DrivesInUse(self, tick, q)
-
 
 def customary_drives(robot: Robot, lag: float = 0.002) -> Drives:
     """Drives as those of a usual industrial arm.
@@ -118,7 +111,7 @@ def customary_drives(robot: Robot, lag: float = 0.002) -> Drives:
 
 
 class DrivesInUse:
-    """Drives in one simulation.
+    """Drives in one simulation, of a robot that starts at rest at `q`, shape `(n,)`.
 
     Attributes:
         command: Torque that was commanded last, within the limits, shape `(n,)` [Nm; N].

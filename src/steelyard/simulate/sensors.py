@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.base.errors import DataError, ModelError
 from steelyard.robot.file.sections import EffortKind
 from steelyard.robot.file.signals import ROW, Signals
@@ -46,16 +46,17 @@ class TrueRun:
     wrench: Array | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "t", frozen(self.t, (None,)))
+        set_fields(
+            self, t=frozen(self.t, (None,)), commanded=frozen(self.commanded, (3, None, None))
+        )
         for name in ("q", "dq", "tau"):
-            object.__setattr__(self, name, frozen(getattr(self, name), (len(self.t), None)))
+            set_fields(self, **{name: frozen(getattr(self, name), (len(self.t), None))})
         for name in ("motor_side", "gravity"):
             given = getattr(self, name)
             part = given if np.size(given) else np.zeros_like(self.tau)
-            object.__setattr__(self, name, frozen(part, self.tau.shape))
-        object.__setattr__(self, "commanded", frozen(self.commanded, (3, None, None)))
+            set_fields(self, **{name: frozen(part, self.tau.shape)})
         if self.wrench is not None:
-            object.__setattr__(self, "wrench", frozen(self.wrench, (len(self.t), 6)))
+            set_fields(self, wrench=frozen(self.wrench, (len(self.t), 6)))
 
     def effort(self, kind: EffortKind) -> Array:
         """The effort that a sensor of a kind feels, as joint torques, shape `(N, n)`."""
@@ -160,24 +161,19 @@ class Sensors:
                 where=f"sensors of the virtual robot, controlled at {CONTROL_RATE:g} Hz",
                 fix="take a rate that divides it: 1000, 500, 250, 200, 125, 100, ...",
             )
-        object.__setattr__(self, "rate", float(rate))
-        for name, values in (
-            ("resolution", resolution),
-            ("position_noise", position_noise),
-            ("velocity_noise", velocity_noise),
-            ("torque_noise", torque_noise),
-            ("clock_jitter", clock_jitter),
-            ("wrench_noise", wrench_noise),
-        ):
-            sizes = frozen(values)
-            if not np.all(sizes >= 0.0):
+        sizes = {
+            "resolution": frozen(resolution),
+            "position_noise": frozen(position_noise),
+            "velocity_noise": frozen(velocity_noise),
+            "torque_noise": frozen(torque_noise),
+            "wrench_noise": frozen(wrench_noise),
+        }
+        for name, values in {**sizes, "clock_jitter": clock_jitter}.items():
+            if not np.all(values >= 0.0):
                 raise ValueError(f"{name} is negative")
-            object.__setattr__(self, name, sizes)
-        object.__setattr__(self, "clock_jitter", float(clock_jitter))
-        object.__setattr__(self, "commanded", commanded)
-        object.__setattr__(self, "velocity", velocity)
-        object.__setattr__(self, "gains", None if gains is None else frozen(gains))
-        object.__setattr__(self, "effort", effort)
+        known = None if gains is None else frozen(gains)
+        set_fields(self, rate=float(rate), clock_jitter=float(clock_jitter), **sizes)
+        set_fields(self, commanded=commanded, velocity=velocity, gains=known, effort=effort)
         if self.gains is not None and not np.all(self.gains):
             raise ValueError("a gain is zero")
 

@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from steelyard.base.arguments import checked
-from steelyard.base.arrays import Array, Parameters, frozen
+from steelyard.base.arrays import Array, Parameters, frozen, set_fields
 from steelyard.base.motion import Trajectory
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.identified import IdentifiedModel
@@ -57,8 +57,8 @@ class TrackedRun:
     deviation: Array
 
     def __post_init__(self) -> None:
-        for name in ("error", "tool", "deviation"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
+        tool, deviation = frozen(self.tool), frozen(self.deviation)
+        set_fields(self, error=frozen(self.error), tool=tool, deviation=deviation)
 
     @property
     def rms(self) -> Array:
@@ -113,12 +113,7 @@ class Tracking:
 
 
 def controllers_of(text: str, models: Sequence[tuple[str, ValuedModel]]) -> dict[str, Control]:
-    """Controllers to compare, by name: without a model first, then with each.
-
-    Args:
-        text: As of `control_of`.
-        models: Names and models.
-    """
+    """Controllers to compare, by name: without a model first, then with each; see `control_of`."""
     name = text.partition(",")[0].replace("_", " ")
     tagged = len(models) > 1
     if not models:
@@ -148,17 +143,7 @@ def tracking(
     drives: Drives,
     progress: Progress = silent,
 ) -> Tracking:
-    """Run a motion under each controller.
-
-    Args:
-        robot: The robot.
-        truth: What it really is.
-        trajectory: The motion.
-        controllers: By name, the one without a model first.
-        frame: Its tool.
-        drives: What lies between the controllers and the joints.
-        progress: Receives events of progress; an exception from it stops the work.
-    """
+    """Run a motion under each controller, the one without a model first."""
     runs: list[TrackedRun] = []
     kinematics = Model(robot, ()).at(Parameters((), (), ()))
     t = desired = np.zeros(0)

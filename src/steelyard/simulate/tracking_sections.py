@@ -97,24 +97,19 @@ def _random_truth_note(found: Tracking) -> str:
 def tables(found: Tracking) -> list[PlainTable]:
     """Root mean square and largest errors, a row per joint and one for the tool."""
     names = [run.name for run in found.runs]
+    headings, text = ("Joint", *names, "Unit"), (0, len(names) + 1)
+    words = f"In brackets: divided by that under {names[0]}." if len(names) > 1 else ""
     made = []
-    for caption, joint_values, tool_values in (
-        ("RMS error", [run.rms for run in found.runs], [run.tool_rms for run in found.runs]),
-        (
-            "Largest error",
-            [run.largest for run in found.runs],
-            [run.tool_largest for run in found.runs],
-        ),
+    for caption, of_joints, of_tool in (
+        ("RMS error", "rms", "tool_rms"),
+        ("Largest error", "largest", "tool_largest"),
     ):
-        rows = []
+        rows, values = [], [getattr(run, of_joints) for run in found.runs]
         for j, joint in enumerate(found.robot.coordinates):
             unit, factor = ERROR_UNITS[joint.unit]
-            rows.append(_row(joint.name, unit, [factor * float(x[j]) for x in joint_values]))
-        tool = [1e3 * x for x in tool_values]
+            rows.append(_row(joint.name, unit, [factor * float(x[j]) for x in values]))
+        tool = [1e3 * getattr(run, of_tool) for run in found.runs]
         rows.append(_row(f"tool ({found.frame.name})", "mm", tool, total=True))
-        headings = ("Joint", *names, "Unit")
-        words = f"In brackets: divided by that under {names[0]}." if len(names) > 1 else ""
-        text = (0, len(names) + 1)
         made.append(PlainTable(caption, words, headings, rows, text, words))
     return made
 
@@ -276,8 +271,8 @@ def _error_figure(found: Tracking, name: str, y: str, errors: Sequence[Array], m
     for k, (run, error) in enumerate(zip(found.runs, errors, strict=True)):
         rows = thin(error, most)
         traces.append(line(run.name, found.t[rows], error[rows], run_colour(k), width=1.3))
-    layout = {"showlegend": False}
-    return Figure(name, f"Tracking error of {name} over time", "time [s]", y, traces, layout)
+    label = f"Tracking error of {name} over time"
+    return Figure(name, label, "time [s]", y, traces, {"showlegend": False})
 
 
 TRACK_SECTIONS: tuple[Section, ...] = (

@@ -14,7 +14,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from steelyard.base.arrays import Array, Parameter, Parameters, frozen
+from steelyard.base.arrays import Array, Parameters, frozen, set_fields
 from steelyard.base.errors import ModelError
 from steelyard.model.laws.register import DEFAULT_TERMS, description_of, term_of
 from steelyard.model.laws.rigid_body import RigidBody
@@ -46,9 +46,8 @@ class Truth:
     smoothing: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "values", self.model.at(self.values).values)
-        joints = (self.model.robot.n_joints,)
-        object.__setattr__(self, "smoothing", frozen(self.smoothing, joints))
+        smoothing = frozen(self.smoothing, (self.model.robot.n_joints,))
+        set_fields(self, values=self.model.at(self.values).values, smoothing=smoothing)
         if not np.all(self.smoothing > 0.0):
             raise _unusable("a smoothing speed is not positive", "give every joint one above zero")
         if not self.model.has_bodies:
@@ -112,24 +111,16 @@ class Truth:
         return Truth(self.model, parameters, self.smoothing)
 
     def drifted(self, factor: float) -> "Truth":
-        """The same truth with the parameters of all friction laws times a factor.
-
-        Raises:
-            ModelError: The factor is no finite number from zero on.
-        """
+        """The same truth with the parameters of all friction laws times a finite factor."""
         if not (np.isfinite(factor) and factor >= 0.0):
             raise ModelError(
                 f"friction cannot become {factor:g} times as large",
                 where="drift of friction",
                 fix="give a factor such as 1.2",
             )
-        friction = {
-            p.name
-            for term in self.model.terms
-            if term.cause == "friction"
-            for p in term.parameters(self.robot)
-        }
-        return self.changed(**{n: factor * self.values[n] for n in friction})
+        laws = (term for term in self.model.terms if term.cause == "friction")
+        names = (p.name for law in laws for p in law.parameters(self.robot))
+        return self.changed(**{name: factor * self.values[name] for name in names})
 
     def to_dict(self) -> dict[str, Any]:
         """As values for JSON, by the names of parameters and joints; the robot by its name."""
@@ -179,11 +170,7 @@ class Truth:
 
 
 def read_truth(path: Path, robot: Robot) -> tuple[Truth, Array | None]:
-    """The truth in a file that a simulation wrote, and its drive gains, shape `(n,)`, if any.
-
-    Raises:
-        ModelError: The file cannot be read, or is no truth of this robot.
-    """
+    """The truth in a file that a simulation wrote, and its drive gains, shape `(n,)`, if any."""
     fix = "give the truth.json of a simulation of this robot"
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
@@ -224,12 +211,11 @@ def random_truth(
         terms: Causes of torque; fields still to be found are drawn within their bounds.
     """
     rng = np.random.default_rng(seed)
-    inertial = frozen(
-        [
-            b.inertia.ten if b.massless else _deformed(_usable(b.inertia, b.known), rng, spread).ten
-            for b in robot.bodies
-        ]
-    )
+    deformed = [
+        b.inertia if b.massless else _deformed(_usable(b.inertia, b.known), rng, spread)
+        for b in robot.bodies
+    ]
+    inertial = frozen([inertia.ten for inertia in deformed])
     scales = scales_of(robot, inertial)
     names = [p.name for p in RigidBody().parameters(robot)]
     bodies = dict(zip(names, inertial.ravel().tolist(), strict=True))
@@ -256,35 +242,24 @@ def _with_drawn_fields(term: Term, bodies: dict[str, float], rng: np.random.Gene
 
 
 def _drawn(term: Term, robot: Robot, scales: Scales, rng: np.random.Generator) -> dict[str, float]:
-    """Values of a term's parameters."""
-    parameters = term.parameters(robot)
-    sizes = _sizes(term, robot, scales)
-    bounds = [_share_range(term, parameter) for parameter in parameters]
-    low, high = np.array(bounds).reshape(-1, 2).T
-    values = rng.uniform(low, high) * sizes
-    return dict(zip((p.name for p in parameters), values.tolist(), strict=True))
+    """Values of a term's parameters.
 
-
-def _share_range(term: Term, parameter: Parameter) -> tuple[float, float]:
-    """Of what a parameter is measured by, the least and the largest share."""
-    usual = (
-        INVENTED_TORQUE_SHARE
-        if parameter.lower >= 0.0
-        else (-INVENTED_TORQUE_SHARE[1], INVENTED_TORQUE_SHARE[1])
-    )
-    return term.shares.get(parameter.name.split(".")[0], usual)
-
-
-def _sizes(term: Term, robot: Robot, scales: Scales) -> Array:
-    """What the parameters are measured by, shape `(parameters,)`.
-
-    That value at which the parameter alone loads a joint with its typical torque, if the law does
-    not say otherwise.
+    Each is a share of a size: of the value at which the parameter alone loads a joint with its
+    typical torque, if the law does not say otherwise.
     """
     peaks = scales.peaks(term)
     torque = np.broadcast_to(scales.torque[:, None], peaks.shape)
     loads = np.divide(torque, peaks, out=np.full(peaks.shape, np.inf), where=peaks > 0.0)
-    return term.typical_values(robot, np.min(loads, axis=0), scales.inertia_along)
+    sizes = term.typical_values(robot, np.min(loads, axis=0), scales.inertia_along)
+    least, most = INVENTED_TORQUE_SHARE
+    parameters = term.parameters(robot)
+    shares = [
+        term.shares.get(p.name.split(".")[0], (least if p.lower >= 0.0 else -most, most))
+        for p in parameters
+    ]
+    low, high = np.array(shares).reshape(-1, 2).T
+    values = rng.uniform(low, high) * sizes
+    return dict(zip((p.name for p in parameters), values.tolist(), strict=True))
 
 
 def _usable(nominal: Inertia, known: bool) -> Inertia:

@@ -23,7 +23,7 @@ from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot
 from steelyard.simulate.external_loads import AppliedWrench, Payload
 from steelyard.simulate.mujoco_model import build
-from steelyard.simulate.plant import Drives, MujocoPlant, moving_frame
+from steelyard.simulate.plant import Drives, DrivesInUse, MujocoPlant, moving_frame
 from steelyard.simulate.scales import closed, typical_masses, typical_torque
 from steelyard.simulate.sensors import CONTROL_RATE, Sensors, TrueRun, as_declared
 from steelyard.simulate.truth import Truth
@@ -177,7 +177,7 @@ class VirtualRobot:
         loop = self.control.start(self._task(goal, settling))
         q, dq, held, friction, command = (np.zeros_like(goal.q) for _ in range(5))
         q[0], dq[0] = self._plant.state()
-        drives = self.drives.start(_TICK, q[0])
+        drives = DrivesInUse(self.drives, _TICK, q[0])
         before = tau = np.zeros(self.robot.n)
         for k in range(settling):
             before = tau = drives.actuate(loop.torque(k, *drives.sense(q[0], dq[0])))
