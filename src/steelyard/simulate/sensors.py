@@ -168,7 +168,7 @@ class Sensors:
             "torque_noise": frozen(torque_noise),
             "wrench_noise": frozen(wrench_noise),
         }
-        for name, values in {**sizes, "clock_jitter": clock_jitter}.items():
+        for name, values in {**sizes, "clock_jitter": frozen(clock_jitter)}.items():
             if not np.all(values >= 0.0):
                 raise ValueError(f"{name} is negative")
         known = None if gains is None else frozen(gains)
