@@ -201,14 +201,9 @@ def _passes(bounds: Array, angle: float) -> Array:
     return passes
 
 
-def _less(a: Interval, b: Interval) -> Interval:
-    a, b = _bounds(a), _bounds(b)
-    return np.stack([a[1] < b[0], ~(a[0] >= b[1])]).astype(np.float64)
-
-
-def _less_equal(a: Interval, b: Interval) -> Interval:
-    a, b = _bounds(a), _bounds(b)
-    return np.stack([a[1] <= b[0], ~(a[0] > b[1])]).astype(np.float64)
+def _truth(sure: np.ufunc, excluded: np.ufunc, a: Array, b: Array) -> Array:
+    """1 and 0 of a comparison: what surely holds, and what is not excluded."""
+    return np.stack([sure(a[1], b[0]), ~excluded(a[0], b[1])]).astype(np.float64)
 
 
 _OPERATIONS: dict[str, Callable[..., Interval]] = {
@@ -225,8 +220,8 @@ _OPERATIONS: dict[str, Callable[..., Interval]] = {
     "exp": _rising(np.exp, 0.0, np.inf),
     "tanh": _rising(np.tanh, -1.0, 1.0),
     "atan": _rising(np.arctan, -np.inf, np.inf),
-    "less": _less,
-    "less_equal": _less_equal,
+    "less": lambda a, b: _truth(np.less, np.greater_equal, _bounds(a), _bounds(b)),
+    "less_equal": lambda a, b: _truth(np.less_equal, np.greater, _bounds(a), _bounds(b)),
     "minimum": lambda a, b: np.minimum(_bounds(a), _bounds(b)),
     "maximum": lambda a, b: np.maximum(_bounds(a), _bounds(b)),
 }

@@ -256,7 +256,15 @@ class CandidateTerms(StatefulTerm):
         count = samples.q.shape[1]
         memories = list(memory or [None] * len(self.candidates))
         result = np.empty((self.n_channels(robot), count))
-        samples = replace(samples, rigid_torque=_evaluated_once(samples.rigid_torque))
+        known: dict[bytes, Array] = {}
+
+        def once(tens: Array, torque: Callable[[Array], Array] = samples.rigid_torque) -> Array:
+            key = tens.tobytes()
+            if key not in known:
+                known[key] = torque(tens)
+            return known[key]
+
+        samples = replace(samples, rigid_torque=once)
         row = 0
         for c, term in enumerate(self.candidates):
             channels = np.empty((0, count))
@@ -268,16 +276,3 @@ class CandidateTerms(StatefulTerm):
                 result[row] = columns[place]
                 row += 1
         return result, memories
-
-
-def _evaluated_once(torque: Callable[[Array], Array]) -> Callable[[Array], Array]:
-    """The same function, called once for the same ten numbers."""
-    known: dict[bytes, Array] = {}
-
-    def remembered(tens: Array) -> Array:
-        key = tens.tobytes()
-        if key not in known:
-            known[key] = torque(tens)
-        return known[key]
-
-    return remembered

@@ -237,50 +237,40 @@ def _matched(
     quantities: tuple[Quantity, ...] = ("position", "effort")
     for quantity, groups in zip(quantities, (numbered_q, numbered_tau), strict=True):
         if not groups:
-            odd = _odd(f"{quantity}s", recognised(quantity, joints, columns), joints, columns)
-            like = kinds.get(quantity, ())
-            give_up(odd or _unlike(f"{quantity}s", like, joints, columns), columns)
+            give_up(_why_not(quantity, kinds.get(quantity, ()), joints, columns), columns)
     alive = [g for g in numbered_tau if any(changes(c.name, values) for c in g)] or numbered_tau
     return joints, list(numbered_q[0]), list(alive[0]), "by their numbers"
 
 
-def _odd(
-    what: str,
-    found: Sequence[Column | None],
+def _why_not(
+    quantity: Quantity,
+    like: Sequence[Column],
     joints: Sequence[Coordinate],
     columns: Sequence[str],
 ) -> str:
-    """Joints that have no column beside those that have one, and columns that may be theirs."""
-    beside = [column for column in found if column is not None]
+    """Why no columns are assigned: none like them, some joints without, or not one for each."""
+    every, what = [*map(Column, columns)], f"{quantity}s"
+    found = recognised(quantity, joints, columns)
     missing = [j.name for j, column in zip(joints, found, strict=False) if column is None]
-    if not missing:
-        return ""
-    quantity = beside[0].quantity
-    left = [c for c in map(Column, columns) if c not in beside and c.quantity in (None, quantity)]
-    perhaps = f" (perhaps {listed(left)})" if left else ""
-    return (
-        f"{what} are {listed(beside)}, but no column is recognised as that of "
-        f"{', '.join(missing)}{perhaps}"
-    )
-
-
-def _unlike(
-    what: str, like: Sequence[Column], joints: Sequence[Coordinate], columns: Sequence[str]
-) -> str:
-    """Why no columns are assigned: none like them, or not one for each joint."""
+    if missing:
+        beside = [column for column in found if column is not None]
+        left = [c for c in every if c not in beside and c.quantity in (None, quantity)]
+        perhaps = f" (perhaps {listed(left)})" if left else ""
+        return (
+            f"{what} are {listed(beside)}, but no column is recognised as that of "
+            f"{', '.join(missing)}{perhaps}"
+        )
     if not like:
-        unknown = [column for column in map(Column, columns) if column.quantity is None]
-        key = "[signals] position" if what == "positions" else "[signals.effort] columns"
-        groups = by_number(len(joints), unknown)
+        key = "[signals] position" if quantity == "position" else "[signals.effort] columns"
+        groups = by_number(len(joints), [c for c in every if c.quantity is None])
         lines = [f"{key} = {json.dumps(_short(group, joints))}" for group in groups]
         return f"none look like the {what} of {len(joints)} joints" + (
             f"; if these are, write {' or '.join(lines)}" if lines else ""
         )
-    names = ", ".join(joint.name for joint in joints)
     return (
         f"{len(like)} columns look like {what} ({listed(like)}), but the robot model has "
-        f"{len(joints)} joints ({names}): log or model file of another robot, or joints that are "
-        "not logged"
+        f"{len(joints)} joints ({', '.join(joint.name for joint in joints)}): log or model file of "
+        "another robot, or joints that are not logged"
     )
 
 

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -102,20 +103,15 @@ def assigned(
     try:
         guess = _behind_the_gears(guess_columns(free, columns, sample, rate, geared), robot.name)
     except LogError as error:
-        if rate is None and _assignable(free, columns, sample):
-            raise LogError(error.wrong, where=error.where, fix=GIVE_RATE) from error
+        if rate is None:
+            with suppress(LogError):
+                guess_columns(free, columns, sample, rate=1.0)
+                error = LogError(error.wrong, where=error.where, fix=GIVE_RATE)
+            if error.fix == GIVE_RATE:
+                raise error from None
         return Assignment(tuple(columns), free, free, None, error.wrong)
     moving = tuple(c for c in free if c.name in guess.joints)
     return Assignment(tuple(columns), free, moving, guess)
-
-
-def _assignable(free: Sequence[Coordinate], columns: Sequence[str], sample: Sample | None) -> bool:
-    """Whether columns can be assigned once the rate of the rows is known."""
-    try:
-        guess_columns(free, columns, sample, rate=1.0)
-    except LogError:
-        return False
-    return True
 
 
 def _behind_the_gears(guess: Guess, robot: str) -> Guess:
@@ -252,20 +248,6 @@ def path_from(folder: Path, path: Path) -> str:
     return min(relative, absolute, key=len)
 
 
-def _xacro_lines(loaded: LoadedRobot) -> str:
-    """How a xacro file is expanded."""
-    if len(loaded.sources) == 1:
-        return ""
-    given = ", ".join(
-        f"{toml_key(name)} = {toml_text(value)}" for name, value in loaded.arguments.items()
-    )
-    mark = "" if given else "# "
-    return f"""
-# Arguments of the xacro file, and folders of ROS packages, in addition to those above the file.
-{mark}xacro.arguments = {{{given}}}
-# xacro.packages = ["../src"]"""
-
-
 def _robot_part(
     proposal: Proposal, moving: Sequence[Coordinate], output_path: Path, known: Known
 ) -> str:
@@ -274,6 +256,21 @@ def _robot_part(
     mark = "Gravity, as answered," if known.gravity else "CHECK: gravity"
     kind = "mjcf" if read_xml(model_path).tag == "mujoco" else "urdf"
     names = "".join(f"  {toml_text(c.name)},\n" for c in moving)
+    xacro = ""
+    if len(proposal.loaded.sources) > 1:
+        arguments = proposal.loaded.arguments.items()
+        given = ", ".join(f"{toml_key(name)} = {toml_text(value)}" for name, value in arguments)
+        xacro = f"""
+# Arguments of the xacro file, and folders of ROS packages, in addition to those above the file.
+{"" if given else "# "}xacro.arguments = {{{given}}}
+# xacro.packages = ["../src"]"""
+    base = """\
+# The link taken as fixed base, and the last link of the chain, if not the model's.
+# base = "base_link\""""
+    if proposal.base is not None:
+        why = f"CHECK: the link fixed to the world, {proposal.why_base or 'as asked'}. "
+        why = comment(f"{why}It must be at rest in every log.")
+        base = f"{why}\nbase = {toml_text(proposal.base)}\n# The last link of the chain."
     return f"""\
 # Robot file for steelyard, written by `steelyard init`. Check the lines marked CHECK.
 
@@ -282,26 +279,15 @@ name = {toml_text(robot.name)}
 # Where the model and the logs come from, for the report.
 # source = "https://..."
 # Path, absolute or relative to this file; ${{NAME}} is an environment variable.
-{kind} = {toml_text(path_from(output_path.parent, model_path))}{_xacro_lines(proposal.loaded)}
+{kind} = {toml_text(path_from(output_path.parent, model_path))}{xacro}
 # Joints to identify, in the order of the columns below. All others are locked.
 joints = [
 {names}]
-{_base_lines(proposal)}
+{base}
 # tip = "tool0"
 # {mark} [m/s²] in the frame of the base. Change it for wall or ceiling mounting;
 # instead, mounting = {{roll = 0.0, pitch = 90.0, yaw = 0.0}} gives the base's rotation [deg].
 gravity = {toml_text(gravity)}"""
-
-
-def _base_lines(proposal: Proposal) -> str:
-    """The base, and what is assumed of it."""
-    if proposal.base is None:
-        return """\
-# The link taken as fixed base, and the last link of the chain, if not the model's.
-# base = "base_link\""""
-    why = f"CHECK: the link fixed to the world, {proposal.why_base or 'as asked'}. "
-    why += "It must be at rest in every log."
-    return f"{comment(why)}\nbase = {toml_text(proposal.base)}\n# The last link of the chain."
 
 
 def _locked_part(resting: Sequence[Coordinate], proposal: Proposal) -> str:

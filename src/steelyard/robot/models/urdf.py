@@ -1,7 +1,6 @@
 """URDF files: a small reader that needs no meshes and no ROS."""
 
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from typing import cast, get_args
 
@@ -47,24 +46,18 @@ def read_urdf(path: Path) -> Mechanism:
     )
 
 
-def _used(root: Element) -> Iterator[Element]:
-    """Elements that are read here: not those of visuals, collisions and plug-ins."""
-    for element in root.children:
-        if element.tag == "link":
-            yield element
-            yield from (part for inertial in element.all("inertial") for part in inertial.walk())
-        elif element.tag == "joint":
-            yield from element.walk()
-        elif xacro_name(element.tag) is not None:
-            yield element
-
-
 def of_xacro(root: Element) -> Element | None:
-    """The first element that xacro has to expand, among those that are read."""
-    for element in _used(root):
-        values = element.attributes.values()
-        if xacro_name(element.tag) is not None or any("${" in v or "$(" in v for v in values):
-            return element
+    """The first element that xacro has to expand, but for visuals, collisions and plug-ins."""
+    for element in root.children:
+        used = [element] if xacro_name(element.tag) is not None else []
+        if element.tag == "link":
+            used = [element, *(x for part in element.all("inertial") for x in part.walk())]
+        elif element.tag == "joint":
+            used = list(element.walk())
+        for part in used:
+            values = part.attributes.values()
+            if xacro_name(part.tag) is not None or any("${" in v or "$(" in v for v in values):
+                return part
     return None
 
 
