@@ -11,9 +11,8 @@ import steelyard
 from small_arm import URDF
 from steelyard.base.errors import ModelError, SteelyardError
 from steelyard.base.progress import silent
-from steelyard.estimate.estimators import ESTIMATORS
+from steelyard.estimate.estimators import ESTIMATORS, Sources
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.requested_estimator import Sources
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.trajectory_files import write_motion
 from steelyard.identify.fit import _method

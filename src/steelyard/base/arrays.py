@@ -1,7 +1,7 @@
 """Read-only arrays, and parameters that carry their names and units."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from math import isfinite
 from typing import Any
 
@@ -45,10 +45,27 @@ def finite_json(value: Any) -> Any:
     return value
 
 
-def set_fields(value: object, **fields: object) -> None:
+def set_fields(value: object, **contents: object) -> None:
     """Set fields of a frozen dataclass, for its `__post_init__`."""
-    for name, content in fields.items():
+    for name, content in contents.items():
         object.__setattr__(value, name, content)
+
+
+def json_values(value: Any) -> Any:
+    """As JSON values; exact. Of a dataclass its fields, those of its `parameters` among them."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, tuple):
+        return [json_values(x) for x in value]
+    if isinstance(value, Mapping):
+        return dict(value)
+    if not is_dataclass(value):
+        return value
+    found: dict[str, Any] = {}
+    for name in (field.name for field in fields(value)):
+        content = json_values(getattr(value, name))
+        found |= content if name == "parameters" else {name: content}
+    return found
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ from steelyard.check.findings_text import check_headline, diagnosis_dict, tally
 from steelyard.check.findings_text import print_findings as show_findings
 from steelyard.check.fix import CorrectedFile, correct_robot_file, target_of
 from steelyard.check.subject import diagnosed, refuse_foreign, subject_of
+from steelyard.estimate.estimators import method_of
 from steelyard.estimate.identified import IdentifiedModel, load_model
-from steelyard.estimate.requested_estimator import method_of
 from steelyard.report.result import Result
 from steelyard.runs.named_logs import log_files, paths_of
 

@@ -6,7 +6,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from steelyard.base.arrays import Array, Parameters, frozen
+from steelyard.base.arrays import Array, Parameters, frozen, json_values
 
 Data = TypeVar("Data", contravariant=True)
 
@@ -83,24 +83,14 @@ class StandardEstimate:
         """Standard deviation of each parameter, shape `(p,)`."""
         return np.sqrt(np.diag(self.covariance))
 
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON values; exact."""
-        covariance, learned = self.covariance.tolist(), self.learned.tolist()
-        return {**_to_dict(self.parameters), "covariance": covariance, "learned": learned}
-
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "StandardEstimate":
-        """The values that `to_dict` wrote."""
+        """The values that `Estimate.to_dict` wrote."""
         size = len(data["names"])
         covariance = frozen(np.reshape(data["covariance"], (size, size)))
         if not (np.isfinite(data["values"]).all() and np.isfinite(covariance).all()):
             raise ValueError("a standard parameter or its covariance is not finite")
         return cls(_from_dict(data), covariance, frozen(data["learned"], (size,)))
-
-
-def _to_dict(parameters: Parameters) -> dict[str, Any]:
-    names, units = list(parameters.names), list(parameters.units)
-    return {"names": names, "units": units, "values": parameters.values.tolist()}
 
 
 def _from_dict(data: Mapping[str, Any]) -> Parameters:
@@ -176,26 +166,7 @@ class Estimate:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values; exact."""
-        return {
-            "estimator": self.estimator,
-            **_to_dict(self.parameters),
-            "covariance": self.covariance.tolist(),
-            "blind": [{"name": b.name, "tied_to": list(b.tied_to)} for b in self.blind],
-            "sigma": self.sigma.tolist(),
-            "n_samples": self.n_samples.tolist(),
-            "condition": self.condition,
-            "condition_normalised": self.condition_normalised,
-            "per_run": [
-                {"run": own.run, **_to_dict(own.parameters), "std": own.std.tolist()}
-                for own in self.per_run
-            ],
-            "standard": None if self.standard is None else self.standard.to_dict(),
-            "learned": None if self.learned is None else self.learned.tolist(),
-            "at_bound": list(self.at_bound),
-            "notes": list(self.notes),
-            "removed": [vars(removed) for removed in self.removed],
-            "known": list(self.known),
-        }
+        return dict(json_values(self))
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "Estimate":

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arguments import checked
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, json_values
 from steelyard.base.errors import DataError, ModelError, nearest
 from steelyard.base.files import whole_folder
 from steelyard.base.motion import Motion
@@ -181,7 +181,10 @@ class IdentifiedModel(Dynamics):
         ddq: ArrayLike | None,
     ) -> Array:
         found = super()._along(quantity, q, dq, ddq)
-        _warn_of_degrees(self.robot, q.q if isinstance(q, Motion) else np.asarray(q, dtype=float))
+        positions = q.q if isinstance(q, Motion) else np.asarray(q, dtype=float)
+        if far := far_beyond_limits(self.robot, positions):
+            fix = "positions are in rad: use numpy.radians for degrees"
+            warnings.warn(f"{far}; {fix}", stacklevel=3)
         return found
 
     def effort(
@@ -327,12 +330,7 @@ class IdentifiedModel(Dynamics):
             "motions": [samples.to_dict() for samples in self.motions],
             "calibration": None if self.calibration is None else self.calibration.to_dict(),
             "effort_scales": None if self.effort_scales is None else self.effort_scales.to_dict(),
-            "provenance": {
-                "version": self.provenance.version,
-                "inputs": dict(self.provenance.inputs),
-                "runs": list(self.provenance.runs),
-                "notes": list(self.provenance.notes),
-            },
+            "provenance": json_values(self.provenance),
         }
 
     @classmethod
@@ -351,10 +349,7 @@ class IdentifiedModel(Dynamics):
             processing=Processing.from_dict(data["processing"]),
             motions=tuple(MotionSamples.from_dict(m) for m in data.get("motions", ())),
             provenance=Provenance(
-                origin["version"],
-                dict(origin["inputs"]),
-                tuple(origin["runs"]),
-                tuple(origin["notes"]),
+                **{**origin, "runs": tuple(origin["runs"]), "notes": tuple(origin["notes"])}
             ),
             calibration=None if calibrated is None else Calibration.from_dict(calibrated),
             effort_scales=None if scales is None else KnownScales.from_dict(scales, joints),
@@ -443,12 +438,6 @@ def load_model(path: str | Path | IdentifiedModel) -> IdentifiedModel:
             where=str(file),
             fix=fix,
         ) from None
-
-
-def _warn_of_degrees(robot: Robot, q: Array) -> None:
-    """Warn of positions that look like degrees."""
-    if far := far_beyond_limits(robot, q):
-        warnings.warn(f"{far}; positions are in rad: use numpy.radians for degrees", stacklevel=4)
 
 
 def far_beyond_limits(robot: Robot, q: Array) -> str:

@@ -12,7 +12,20 @@ from steelyard.base.progress import Progress
 from steelyard.check.fitted.gear_side import LINK_SIDE_INSTEAD, rotors_at_zero
 from steelyard.estimate.consistent.consistent import Consistent
 from steelyard.estimate.estimate import Z95, Estimate, Estimator
-from steelyard.estimate.estimators import KNOWLEDGE, PRIOR, WEIGHTS, Context, Offer, offer_of
+from steelyard.estimate.estimators import (
+    KNOWLEDGE,
+    LEAST_SQUARES,
+    PRIOR,
+    WEIGHTS,
+    Context,
+    Offer,
+    Sources,
+    context_of,
+    method_of,
+    offer_of,
+    on_information,
+    per_run_columns,
+)
 from steelyard.estimate.friction.friction_choice import FrictionChoice
 from steelyard.estimate.identified import BAND, Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.base_parameters import base_parameters
@@ -28,14 +41,6 @@ from steelyard.estimate.nonlinear.fields import Finding
 from steelyard.estimate.nonlinear.zero_offset import ZeroOffsets
 from steelyard.estimate.payload.drive_gains import GainEstimate
 from steelyard.estimate.prior.prior import Knowledge, Row
-from steelyard.estimate.requested_estimator import (
-    LEAST_SQUARES,
-    Sources,
-    context_of,
-    method_of,
-    on_information,
-    per_run_columns,
-)
 from steelyard.estimate.scores.band_calibration import calibrate
 from steelyard.identify.prepared_fit import TOO_SHORT, PreparedFit, prepare_fit
 from steelyard.identify.prepared_fit import Payload as Payload

@@ -23,8 +23,8 @@ from steelyard.check.fitted.implausible import refuse_absurd
 from steelyard.check.fitted.post_fit import examine_fit
 from steelyard.check.signals.movement import of_base
 from steelyard.check.subject import notes_of_precheck, prechecked
+from steelyard.estimate.estimators import method_of
 from steelyard.estimate.identified import IdentifiedModel
-from steelyard.estimate.requested_estimator import method_of
 from steelyard.identify.fit import Fit, calibrated, fit, with_signals
 from steelyard.identify.page.content import ReportContent
 from steelyard.identify.page.model_verdict import Verdict, verdict

@@ -7,6 +7,7 @@ from steelyard.base.errors import DataError, ModelError
 from steelyard.base.progress import Progress
 from steelyard.estimate.consistent.consistent import Consistent
 from steelyard.estimate.estimate import Estimator
+from steelyard.estimate.estimators import method_of
 from steelyard.estimate.friction.friction_choice import (
     FrictionChoice,
     choose_friction,
@@ -30,7 +31,6 @@ from steelyard.estimate.nonlinear.fields import (
 from steelyard.estimate.nonlinear.zero_offset import ZeroOffsets, find_offsets, with_offsets
 from steelyard.estimate.payload.drive_gains import GainEstimate, identified_gains
 from steelyard.estimate.prior.constraint_kinds import knowledge_of
-from steelyard.estimate.requested_estimator import method_of
 from steelyard.estimate.scores.cross_validation import TooShortError
 from steelyard.model.model import Model
 from steelyard.model.robot_file_model import with_friction

@@ -123,9 +123,7 @@ class Consistent:
             begin = None if near is None else program.unknowns.of_standard(near)
             tried = self._tried(program, gamma, begin)
         standard = program.unknowns.standard(tried.u)
-        lifted = self.base.lift @ standard
-        known = dict(zip(self.base.base_names, lifted.tolist(), strict=True))
-        values = np.array([known.get(c, 0.0) for c in information.layout.columns])
+        values = self.base.values_of(information.layout.columns, standard)
         return ConsistentValues(values, tried.gamma, standard)
 
     def program(self, data: Whitened) -> Program:

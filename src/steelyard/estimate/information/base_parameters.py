@@ -17,7 +17,7 @@ frame's origin) or the law, the figure the link or joint, and `R` says that othe
 it [Khalil2002, ch. 9].
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import qr, solve_triangular
 
 from steelyard.base.arguments import checked
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, frozen, json_values
 from steelyard.base.errors import ModelError
 from steelyard.model.equations.passive_joints import random_positions
 from steelyard.model.laws.register import TERMS
@@ -150,6 +150,12 @@ class BaseMap:
         values = np.asarray(standard, dtype=np.float64)
         return values[list(self.independent)] + self.coefficients @ values[list(self.dependent)]
 
+    def values_of(self, names: Iterable[str], standard: ArrayLike) -> Array:
+        """Base parameters of these names, of standard ones `(p,)`; zero where there is none."""
+        values = np.asarray(self.lift @ np.asarray(standard, dtype=np.float64))
+        known = dict(zip(self.base_names, values.tolist(), strict=True))
+        return np.array([known.get(name, 0.0) for name in names])
+
     @property
     def lift(self) -> Array:
         """The matrix of `base_values`, shape `(b, p)`."""
@@ -190,29 +196,14 @@ class BaseMap:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values; exact."""
-        return {
-            "names": list(self.names),
-            "units": list(self.units),
-            "independent": list(self.independent),
-            "dependent": list(self.dependent),
-            "unseen": list(self.unseen),
-            "coefficients": self.coefficients.tolist(),
-        }
+        return dict(json_values(self))
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "BaseMap":
         """The map that `to_dict` wrote."""
-        independent, dependent = tuple(data["independent"]), tuple(data["dependent"])
-        return cls(
-            names=tuple(data["names"]),
-            units=tuple(data["units"]),
-            independent=independent,
-            dependent=dependent,
-            unseen=tuple(data["unseen"]),
-            coefficients=frozen(
-                np.reshape(data["coefficients"], (len(independent), len(dependent)))
-            ),
-        )
+        tuples = {k: tuple(x) for k, x in data.items() if k != "coefficients"}
+        shape = len(tuples["independent"]), len(tuples["dependent"])
+        return cls(**tuples, coefficients=frozen(np.reshape(data["coefficients"], shape)))
 
 
 @checked()
@@ -246,7 +237,16 @@ def _found(kind: str, model: Model, choose: Callable[[Array], list[int]]) -> Bas
     if entry is not None:
         return BaseMap.from_dict(entry[0])
     regressor = full_regressor(model)
-    found = _group(model, regressor, choose(regressor))
+    independent, seen = choose(regressor), set(seen_columns(regressor))
+    columns = range(regressor.shape[1])
+    dependent = [k for k in columns if k in seen and k not in set(independent)]
+    solved = np.linalg.lstsq(regressor[:, independent], regressor[:, dependent], rcond=None)[0]
+    for exact in (0.0, 1.0, -1.0):  # by structure
+        solved[np.abs(solved - exact) < 1e-8] = exact
+    unseen = tuple(k for k in columns if k not in seen)
+    found = BaseMap(
+        model.names, model.units, tuple(independent), tuple(dependent), unseen, frozen(solved)
+    )
     cache.store(key, found.to_dict(), b"")
     return found
 
@@ -293,24 +293,6 @@ def full_regressor(
     for (row, column), entries in zip(places, values, strict=True):
         regressor[row, :, column] = entries
     return regressor.reshape(n * n_samples, p)
-
-
-def _group(model: Model, regressor: Array, independent: list[int]) -> BaseMap:
-    """The independent columns, and the others as combinations of them."""
-    seen = set(seen_columns(regressor))
-    columns = range(regressor.shape[1])
-    dependent = [k for k in columns if k in seen and k not in set(independent)]
-    solved = np.linalg.lstsq(regressor[:, independent], regressor[:, dependent], rcond=None)[0]
-    for exact in (0.0, 1.0, -1.0):  # by structure
-        solved[np.abs(solved - exact) < 1e-8] = exact
-    return BaseMap(
-        names=model.names,
-        units=model.units,
-        independent=tuple(independent),
-        dependent=tuple(dependent),
-        unseen=tuple(k for k in columns if k not in seen),
-        coefficients=frozen(solved),
-    )
 
 
 def refuse_twins(model: Model, base: BaseMap) -> None:

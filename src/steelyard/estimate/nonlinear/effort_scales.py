@@ -142,13 +142,12 @@ class Scaled:
         logs = before + np.clip(logs - before, -LONGEST, LONGEST)
         precision = program.stated_precision(u, gamma)
         precision += program.unknowns.matrix.T @ program.unknowns.matrix
-        n, base = len(self.rows), self.estimator.base
-        known = dict(zip(base.base_names, (base.lift @ standard[:-n]).tolist(), strict=True))
+        n, columns = len(self.rows), information.layout.columns
         spread = self.deviation**2 * inverse_of(precision)[-n:, -n:]
         return Scales(
             np.exp(logs),
             spread,
-            np.array([known.get(name, 0.0) for name in information.layout.columns]),
+            self.estimator.base.values_of(columns, standard[:-n]),
             gamma,
             standard,
         )

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.base.arguments import checked
+from steelyard.base.arrays import json_values
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.estimate import Estimate, Estimator
@@ -82,7 +83,7 @@ class Finding:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
-        return {**vars(self), "interval": list(self.interval), "bounds": list(self.bounds)}
+        return dict(json_values(self))
 
     @property
     def warning(self) -> str | None:

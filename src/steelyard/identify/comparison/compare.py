@@ -13,12 +13,19 @@ from steelyard.base.arguments import checked
 from steelyard.base.errors import ModelError
 from steelyard.base.progress import Progress, silent
 from steelyard.check.subject import notes_of_precheck, prechecked
-from steelyard.estimate.estimators import ESTIMATORS, Context, Offer, offer_of
+from steelyard.estimate.estimators import (
+    ESTIMATORS,
+    Context,
+    Offer,
+    Sources,
+    context_of,
+    method_of,
+    offer_of,
+)
 from steelyard.estimate.friction.mixes import has_memory
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
 from steelyard.estimate.nonlinear.fields import information_from
-from steelyard.estimate.requested_estimator import Sources, context_of, method_of
 from steelyard.estimate.scores.cross_validation import longest_window
 from steelyard.estimate.scores.estimator_advice import Comparison, EstimatorScore
 from steelyard.estimate.scores.estimator_comparison import Parts, compared, scores_of
