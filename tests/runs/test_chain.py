@@ -14,11 +14,11 @@ from steelyard.runs.recording import Recording
 from steelyard.runs.rows.resampling import (
     CUBIC,
     INTERPOLATIONS,
+    WORST_NEIGHBOUR,
     Lane,
     Thinning,
-    WorstReach,
+    interpolated,
     sample_count,
-    uniform,
 )
 from steelyard.runs.smoothing.fir_methods import MovingAverage
 from steelyard.runs.smoothing.kalman import CausalKalman, KalmanSmoother
@@ -71,7 +71,7 @@ def test_any_split_gives_the_same(recording, sines, monkeypatch, name: str, velo
     data = whole.whole()
     raw = Recording.raw
     monkeypatch.setattr(Recording, "raw", lambda self, rows, size=0: raw(self, rows, 331))
-    monkeypatch.setattr("steelyard.runs.smoothing.filters.apply.__defaults__", (500,))
+    monkeypatch.setattr("steelyard.runs.partition.SAMPLES_OF_PART", 500)
     again = prepare(made, CHAINS[name])
     parts = again.whole()
     assert again.quality.marked == whole.quality.marked
@@ -103,31 +103,29 @@ def test_interpolations_are_scipys_by_parts(kind: str) -> None:
     rng = np.random.default_rng(0)
     t, x = np.cumsum(rng.uniform(0.5, 1.5, 900)), rng.normal(size=(900, 2))
     reference = {"pchip": PchipInterpolator, "spline": CubicSpline}[kind](t, x)
-    lanes = (Lane(slice(None), INTERPOLATIONS[kind]),)
-    cuts = [3, 100, 101, 500]
-    rows = zip(np.split(t, cuts), np.split(x, cuts), strict=True)
-    found = np.concatenate(list(uniform(rows, 2.0, lanes)), axis=1)
-    at = np.minimum(t[0] + np.arange(found.shape[1]) / 2.0, t[-1])
-    np.testing.assert_allclose(found, reference(at).T, atol=1e-10)
+    way = INTERPOLATIONS[kind]
+    for first in (0, 100, 250, 500):
+        low, high = max(0, first - way.margin), min(len(t), first + 200 + way.margin)
+        at = np.linspace(t[first], t[first + 199], 500)
+        found = interpolated(t[low:high], x[low:high].T, at, [Lane(slice(None), way)])
+        np.testing.assert_allclose(found, reference(at).T, atol=1e-10)
 
 
 def test_flags_take_the_worse_neighbour() -> None:
     t, flags = np.arange(5.0), np.array([[0.0, 2.0, 0.0, 0.0, 1.0]])
     at = np.array([0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.5, 4.0])
     expected = [[0.0, 2.0, 2.0, 2.0, 0.0, 0.0, 1.0, 1.0]]
-    np.testing.assert_array_equal(WorstReach()(t, flags, at), expected)
+    np.testing.assert_array_equal(WORST_NEIGHBOUR(t, flags, at), expected)
 
 
 def test_lanes_read_late_channels_later() -> None:
     t = np.arange(500) * 0.01
     x = np.stack([np.sin(t), np.sin(t - 0.123)], axis=1)
     lanes = (Lane(slice(0, 1), CUBIC), Lane(slice(1, 2), CUBIC, 0.123))
-    for cuts in ([], [50, 51, 300]):
-        rows = zip(np.split(t, cuts), np.split(x, cuts), strict=True)
-        found = np.concatenate(list(uniform(rows, 100.0, lanes)), axis=1)
-        assert found.shape[1] == sample_count(t[0], t[-1], 100.0)
-        np.testing.assert_allclose(found[1, :-14], found[0, :-14], atol=1e-5)
-        np.testing.assert_allclose(found[1, -12:], x[-1, 1], atol=1e-12)
+    found = interpolated(t, x.T, np.arange(sample_count(t[0], t[-1], 100.0)) / 100.0, lanes)
+    assert found.shape[1] == 500
+    np.testing.assert_allclose(found[1, :-14], found[0, :-14], atol=1e-5)
+    np.testing.assert_allclose(found[1, -12:], x[-1, 1], atol=1e-12)
 
 
 def test_a_slower_clock_folds_nothing_down(recording, sines) -> None:

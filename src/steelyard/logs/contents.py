@@ -108,14 +108,10 @@ KINDS = {
 
 @dataclass(frozen=True)
 class ColumnContent:
-    """What is in a column.
+    """What is in a column: its first, least and greatest finite value, `None` if there is none.
 
     Attributes:
-        name: Its name.
         kind: The quantity that its name speaks of, empty if none.
-        first: Its first value; `None` if that is missing or there are no rows.
-        least: Least finite value; `None` if there is none.
-        most: Greatest finite value.
         missing: Share of cells that hold no finite number.
     """
 
@@ -133,13 +129,10 @@ class LogContent:
 
     Attributes:
         path: Where it is, with its cut.
-        format: What kind of file it is.
         size: Bytes on disk.
-        rows: Number of rows.
         time: The column of time, if one looks like it.
         duration: From least to greatest time [s].
         rate: Rows per second over all of it [Hz].
-        columns: What is in each column.
         left_out: Name and reason of what the file holds beside its table.
         topics: Topics of a log of messages: name, type, number of messages, rate.
         remarks: What a user should know about the file's state.
@@ -196,11 +189,7 @@ class ColumnTally:
 
 
 def content_of(log: Log, cut: Cut = Cut(), progress: Progress = silent) -> LogContent:  # noqa: B008
-    """Read a log, or a window of it, once from front to back.
-
-    Raises:
-        LogError: It cannot be read.
-    """
+    """Read a log, or a window of it, once from front to back."""
     counts = Counter(log.columns)
     names = tuple(name for name, count in counts.items() if count == 1)
     time = time_column(log, names)
@@ -220,7 +209,10 @@ def content_of(log: Log, cut: Cut = Cut(), progress: Progress = silent) -> LogCo
         rate=rate,
         columns=columns,
         left_out=(*getattr(log, "left_out", ()), *twice),
-        topics=tuple(_topic(topic) for topic in getattr(log, "topics", ())),
+        topics=tuple(
+            {key: getattr(topic, key) for key in ("name", "type", "count", "rate", "problem")}
+            for topic in getattr(log, "topics", ())
+        ),
         remarks=tuple(getattr(log, "remarks", ())),
     )
 
@@ -261,13 +253,3 @@ def _clock(
         return None, None
     duration = (column.most - column.least) * time.scale
     return duration, (rows - 1) / duration if duration > 0.0 and isfinite(duration) else None
-
-
-def _topic(topic: Any) -> dict[str, Any]:
-    return {
-        "name": topic.name,
-        "type": topic.type,
-        "count": topic.count,
-        "rate": topic.rate,
-        "problem": topic.problem,
-    }

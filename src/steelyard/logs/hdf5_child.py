@@ -7,13 +7,14 @@ input. Without rows it answers with the datasets as JSON, else with rows of 64-b
 import json
 import sys
 from collections.abc import Iterator
+from dataclasses import asdict
 from math import prod
-from typing import Any, TypedDict
+from typing import Any
 
 import h5py  # type: ignore[import-untyped]
 import numpy as np
 
-from steelyard.logs.named_arrays import is_real_number, record_fields, record_labels
+from steelyard.logs.named_arrays import NamedArray, is_real_number, record_fields, record_labels
 
 DEFLATE, SHUFFLE, FLETCHER32, SZIP, NBIT, SCALE_OFFSET, LZF = 1, 2, 3, 4, 5, 6, 32000
 FILTERS = frozenset((DEFLATE, SHUFFLE, FLETCHER32, SZIP, NBIT, SCALE_OFFSET, LZF))
@@ -26,23 +27,14 @@ UNSTORED = 1 << 26
 MOST_DATASETS = 20_000
 
 
-class FoundDataset(TypedDict):
-    """A dataset: its name, shape, columns if it has names for them, and why it is left out."""
-
-    name: str
-    shape: list[int]
-    labels: list[str]
-    left_out: str
-
-
 def main() -> None:
     """Answer the request on standard input."""
     request = json.loads(sys.stdin.read())
     try:
         with h5py.File(request["path"], "r", rdcc_nbytes=1 << 22) as file:
             if request.get("rows") is None:
-                found = list(_datasets(file, request["matlab"]))
-                sys.stdout.write(json.dumps(found))
+                found = _datasets(file, request["matlab"])
+                sys.stdout.write(json.dumps([asdict(member) for member in found]))
             else:
                 for part in _rows(file, request):
                     sys.stdout.buffer.write(np.ascontiguousarray(part).data)
@@ -53,7 +45,7 @@ def main() -> None:
         sys.exit(text or type(error).__name__)
 
 
-def _datasets(file: h5py.File, matlab: bool) -> Iterator[FoundDataset]:
+def _datasets(file: h5py.File, matlab: bool) -> Iterator[NamedArray]:
     """What is in a file, links to elsewhere included, which are not followed."""
     waiting: list[tuple[str, h5py.Group]] = [("", file)]
     seen: set[Any] = set()
@@ -67,7 +59,9 @@ def _datasets(file: h5py.File, matlab: bool) -> Iterator[FoundDataset]:
             full = f"{path}{name}"
             link = group.get(name, getlink=True)
             if isinstance(link, h5py.ExternalLink):
-                yield _left_out(full, "it is a link to another file, which is not followed")
+                yield NamedArray(
+                    full, (), left_out="it is a link to another file, which is not followed"
+                )
             if not isinstance(link, h5py.HardLink) or (matlab and not path and name[0] == "#"):
                 continue
             entry = group[name]
@@ -81,8 +75,8 @@ def _datasets(file: h5py.File, matlab: bool) -> Iterator[FoundDataset]:
                 yield _found(full, entry, matlab)
 
 
-def _found(name: str, data: h5py.Dataset, matlab: bool) -> FoundDataset:
-    dtype, shape = data.dtype, list(data.shape or ())
+def _found(name: str, data: h5py.Dataset, matlab: bool) -> NamedArray:
+    dtype, shape = data.dtype, tuple(data.shape or ())
     fields = record_fields(dtype)
     why = _refused(data)
     if matlab and not why:
@@ -94,15 +88,9 @@ def _found(name: str, data: h5py.Dataset, matlab: bool) -> FoundDataset:
     elif not why and len(shape) > 2:
         why = f"it has {len(shape)} axes"
     if why:
-        return _left_out(name, why)
-    labels = [f"{name}/{label}" for label in record_labels(fields)]
-    if matlab and shape == [1, 1]:
-        shape = []
-    return FoundDataset(name=name, shape=shape, labels=labels, left_out="")
-
-
-def _left_out(name: str, why: str) -> FoundDataset:
-    return FoundDataset(name=name, shape=[], labels=[], left_out=why)
+        return NamedArray(name, (), left_out=why)
+    labels = tuple(f"{name}/{label}" for label in record_labels(fields))
+    return NamedArray(name, () if matlab and shape == (1, 1) else shape, labels)
 
 
 def _refused(data: h5py.Dataset) -> str:

@@ -37,15 +37,25 @@ CHILD = module_command("steelyard.logs.hdf5_child")
 
 
 def open_hdf5(path: Path, *, matlab: bool = False) -> ArraysLog:
-    """The datasets of all groups as a table; they are called by their paths, such as `run/q`.
-
-    Raises:
-        LogError: Not there, not HDF5, or without a table.
-    """
+    """The datasets of all groups as a table; they are called by their paths, such as `run/q`."""
     require_file(path)
     stat = path.stat()
     members = _hdf5_members(path.resolve(), matlab, stat.st_mtime_ns, stat.st_size)
-    return ArraysLog.of(path, members, _Hdf5Reader(path, members, matlab))
+
+    def read(places: Sequence[ColumnPlace], rows: tuple[int, int], size: int) -> Iterator[Array]:
+        separator = "." if matlab else "/"
+        names = [members[p.member].name.replace(separator, "/") for p in places]
+        columns = [[n, p.axis, p.component] for n, p in zip(names, places, strict=True)]
+        request = {"path": str(path), "rows": rows, "size": size, "columns": columns}
+        with _child_answer(path, request) as answer:
+            for start in range(*rows, size):
+                n = min(size, rows[1] - start)
+                data = answer.read(8 * n * len(places))
+                if len(data) < 8 * n * len(places):
+                    raise EOFError
+                yield np.frombuffer(data, np.float64).reshape(n, len(places)).copy()
+
+    return ArraysLog.of(path, members, read)
 
 
 @lru_cache(maxsize=64)
@@ -57,28 +67,6 @@ def _hdf5_members(path: Path, matlab: bool, changed: int, size: int) -> tuple[Na
         NamedArray(found["name"], tuple(found["shape"]), tuple(found["labels"]), found["left_out"])
         for found in json.loads(text)
     )
-
-
-@dataclass(frozen=True)
-class _Hdf5Reader:
-    path: Path
-    members: Sequence[NamedArray]
-    matlab: bool
-
-    def __call__(
-        self, places: Sequence[ColumnPlace], rows: tuple[int, int], size: int
-    ) -> Iterator[Array]:
-        separator = "." if self.matlab else "/"
-        names = [self.members[p.member].name.replace(separator, "/") for p in places]
-        columns = [[n, p.axis, p.component] for n, p in zip(names, places, strict=True)]
-        request = {"path": str(self.path), "rows": rows, "size": size, "columns": columns}
-        with _child_answer(self.path, request) as answer:
-            for start in range(*rows, size):
-                n = min(size, rows[1] - start)
-                data = answer.read(8 * n * len(places))
-                if len(data) < 8 * n * len(places):
-                    raise EOFError
-                yield np.frombuffer(data, np.float64).reshape(n, len(places)).copy()
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """What every log can do, logs without a clock, and which part of a log is meant."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite
 from pathlib import Path
@@ -60,6 +60,12 @@ def require_columns(path: Path, known: Sequence[str], wanted: Sequence[str]) -> 
     fix = "name the columns of the log under [signals] of the robot file"
     missing = [column for column in dict.fromkeys(wanted) if column not in known]
     free = [column for column in known if column not in wanted]
+    wrong = f"the log has no column '{missing[0]}'" if missing else ""
+    if len(missing) > 1:
+        wrong = (
+            f"{len(missing)} of the {len(wanted)} columns that are needed are not in the log: "
+            f"{_first_names(missing)}"
+        )
     used = "all columns of the log are used: log this one too, or leave its joint out"
     if any(TIME_COLUMN.search(column) for column in missing):
         used = fix = (
@@ -70,7 +76,7 @@ def require_columns(path: Path, known: Sequence[str], wanted: Sequence[str]) -> 
         count = list(known).count(column)
         if count == 0:
             raise LogError(
-                _missing_columns(missing, len(wanted)),
+                wrong,
                 where=str(path),
                 fix=f"{_similar_columns(missing, free)}; {fix}" if free else used,
             )
@@ -94,13 +100,12 @@ def require_file(path: Path) -> None:
         raise LogError("the log file is empty", where=str(path), fix="record or copy it again")
 
 
-def _missing_columns(missing: Sequence[str], needed: int) -> str:
-    """Columns that are not in a log, the first ones by name."""
-    if len(missing) == 1:
-        return f"the log has no column '{missing[0]}'"
-    return (
-        f"{len(missing)} of the {needed} columns that are needed are not in the log: "
-        f"{_first_names(missing)}"
+def unreadable(path: Path, error: OSError) -> LogError:
+    """The error for a file that the system does not hand out."""
+    return LogError(
+        f"the log cannot be read ({error.strerror or error})",
+        where=str(path),
+        fix="check the file's permissions and the disk",
     )
 
 
@@ -180,9 +185,7 @@ SYNTAX = (
 class Cut:
     """A window of a log; the default is all of it. Both ends apply, stops are exclusive.
 
-    Attributes:
-        seconds: Start and stop, counted from the log's first good row [s].
-        rows: Start and stop row, counted from zero.
+    Seconds are counted from the log's first good row, rows from zero.
     """
 
     seconds: tuple[float, float] = (-inf, inf)
@@ -213,42 +216,29 @@ def parse_log_argument(argument: str) -> tuple[Path, Cut]:
     start, colon, stop = window.partition(":")
     if not name or not colon:
         raise LogError(f"'{mark}{window}' is not a window", where=argument, fix=SYNTAX)
-    if mark == "@":
-        seconds = _parsed_seconds(argument, start, 0.0), _parsed_seconds(argument, stop, inf)
-        _require_order(argument, seconds[0], seconds[1])
-        return Path(name), Cut(seconds=(-inf if seconds[0] == 0.0 else seconds[0], seconds[1]))
-    first, last = _parsed_row(argument, start), _parsed_row(argument, stop)
-    rows = (0 if first is None else first, last)
-    _require_order(argument, rows[0], inf if last is None else last)
-    return Path(name), Cut(rows=rows)
-
-
-def _parsed_seconds(argument: str, text: str, default: float) -> float:
-    try:
-        value = float(text) if text.strip() else default
-    except ValueError:
-        value = -1.0
-    if not value >= 0.0:
-        raise LogError(f"'{text}' is not a time from the log's start", where=argument, fix=SYNTAX)
-    return value
-
-
-def _parsed_row(argument: str, text: str) -> int | None:
-    try:
-        value = int(text) if text.strip() else None
-    except ValueError:
-        value = -1
-    if value is not None and value < 0:
-        raise LogError(f"'{text}' is not a row", where=argument, fix=SYNTAX)
-    return value
-
-
-def _require_order(argument: str, start: float, stop: float) -> None:
-    if start >= stop:
+    number, what = (float, "a time from the log's start") if mark == "@" else (int, "a row")
+    first = _parsed_number(argument, start, number, 0, what)
+    last = _parsed_number(argument, stop, number, inf, what)
+    if first >= last:
         raise LogError(
-            f"the window ends ({stop:g}) before it starts ({start:g})"
-            if start > stop
-            else f"the window is empty: it starts and ends at {start:g}",
+            f"the window ends ({last:g}) before it starts ({first:g})"
+            if first > last
+            else f"the window is empty: it starts and ends at {first:g}",
             where=argument,
             fix=SYNTAX,
         )
+    if mark == "@":
+        return Path(name), Cut(seconds=(-inf if first == 0.0 else first, last))
+    return Path(name), Cut(rows=(int(first), None if last == inf else int(last)))
+
+
+def _parsed_number(
+    argument: str, text: str, number: Callable[[str], float], default: float, what: str
+) -> float:
+    try:
+        value = number(text) if text.strip() else default
+    except ValueError:
+        value = -1
+    if not value >= 0:
+        raise LogError(f"'{text}' is not {what}", where=argument, fix=SYNTAX)
+    return value

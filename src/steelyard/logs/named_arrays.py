@@ -8,7 +8,7 @@ from itertools import chain
 from math import prod
 from pathlib import Path
 from struct import error as StructError
-from typing import IO, Any, Literal, Protocol
+from typing import IO, Any, Literal
 from zipfile import BadZipFile
 from zlib import error as ZlibError
 
@@ -30,11 +30,9 @@ BYTES_OF_PART = 1 << 23
 
 @dataclass(frozen=True)
 class NamedArray:
-    """An array of numbers in a file.
+    """An array of numbers of one axis or two in a file, with the path to it in its name.
 
     Attributes:
-        name: Its name in the file, with the path to it.
-        shape: One axis or two.
         labels: Names of its columns, if it knows them; it has one axis then.
         left_out: Why it is no part of any table; empty if it may be.
     """
@@ -73,18 +71,9 @@ class ColumnPlace:
     component: int
 
 
-class Reader(Protocol):
-    """Reads components of a file's arrays side by side."""
-
-    def __call__(
-        self, places: Sequence[ColumnPlace], rows: tuple[int, int], size: int
-    ) -> Iterator[Array]:
-        """Rows from the first to before the second, in arrays `(at most size, len(places))`.
-
-        Raises:
-            LogError: The file turns out to be broken.
-        """
-        ...
+Reader = Callable[[Sequence[ColumnPlace], tuple[int, int], int], Iterator[Array]]
+"""Reads components of a file's arrays side by side: rows from the first to before the second, in
+arrays `(at most size, len(places))`."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +102,10 @@ class ArraysLog:
         for number, member in enumerate(members):
             axis = None if member.left_out else member.axis(n_rows)
             if axis is None or n_rows < LEAST_ROWS:
-                left_out.append((member.name, member.left_out or _other_length(member, n_rows)))
+                size = " x ".join(map(str, member.shape))
+                other = f"its size is {size}, where the table has {n_rows} rows"
+                why = member.left_out or (other if size else "one number")
+                left_out.append((member.name, why))
             elif member.width(axis) > MOST_COLUMNS_OF_ARRAY:
                 left_out.append((member.name, f"more than {MOST_COLUMNS_OF_ARRAY} columns"))
             else:
@@ -121,7 +113,13 @@ class ArraysLog:
                 width = range(len(columns[-1]))
                 places.append(tuple(ColumnPlace(number, axis, component) for component in width))
         if not columns:
-            raise _no_arrays_error(path, left_out)
+            found = "; ".join(f"'{name}': {why}" for name, why in left_out[:4])
+            raise LogError(
+                f"the file holds no table of numbers{f' ({found})' if found else ''}",
+                where=str(path),
+                fix="store time and the joints' signals as arrays with one row per sample, such "
+                "as t (N), q (N x joints), tau (N x joints)",
+            )
         names, where = tuple(chain(*columns)), tuple(chain(*places))
         return cls(path, names, where, n_rows, tuple(left_out), read)
 
@@ -161,21 +159,6 @@ def _common_length(members: Sequence[NamedArray]) -> int:
                 member.width(axis), MOST_COLUMNS_OF_ARRAY
             )
     return max(votes, key=lambda length: (votes[length], length), default=0)
-
-
-def _other_length(member: NamedArray, n_rows: int) -> str:
-    shape = " x ".join(map(str, member.shape))
-    return f"its size is {shape}, where the table has {n_rows} rows" if shape else "one number"
-
-
-def _no_arrays_error(path: Path, left_out: Sequence[tuple[str, str]]) -> LogError:
-    found = "; ".join(f"'{name}': {why}" for name, why in left_out[:4])
-    return LogError(
-        f"the file holds no table of numbers{f' ({found})' if found else ''}",
-        where=str(path),
-        fix="store time and the joints' signals as arrays with one row per sample, such as "
-        "t (N), q (N x joints), tau (N x joints)",
-    )
 
 
 Opener = Callable[[int], IO[bytes]]

@@ -8,7 +8,7 @@ of zeros from a megabyte).
 import ast
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import prod
 from pathlib import Path
 from typing import IO, Any, Literal
@@ -31,15 +31,13 @@ from steelyard.logs.named_arrays import (
 
 MAGIC = b"\x93NUMPY"
 LONGEST_HEADER = 1 << 16
+Header = tuple[np.dtype[Any], tuple[int, ...], Literal["C", "F"]]
+"""Kind of numbers, shape and order of an array."""
 PICKLED = "it holds Python objects, which are never unpickled"
 
 
 def open_npz(path: Path) -> ArraysLog:
-    """The arrays of an archive as a table.
-
-    Raises:
-        LogError: Not there, not an archive of arrays, or without a table.
-    """
+    """The arrays of an archive as a table."""
     require_file(path)
     arrays: list[Packed | NamedArray] = []
     with read_errors_as_log_errors(path), ZipFile(path) as archive:
@@ -50,11 +48,7 @@ def open_npz(path: Path) -> ArraysLog:
 
 
 def open_npy(path: Path) -> ArraysLog:
-    """One array as a table: its columns are `column_1` to `column_k`, or its fields.
-
-    Raises:
-        LogError: Not there, not an array, or not a table.
-    """
+    """One array as a table: its columns are `column_1` to `column_k`, or its fields."""
     require_file(path)
 
     def opened(offset: int) -> IO[bytes]:
@@ -71,13 +65,6 @@ def open_npy(path: Path) -> ArraysLog:
         named = replace(array.member, name="column_1" if single else "column")
         array = replace(array, member=named)
     return packed_log(path, [array])
-
-
-@dataclass(frozen=True)
-class _Header:
-    dtype: np.dtype[Any]
-    shape: tuple[int, ...]
-    order: Literal["C", "F"]
 
 
 def _of_archive(path: Path, archive: ZipFile, info: ZipInfo) -> Packed | NamedArray:
@@ -99,23 +86,24 @@ def _of_archive(path: Path, archive: ZipFile, info: ZipInfo) -> Packed | NamedAr
     return _packed(name, header, opened)
 
 
-def _packed(name: str, header: _Header, opened: Opener) -> Packed | NamedArray:
-    fields = record_fields(header.dtype)
-    if header.dtype.hasobject:
+def _packed(name: str, header: Header, opened: Opener) -> Packed | NamedArray:
+    dtype, shape, order = header
+    fields = record_fields(dtype)
+    if dtype.hasobject:
         return NamedArray(name, (), left_out=PICKLED)
-    if header.dtype.names:
-        if len(header.shape) != 1 or not fields:
+    if dtype.names:
+        if len(shape) != 1 or not fields:
             return NamedArray(name, (), left_out="it is no list of records of numbers")
-        member = NamedArray(name, header.shape, record_labels(fields))
-        return Packed(member, header.dtype, header.order, opened, fields)
-    if not is_real_number(header.dtype):
-        return NamedArray(name, (), left_out=f"it holds no real numbers but {header.dtype}")
-    if len(header.shape) > 2:
-        return NamedArray(name, (), left_out=f"it has {len(header.shape)} axes")
-    return Packed(NamedArray(name, header.shape), header.dtype, header.order, opened)
+        member = NamedArray(name, shape, record_labels(fields))
+        return Packed(member, dtype, order, opened, fields)
+    if not is_real_number(dtype):
+        return NamedArray(name, (), left_out=f"it holds no real numbers but {dtype}")
+    if len(shape) > 2:
+        return NamedArray(name, (), left_out=f"it has {len(shape)} axes")
+    return Packed(NamedArray(name, shape), dtype, order, opened)
 
 
-def _header(stream: IO[bytes], size: int) -> _Header:
+def _header(stream: IO[bytes], size: int) -> Header:
     """What is written before an array's numbers, checked against the bytes there are."""
     start = stream.read(8)
     if len(start) != 8 or not start.startswith(MAGIC) or start[6] not in (1, 2, 3):
@@ -128,10 +116,10 @@ def _header(stream: IO[bytes], size: int) -> _Header:
     dtype, shape, order = _parsed(text)
     if prod(shape) * dtype.itemsize > size - 8 - width - length:
         raise ValueError("an array is declared larger than the file")
-    return _Header(dtype, shape, order)
+    return dtype, shape, order
 
 
-def _parsed(text: str) -> tuple[np.dtype[Any], tuple[int, ...], Literal["C", "F"]]:
+def _parsed(text: str) -> Header:
     try:
         header = ast.literal_eval(text.strip())
         dtype = np.lib.format.descr_to_dtype(header["descr"])

@@ -38,18 +38,15 @@ def longest_page(path: Path, changed: int, size: int) -> int:
     """Values of the longest page of a file as it was at a time, or a bound on them."""
     try:
         with path.open("rb") as file:
-            return _longest(file, size)
+            groups = _footer(file, size).get(4, ())
+            most = max((_number(group, 3) for group in groups), default=0)
+            if most <= ORDINARY_ROWS_OF_GROUP:
+                return most
+            chunks = (chunk.get(3, {}) for group in groups for chunk in group.get(1, ()))
+            pages = (values for meta in chunks for values in _pages(file, meta, size))
+            return max(pages, default=0)
     except (TypeError, AttributeError) as error:
         raise ValueError("its description is not that of a table") from error
-
-
-def _longest(file: IO[bytes], size: int) -> int:
-    groups = _footer(file, size).get(4, ())
-    most = max((_number(group, 3) for group in groups), default=0)
-    if most <= ORDINARY_ROWS_OF_GROUP:
-        return most
-    chunks = (chunk.get(3, {}) for group in groups for chunk in group.get(1, ()))
-    return max((values for meta in chunks for values in _pages(file, meta, size)), default=0)
 
 
 def _footer(file: IO[bytes], size: int) -> dict[int, Any]:
@@ -168,12 +165,7 @@ class ParquetLog:
 
     @classmethod
     def open(cls, path: Path) -> "ParquetLog":
-        """Read the names of the columns.
-
-        Raises:
-            LogError: Not there, or not Parquet.
-            PackageError: Polars is not installed.
-        """
+        """Read the names of the columns."""
         require_file(path)
         require_polars(path)
         with _polars_errors_as_log_errors(path, "the file cannot be read as Parquet"):
@@ -221,11 +213,7 @@ class ParquetLog:
 
 
 def require_polars(path: Path) -> None:
-    """Refuse a Parquet file without Polars.
-
-    Raises:
-        PackageError: Polars is not installed.
-    """
+    """Refuse a Parquet file without Polars."""
     require("polars", "polars", "Parquet files", str(path))
 
 

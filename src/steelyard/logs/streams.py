@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -163,11 +164,11 @@ class Lines:
         return by_numpy(chunk, places, header.separator, header.decimal_comma)
 
     def _objects(self, lines: Sequence[bytes]) -> Array:
-        found = (self._object(line) for line in lines)
-        rows = [[_json_number(one.get(name)) for name in self._wanted] for one in found]
-        return np.array(rows, dtype=np.float64)
+        cells: list[Any] = [row.get(n) for row in map(self._object, lines) for n in self._wanted]
+        numbers = [float(x) if type(x) in (int, float) else np.nan for x in cells]
+        return np.array(numbers).reshape(len(lines), len(self._wanted))
 
-    def _object(self, line: bytes) -> dict[str, object]:
+    def _object(self, line: bytes) -> dict[str, Any]:
         try:
             found = json.loads(line)
         except ValueError:
@@ -180,12 +181,6 @@ class Lines:
             where=str(self._path),
             fix="send a line of column names, then one line per sample; or one JSON object a line",
         )
-
-
-def _json_number(value: object) -> float:
-    """A number of JSON; NaN if it is none."""
-    known = isinstance(value, int | float) and not isinstance(value, bool)
-    return float(value) if known else np.nan  # type: ignore[arg-type]
 
 
 STANDARD_INPUT = "-"
@@ -225,14 +220,7 @@ def rows_of(
 
 
 def _messages(path: Path, columns: Sequence[str], waiting: Waiting) -> Iterator[Array]:
-    """Rows of an MCAP file, read from front to back without its index."""
-    log = _announced(path, columns, waiting)
-    growing = McapFile(path, complete=False, waiting=waiting)
-    yield from replace(log, container=growing).parts(columns, size=BATCH_ROWS)
-
-
-def _announced(path: Path, columns: Sequence[str], waiting: Waiting) -> MessageLog:
-    """The log once the first messages of all wanted topics are in it."""
+    """Rows of an MCAP file, read without its index, once messages of all topics are in it."""
     while True:
         try:
             log = MessageLog.open(path)
@@ -241,4 +229,6 @@ def _announced(path: Path, columns: Sequence[str], waiting: Waiting) -> MessageL
             if not waiting() or (path.stat().st_size and McapFile.open(path).complete):
                 raise
         else:
-            return log
+            break
+    growing = McapFile(path, complete=False, waiting=waiting)
+    yield from replace(log, container=growing).parts(columns, size=BATCH_ROWS)

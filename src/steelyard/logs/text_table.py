@@ -12,7 +12,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError, available
-from steelyard.logs.log import ROWS_OF_PART, RowRange, require_columns, require_file
+from steelyard.logs.log import ROWS_OF_PART, RowRange, require_columns, require_file, unreadable
 
 SEPARATORS = ",;\t| "
 
@@ -34,7 +34,6 @@ class Header:
 
     Attributes:
         columns: Names of its columns: `column_1`, ... if no line names them.
-        separator: What divides the columns.
         decimal_comma: Whether numbers are written `0,5`.
         body: Number of the line that the rows start in.
     """
@@ -226,17 +225,11 @@ FILES_KEPT = 16
 
 @dataclass(frozen=True)
 class DelimitedLog:
-    """A text table with a line of names above its rows, or without; see `read_header`.
+    """A text table with a line of names above its rows, or without; see `Header` and `read_header`.
 
     A cell that is not a number is NaN, as are the cells that a short row lacks; what a long row
-    has too many is left out. Quotes around cells and blanks beside them are taken off.
-
-    Attributes:
-        path: Where it is.
-        columns: Names of its columns.
-        separator: What divides the columns.
-        decimal_comma: Whether numbers are written `0,5`.
-        body: Byte at which the first row starts.
+    has too many is left out. Quotes around cells and blanks beside them are taken off. The first
+    row starts at byte `body`.
     """
 
     path: Path
@@ -253,7 +246,7 @@ class DelimitedLog:
             with path.open("rb") as file:
                 head = file.read(HEADER_BYTES)
         except OSError as error:
-            raise _unreadable(path, error) from error
+            raise unreadable(path, error) from error
         lines = head.split(b"\n", HEADER_LINES)[:HEADER_LINES]
         if len(lines) > 1 and len(head) == HEADER_BYTES:
             lines.pop()
@@ -267,7 +260,13 @@ class DelimitedLog:
                 fix="give a header and one row per sample",
             )
         _require_text(path, b"".join(lines[: header.body]))
-        _require_width(path, header.columns)
+        if len(header.columns) > MOST_TEXT_COLUMNS:
+            raise LogError(
+                f"the file's first lines name {len(header.columns)} columns; that is no table of "
+                "a robot",
+                where=str(path),
+                fix="check that the file is the log, and that its lines are ended",
+            )
         if not is_table(text, header):
             raise LogError(
                 "the file does not look like a table: its lines hold no rows of numbers",
@@ -308,7 +307,7 @@ class DelimitedLog:
         try:
             facts = self.path.stat()
         except OSError as error:
-            raise _unreadable(self.path, error) from error
+            raise unreadable(self.path, error) from error
         return facts.st_size, facts.st_mtime_ns, facts.st_ino, facts.st_dev
 
     def _pieces(self, width: int) -> Iterator[bytes]:
@@ -324,13 +323,6 @@ class DelimitedLog:
                 yield chunk[start:end]
                 start = end
 
-    def _endless(self) -> LogError:
-        return LogError(
-            f"more than {LONGEST_LINE >> 20} MiB of the log hold no ended row",
-            where=str(self.path),
-            fix="check that the file is a text table with one line per sample",
-        )
-
     def _chunks(self) -> Iterator[bytes]:
         """Whole lines, about `CHUNK` bytes at a time; the last is ended, blank ones after it go."""
         try:
@@ -344,11 +336,15 @@ class DelimitedLog:
                         yield rest[:end]
                         rest = rest[end:]
                     elif len(rest) > LONGEST_LINE:
-                        raise self._endless()
+                        raise LogError(
+                            f"more than {LONGEST_LINE >> 20} MiB of the log hold no ended row",
+                            where=str(self.path),
+                            fix="check that the file is a text table with one line per sample",
+                        )
                 if rest.strip():
                     yield rest + b"\n"
         except OSError as error:
-            raise _unreadable(self.path, error) from error
+            raise unreadable(self.path, error) from error
 
     def _numbers(self, chunk: bytes, wanted: Sequence[int]) -> Array:
         parsed = by_polars if available("polars") else by_numpy
@@ -433,20 +429,3 @@ def _require_text(path: Path, line: bytes) -> None:
             where=str(path),
             fix="save it as CSV in UTF-8; a Parquet file needs the suffix .parquet",
         )
-
-
-def _require_width(path: Path, columns: Sequence[str]) -> None:
-    if len(columns) > MOST_TEXT_COLUMNS:
-        raise LogError(
-            f"the file's first lines name {len(columns)} columns; that is no table of a robot",
-            where=str(path),
-            fix="check that the file is the log, and that its lines are ended",
-        )
-
-
-def _unreadable(path: Path, error: OSError) -> LogError:
-    return LogError(
-        f"the log cannot be read ({error.strerror or error})",
-        where=str(path),
-        fix="check the file's permissions and the disk",
-    )

@@ -1,28 +1,29 @@
-"""The chain from a log's rows to motion and effort on a uniform clock, in constant memory."""
+"""The chain from a log's rows to motion and effort on a uniform clock, part by part in memory."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from itertools import groupby
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from math import ceil
 
 import numpy as np
 
 from steelyard.base.arrays import Array
+from steelyard.runs.partition import Margin, Window, partition, windows
 from steelyard.runs.processing import Processing
-from steelyard.runs.recording import Channels, Recording
-from steelyard.runs.rows.clock import Clock, RowPiece, RowScan
+from steelyard.runs.recording import Recording
+from steelyard.runs.rows.clock import Clock, RowScan
 from steelyard.runs.rows.resampling import (
     INTERPOLATIONS,
     THINNING_PASSBAND,
+    WORST_NEIGHBOUR,
     Lane,
     Thinning,
-    WorstReach,
-    uniform,
+    interpolated,
+    sample_count,
 )
-from steelyard.runs.rows.row_checks import CUT_OFF, Marking, RowChecks
+from steelyard.runs.rows.row_checks import COUNTS_OF_MARKS, CUT_OFF, RowChecks, Segment
 from steelyard.runs.smoothing.auto import Auto
-from steelyard.runs.smoothing.filters import apply, continued_at_ends
-from steelyard.runs.smoothing.method import Causal, Designed, Smooth
+from steelyard.runs.smoothing.filters import continued_at_ends
+from steelyard.runs.smoothing.method import Causal
 
 SATURATION_SPREAD = 0.5
 """How far around an effort at its limit samples do not count, in periods of the regression cut-off:
@@ -34,19 +35,19 @@ CONTEXT_PERIODS = 4.0
 
 @dataclass(frozen=True, eq=False)
 class MotionPart:
-    """Samples of a segment on the uniform clock.
+    """Samples of a segment on the uniform clock, from the one with number `first` on.
 
     Attributes:
-        segment: Number of the segment.
-        start: Number of the first sample in it.
         signals: `q, dq, ddq, effort`, shape `(4 n, N)`.
         weights: How much each effort counts, shape `(n, N)`; `None` if all count alike.
+        marks: The counts of `Marked` over its rows.
     """
 
-    segment: int
-    start: int
+    segment: Segment
+    first: int
     signals: Array
     weights: Array | None
+    marks: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,11 +55,8 @@ class Chain:
     """What is done with a recording's rows, with every choice made.
 
     Attributes:
-        processing: The choices; cut-offs are numbers.
-        clock: The log's clock.
         rate: Of the uniform clock [Hz].
         thinning: Samples of the clock that rows are brought to over samples that are left.
-        row_checks: What is known of rows that are not to be believed.
         flagged: Whether any effort is marked, so that flags are worth carrying.
         before: What the rows are already, in words.
     """
@@ -113,151 +111,129 @@ class Chain:
             late = f"; causal: slow accelerations {delay:.2g} ms late"
         return f"by {self.processing.motion_words} ({at}{late})"
 
-    def operation(self, channels: Channels) -> "ToMotion":
-        """The local part of the chain, on the uniform clock."""
-        p, rate = self.processing, self.rate
-        smooth = None
-        if p.effort is not None:
-            smooth = p.effort.smooth(p.effort_cutoff or self.motion_cutoff, rate)
-        spread = ceil(SATURATION_SPREAD * rate / self.matched_cutoff) if self.flagged else None
-        return ToMotion(channels, p.motion.designed(self.motion_cutoff, rate), smooth, spread)
-
     def context(self, recording: Recording) -> float:
         """How far beyond a window the chain looks [s]."""
-        operation = self.operation(recording.channels)
-        seconds = operation.halo / self.rate
-        if operation.whole:
+        work = ToMotion(self, recording)
+        seconds = work.halo / self.rate + work.thinning_seconds
+        if work.whole:
             seconds += CONTEXT_PERIODS / self.motion_cutoff
-        if self.thinning > 1:
-            seconds += Thinning.design(self.thinning).halo / (self.rate * self.thinning)
         lags = recording.signals.velocity_delay, recording.signals.effort_delay
         return seconds + max(abs(lag) for lag in lags) + self.row_checks.halo * self.clock.step
 
     def parts(
-        self, recording: Recording, segments: Sequence[int], marking: Marking | None = None
+        self,
+        recording: Recording,
+        segments: Sequence[Segment],
+        counted: tuple[float, float] = (-np.inf, np.inf),
     ) -> Iterator[MotionPart]:
-        """Signals and weights of segments on the uniform clock.
-
-        Args:
-            recording: Raw rows.
-            segments: Numbers of the segments wanted.
-            marking: Counts what is marked; by default nothing is counted.
-        """
-        operation = self.operation(recording.channels)
-        marking = Marking(self.row_checks) if marking is None else marking
-        n = recording.channels.joints
-        pieces = RowScan(self.clock, recording).pieces()
-        for number, of_segment in groupby(pieces, key=lambda piece: piece.segment):
-            if number not in segments:
-                continue
-            start = 0
-            for part in operation.over(self._uniform(recording, of_segment, marking)):
-                weights = part[4 * n :] if self.flagged else None
-                yield MotionPart(number, start, part[: 4 * n], weights)
-                start += part.shape[1]
-
-    def _uniform(
-        self, recording: Recording, pieces: Iterable[RowPiece], marking: Marking
-    ) -> Iterator[Array]:
-        """One segment's channels on the uniform clock; flags below them if they are carried."""
-        c, s = recording.channels, recording.signals
-        rows: Iterable[tuple[Array, Array]] = ((p.t, p.x) for p in pieces)
-        if not self.row_checks.idle:
-            rows = marking.rows(rows)
-            if not self.flagged:
-                rows = ((t, x[:, : c.count]) for t, x in rows)
-        elif self.flagged:
-            rows = ((t, np.pad(x, ((0, 0), (0, c.joints)))) for t, x in rows)
-        even = uniform(
-            rows, self.rate * self.thinning, self._lanes(c, s.velocity_delay, s.effort_delay)
-        )
-        if self.thinning == 1:
-            return even
-        return Thinning.design(self.thinning, c.joints if self.flagged else 0).thinned(even)
-
-    def _lanes(self, c: Channels, velocity_delay: float, effort_delay: float) -> list[Lane]:
-        kind = INTERPOLATIONS[self.processing.resampling]
-        lanes = [
-            Lane(c.q, kind),
-            Lane(c.dq, kind, velocity_delay),
-            Lane(c.effort, kind, effort_delay),
-        ]
-        joined: list[Lane] = []
-        for lane in (one for one in lanes if one.channels.start < one.channels.stop):
-            if joined and joined[-1].lag == lane.lag:
-                whole = slice(joined[-1].channels.start, lane.channels.stop)
-                joined[-1] = replace(lane, channels=whole)
-            else:
-                joined.append(lane)
-        if self.flagged:
-            joined.append(Lane(slice(c.count, c.count + c.joints), WorstReach(), effort_delay))
-        return joined
+        """Signals and weights of segments, in order; marked rows count between two times [s]."""
+        work = ToMotion(self, recording)
+        parts = partition(segments, self.rate, work.margin)
+        for window in windows(RowScan(self.clock, recording).pieces(), parts):
+            yield work(window, counted)
 
 
 class ToMotion:
-    """Channels on the uniform clock to `q, dq, ddq, effort` and weights.
+    """The rows of a part to its `q, dq, ddq, effort` and weights, in memory."""
 
-    Args:
-        channels: Order of the channels.
-        motion: From positions, and velocities if they are logged, to motion.
-        effort: Smooths efforts; `None`: they pass unchanged.
-        spread: Samples around an effort at its limit that do not count either; `None`: there are
-            no flags.
-    """
+    def __init__(self, chain: Chain, recording: Recording) -> None:
+        p, rate, c = chain.processing, chain.rate, recording.channels
+        self._chain, self._channels = chain, c
+        self._motion = p.motion.designed(chain.motion_cutoff, rate)
+        self._effort = None
+        if p.effort is not None:
+            self._effort = p.effort.smooth(p.effort_cutoff or chain.motion_cutoff, rate)
+        spread = ceil(SATURATION_SPREAD * rate / chain.matched_cutoff) if chain.flagged else 0
+        halos = self._motion.halo, 0 if self._effort is None else self._effort.halo, spread
+        self.whole = None in halos
+        self.halo = max(halo or 0 for halo in halos)
+        self._spare = [self.halo - (halo or 0) for halo in halos]
+        self._thinning = None
+        if chain.thinning > 1:
+            self._thinning = Thinning.design(chain.thinning, c.joints if chain.flagged else 0)
+        self._lanes = self._lanes_of(recording)
 
-    def __init__(
-        self, channels: Channels, motion: Designed, effort: Smooth | None, spread: int | None
-    ) -> None:
-        self._channels, self._motion, self._effort = channels, motion, effort
-        self._spread = spread
+    def _lanes_of(self, recording: Recording) -> list[Lane]:
+        """How channels are read, and below them the flags, if they are carried."""
+        c, s = self._channels, recording.signals
+        kind = INTERPOLATIONS[self._chain.processing.resampling]
+        joined: list[Lane] = []
+        for channels, lag in ((c.q, 0.0), (c.dq, s.velocity_delay), (c.effort, s.effort_delay)):
+            if joined and joined[-1].lag == lag:
+                joined[-1] = Lane(slice(joined[-1].channels.start, channels.stop), kind, lag)
+            elif channels.start < channels.stop:
+                joined.append(Lane(channels, kind, lag))
+        if self._chain.flagged:
+            joined.append(Lane(slice(c.count, c.count + c.joints), WORST_NEIGHBOUR, s.effort_delay))
+        return joined
 
     @property
-    def _halos(self) -> tuple[int | None, int | None, int]:
-        effort = 0 if self._effort is None else self._effort.halo
-        return self._motion.halo, effort, self._spread or 0
+    def thinning_seconds(self) -> float:
+        """How far the low-pass before thinning out looks [s]."""
+        if self._thinning is None:
+            return 0.0
+        return self._thinning.halo / (self._chain.rate * self._chain.thinning)
 
     @property
-    def whole(self) -> bool:
-        """Whether a segment must be given at once."""
-        return None in self._halos
+    def margin(self) -> Margin:
+        """What a sample depends on."""
+        lags, checks = [lane.lag for lane in self._lanes], self._chain.row_checks
+        return Margin(
+            samples=None if self.whole else self.halo,
+            before=self.thinning_seconds - min(lags),
+            after=self.thinning_seconds + max(lags),
+            rows=(0 if checks.idle else checks.halo) + max(x.kind.margin for x in self._lanes) + 1,
+            rows_per_sample=self._chain.thinning,
+        )
 
-    @property
-    def halo(self) -> int:
-        """Samples of context on each side that the local parts need."""
-        return max(halo or 0 for halo in self._halos)
+    def __call__(self, window: Window, counted: tuple[float, float]) -> MotionPart:
+        """The samples of a part; marked rows are counted between two times [s]."""
+        part, c, chain = window.part, self._channels, self._chain
+        t, x, marks = window.t, window.x.T, np.zeros(COUNTS_OF_MARKS)
+        if not chain.row_checks.idle:
+            t, x, counts = chain.row_checks.applied(t, x, window.lacking)
+            own = (t >= max(part.begin, counted[0])) & (t < part.end) & (t <= counted[1])
+            marks = counts[:, own].sum(axis=1)
+        elif chain.flagged:
+            x = np.pad(x, ((0, c.joints), (0, 0)))
+        first, stop = part.first - self.halo, part.stop + self.halo
+        low, high = max(first, 0), min(stop, part.segment.samples)
+        even = self._even(t, x, part.segment, low, high)
+        extended = continued_at_ends(even, low - first, stop - high)
+        signals, weights = self._signals(extended), None
+        if chain.flagged:
+            spread, spare = self.halo - self._spare[2], self._spare[2]
+            flags = np.abs(extended[c.count :, spare : extended.shape[1] - spare])
+            weights = _weights(flags, spread)
+        return MotionPart(part.segment, part.first, signals, weights, marks)
 
-    def over(self, parts: Iterable[Array]) -> Iterator[Array]:
-        """One segment: channels, and flags, in parts, to signals and weights."""
-        if not self.whole:
-            yield from apply(self, parts)
-            return
-        collected = list(parts)
-        if collected:
-            yield self(continued_at_ends(np.concatenate(collected, axis=-1), self.halo, self.halo))
+    def _even(self, t: Array, x: Array, segment: Segment, low: int, high: int) -> Array:
+        """Channels, shape `(C, high - low)`, at samples of a segment's uniform clock."""
+        rate, factor, thinning = self._chain.rate, self._chain.thinning, self._thinning
+        if thinning is None:
+            return interpolated(t, x, segment.start + np.arange(low, high) / rate, self._lanes)
+        first, stop = factor * low - thinning.halo, factor * (high - 1) + 1 + thinning.halo
+        count = sample_count(segment.start, segment.stop, rate * factor)
+        inside = np.arange(max(first, 0), min(stop, count))
+        even = interpolated(t, x, segment.start + inside / (rate * factor), self._lanes)
+        extended = continued_at_ends(even, inside[0] - first, stop - 1 - inside[-1])
+        return thinning(extended)[:, ::factor]
 
-    def __call__(self, extended: Array) -> Array:
-        """Channels `(C, N + 2 halo)`, flags below, to signals `(4 n, N)`, weights below."""
-        c = self._channels
-        motion, effort, spread = (self.halo - (halo or 0) for halo in self._halos)
+    def _signals(self, extended: Array) -> Array:
+        """Channels with context, `(C, N + 2 halo)`, to signals, `(4 n, N)`."""
+        c, (motion, effort, _) = self._channels, self._spare
         inner = extended[:, motion : extended.shape[1] - motion]
-        velocity = inner[c.dq] if c.velocities else None
-        signals = self._motion(inner[c.q], velocity)
+        signals = self._motion(inner[c.q], inner[c.dq] if c.velocities else None)
         measured = extended[c.effort, effort : extended.shape[1] - effort]
         if self._effort is not None:
             measured = self._effort(measured)
-        rows = [*signals, measured]
-        if self._spread is not None:
-            flags = np.abs(extended[c.count :, spread : extended.shape[1] - spread])
-            rows.append(_weights(flags, self._spread))
-        return np.concatenate(rows)
+        return np.concatenate((*signals, measured))
 
 
 def _weights(flags: Array, spread: int) -> Array:
-    """Weights of efforts from their flags.
+    """Weights of efforts, from their flags with context, shape `(n, N + 2 spread)`.
 
-    Args:
-        flags: With context, shape `(n, N + 2 spread)`.
-        spread: Samples around an effort at its limit that do not count either.
+    The `spread` samples around an effort at its limit do not count either.
     """
     count = np.cumsum(np.pad(flags >= CUT_OFF, ((0, 0), (1, 0))), axis=1)
     near: Array = count[:, 2 * spread + 1 :] - count[:, : -2 * spread - 1]

@@ -16,11 +16,8 @@ LOWEST_SPEED_DECADE, HIGHEST_SPEED_DECADE = -8, 4
 class SpeedHistogram:
     """Speeds of all joints, in constant memory: logarithmic bins, 7.5 % wide.
 
-    Args:
-        reference: A speed per joint that is the edge of a bin, shape `(n,)` [rad/s; m/s].
-
-    Attributes:
-        highest: Highest speed of each joint, shape `(n,)` [rad/s; m/s].
+    A speed per joint, `reference`, is the edge of a bin; `highest` is the highest speed of each
+    joint; shapes `(n,)` [rad/s; m/s].
     """
 
     def __init__(self, reference: Array) -> None:
@@ -122,17 +119,10 @@ class Cutoffs:
 def cutoffs(
     processing: Processing, band: float, rate: float, where: str, floor: float = 0.0
 ) -> Cutoffs:
-    """The requested cut-offs, or those that fit the motion's band and its noise floor.
+    """The requested cut-offs, or those that fit the motion's band and its noise floor [Hz].
 
-    The motion's cut-off is never below where its spectrum meets the noise: nothing that can be
-    distinguished from noise is removed.
-
-    Args:
-        processing: What was requested.
-        band: Frequency below which the motion lives [Hz].
-        rate: [Hz].
-        where: The log, for messages.
-        floor: Frequency at which the spectrum of the positions meets its noise [Hz].
+    The motion's cut-off is never below `floor`, where the spectrum of the positions meets its
+    noise: nothing that can be distinguished from noise is removed.
     """
     matched = processing.matched_cutoff
     if matched is None:

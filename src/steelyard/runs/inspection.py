@@ -1,14 +1,14 @@
 """The first pass over a recording: what is in it, before anything is filtered."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError
 from steelyard.runs.processing import Processing
-from steelyard.runs.recording import Channels, Recording
+from steelyard.runs.recording import Recording
 from steelyard.runs.rows.clock import (
     SHORTEST_CHAIN,
     Clock,
@@ -21,7 +21,7 @@ from steelyard.runs.rows.clock import (
 )
 from steelyard.runs.rows.faulty_rows import Extremes, RowVerdict
 from steelyard.runs.rows.resampling import sample_count, uniform
-from steelyard.runs.rows.row_checks import Marking, RowChecks, Segment, row_checks
+from steelyard.runs.rows.row_checks import RowChecks, Segment
 from steelyard.runs.spectrum import Band, motion_band
 
 EXCERPT_ROWS = 100_000
@@ -37,16 +37,12 @@ class Survey:
     """What the first pass found.
 
     Attributes:
-        clock: The log's clock.
         logged_rate: Rate of the log, rounded [Hz].
         rate: Of the uniform clock [Hz].
-        segments: In order of time.
         counts: Rows per `RowVerdict`.
         steps: Mean, standard deviation, minimum and maximum of the log's steps [s].
         resolution: Smallest step of each channel that is not zero, shape `(C,)`.
-        band: Band of the motion and noise of the positions.
         velocity_noise: Noise density of logged velocities, shape `(n,)`; `None` without them.
-        row_checks: What is known of rows that are not to be believed.
         even: Positions, and velocities if logged, of a stretch at the log's rate, `(n or 2n, N)`.
     """
 
@@ -73,37 +69,28 @@ def survey(recording: Recording, processing: Processing | None = None) -> Survey
     wanted = Processing() if processing is None else processing
     clock = learn_clock(recording)
     scan = RowScan(clock, recording)
-    tally = _Tally(recording.channels.count, recording.channels.effort)
+    c = recording.channels
+    tally = _Tally(c.count, c.effort)
     excerpt = _Excerpt(recording)
     for piece in scan.pieces():
         tally.add(piece)
         excerpt.add(piece)
     counts = scan.counts
-    if counts[RowVerdict.KEPT] == 0:
-        raise nothing_left(recording, counts)
-    if (
-        counts[[RowVerdict.REPEATED, RowVerdict.BACKWARD, RowVerdict.JUMP]].sum()
-        > counts[RowVerdict.KEPT]
-    ):
-        raise not_followed(recording, counts)
-    if tally.count < SHORTEST_CHAIN:
-        raise LogError(
-            f"the log is shorter than any filter: {counts[RowVerdict.KEPT]} rows can be used",
-            where=recording.where,
-            fix="record for longer, or widen the window",
-        )
-    logged = nice_rate(tally.total / tally.count)
-    rate = logged if wanted.rate is None else wanted.rate
-    _refuse_faster(rate, logged, recording)
+    logged, rate = _rates(recording, counts, tally, wanted.rate)
     resolution = np.where(np.isfinite(tally.resolution), tally.resolution, 0.0)
-    limits = tally.limits(resolution[recording.channels.effort])
+    limits = tally.limits(resolution[c.effort])
     if not wanted.leave_out_saturated:
         limits = np.full_like(limits, np.nan)
-    checks = row_checks(
-        recording.channels, excerpt.rows, limits, wanted.outliers, wanted.bridge_repeats
+    checks = RowChecks.of_excerpt(
+        c, excerpt.rows, limits, threshold=wanted.outliers, bridge_stale=wanted.bridge_repeats
     )
     even = excerpt.even(logged, checks)
-    band, velocity_noise = _spectra(even, logged, recording.channels)
+    band, velocity_noise = Band(0.0, np.zeros(c.joints)), np.zeros(c.joints)
+    if even.shape[1] >= SHORTEST_CHAIN:
+        velocity = even[c.dq] if c.velocities else None
+        band = motion_band(even[c.q], logged, velocity)
+        if velocity is not None:
+            velocity_noise = motion_band(velocity, logged).noise
     return Survey(
         clock=clock,
         logged_rate=logged,
@@ -116,24 +103,29 @@ def survey(recording: Recording, processing: Processing | None = None) -> Survey
         steps=tally.steps,
         resolution=frozen(resolution),
         band=band,
-        velocity_noise=velocity_noise,
+        velocity_noise=velocity_noise if c.velocities else None,
         row_checks=checks,
         even=even,
     )
 
 
-def _spectra(even: Array, rate: float, channels: Channels) -> tuple[Band, Array | None]:
-    """Band of the motion, and the noise density of logged velocities."""
-    n = channels.joints
-    if even.shape[1] < SHORTEST_CHAIN:
-        return Band(0.0, np.zeros(n)), np.zeros(n) if channels.velocities else None
-    if not channels.velocities:
-        return motion_band(even[channels.q], rate), None
-    band = motion_band(even[channels.q], rate, even[channels.dq])
-    return band, motion_band(even[channels.dq], rate).noise
-
-
-def _refuse_faster(rate: float, logged: float, recording: Recording) -> None:
+def _rates(
+    recording: Recording, counts: NDArray[np.int64], tally: "_Tally", wanted: float | None
+) -> tuple[float, float]:
+    """Rate of the log, rounded, and of the uniform clock [Hz]."""
+    kept = counts[RowVerdict.KEPT]
+    if kept == 0:
+        raise nothing_left(recording, counts)
+    if counts[[RowVerdict.REPEATED, RowVerdict.BACKWARD, RowVerdict.JUMP]].sum() > kept:
+        raise not_followed(recording, counts)
+    if tally.count < SHORTEST_CHAIN:
+        raise LogError(
+            f"the log is shorter than any filter: {kept} rows can be used",
+            where=recording.where,
+            fix="record for longer, or widen the window",
+        )
+    logged = nice_rate(tally.total / tally.count)
+    rate = logged if wanted is None else wanted
     if rate > MOST_RATE_FACTOR * logged:
         raise LogError(
             f"a rate of {rate:g} Hz is far above the log's {logged:g} Hz",
@@ -141,6 +133,7 @@ def _refuse_faster(rate: float, logged: float, recording: Recording) -> None:
             fix=f"choose a rate up to {MOST_RATE_FACTOR * logged:g} Hz in [processing], or "
             "leave it out",
         )
+    return logged, rate
 
 
 class _Tally:
@@ -241,10 +234,10 @@ class _Excerpt:
         pieces, moved = self._longest or self._still, self._channels.effort.start
         if _length(pieces) < SHORTEST_CHAIN:
             return np.zeros((moved, 0))
-        rows: Iterable[tuple[Array, Array]] = ((p.t, p.x) for p in pieces)
+        t, x = np.concatenate([p.t for p in pieces]), self.rows
         if not checks.idle:
-            rows = Marking(checks).rows(rows)
-        return np.concatenate(list(uniform(((t, x[:, :moved]) for t, x in rows), rate)), axis=1)
+            t, x, _ = checks.applied(t, x)
+        return uniform(t, x[:moved], rate)
 
 
 def _length(pieces: list[RowPiece]) -> int:

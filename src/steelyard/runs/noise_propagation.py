@@ -17,27 +17,15 @@ from steelyard.runs.run import Run
 from steelyard.runs.smoothing.method import Butterworth, Method
 
 
-def responses(method: Method, cutoff: float, rate: float, joints: int) -> tuple[Array, Array]:
-    """Responses of a local method to one sample; of the Butterworth low-pass for others.
-
-    Args:
-        method: A linear method.
-        cutoff: [Hz].
-        rate: [Hz].
-        joints: Number of joints, n.
-
-    Returns:
-        Position, velocity and acceleration after one position, shape `(3, n, 2 halo + 1)`, and
-        velocity after one logged velocity, shape `(n, 2 halo + 1)`.
-    """
-    of_position, of_velocity = motion_responses(method, cutoff, rate, joints)
-    return of_position, of_velocity[1]
-
-
 def motion_responses(
     method: Method, cutoff: float, rate: float, joints: int
 ) -> tuple[Array, Array]:
-    """The same; after one logged velocity too all three, shape `(3, n, 2 halo + 1)`."""
+    """Responses of a local method to one sample; of the Butterworth low-pass for others.
+
+    Returns:
+        Position, velocity and acceleration after one position, shape `(3, n, 2 halo + 1)`, and
+        after one logged velocity, the same shape.
+    """
     designed = method.designed(cutoff, rate)
     if designed.halo is None:
         designed = Butterworth().designed(cutoff, rate)
@@ -69,12 +57,7 @@ class MotionError:
     of_velocity: Array
 
     def covariance(self, position: ArrayLike | None = None) -> Array:
-        """Covariance of each joint's `q, dq, ddq`, shape `(n, 3, 3)`.
-
-        Args:
-            position: Standard deviation of a position in place of the one found, one for all
-                joints or one per joint [rad; m].
-        """
+        """Covariance of each joint's `q, dq, ddq`, `(n, 3, 3)`, with another std of `position`."""
         s = self.position if position is None else np.broadcast_to(position, self.position.shape)
         variances = np.square(s)[:, None, None], np.square(self.velocity)[:, None, None]
         return np.asarray(variances[0] * self.of_position + variances[1] * self.of_velocity)

@@ -18,13 +18,13 @@ from steelyard.runs.defaults import (
     given_rest_speed,
 )
 from steelyard.runs.inspection import Survey, survey
-from steelyard.runs.noise_propagation import noise_gain, responses
+from steelyard.runs.noise_propagation import motion_responses, noise_gain
 from steelyard.runs.processing import Processing
 from steelyard.runs.recording import Recording
 from steelyard.runs.repetitions import MeanMotion, mean_of_periods
 from steelyard.runs.rows.faulty_rows import RowVerdict
 from steelyard.runs.rows.resampling import sample_count
-from steelyard.runs.rows.row_checks import Marked, Marking, Quality, Segment
+from steelyard.runs.rows.row_checks import COUNTS_OF_MARKS, Marked, Quality, Segment
 from steelyard.runs.run import Run, lost_ends
 from steelyard.runs.smoothing.method import Butterworth, Choosing, Method
 
@@ -41,10 +41,8 @@ def prepare(
 ) -> Run:
     """Look through a recording and decide how to read it.
 
-    Args:
-        recording: Raw rows.
-        processing: What is not left to the data.
-        at_rest: Whether a log in which no joint moves is used, from its first row to its last.
+    `processing` says what is not left to the data; `at_rest`, whether a log in which no joint
+    moves is used, from its first row to its last.
     """
     requested = processing = Processing() if processing is None else processing
     if processing.repetitions is not None:
@@ -62,8 +60,7 @@ def prepare(
     loaded, wide = _with_context(loaded, found, chain)
     segments = _long_enough(recording, wide, cut)
     given = given_rest_speed(processing, recording.channels.joints)
-    marking = Marking(found.row_checks, (found.segments[0].start, found.segments[-1].stop))
-    speeds = _speeds(loaded, found, chain, segments, given, marking)
+    speeds, marked = _speeds(loaded, found, chain, segments, given)
     if given is None:
         given = speeds.edge_above(_rest_speed(recording, found, chain, speeds.quantile(0.99)))
     span = speeds.moving(MOVING_OVER_REST * given)
@@ -73,11 +70,11 @@ def prepare(
     return Run(
         recording=replace(loaded, log=recording.log),
         name=recording.name,
-        chain=replace(chain, flagged=marking.found.efforts > 0),
+        chain=replace(chain, flagged=marked.efforts > 0),
         segments=segments,
         rest_speed=frozen(given),
         span=_long_span(recording, cut, span),
-        quality=_quality(recording, found, chain, requested, given, speeds.highest, marking.found),
+        quality=_quality(recording, found, chain, requested, given, speeds.highest, marked),
     )
 
 
@@ -129,23 +126,26 @@ def _speeds(
     chain: Chain,
     segments: tuple[Segment, ...],
     given: Array | None,
-    marking: Marking,
-) -> SpeedHistogram:
-    """Speeds in the window, without the ends of segments, which the filter has to guess beyond."""
+) -> tuple[SpeedHistogram, Marked]:
+    """Speeds in the window, and what was marked there.
+
+    The ends of segments do not count, which the filter has to guess beyond.
+    """
     n = recording.channels.joints
     speeds = SpeedHistogram(np.ones(n) if given is None else given)
     slip = SAME_TIME / chain.rate
-    window = found.segments[0].start - slip, found.segments[-1].stop + slip
-    by_number = {s.number: s for s in segments}
+    counted = found.segments[0].start, found.segments[-1].stop
     bent = 1.0 / chain.motion_cutoff
     early, late = lost_ends(recording.signals)
-    for part in chain.parts(recording, tuple(by_number), marking):
-        segment, first = by_number[part.segment], part.start
-        at = segment.start + np.arange(first, first + part.signals.shape[1]) / chain.rate
-        inside = at >= max(window[0], segment.start + bent + early)
-        inside &= at <= min(window[1], segment.stop - bent - late)
+    marks = np.zeros(COUNTS_OF_MARKS)
+    for part in chain.parts(recording, segments, counted):
+        s, last = part.segment, part.first + part.signals.shape[1]
+        at = s.start + np.arange(part.first, last) / chain.rate
+        inside = at >= max(counted[0] - slip, s.start + bent + early)
+        inside &= at <= min(counted[1] + slip, s.stop - bent - late)
         speeds.add(at[inside], part.signals[n : 2 * n, inside])
-    return speeds
+        marks += part.marks
+    return speeds, Marked(*map(int, marks))
 
 
 def _long_span(
@@ -206,14 +206,14 @@ def _long_enough(recording: Recording, found: Survey, cut: Cutoffs) -> tuple[Seg
 def _rest_speed(recording: Recording, found: Survey, chain: Chain, fast: Array) -> Array:
     """The default rest speed of each joint, shape `(n,)`."""
     c, rate = recording.channels, chain.rate
-    of_position, of_velocity = responses(
+    of_position, of_velocity = motion_responses(
         chain.processing.motion, chain.motion_cutoff, rate, c.joints
     )
     if found.velocity_noise is None:
         noise = np.sqrt(found.band.noise) * noise_gain(of_position[1], rate)
         step_speed = found.resolution[c.q] * rate * of_position[0].max(axis=-1)
     else:
-        noise = np.sqrt(found.velocity_noise) * noise_gain(of_velocity, rate)
+        noise = np.sqrt(found.velocity_noise) * noise_gain(of_velocity[1], rate)
         step_speed = found.resolution[c.dq]
     return default_rest_speed(fast, noise, step_speed)
 
@@ -232,6 +232,8 @@ def _quality(
     segments = _long_enough(recording, found, cut)
     counts = {v: found.counts[v] for v in RowVerdict if v != RowVerdict.KEPT and found.counts[v]}
     mean, spread, least, most = found.steps
+    starts = [*(s.start for s in segments), found.segments[-1].stop]
+    stops = [found.segments[0].start, *(s.stop for s in segments)]
     return Quality(
         rows=sum(found.counts),
         kept=found.counts[RowVerdict.KEPT],
@@ -249,31 +251,22 @@ def _quality(
         resolution=frozen(found.resolution[c.q]),
         effort_resolution=frozen(found.resolution[c.effort]),
         max_speed=frozen(highest),
-        losses=(*_unwrapped(recording), *_losses(found, segments, marked)),
+        losses=_losses(recording, found, segments, marked),
         notes=_choices_for_quality(found, chain, requested, rest_speed, marked),
         marked=marked,
-        unexamined=_unexamined(found, segments),
+        unexamined=tuple(
+            (a, b) for a, b in zip(stops, starts, strict=True) if b - a > found.clock.gap
+        ),
     )
 
 
-def _unexamined(found: Survey, segments: tuple[Segment, ...]) -> tuple[tuple[float, float], ...]:
-    """Times from the first row to the last that no segment that is used covers."""
-    starts = [*(s.start for s in segments), found.segments[-1].stop]
-    stops = [found.segments[0].start, *(s.stop for s in segments)]
-    spans = zip(stops, starts, strict=True)
-    return tuple((a, b) for a, b in spans if b - a > found.clock.gap)
-
-
-def _unwrapped(recording: Recording) -> tuple[str, ...]:
-    """Which positions were logged modulo a turn."""
-    if not recording.wrapped:
-        return ()
-    return (f"positions {', '.join(recording.wrapped)} wrap after a turn: unwrapped",)
-
-
-def _losses(found: Survey, segments: tuple[Segment, ...], marked: Marked) -> tuple[str, ...]:
+def _losses(
+    recording: Recording, found: Survey, segments: tuple[Segment, ...], marked: Marked
+) -> tuple[str, ...]:
     """What of the log could not be used, dropped rows apart."""
     losses = []
+    if recording.wrapped:
+        losses.append(f"positions {', '.join(recording.wrapped)} wrap after a turn: unwrapped")
     if len(found.segments) > 1:
         at = ", ".join(f"{s.stop:.2f} s" for s in found.segments[:5][: len(found.segments) - 1])
         losses.append(f"{len(found.segments) - 1} gaps split the run, the first after {at}")
@@ -289,17 +282,16 @@ def _choices_for_quality(
 ) -> tuple[str, ...]:
     """What was decided from the data."""
     mean, _, least, most = found.steps
+    motion, matched = (
+        "" if cutoff is None else " (not chosen from this log)"
+        for cutoff in (requested.motion_cutoff, requested.matched_cutoff)
+    )
     return (
         f"resampled to {found.rate:g} Hz (steps {1e3 * mean:.4g} ms mean, {1e3 * least:.4g} to "
         f"{1e3 * most:.4g} ms)",
         f"motion up to {found.band.frequency:.2g} Hz, noise above {found.band.floor:.2g} Hz: "
-        f"motion cut-off {chain.motion_cutoff:g} Hz"
-        f"{_given_cutoff(requested.motion_cutoff)}, regression cut-off {chain.matched_cutoff:g} Hz"
-        f"{_given_cutoff(requested.matched_cutoff)}",
+        f"motion cut-off {chain.motion_cutoff:g} Hz{motion}, "
+        f"regression cut-off {chain.matched_cutoff:g} Hz{matched}",
         f"processing: {chain.words}; {marked.words or 'nothing corrected'}",
         "at rest below " + " ".join(f"{s:.2g}" for s in rest_speed) + " rad/s or m/s",
     )
-
-
-def _given_cutoff(cutoff: float | None) -> str:
-    return "" if cutoff is None else " (not chosen from this log)"

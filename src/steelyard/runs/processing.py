@@ -3,11 +3,11 @@
 import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Any, Literal
+from typing import Any
 
 from steelyard.base.errors import ModelError
 from steelyard.robot.file.kinds import Kinds
-from steelyard.robot.file.sections import ProcessingSection, RepetitionsTable
+from steelyard.robot.file.sections import ProcessingSection
 from steelyard.runs.rows.resampling import INTERPOLATIONS
 from steelyard.runs.smoothing.auto import Auto
 from steelyard.runs.smoothing.fir_methods import FIR, MovingAverage, SavitzkyGolay
@@ -44,11 +44,7 @@ _EFFORT = Kinds(SMOOTHERS, "method", "method for effort", "method")
 
 
 def method_of(description: str | Mapping[str, Any], where: str) -> Method:
-    """A method from its name, or from a table with its name under `method` and its settings.
-
-    Raises:
-        ModelError: There is no such method, or it has no such setting or value.
-    """
+    """A method from its name, or from a table with its name under `method` and its settings."""
     method: Method = _MOTION.built(description, where)
     return method
 
@@ -61,7 +57,8 @@ def smoother_of(description: str | Mapping[str, Any], where: str) -> Smoother:
 
 def description_of(method: Method | Smoother) -> dict[str, Any]:
     """The table that `method_of` or `smoother_of` turns back into the method."""
-    fields = {x: getattr(method, x) for x in _parameter_names(type(method))}
+    names = [field.name for field in dataclasses.fields(method)]  # type: ignore[arg-type]
+    fields = {name: getattr(method, name) for name in names}
     return {
         "method": method.name,
         **{x: list(v) if isinstance(v, tuple) else v for x, v in fields.items() if v is not None},
@@ -82,10 +79,6 @@ def _shown_value(value: object) -> str:
     if isinstance(value, tuple):
         return " ".join(map(_shown_value, value))
     return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _parameter_names(method: type[Any]) -> tuple[str, ...]:
-    return tuple(field.name for field in dataclasses.fields(method))
 
 
 OUTLIERS = 15.0
@@ -188,6 +181,10 @@ def requested_processing(section: ProcessingSection, where: Callable[..., str]) 
     Raises:
         ModelError: There is no such method, or it has no such setting or value.
     """
+    table, repetitions = section.repetitions, None
+    if table is not None:
+        given = () if isinstance(table, str) else (table.period, table.drop_first, table.drop_last)
+        repetitions = Repetitions(*given)
     wanted = Processing(
         motion_cutoff=section.motion_cutoff,
         matched_cutoff=section.matched_cutoff,
@@ -197,23 +194,17 @@ def requested_processing(section: ProcessingSection, where: Callable[..., str]) 
         outliers=None if section.outliers == "keep" else section.outliers,
         bridge_repeats=section.repeats == "bridge",
         leave_out_saturated=section.saturation == "leave_out",
-        repetitions=_repetitions(section.repetitions),
+        repetitions=repetitions,
     )
     if section.motion is not None:
         method = method_of(section.motion, where("processing", "motion"))
         wanted = replace(wanted, motion=method)
     if section.effort is not None:
-        given, place = section.effort, where("processing", "effort")
-        table = {"method": given} if isinstance(given, str) else dict(given)
-        cutoff = _positive(table.pop("cutoff", None), place)
-        wanted = replace(wanted, effort=smoother_of(table, place), effort_cutoff=cutoff)
+        effort, place = section.effort, where("processing", "effort")
+        settings = {"method": effort} if isinstance(effort, str) else dict(effort)
+        cutoff = _positive(settings.pop("cutoff", None), place)
+        wanted = replace(wanted, effort=smoother_of(settings, place), effort_cutoff=cutoff)
     return wanted
-
-
-def _repetitions(table: RepetitionsTable | Literal["find"] | None) -> Repetitions | None:
-    if table is None or isinstance(table, str):
-        return None if table is None else Repetitions()
-    return Repetitions(table.period, table.drop_first, table.drop_last)
 
 
 def _positive(cutoff: Any, where: str) -> float | None:

@@ -28,10 +28,7 @@ NEAR_END_OF_RANGE = 0.5
 def wrapped_middles(parts: Iterable[Array]) -> Array:
     """Middle of the unwrapped positions of each joint that is wrapped, NaN of others, `(n,)` [rad].
 
-    The middle is less than half a turn from zero.
-
-    Args:
-        parts: Positions of consecutive rows, shape `(N, n)` [rad].
+    It is less than half a turn from zero. The parts are consecutive rows, `(N, n)` [rad].
     """
     kept: list[Array] = []
     for part in parts:
@@ -65,13 +62,9 @@ def _middle(q: Array) -> float:
 
 
 def continuous(q: Array, near: float) -> tuple[Array, float]:
-    """Positions without jumps of a turn, the first one the nearest to a value; and the last one.
+    """Positions `(N,)` [rad] without jumps of a turn, the first nearest to a value; and the last.
 
     Rows that are no position are left as they are.
-
-    Args:
-        q: Wrapped positions, shape `(N,)` [rad].
-        near: Where the first one is nearest to [rad].
     """
     usable = np.flatnonzero(_usable(q))
     if len(usable) == 0:
@@ -111,14 +104,7 @@ class Channels:
 
 @dataclass(frozen=True, eq=False)
 class LoggedSamples:
-    """Rows of a recording as logged, in SI units.
-
-    Attributes:
-        t: Time, shape `(N,)` [s].
-        q: Positions, shape `(N, n)` [rad; m].
-        dq: Velocities, shape `(N, n)` [rad/s; m/s]; `None` if they are not logged.
-        effort: Efforts, shape `(N, n)` [A, Nm or N].
-    """
+    """Rows in SI units: time `(N,)`; `q`, `dq` (`None` if not logged) and `effort`, `(N, n)`."""
 
     t: Array
     q: Array
@@ -128,12 +114,9 @@ class LoggedSamples:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What was measured in one run of a robot.
+    """What was measured in one run of a robot: a log, what its columns hold, its window.
 
     Attributes:
-        log: The table on disk.
-        signals: Which columns hold what, and in which units.
-        cut: The window that is meant.
         middles: Middle of the positions of each joint that is logged modulo a turn, NaN of others,
             shape `(n,)` [rad]; see `unwrapped`.
     """
@@ -183,19 +166,13 @@ class Recording:
         s = self.signals
         velocity_scale = () if s.velocity_scale is None else (s.velocity_scale,)
         scale = np.concatenate((s.position_scale, *velocity_scale, s.effort_scale))
-        last = None if self.middles is None else self.middles.copy()
+        last = np.zeros(0) if self.middles is None else self.middles.copy()
         for part in self.log.parts(s.columns, rows, size):
             with np.errstate(over="ignore", invalid="ignore"):
                 t, x = part[:, 0] * s.time_scale, self._of_joints(part[:, 1:] * scale)
-                if last is not None:
-                    x = self._continuous(x, last)
+                for j in np.flatnonzero(~np.isnan(last)):
+                    x[:, j], last[j] = continuous(x[:, j], float(last[j]))
             yield t, x
-
-    def _continuous(self, x: Array, last: Array) -> Array:
-        """Channels with wrapped positions made continuous; `last` is where each joint was."""
-        for j in np.flatnonzero(~np.isnan(last)):
-            x[:, j], last[j] = continuous(x[:, j], float(last[j]))
-        return x
 
     def _of_joints(self, logged: Array) -> Array:
         """Channels of the joints from those logged at motors, or from another zero."""
@@ -234,13 +211,7 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class LogInMemory:
-    """A small log in memory, so that several passes read the file once.
-
-    Attributes:
-        path: Where it came from.
-        columns: Names of the columns held.
-        table: Shape `(N, len(columns))`.
-    """
+    """A log in memory, so that several passes read the file once; table `(N, len(columns))`."""
 
     path: Path
     columns: tuple[str, ...]

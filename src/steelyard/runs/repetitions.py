@@ -17,7 +17,6 @@ from steelyard.runs.inspection import Survey, survey
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.rows.clock import RowScan
 from steelyard.runs.rows.resampling import uniform
-from steelyard.runs.rows.row_checks import Marking
 from steelyard.runs.spectrum import Repetitions, find_period, moving_span
 
 ALIGNMENT_ROUNDS = 4
@@ -64,6 +63,8 @@ def average_aligned(
         context: Samples before and after a repetition that are averaged too. Beyond a log's ends
             its first and last values go on.
     """
+    from scipy.interpolate import make_interp_spline
+
     which = [log for log, places in enumerate(starts) for _ in places]
     if len(which) < 2:
         raise LogError(
@@ -72,36 +73,28 @@ def average_aligned(
             fix="record more of them, drop fewer, or leave repetitions out",
         )
     at = np.concatenate(starts).astype(np.float64)
-    reader = _Reader(logs)
+    ends = [x.shape[1] - 1 for x in logs]
+    curves = [make_interp_spline(np.arange(x.shape[1]), x, k=3, axis=1) for x in logs]
+
+    def read(first: int, stop: int) -> Iterator[Array]:
+        """Channels `(C, stop - first)` of every repetition, from its start plus `first` on."""
+        for log, start in zip(which, at, strict=True):
+            places = np.clip(start + np.arange(first, stop), 0.0, ends[log])
+            yield np.asarray(curves[log](places))
+
     for _ in range(ALIGNMENT_ROUNDS):
-        drawn = np.array([x[positions] for x in reader.read(which, at, 0, length)])
+        drawn = np.array([x[positions] for x in read(0, length)])
         at = at + _shifts(drawn, MOST_SHIFT * length)
     _require_same_motion(drawn)
     mean = np.zeros((len(logs[0]), length + 2 * context))
-    for x in reader.read(which, at, -context, length + context):
+    for x in read(-context, length + context):
         mean += x / len(at)
     inside = slice(context, context + length)
     squares, apart = np.zeros_like(mean), []
-    for x in reader.read(which, at, -context, length + context):
+    for x in read(-context, length + context):
         squares += np.square(x - mean)
         apart.append(np.sqrt(np.square((x - mean)[positions, inside]).sum(axis=0).mean()))
     return Averaged(mean, squares / (len(at) - 1), at, np.array(apart))
-
-
-class _Reader:
-    """Logs read at any times, by splines."""
-
-    def __init__(self, logs: Sequence[Array]) -> None:
-        from scipy.interpolate import make_interp_spline
-
-        self._ends = [x.shape[1] - 1 for x in logs]
-        self._curves = [make_interp_spline(np.arange(x.shape[1]), x, k=3, axis=1) for x in logs]
-
-    def read(self, which: Sequence[int], at: Array, first: int, stop: int) -> Iterator[Array]:
-        """Channels `(C, stop - first)` of every repetition, from its start plus `first` on."""
-        for log, start in zip(which, at, strict=True):
-            places = np.clip(start + np.arange(first, stop), 0.0, self._ends[log])
-            yield np.asarray(self._curves[log](places))
 
 
 def _shifts(q: Array, most: float) -> Array:
@@ -140,13 +133,7 @@ LEAST_VARIANCE_SHARE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Importance:
-    """Weights over time.
-
-    Attributes:
-        start: Time of the first [s].
-        rate: Of their clock [Hz].
-        weights: Shape `(n, P)`, mean 1 per joint.
-    """
+    """Weights over time, shape `(n, P)`, mean 1 per joint; of a clock from `start` on [s]."""
 
     start: float
     rate: float
@@ -222,12 +209,12 @@ def _evenly_sampled(recording: Recording, rate: float | None = None) -> tuple[Ar
     """All channels of a recording's longest segment on a uniform clock, and its rate [Hz]."""
     found: Survey = survey(recording)
     longest = max(found.segments, key=lambda s: s.stop - s.start).number
-    pieces = RowScan(found.clock, recording).pieces()
-    rows = ((p.t, p.x) for p in pieces if p.segment == longest)
-    marked = rows if found.row_checks.idle else Marking(found.row_checks).rows(rows)
-    count, chosen = recording.channels.count, found.rate if rate is None else rate
-    parts = list(uniform(((t, x[:, :count]) for t, x in marked), chosen))
-    return np.concatenate(parts, axis=1), chosen
+    pieces = [p for p in RowScan(found.clock, recording).pieces() if p.segment == longest]
+    t, x = np.concatenate([p.t for p in pieces]), np.concatenate([p.x for p in pieces]).T
+    if not found.row_checks.idle:
+        t, x, _ = found.row_checks.applied(t, x)
+    chosen = found.rate if rate is None else rate
+    return uniform(t, x[: recording.channels.count], chosen), chosen
 
 
 def _mean_motion(
@@ -261,14 +248,10 @@ def _mean_motion(
 
 
 def weights_of(variance: Array, count: int) -> Array:
-    """Weights from sample variances over repetitions, mean 1 over time.
+    """Weights from sample variances `(n, P)` over repetitions, mean 1 over time.
 
     Few repetitions estimate a variance badly, so it is averaged over neighbouring time steps until
     it has `FREEDOM_OF_VARIANCE` degrees of freedom.
-
-    Args:
-        variance: Shape `(n, P)`.
-        count: Number of repetitions.
     """
     span = min(2 * (FREEDOM_OF_VARIANCE // max(count - 1, 1) // 2) + 1, variance.shape[1])
     padded = np.pad(variance, ((0, 0), (span // 2, span - 1 - span // 2)), mode="edge")

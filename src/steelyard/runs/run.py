@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,36 +51,23 @@ class Block:
 
     def part(self, start: int, stop: int) -> "Block":
         """The samples from `start` to `stop`."""
-        q, dq, ddq, effort = (
-            np.ascontiguousarray(x[:, start:stop]) for x in (self.q, self.dq, self.ddq, self.effort)
-        )
-        moving = np.ascontiguousarray(self.moving[:, start:stop])
-        channels, weights = (
-            None if x is None else np.ascontiguousarray(x[:, start:stop])
-            for x in (self.channels, self.weights)
-        )
-        return Block(
-            self.segment, self.t[start:stop], q, dq, ddq, effort, moving, channels, weights
-        )
+        names = ("q", "dq", "ddq", "effort", "moving", "channels", "weights")
+        given = {name: x for name in names if (x := getattr(self, name)) is not None}
+        inside: Any = {name: np.ascontiguousarray(x[:, start:stop]) for name, x in given.items()}
+        return replace(self, t=self.t[start:stop], **inside)
 
     @classmethod
     def joined(cls, blocks: Sequence["Block"]) -> "Block":
-        """Consecutive blocks of one segment as one."""
-        channels = [b.channels for b in blocks if b.channels is not None]
-        weights = None
-        if any(b.weights is not None for b in blocks):
-            weights = np.concatenate([b.counted for b in blocks], axis=1)
-        return cls(
-            blocks[0].segment,
-            np.concatenate([b.t for b in blocks]),
-            np.concatenate([b.q for b in blocks], axis=1),
-            np.concatenate([b.dq for b in blocks], axis=1),
-            np.concatenate([b.ddq for b in blocks], axis=1),
-            np.concatenate([b.effort for b in blocks], axis=1),
-            np.concatenate([b.moving for b in blocks], axis=1),
-            np.concatenate(channels, axis=1) if channels else None,
-            weights,
-        )
+        """Consecutive blocks as one, with the segment of the first."""
+
+        def along(name: str) -> Any:
+            return np.concatenate([getattr(b, name) for b in blocks], axis=1)
+
+        q, dq, ddq, effort, moving = map(along, ("q", "dq", "ddq", "effort", "moving"))
+        channels = None if blocks[0].channels is None else along("channels")
+        weights = None if all(b.weights is None for b in blocks) else along("counted")
+        t = np.concatenate([b.t for b in blocks])
+        return cls(blocks[0].segment, t, q, dq, ddq, effort, moving, channels, weights)
 
     @property
     def counted(self) -> Array:
@@ -89,11 +77,9 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class RunData:
-    """A whole run in memory.
+    """A whole run in memory: motion of N samples; effort as logged, shape `(N, n)` [A, Nm or N].
 
     Attributes:
-        motion: N samples of n joints.
-        effort: As logged, shape `(N, n)` [A, Nm or N].
         moving: Whether each joint moves, shape `(N, n)`.
         segment: Number of the segment of each sample, shape `(N,)`.
         weights: How much each sample of each effort counts, see `Block`, shape `(N, n)`; `None` if
@@ -187,16 +173,16 @@ class Run:
     @property
     def n_samples(self) -> int:
         """Number of samples from first to last motion."""
-        return sum(max(0, b - a) for a, b in map(self._range, self.segments))
+        return sum(max(0, b - a) for a, b in (self._range(s, self.span) for s in self.segments))
 
     def blocks(self, size: int = BLOCK_SAMPLES) -> Iterator[Block]:
         """Samples from first to last motion, in blocks of at most `size`; can be begun anew."""
         if not self._short:
-            yield from self._read(size)
+            yield from (block for _, block in self._read(size, self.span))
             return
         segments = {s.number: s for s in self.segments}
         for start, block in self._whole():
-            first, last = self._range(segments[block.segment])
+            first, last = self._range(segments[block.segment], self.span)
             begin, end = max(0, first - start), min(len(block.t), last - start)
             for at in range(begin, end, size):
                 stop = min(at + size, end)
@@ -239,25 +225,15 @@ class Run:
         if len(kept.source) != len(source) or any(
             one is not other for one, other in zip(kept.source, source, strict=True)
         ):
-            numbered, number, segment = [], 0, None
-            for block in replace(self, span=(-np.inf, np.inf), kept=KeptBlocks())._read(
-                BLOCK_SAMPLES
-            ):
-                if block.segment != segment:
-                    segment = block.segment
-                    mine = next(s for s in self.segments if s.number == segment)
-                    number = round((float(block.t[0]) - mine.start) * self.rate)
-                numbered.append((number, block))
-                number += len(block.t)
-            kept.blocks, kept.source = tuple(numbered), source
+            kept.blocks, kept.source = tuple(self._read(BLOCK_SAMPLES, (-np.inf, np.inf))), source
         return kept.blocks
 
-    def _read(self, size: int) -> Iterator[Block]:
-        segments = {s.number: s for s in self.segments}
+    def _read(self, size: int, span: tuple[float, float]) -> Iterator[tuple[int, Block]]:
+        """Blocks within a span of time, with the number of their first sample in the segment."""
         n = self.recording.channels.joints
-        for part in self.chain.parts(self.recording, tuple(segments)):
-            segment, start, signals = segments[part.segment], part.start, part.signals
-            first, last = self._range(segment)
+        for part in self.chain.parts(self.recording, self.segments):
+            segment, start, signals = part.segment, part.first, part.signals
+            first, last = self._range(segment, span)
             for at in range(max(start, first), min(start + signals.shape[1], last), size):
                 stop = min(at + size, start + signals.shape[1], last)
                 inside = slice(at - start, stop - start)
@@ -272,30 +248,25 @@ class Run:
                 if self.importance is not None:
                     own = self.importance.at(t)
                     weights = own if weights is None else own * weights
-                yield Block(part.segment, t, q, dq, ddq, effort, moving, weights=weights)
+                yield at, Block(segment.number, t, q, dq, ddq, effort, moving, weights=weights)
 
     def whole(self) -> RunData:
         """All samples from first to last motion, in memory."""
         blocks = list(self.blocks())
-        q, dq, ddq, effort = (
-            np.concatenate([getattr(b, name) for b in blocks], axis=1).T
-            for name in ("q", "dq", "ddq", "effort")
-        )
+        one = Block.joined(blocks)
         return RunData(
-            Motion(np.concatenate([b.t for b in blocks]), q, dq, ddq),
-            np.ascontiguousarray(effort),
-            np.concatenate([b.moving for b in blocks], axis=1).T.copy(),
-            np.concatenate([np.full(len(b.t), b.segment) for b in blocks]),
-            None
-            if all(b.weights is None for b in blocks)
-            else np.concatenate([b.counted for b in blocks], axis=1).T.copy(),
+            Motion(one.t, one.q.T, one.dq.T, one.ddq.T),
+            np.ascontiguousarray(one.effort.T),
+            one.moving.T.copy(),
+            np.repeat([b.segment for b in blocks], [len(b.t) for b in blocks]),
+            None if one.weights is None else one.weights.T.copy(),
         )
 
-    def _range(self, segment: Segment) -> tuple[int, int]:
-        """First sample of a segment that is used, and the one after the last."""
+    def _range(self, segment: Segment, span: tuple[float, float]) -> tuple[int, int]:
+        """First sample of a segment within a span that is used, and the one after the last."""
         early, late = lost_ends(self.recording.signals)
-        start = max(self.span[0], segment.start + early) - segment.start
-        stop = min(self.span[1], segment.stop - late) - segment.start
+        start = max(span[0], segment.start + early) - segment.start
+        stop = min(span[1], segment.stop - late) - segment.start
         return max(0, int(np.ceil(start * self.rate - 1e-6))), min(
             segment.samples, int(np.floor(stop * self.rate + 1e-6)) + 1
         )

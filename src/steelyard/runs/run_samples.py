@@ -25,13 +25,9 @@ DIGITS_KEPT = 9
 
 @dataclass(frozen=True, eq=False)
 class MotionRows:
-    """Clean rows of a run from first to last motion, as logged.
+    """Clean rows of a run from first to last motion, as logged; `moving`: whether any joint moves.
 
-    Attributes:
-        t: Time from the log's start, shape `(N,)` [s].
-        q: Positions, shape `(N, n)` [rad; m].
-        effort: Efforts, shape `(N, n)` [A, Nm or N].
-        moving: Whether any joint moves, shape `(N,)`.
+    Shapes `(N,)` [s], `(N, n)` [rad; m], `(N, n)` [A, Nm or N] and `(N,)`.
     """
 
     t: Array
@@ -46,14 +42,9 @@ class MotionRows:
 
 @dataclass(frozen=True, eq=False)
 class MotionSamples:
-    """Rows of a run at which joints move.
+    """Rows of a run at which joints move; one of them stands for a time `step` [s].
 
-    Attributes:
-        run: The run's name.
-        step: Time that one of them stands for [s].
-        t: Time from the log's start, shape `(M,)` [s].
-        q: Positions, shape `(M, n)` [rad; m].
-        effort: Efforts as logged, shape `(M, n)` [A, Nm or N].
+    Shapes `(M,)` [s], `(M, n)` [rad; m] and `(M, n)` [A, Nm or N].
     """
 
     run: str
@@ -115,14 +106,11 @@ def _moving(t: Array, q: Array, rest_speed: Array) -> NDArray[np.bool_]:
 def motion_samples(runs: Sequence[Run]) -> tuple[MotionSamples, ...]:
     """Evenly spread rows of each run at which joints move."""
     whole = max(sum(run.duration for run in runs), 1e-9)
+    shares = [round(MOST_MOTION_SAMPLES * run.duration / whole) for run in runs]
     return tuple(
-        _of_run(run, max(LEAST_MOTION_SAMPLES, round(MOST_MOTION_SAMPLES * run.duration / whole)))
-        for run in runs
+        samples_of_rows(run.name, motion_rows(run), max(LEAST_MOTION_SAMPLES, share))
+        for run, share in zip(runs, shares, strict=True)
     )
-
-
-def _of_run(run: Run, count: int) -> MotionSamples:
-    return samples_of_rows(run.name, motion_rows(run), count)
 
 
 def samples_of_rows(name: str, rows: MotionRows, count: int = MOST_MOTION_SAMPLES) -> MotionSamples:
@@ -137,15 +125,9 @@ def samples_of_rows(name: str, rows: MotionRows, count: int = MOST_MOTION_SAMPLE
 
 @dataclass(frozen=True)
 class OpenStretch:
-    """Consecutive samples at which a loop cannot close.
+    """Consecutive samples at which a loop cannot close, from first to last [s].
 
-    Attributes:
-        run: The run's name.
-        loop: The loop's name.
-        start: Time of the first sample, from the log's start [s].
-        stop: Time of the last sample [s].
-        gap: How far the loop's points stay apart at the first sample [m].
-        samples: Number of samples.
+    The loop's points stay apart by `gap` at the first sample [m].
     """
 
     run: str
@@ -179,26 +161,15 @@ def open_stretches(run: Run, robot: Robot) -> tuple[OpenStretch, ...]:
                 found[-1] = replace(found[-1], stop=t, samples=found[-1].samples + 1)
             else:
                 within = True
-                found.append(OpenStretch(run.name, *_named(follower, sample, t)))
+                name, gap = follower.gap(sample)
+                found.append(OpenStretch(run.name, name, t, t, gap, 1))
     return tuple(found)
 
 
-def _named(
-    follower: Follower, sample: NDArray[np.float64], t: float
-) -> tuple[str, float, float, float, int]:
-    name, gap = follower.gap(sample)
-    return name, t, t, gap, 1
-
-
 def closed_parts(block: Block, closed: NDArray[np.bool_]) -> list[Block]:
-    """The samples of a block at which loops are closed; every gap begins a new segment.
+    """The samples of a block at which loops are `closed`, `(B,)`; every gap begins a new segment.
 
-    Args:
-        block: Consecutive samples.
-        closed: Whether the loops are closed at each, shape `(B,)`.
-
-    Returns:
-        Blocks whose segments count on from the block's own by one per sample left out.
+    Segments count on from the block's own by one per sample left out.
     """
     if closed.all():
         return [block]

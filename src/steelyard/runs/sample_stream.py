@@ -29,14 +29,9 @@ PAUSE_SECONDS = 1.0
 
 @dataclass(frozen=True, eq=False)
 class StreamSample:
-    """A sample in SI units.
+    """A sample in SI units, its time from the first one; `q, dq` and `effort` as logged, `(n,)`.
 
-    Attributes:
-        t: Time from the first sample [s].
-        q: Positions, shape `(n,)` [rad; m].
-        dq: Velocities, shape `(n,)` [rad/s; m/s].
-        effort: Efforts as logged, shape `(n,)` [A, Nm or N].
-        row: The row as logged, its time that of the sample, shape `(columns,)`.
+    The row is that logged, with the time of the sample, shape `(columns,)`.
     """
 
     t: float
@@ -163,11 +158,7 @@ class SampleStream:
 
 
 class _Aligned:
-    """Brings signals that are late to one time, by interpolation.
-
-    Args:
-        lags: How late each attribute of a sample is [s].
-    """
+    """Brings signals that are late by so many seconds to one time, by interpolation."""
 
     def __init__(self, lags: dict[str, float]) -> None:
         self._reach = max(lags.values())

@@ -44,19 +44,12 @@ class Band:
 def welch(
     x: Array, rate: float, window: float = SPECTRUM_WINDOW, *, detrend: bool = True
 ) -> tuple[Array, Array]:
-    """Power density by Welch's method: Hann windows, half overlapping, one at a time.
+    """Frequencies `(F,)` [Hz] and one-sided densities `(C, F)` by Welch's method, of `(C, N)`.
 
-    It is `scipy.signal.welch` but for the first and the last line, which are doubled like the
-    others. That one holds all windows at once: 430 MiB for 2e6 samples of 7 channels.
-
-    Args:
-        x: Shape `(C, N)`.
-        rate: [Hz].
-        window: Length of the windows [s].
-        detrend: Whether mean and trend of each window are removed.
-
-    Returns:
-        Frequencies `(F,)` [Hz] and one-sided densities `(C, F)`.
+    Hann windows of so many seconds, half overlapping, are taken one at a time; `detrend` removes
+    mean and trend of each. It is `scipy.signal.welch` but for the first and the last line, which
+    are doubled like the others. That one holds all windows at once: 430 MiB for 2e6 samples of 7
+    channels.
     """
     length = min(x.shape[1], max(round(window * rate), SHORTEST_WINDOW))
     hann: Array = np.sin(np.pi * np.arange(length) / length) ** 2
@@ -75,18 +68,14 @@ def welch(
 
 
 def motion_band(q: Array, rate: float, dq: Array | None = None) -> Band:
-    """Band of the motion and noise of the positions.
+    """Band of the motion and noise of uniformly sampled positions `(n, N)`.
 
     The noise is the median density of the upper half of the spectrum. Velocities are differences
-    of positions, or those that are logged, their mean included: a trapezoidal move is little else.
-    From the peak of a joint's velocity density upwards, its motion ends where the position's (or
-    the logged velocity's) density sinks to `BAND_OVER_NOISE` times the noise, and its band holds
-    `BAND_POWER_SHARE` of the velocity power up to there.
-
-    Args:
-        q: Positions, shape `(n, N)`, uniformly sampled.
-        rate: [Hz].
-        dq: Logged velocities, whose spectrum and noise then count instead of the positions'.
+    of positions, or those that are logged, whose spectrum and noise then count, their mean
+    included: a trapezoidal move is little else. From the peak of a joint's velocity density
+    upwards, its motion ends where the position's (or the logged velocity's) density sinks to
+    `BAND_OVER_NOISE` times the noise, and its band holds `BAND_POWER_SHARE` of the velocity power
+    up to there.
     """
     frequency, position = welch(q, rate)
     noise = np.median(position[:, position.shape[1] // 2 :], axis=1)
@@ -159,11 +148,7 @@ class Repetitions:
 
 
 def moving_span(q: Array) -> tuple[int, int]:
-    """First sample and the one after the last of what lies between the rests at the ends.
-
-    Args:
-        q: Positions, shape `(n, N)`.
-    """
+    """First sample and the one after the last between the rests at both ends, of `(n, N)`."""
     far = REST_RANGE_SHARE * np.maximum(np.ptp(q, axis=1, keepdims=True), 1e-12)
     left = (np.abs(q - q[:, :1]) > far).any(axis=0)
     right = (np.abs(q - q[:, -1:]) > far).any(axis=0)
@@ -175,11 +160,9 @@ def moving_span(q: Array) -> tuple[int, int]:
 
 
 def find_period(q: Array, rate: float) -> float | None:
-    """The period of a motion [s], or `None` if it does not come back.
+    """The period of a motion `(n, N)` [s], or `None` if it does not come back.
 
-    Args:
-        q: Positions, shape `(n, N)`, uniformly sampled; rests at the ends do not matter.
-        rate: [Hz].
+    Rests at the ends do not matter.
     """
     start, stop = moving_span(q)
     if stop - start < 20:
@@ -202,11 +185,7 @@ def find_period(q: Array, rate: float) -> float | None:
 
 
 def distance(q: Array) -> Array:
-    """Distance of a motion from itself at every lag, shape `(N,)`; see the module.
-
-    Args:
-        q: Positions without mean, shape `(n, N)`.
-    """
+    """Distance of a motion `(n, N)` without mean from itself at every lag; see the module."""
     count = q.shape[1]
     spectrum = np.fft.rfft(q, 2 * count)
     product = np.fft.irfft(np.abs(spectrum) ** 2, 2 * count)[:, :count].sum(axis=0)
@@ -239,15 +218,9 @@ def _over_many(q: Array, lag: float) -> float:
 
 
 def mean_period(x: Array, length: float, bent: int = 0) -> Array:
-    """The mean over periods, read at whole shares of the period.
+    """The mean of channels `(..., N)` over periods of `length` samples, `(..., round(length))`.
 
-    Args:
-        x: Channels of periodic motion, shape `(..., N)`.
-        length: The period in samples.
-        bent: Samples at each end that are left out where others are there.
-
-    Returns:
-        Shape `(..., P)`, with `P` the rounded length.
+    `bent` samples at each end are left out where others are there.
     """
     from scipy.interpolate import make_interp_spline
 

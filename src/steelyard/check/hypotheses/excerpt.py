@@ -208,8 +208,8 @@ def _segments(recording: Recording) -> tuple[list[tuple[float, Array]], float, f
     rate = nice_rate(sum(float(s.sum()) for s in steps) / count)
     found = []
     for group in grouped:
-        even = np.concatenate(list(uniform(((p.t, p.x) for p in group), rate)), axis=1)
-        found.append((float(group[0].t[0]), even))
+        t, x = np.concatenate([p.t for p in group]), np.concatenate([p.x for p in group])
+        found.append((float(t[0]), uniform(t, x.T, rate)))
     return found, rate, clock.origin
 
 

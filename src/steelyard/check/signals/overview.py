@@ -156,10 +156,7 @@ class SignalOverview:
         mean = sum(float(self.t[s][-1] - self.t[s][0]) for s in self.stretches)
         mean /= sum(s.stop - s.start - 1 for s in self.stretches)
         rate = min(1.0 / (mean * second), FASTEST_RATE)
-        even = [
-            np.concatenate(list(uniform([(second * self.clock[s], values[s])], rate)), axis=1)
-            for s in self.stretches
-        ]
+        even = [uniform(second * self.clock[s], values[s].T, rate) for s in self.stretches]
         return tuple(x for x in even if x.shape[1] >= SHORTEST_STRETCH), rate
 
 

@@ -11,19 +11,20 @@ import sys
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 
 from steelyard.base.errors import LogError
-from steelyard.logs.log import require_file
+from steelyard.logs.log import require_file, unreadable
 from steelyard.logs.messages.byte_streams import (
     ZSTD_MAGIC,
     Damaged,
     ZstdFile,
+    unpacked,
     unpacked_copy,
-    unpacked_whole,
 )
 from steelyard.logs.messages.messages import LARGEST_MESSAGE, Channel, Container, Message
-from steelyard.logs.messages.record_files import MCAP_MAGIC, McapFile, unreadable
+from steelyard.logs.messages.record_files import MCAP_MAGIC, McapFile
 
 METADATA = "metadata.yaml"
 SQLITE_MAGIC = b"SQLite format 3\0"
@@ -178,7 +179,11 @@ class Bag2:
         mode, form = (_yaml_value(text, f"compression_{key}").lower() for key in ("mode", "format"))
         packed = mode == "message"
         if mode in ("file", "message") and form != "zstd":
-            raise _compressed(path, names[0], form)
+            raise LogError(
+                f"the bag's files are compressed ({form}), where zstd is read",
+                where=str(path / names[0]),
+                fix="convert it with `ros2 bag convert` to one that is not compressed",
+            )
         return cls(path, tuple(storage(path / Path(name).name) for name in names), packed)
 
     @property
@@ -201,18 +206,22 @@ class Bag2:
 
 
 def _unpacked(data: bytes | None) -> bytes | None:
+    """A packed message: `None` if it is too long, nothing if it is damaged."""
+    if data is None:
+        return None
+    whole = bytearray()
     try:
-        return None if data is None else unpacked_whole("zstd", data, LARGEST_MESSAGE)
+        for block in unpacked("zstd", BytesIO(data)):
+            whole += block
+            if len(whole) > LARGEST_MESSAGE:
+                return None
     except Damaged:
         return b""
+    return bytes(whole)
 
 
 def storage(path: Path) -> Container:
-    """A file of a ROS 2 bag, whatever its suffix, packed or not.
-
-    Raises:
-        LogError: It is neither of the two kinds there are.
-    """
+    """A file of a ROS 2 bag, whatever its suffix, packed or not."""
     require_file(path)
     if _start(path).startswith(ZSTD_MAGIC):
         return ZstdFile(path, _plain_file(unpacked_copy(path), path))
@@ -260,12 +269,4 @@ def _bad_metadata(path: Path, why: str) -> LogError:
         f"the bag's {METADATA} cannot be understood: {why}",
         where=str(path),
         fix="name the bag's .db3 or .mcap file itself, or run `ros2 bag reindex` on a copy",
-    )
-
-
-def _compressed(folder: Path, name: str, form: str) -> LogError:
-    return LogError(
-        f"the bag's files are compressed ({form}), where zstd is read",
-        where=str(folder / name),
-        fix="convert it with `ros2 bag convert` to one that is not compressed",
     )

@@ -96,14 +96,9 @@ class Budget:
 
 
 class UnpackedBytes:
-    """The content of a chunk, unpacked while it is read.
+    """The next `length` bytes of a file, which are a chunk's content, unpacked while they are read.
 
-    Args:
-        file: A file that stands at the start of the chunk's content.
-        length: Bytes of the chunk as stored.
-        packing: `""`, `none`, `zstd`, `lz4` or `bz2`.
-        size: Bytes that it declares to unpack to.
-        budget: What the whole file may unpack to.
+    `size` is what it declares to unpack to, `budget` what the whole file may.
     """
 
     def __init__(
@@ -181,14 +176,19 @@ class _Piece:
 def unpacked(packing: str, source: Any) -> Iterator[bytes]:
     """Blocks of at most `BLOCK_BYTES` bytes of what a source's bytes unpack to.
 
-    Args:
-        packing: `""`, `none`, `zstd`, `lz4` or `bz2`.
-        source: A file-like object.
+    `packing` is `""`, `none`, `zstd`, `lz4` or `bz2`; the source is a file-like object.
     """
     if packing in ("", "none"):
         yield from iter(lambda: source.read(BLOCK_BYTES), b"")
     elif packing == "zstd":
-        yield from _of_zstd(source)
+        import zstandard
+
+        unpacker = zstandard.ZstdDecompressor(max_window_size=MOST_WINDOW_BYTES)
+        reader = unpacker.stream_reader(source, read_across_frames=True)
+        try:
+            yield from iter(lambda: reader.read(BLOCK_BYTES), b"")
+        except zstandard.ZstdError as error:
+            raise Damaged(f"it cannot be unpacked ({error})") from error
     elif packing == "lz4":
         import lz4.frame
 
@@ -199,30 +199,6 @@ def unpacked(packing: str, source: Any) -> Iterator[bytes]:
         yield from _pulled(bz2.BZ2Decompressor(), source)
     else:
         raise Damaged(f"its compression '{packing[:20]}' is not known")
-
-
-def unpacked_whole(packing: str, data: bytes, limit: int) -> bytes | None:
-    """What some bytes unpack to; `None` if that is more than `limit` bytes."""
-    from io import BytesIO
-
-    whole = bytearray()
-    for block in unpacked(packing, BytesIO(data)):
-        whole += block
-        if len(whole) > limit:
-            return None
-    return bytes(whole)
-
-
-def _of_zstd(source: Any) -> Iterator[bytes]:
-    import zstandard
-
-    reader = zstandard.ZstdDecompressor(max_window_size=MOST_WINDOW_BYTES).stream_reader(
-        source, read_across_frames=True
-    )
-    try:
-        yield from iter(lambda: reader.read(BLOCK_BYTES), b"")
-    except zstandard.ZstdError as error:
-        raise Damaged(f"it cannot be unpacked ({error})") from error
 
 
 def _pulled(unpacker: Any, source: Any) -> Iterator[bytes]:

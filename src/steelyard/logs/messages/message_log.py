@@ -13,6 +13,7 @@ topics are interleaved.
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import chain, islice, pairwise
@@ -23,13 +24,12 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.logs.log import ROWS_OF_PART, RowRange, require_columns, require_file
+from steelyard.logs.log import ROWS_OF_PART, RowRange, require_columns, require_file, unreadable
 from steelyard.logs.messages.bag2 import Bag2, storage
 from steelyard.logs.messages.messages import (
     Channel,
     Container,
     Decoder,
-    Message,
     Topic,
     Unreadable,
     decoder,
@@ -78,12 +78,7 @@ class Track:
         self._values: deque[Array] = deque(maxlen=SAMPLES_KEPT_BEHIND)
 
     def at(self, t: float, reach: float) -> Array:
-        """Values at one stamp, shape `(width,)`.
-
-        Args:
-            t: The stamp [s].
-            reach: The stamp that rows have reached [s], behind which samples may be forgotten.
-        """
+        """Values at a stamp, `(width,)`; samples behind `reach`, where rows are, are forgotten."""
         times = self._times
         while not times or times[-1] < reach:
             sample = next(self._samples, None)
@@ -135,11 +130,7 @@ class MessageLog:
 
     @classmethod
     def open(cls, path: Path) -> "MessageLog":
-        """Look at the first messages of every topic.
-
-        Args:
-            path: An MCAP file, a ROS 1 bag, a ROS 2 bag's folder or one of its files.
-        """
+        """Look at the first messages of every topic of a file, or of a ROS 2 bag's folder."""
         container = _container(path)
         layouts = scan_topics(container)
         columns = tuple(chain.from_iterable(layout.columns for layout in layouts))
@@ -178,9 +169,11 @@ class MessageLog:
 
     def _blocks(self, columns: Sequence[str], rows: RowRange, size: int) -> Iterator[Array]:
         """Consecutive rows, `size` at a time."""
-        by_topic = _by_topic([self._place(column) for column in columns])
+        by_topic: dict[Layout, list[tuple[int, str]]] = {}
+        for k, (layout, name) in enumerate(self._places[column] for column in columns):
+            by_topic.setdefault(layout, []).append((k, name))
         (base, places), *others = by_topic.items()
-        clock = LOG_TIME if self._place(columns[0])[1] == LOG_TIME else STAMP
+        clock = LOG_TIME if places[0][1] == LOG_TIME else STAMP
         read = partial(_samples, self.container, clock=clock)
         samples = islice(read(base, [f for _, f in places]), *rows)
         tracks = [
@@ -201,9 +194,6 @@ class MessageLog:
                 table, count = np.empty_like(table), 0
         if count:
             yield table[:count]
-
-    def _place(self, column: str) -> tuple[Layout, str]:
-        return self._places[column]
 
     @cached_property
     def _places(self) -> dict[str, tuple[Layout, str]]:
@@ -227,11 +217,7 @@ class MessageLog:
 
 
 def topics(path: str | Path) -> tuple[Topic, ...]:
-    """The topics of a log of messages: types, counts, times and rates.
-
-    Raises:
-        LogError: It cannot be read.
-    """
+    """The topics of a log of messages: types, counts, times and rates."""
     container = _container(Path(path))
     return count_topics(container, scan_topics(container))
 
@@ -246,19 +232,7 @@ def _container(path: Path) -> Container:
             start = file.read(len(BAG1_MAGIC))
         return Bag1.open(path) if start == BAG1_MAGIC else storage(path)
     except OSError as error:
-        raise LogError(
-            f"the log cannot be read ({error.strerror or error})",
-            where=str(path),
-            fix="check the file's permissions and the disk",
-        ) from error
-
-
-def _by_topic(places: Sequence[tuple[Layout, str]]) -> dict[Layout, list[tuple[int, str]]]:
-    """Column numbers and fields of each topic, the first column's topic first."""
-    by_layout: dict[Layout, list[tuple[int, str]]] = {}
-    for k, (layout, name) in enumerate(places):
-        by_layout.setdefault(layout, []).append((k, name))
-    return by_layout
+        raise unreadable(path, error) from error
 
 
 def _samples(
@@ -267,14 +241,16 @@ def _samples(
     """Stamp and values of a topic's messages, those of other joints aside."""
     own = [k for k, name in enumerate(wanted) if name not in (STAMP, LOG_TIME)]
     picker = Picker([wanted[k] for k in own])
-    decoded = _Decoded()
+    decoders: dict[int, tuple[Channel, Decoder]] = {}  # with the channel: no other gets its id
     for message in container.messages(frozenset((layout.name,))):
         times = {LOG_TIME: seconds(message.time), STAMP: nan}
         values = np.full(len(wanted), nan)
-        try:
-            content = decoded(message)
-        except Unreadable:
-            content = None
+        content, channel = None, message.channel
+        with suppress(Unreadable):
+            if id(channel) not in decoders:
+                decoders[id(channel)] = channel, decoder(channel)
+            if message.data is not None:
+                content = decoders[id(channel)][1](message.data)
         if content is not None:
             picked = picker.pick(content) if own else []
             if picked is None:
@@ -286,23 +262,6 @@ def _samples(
             if name in times:
                 values[k] = times[name]
         yield times[clock], values
-
-
-class _Decoded:
-    """Contents of messages; remembers how each channel's are decoded."""
-
-    def __init__(self) -> None:
-        self._decoders: dict[int, Decoder] = {}
-        self._channels: list[Channel] = []
-
-    def __call__(self, message: Message) -> object:
-        if message.data is None:
-            raise Unreadable("it is too long")
-        found = self._decoders.get(id(message.channel))
-        if found is None:
-            found = self._decoders[id(message.channel)] = decoder(message.channel)
-            self._channels.append(message.channel)  # so that no other gets its id
-        return found(message.data)
 
 
 def _listing(layouts: Sequence[Layout]) -> str:

@@ -21,7 +21,6 @@ class Channel:
     """What the messages of one publisher are.
 
     Attributes:
-        topic: Where they were published.
         type: Name of their type, `sensor_msgs/msg/JointState`.
         encoding: How they were put into bytes: `cdr`, `ros1`, `json` or another name.
         definition: The type's definition as found in the file; empty if it has none.
@@ -36,13 +35,7 @@ class Channel:
 
 
 class Message(NamedTuple):
-    """One message as recorded.
-
-    Attributes:
-        channel: What it is.
-        time: When it was recorded [ns].
-        data: Its bytes; `None` if it is longer than `LARGEST_MESSAGE`.
-    """
+    """A message, when it was recorded [ns], and its bytes; `None`: more than `LARGEST_MESSAGE`."""
 
     channel: Channel
     time: int
@@ -67,25 +60,15 @@ class Container(Protocol):
         ...
 
     def messages(self, topics: frozenset[str] | None = None) -> Iterator[Message]:
-        """Messages of some topics, or of all, in the order of the file.
-
-        Raises:
-            LogError: The file is damaged.
-        """
+        """Messages of some topics, or of all, in the order of the file; damage is a `LogError`."""
         ...
 
 
 @dataclass(frozen=True)
 class Topic:
-    """One topic of a log of messages, for the user.
+    """One topic of a log of messages, for the user, recorded from `start` to `stop` [s].
 
-    Attributes:
-        name: Its name.
-        type: Type of its messages.
-        count: Number of messages.
-        start: When the first was recorded [s].
-        stop: When the last was recorded [s].
-        problem: Why no columns are read from it; empty if some are.
+    The problem is why no columns are read from it; it is empty if some are.
     """
 
     name: str

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from steelyard.base.errors import LogError
+from steelyard.logs.log import unreadable
 from steelyard.logs.messages.byte_streams import (
     Budget,
     Bytes,
@@ -112,15 +113,6 @@ def damaged(path: Path, what: str, at: int, why: str, rescue: str) -> LogError:
     )
 
 
-def unreadable(path: Path, error: OSError) -> LogError:
-    """The error for a file that the system does not hand out."""
-    return LogError(
-        f"the log cannot be read ({error.strerror or error})",
-        where=str(path),
-        fix="check the file's permissions and the disk",
-    )
-
-
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 CHUNK_HEAD = struct.Struct("<QQQII")
 MESSAGE_HEAD = struct.Struct("<HIQQ")
@@ -131,14 +123,7 @@ MCAP_RESCUE = ": `mcap recover IN.mcap -o OUT.mcap`"
 
 @dataclass(frozen=True)
 class McapFile:
-    """One MCAP file.
-
-    Attributes:
-        path: Where it is.
-        complete: Whether its end is there.
-        waiting: If the file is still being written, called while bytes are missing; see
-            `FileBytes`.
-    """
+    """One MCAP file; `complete`: whether its end is there; `waiting`: see `FileBytes`."""
 
     path: Path
     complete: bool

@@ -12,7 +12,6 @@ import numpy as np
 from steelyard.base.errors import LogError
 from steelyard.logs.messages.messages import (
     LARGEST_MESSAGE,
-    Channel,
     Container,
     Message,
     Topic,
@@ -43,11 +42,6 @@ def fields_of(message: Any) -> tuple[str, ...]:
         labels = names or [str(i) for i in range(count)]
         found += [f"{quantity}/{name}" for name in dict.fromkeys(labels[:count])]
     return tuple(found[:MOST_FIELDS])
-
-
-def is_of_joints(message: Any) -> bool:
-    """Whether a message says names of joints and their positions, velocities or efforts."""
-    return _joints(message) is not None
 
 
 def stamp_of(message: Any) -> float | None:
@@ -134,7 +128,7 @@ def _flat(node: Any, path: str, depth: int) -> Iterator[tuple[str, Any]]:
     for name, child in _children(node):
         if depth == 0 and (name == "header" or (name == "stamp" and _seconds(child) is not None)):
             continue
-        if isinstance(child, _SCALARS) or _is_time(child):
+        if isinstance(child, _SCALARS) or _seconds(child) is not None:
             yield path + name, child
         elif isinstance(child, (list, tuple, np.ndarray)):
             inner = list(islice(_flat(child, f"{path}{name}/", depth + 1), LONGEST_ARRAY + 1))
@@ -179,10 +173,6 @@ def _field_number(value: Any) -> float:
             return nan
     time = _seconds(value)
     return nan if time is None else time
-
-
-def _is_time(value: Any) -> bool:
-    return _seconds(value) is not None
 
 
 def _seconds(value: Any) -> float | None:
@@ -251,7 +241,7 @@ class _TopicScan:
             self.problem = str(error)
             return
         self.decoded += 1
-        self.of_joints |= is_of_joints(content)
+        self.of_joints |= _joints(content) is not None
         self.stamped |= bool(stamp_of(content))
         if len(self.fields) < MOST_FIELDS:
             self.fields.update(dict.fromkeys(fields_of(content)))
@@ -259,8 +249,7 @@ class _TopicScan:
     def layout(self, name: str) -> Layout:
         found = tuple(f for f in self.fields if f not in (STAMP, LOG_TIME))[:MOST_FIELDS]
         if self.of_joints:
-            quantities = ("position/", "velocity/", "effort/")
-            found = tuple(f for q in quantities for f in found if f.startswith(q))
+            found = tuple(f for q in JOINT_QUANTITIES for f in found if f.startswith(f"{q}/"))
         problem = "" if found else self.problem
         return Layout(name, self.type, found, self.of_joints, self.stamped, problem)
 
@@ -275,14 +264,19 @@ def scan_topics(container: Container) -> tuple[Layout, ...]:
     announced = container.announced()
     waiting = None if announced is None else set(announced)
     for total, message in enumerate(container.messages()):
-        look = _scan_of_topic(looks, message.channel, container)
+        channel = message.channel
+        if channel.topic not in looks:
+            if len(looks) == MOST_TOPICS:
+                raise _too_many(container, f"{MOST_TOPICS} topics")
+            looks[channel.topic] = _TopicScan(channel.type or channel.encoding)
+        look = looks[channel.topic]
         if look.count < MESSAGES_READ_OF_TOPIC:
             look.add(message)
         if waiting is not None:
             if total == MESSAGES_SCANNED:
                 waiting.difference_update(looks)
             elif total > MESSAGES_SCANNED or look.count == MESSAGES_READ_OF_TOPIC:
-                waiting.discard(message.channel.topic)
+                waiting.discard(channel.topic)
             if not waiting:
                 break
     if not looks:
@@ -294,22 +288,12 @@ def scan_topics(container: Container) -> tuple[Layout, ...]:
     layouts = [look.layout(name) for name, look in looks.items()]
     if sum(len(layout.fields) for layout in layouts) > MOST_COLUMNS:
         raise _too_many(container, f"{MOST_COLUMNS} numbers in its messages")
-    return tuple(sorted(layouts, key=_layout_rank))
 
+    def rank(layout: Layout) -> tuple[bool, int, str]:
+        """Joint states first, those of most joints before others."""
+        return not layout.of_joints, -len(layout.fields) * layout.of_joints, layout.name
 
-def _layout_rank(layout: Layout) -> tuple[bool, int, str]:
-    """Joint states first, those of most joints before others."""
-    return not layout.of_joints, -len(layout.fields) if layout.of_joints else 0, layout.name
-
-
-def _scan_of_topic(
-    looks: dict[str, _TopicScan], channel: Channel, container: Container
-) -> _TopicScan:
-    if channel.topic not in looks:
-        if len(looks) == MOST_TOPICS:
-            raise _too_many(container, f"{MOST_TOPICS} topics")
-        looks[channel.topic] = _TopicScan(channel.type or channel.encoding)
-    return looks[channel.topic]
+    return tuple(sorted(layouts, key=rank))
 
 
 def count_topics(container: Container, layouts: Iterable[Layout]) -> tuple[Topic, ...]:

@@ -37,12 +37,9 @@ NICE_STEPS = (1.0, 1.25, 2.0, 2.5, 4.0, 5.0, 8.0, 10.0)
 
 @dataclass(frozen=True)
 class Clock:
-    """What the head of a log says about its time column.
+    """What the head of a log says about its clock: median step, longest step that is no gap [s].
 
-    Attributes:
-        step: Median step [s].
-        gap: Longest step that is not a gap [s].
-        origin: Time of the first good row [s].
+    The origin is the time of the first good row [s].
     """
 
     step: float
@@ -52,13 +49,7 @@ class Clock:
 
 @dataclass(frozen=True, eq=False)
 class RowPiece:
-    """Good rows that follow each other.
-
-    Attributes:
-        segment: Number of the segment, from 0.
-        t: Time from the log's start, shape `(N,)` [s].
-        x: Channels, shape `(N, C)`.
-    """
+    """Good rows of a segment that follow each other: time `(N,)` [s], channels `(N, C)`."""
 
     segment: int
     t: Array
@@ -157,12 +148,7 @@ class RowScan:
     ) -> Generator[RowPiece, None, int]:
         """Judge rows by their neighbours, count them and yield the pieces; how many were decided.
 
-        Args:
-            t: Time, shape `(N,)` [s].
-            x: Channels, shape `(N, C)`.
-            row: Number of each row in the log.
-            loose: Number and verdict of the rows that were broken by themselves.
-            final: Whether no rows come after these.
+        `loose`: number and verdict of rows broken by themselves; `final`: no rows come after these.
         """
         verdict, segment, decided = self._judge(t, x, final)
         kept = np.flatnonzero(verdict[:decided] == RowVerdict.KEPT)
@@ -279,17 +265,10 @@ def time_span(recording: Recording) -> tuple[float, int]:
 
 
 def rows_between(recording: Recording, seconds: tuple[float, float], most: int) -> tuple[int, int]:
-    """First row of a span of time from the log's start, and the row after its last one.
+    """First row of a span of seconds from the log's start, and the row after its last one.
 
     A row counts if the next one is in the span as well: stamps of broken rows may be anything.
-
-    Args:
-        recording: The log.
-        seconds: Start and stop [s].
-        most: Rows from the first one on that are of interest; later ones are not looked for.
-
-    Raises:
-        LogError: Time does not increase.
+    Only the `most` rows from the first one on are of interest.
     """
     origin = learn_clock(recording).origin
     first, after, row, before = None, 0, 0, False

@@ -51,16 +51,7 @@ _REASONS = {
 
 
 def broken_rows(t: Array, x: Array, channels: Channels) -> NDArray[np.uint8]:
-    """A verdict per row, judged by the row alone.
-
-    Args:
-        t: Time, shape `(N,)` [s].
-        x: Channels in SI units, shape `(N, C)`.
-        channels: Their order.
-
-    Returns:
-        Shape `(N,)`: `KEPT`, `UNREADABLE` or `LARGEST_VALUE`.
-    """
+    """`KEPT`, `UNREADABLE` or `ABSURD` per row, judged by the row `(N, C)` alone, shape `(N,)`."""
     verdict = np.zeros(len(t), dtype=np.uint8)
     with np.errstate(invalid="ignore"):
         absurd = ~np.isfinite(t) | (np.abs(x) > LARGEST_VALUE).any(axis=1)
@@ -92,11 +83,7 @@ that stands out is no outlier: the motion jolted."""
 
 
 def usual_distance(x: Array) -> Array:
-    """How far rows are usually from the median around them, shape `(C,)`.
-
-    Args:
-        x: Channels, shape `(C, N)`.
-    """
+    """How far rows of channels `(C, N)` are usually from the median around them, `(C,)`."""
     x = x[:, :ROWS_FOR_USUAL]
     if x.shape[1] <= 2 * MEDIAN_SIDE_ROWS:
         return np.full(len(x), np.inf)
@@ -114,11 +101,7 @@ def usual_distance(x: Array) -> Array:
 
 
 def sensor_step(x: Array) -> Array:
-    """The step of each channel's sensor as rows show it; infinite if it never changes, `(C,)`.
-
-    Args:
-        x: Channels, shape `(C, N)`.
-    """
+    """The step of the sensor of each channel of `(C, N)`; infinite if it never changes, `(C,)`."""
     change = np.abs(np.diff(x, axis=1))
     steps = [
         float(np.quantile(c[c > 0.0], SENSOR_STEP_QUANTILE)) if c.any() else np.inf for c in change
@@ -129,12 +112,8 @@ def sensor_step(x: Array) -> Array:
 def outlying(x: Array, usual: Array, threshold: float) -> NDArray[np.bool_]:
     """Whether each row of each channel is an outlier, shape `(C, N)`.
 
-    The first and last `SIDE + LONGEST` rows are judged without all their neighbours.
-
-    Args:
-        x: Channels, shape `(C, N)`.
-        usual: See `usual_distance`, shape `(C,)`.
-        threshold: Distance in usual ones from which on a row is an outlier.
+    It is from `threshold` times the `usual` distance on. The first and last `SIDE + LONGEST` rows
+    are judged without all their neighbours.
     """
     marks = np.zeros(x.shape, dtype=np.bool_)
     if x.shape[1] <= 2 * MEDIAN_SIDE_ROWS:
@@ -151,11 +130,7 @@ def outlying(x: Array, usual: Array, threshold: float) -> NDArray[np.bool_]:
 
 
 def _distances(windows: Array) -> tuple[Array, Array]:
-    """How far the middle of each window is from its median, and the others usually, `(M,)` each.
-
-    Args:
-        windows: Shape `(M, 2 SIDE + 1)`.
-    """
+    """How far each window's middle is from its median, and others usually; of `(M, 2 SIDE + 1)`."""
     rise = _medians(windows[:, -3:]) - _medians(windows[:, :3])
     level = windows - rise[:, None] * (
         np.arange(-MEDIAN_SIDE_ROWS, MEDIAN_SIDE_ROWS + 1) / (2.0 * (MEDIAN_SIDE_ROWS - 1))
@@ -195,11 +170,7 @@ def without_long(marks: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
 
 
 def usual_bend(q: Array) -> Array:
-    """Second difference that each position exceeds 1 % of the time, shape `(n,)`.
-
-    Args:
-        q: Positions, shape `(n, N)`.
-    """
+    """Second difference that each position of `(n, N)` exceeds 1 % of the time, shape `(n,)`."""
     second = np.abs(np.diff(q[:, :ROWS_FOR_USUAL], n=2, axis=1))
     return (
         np.quantile(second, JOLT_QUANTILE, axis=1) if second.shape[1] else np.full(len(q), np.inf)
@@ -207,12 +178,7 @@ def usual_bend(q: Array) -> Array:
 
 
 def jolted(q: Array, bend: Array) -> NDArray[np.bool_]:
-    """Rows at or next to which some joint jolts, shape `(N,)`.
-
-    Args:
-        q: Positions without outliers, shape `(n, N)`.
-        bend: See `usual_bend`, shape `(n,)`.
-    """
+    """Rows at or next to which a joint jolts, `(N,)`; positions `(n, N)` are without outliers."""
     sharp = (np.abs(np.diff(q, n=2, axis=1)) > JOLT_RATIO * bend[:, None]).any(axis=0)
     near = np.zeros(q.shape[1], dtype=np.bool_)
     for start, stop in stretches(np.atleast_1d(sharp)):
@@ -227,14 +193,10 @@ def stretches(marks: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 
 def bridged(t: Array, x: Array, marks: NDArray[np.bool_], smooth: Sequence[int]) -> Array:
-    """The channels with marked rows interpolated between their neighbours.
+    """The channels `(C, N)` with marked rows interpolated between their neighbours.
 
-    Args:
-        t: Time, shape `(N,)` [s].
-        x: Channels, shape `(C, N)`.
-        marks: Which rows are not to be believed, shape `(C, N)`.
-        smooth: Channels that take the cubic through two neighbours on each side; others take the
-            straight line between two.
+    Channels in `smooth` take the cubic through two neighbours on each side; others take the
+    straight line between two.
     """
     if not marks.any():
         return x
@@ -267,13 +229,7 @@ def _neighbours(marks: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.
 
 
 def _through(t: Array, values: Array, at: Array) -> Array:
-    """Lagrange's polynomials through some points each, at one other time each.
-
-    Args:
-        t: Times, shape `(M, 4)` [s].
-        values: Shape `(M, 4)`.
-        at: Shape `(M,)` [s].
-    """
+    """Lagrange's polynomials through some points each, `(M, 4)`, at one other time each, `(M,)`."""
     result = np.zeros_like(at)
     for k in range(t.shape[1]):
         others = [j for j in range(t.shape[1]) if j != k]
@@ -329,8 +285,7 @@ class Extremes:
     def limits(self, resolution: Array) -> Array:
         """Lower and upper value at which each channel is cut off, shape `(C, 2)`; NaN for none.
 
-        Args:
-            resolution: Smallest step of each channel that is not zero, shape `(C,)`.
+        `resolution`: smallest step of each channel that is not zero, shape `(C,)`.
         """
         self.end_segment()
         changes = np.maximum(self._changes, 1)
@@ -386,12 +341,7 @@ class _Top:
 
 
 def saturated(x: Array, limits: Array) -> NDArray[np.bool_]:
-    """Whether rows stay at a limit for `ROWS_OF_STAY` rows or more, shape `(C, N)`.
-
-    Args:
-        x: Channels, shape `(C, N)`.
-        limits: Lower and upper limits, shape `(C, 2)`; NaN for none.
-    """
+    """Whether rows `(C, N)` stay at one of the limits `(C, 2)` for `ROWS_OF_STAY` rows or more."""
     marks = np.zeros(x.shape, dtype=np.bool_)
     for channel in np.flatnonzero(~np.isnan(limits).all(axis=1)).tolist():
         for limit in limits[channel]:
@@ -407,12 +357,7 @@ LONGEST_STALE = 4
 
 
 def stale_rows(q: Array, step: Array) -> NDArray[np.bool_]:
-    """Whether each row repeats all positions of the row before though a joint moves, `(N,)`.
-
-    Args:
-        q: Positions, shape `(n, N)`.
-        step: See `sensor_step`, shape `(n,)`.
-    """
+    """Whether each row of `(n, N)` repeats all positions of the row before though a joint moves."""
     marks = np.zeros(q.shape[1], dtype=np.bool_)
     same = (q[:, 1:] == q[:, :-1]).all(axis=0)
     rows = np.flatnonzero(same) + 1

@@ -1,4 +1,4 @@
-"""From rows at uneven times to a uniform clock: interpolation and resampling by parts.
+"""From rows at uneven times to a uniform clock: interpolation and resampling.
 
 `CUBIC` runs, between two rows, the cubic that has their values and, as slopes there, those of the
 parabola through each row and its neighbours: exact for parabolas, with a continuous slope. `PCHIP`
@@ -9,121 +9,78 @@ time `t`. A clock slower than the log's gets no more than it can carry: rows are
 multiple of its rate that is not below theirs, then low-passed, then thinned out.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import ceil, floor
-from typing import Protocol
+from math import floor
 
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.runs.smoothing.filters import Bank, apply, kaiser_lowpass
+from steelyard.runs.smoothing.filters import Bank, kaiser_lowpass
 
 
-class Interpolation(Protocol):
-    """A way to values between rows."""
+@dataclass(frozen=True)
+class Interpolation:
+    """A way to values between rows.
 
-    @property
-    def margin(self) -> int:
-        """Rows needed beyond each end of the interval between two rows."""
-        ...
+    Attributes:
+        margin: Rows needed beyond each end of the interval between two rows.
+        function: Channels `(C, N)`, known at two or more times, at other times among these.
+    """
+
+    margin: int
+    function: Callable[[Array, Array, Array], Array]
 
     def __call__(self, t: Array, x: Array, at: Array) -> Array:
         """Channels `(C, N)`, known at times `t`, at other times among these, `(C, len(at))`."""
-        ...
+        return np.repeat(x, len(at), axis=1) if len(t) == 1 else self.function(t, x, at)
 
 
-@dataclass(frozen=True)
-class Linear:
-    """Straight lines."""
-
-    margin: int = 0
-
-    def __call__(self, t: Array, x: Array, at: Array) -> Array:
-        """See `Interpolation`."""
-        if len(t) == 1:
-            return np.repeat(x, len(at), axis=1)
-        i, u = _place(t, at)
-        line: Array = x[:, i] + u * (x[:, i + 1] - x[:, i])
-        return line
+def _linear(t: Array, x: Array, at: Array) -> Array:
+    i, u = _place(t, at)
+    line: Array = x[:, i] + u * (x[:, i + 1] - x[:, i])
+    return line
 
 
-@dataclass(frozen=True)
-class WorstReach:
-    """The larger value of the rows before and after, for flags."""
-
-    margin: int = 0
-
-    def __call__(self, t: Array, x: Array, at: Array) -> Array:
-        """See `Interpolation`."""
-        if len(t) == 1:
-            return np.repeat(x, len(at), axis=1)
-        i, u = _place(t, at)
-        after = np.where(u > 0.0, x[:, i + 1], x[:, i])
-        return np.maximum(np.where(u < 1.0, x[:, i], after), after)
+def _worst(t: Array, x: Array, at: Array) -> Array:
+    i, u = _place(t, at)
+    after = np.where(u > 0.0, x[:, i + 1], x[:, i])
+    return np.maximum(np.where(u < 1.0, x[:, i], after), after)
 
 
-@dataclass(frozen=True)
-class LocalCubic:
-    """Cubics with the slopes of local parabolas."""
-
-    margin: int = 1
-
-    def __call__(self, t: Array, x: Array, at: Array) -> Array:
-        """See `Interpolation`."""
-        if len(t) == 1:
-            return np.repeat(x, len(at), axis=1)
-        step = np.diff(t)
-        secant = np.diff(x, axis=1) / step
-        slope = _slopes(step, secant)
-        i, u = _place(t, at)
-        h = step[i]
-        a = slope[:, i] - secant[:, i]
-        b = secant[:, i] - slope[:, i + 1]
-        blend: Array = x[:, i] + u * h * (secant[:, i] + (1.0 - u) * ((1.0 - u) * a + u * b))
-        return blend
+def _cubic(t: Array, x: Array, at: Array) -> Array:
+    step = np.diff(t)
+    secant = np.diff(x, axis=1) / step
+    slope = _slopes(step, secant)
+    i, u = _place(t, at)
+    a = slope[:, i] - secant[:, i]
+    b = secant[:, i] - slope[:, i + 1]
+    blend: Array = x[:, i] + u * step[i] * (secant[:, i] + (1.0 - u) * ((1.0 - u) * a + u * b))
+    return blend
 
 
-@dataclass(frozen=True)
-class Pchip:
-    """Cubics with slopes that never overshoot."""
+def _pchip(t: Array, x: Array, at: Array) -> Array:
+    from scipy.interpolate import PchipInterpolator
 
-    margin: int = 1
-
-    def __call__(self, t: Array, x: Array, at: Array) -> Array:
-        """See `Interpolation`."""
-        from scipy.interpolate import PchipInterpolator
-
-        if len(t) == 1:
-            return np.repeat(x, len(at), axis=1)
-        values: Array = PchipInterpolator(t, x, axis=1)(at)
-        return values
+    return np.asarray(PchipInterpolator(t, x, axis=1)(at))
 
 
-@dataclass(frozen=True)
-class ThroughAll:
-    """The cubic spline through all rows; a row's say falls by half or more from row to row."""
+def _spline(t: Array, x: Array, at: Array) -> Array:
+    from scipy.interpolate import CubicSpline
 
-    margin: int = 60
-
-    def __call__(self, t: Array, x: Array, at: Array) -> Array:
-        """See `Interpolation`."""
-        from scipy.interpolate import CubicSpline
-
-        if len(t) == 1:
-            return np.repeat(x, len(at), axis=1)
-        values: Array = CubicSpline(t, x, axis=1)(at)
-        return values
+    return np.asarray(CubicSpline(t, x, axis=1)(at))
 
 
-CUBIC = LocalCubic()
-INTERPOLATIONS: dict[str, Interpolation] = {
+CUBIC = Interpolation(1, _cubic)
+INTERPOLATIONS = {
     "cubic": CUBIC,
-    "linear": Linear(),
-    "pchip": Pchip(),
-    "spline": ThroughAll(),
+    "linear": Interpolation(0, _linear),
+    "pchip": Interpolation(1, _pchip),
+    "spline": Interpolation(60, _spline),  # a row's say falls by half or more from row to row
 }
 """By the names they have in files."""
+WORST_NEIGHBOUR = Interpolation(0, _worst)
+"""The larger value of the rows before and after, for flags."""
 
 
 def _place(t: Array, at: Array) -> tuple[np.ndarray, Array]:
@@ -153,20 +110,11 @@ THINNING_PASSBAND = 0.4
 
 @dataclass(frozen=True)
 class Lane:
-    """Channels that are read alike.
-
-    Attributes:
-        channels: Which ones.
-        kind: The interpolation.
-        lag: How late they were logged [s].
-    """
+    """Channels that are read by one interpolation, logged so many seconds late."""
 
     channels: slice
     kind: Interpolation
     lag: float = 0.0
-
-
-EVERY_CHANNEL = (Lane(slice(None), CUBIC),)
 
 
 def sample_count(start: float, stop: float, rate: float) -> int:
@@ -174,49 +122,19 @@ def sample_count(start: float, stop: float, rate: float) -> int:
     return floor((stop - start) * rate + 1e-6) + 1
 
 
-def uniform(
-    rows: Iterable[tuple[Array, Array]], rate: float, lanes: Sequence[Lane] = EVERY_CHANNEL
-) -> Iterator[Array]:
-    """One segment's channels at times `t[0] + k / rate`.
+def uniform(t: Array, x: Array, rate: float) -> Array:
+    """A segment's channels `(C, N)` at times `t[0] + k / rate`, shape `(C, sample_count)`."""
+    count = sample_count(float(t[0]), float(t[-1]), rate)
+    return interpolated(t, x, t[0] + np.arange(count) / rate)
 
-    Beyond the segment's ends, where lags make it end early, its last values stay.
 
-    Args:
-        rows: Time, shape `(N,)` [s], increasing, and channels, shape `(N, C)`; any parts.
-        rate: [Hz].
-        lanes: All channels, in their order.
+def interpolated(
+    t: Array, x: Array, at: Array, lanes: Sequence[Lane] = (Lane(slice(None), CUBIC),)
+) -> Array:
+    """Channels `(C, N)`, known at increasing times `t`, at other times, lane by lane.
 
-    Yields:
-        Channels, shape `(C, any)`; `sample_count` samples in all.
+    Beyond the ends, where lags make a segment end early, the last values stay.
     """
-    lags = [lane.lag for lane in lanes]
-    margin = max(lane.kind.margin for lane in lanes)
-    t, x = np.zeros(0), np.zeros((0, 0))
-    start, done, begun = 0.0, 0, False
-    for new_t, new_x in rows:
-        if not begun:
-            if len(new_t) == 0:
-                continue
-            start, begun = float(new_t[0]), True
-            t, x = new_t, np.ascontiguousarray(new_x.T)
-        else:
-            t, x = np.concatenate((t, new_t)), np.concatenate((x, new_x.T), axis=1)
-        high = len(t) - 1 - margin
-        if high < margin + 2:
-            continue
-        upto = max(done, ceil((float(t[high]) - max(lags) - start) * rate))
-        if upto > done:
-            yield _interpolated_at(t, x, start + np.arange(done, upto) / rate, lanes)
-            done = upto
-        low = int(np.searchsorted(t, start + done / rate + min(lags), side="right")) - 1
-        first = max(0, low - margin - 1)
-        t, x = t[first:], x[:, first:]
-    if len(t):
-        upto = sample_count(start, float(t[-1]), rate)
-        yield _interpolated_at(t, x, start + np.arange(done, upto) / rate, lanes)
-
-
-def _interpolated_at(t: Array, x: Array, at: Array, lanes: Sequence[Lane]) -> Array:
     values = [lane.kind(t, x[lane.channels], np.clip(at + lane.lag, t[0], t[-1])) for lane in lanes]
     return values[0] if len(values) == 1 else np.concatenate(values)
 
@@ -225,10 +143,7 @@ def _interpolated_at(t: Array, x: Array, at: Array, lanes: Sequence[Lane]) -> Ar
 class Thinning:
     """A low-pass after which every `factor`-th sample says it all; an operation with a halo.
 
-    Attributes:
-        factor: Samples before over samples after.
-        bank: The low-pass.
-        flags: Number of last channels that are flags: of those near a sample the largest stays.
+    The last `flags` channels are flags: of those near a sample the largest stays.
     """
 
     factor: int
@@ -260,10 +175,3 @@ class Thinning:
             for shift in range(-self.factor, self.factor + 1)
         ]
         return np.concatenate((low, np.max(near, axis=0)))
-
-    def thinned(self, parts: Iterable[Array]) -> Iterator[Array]:
-        """Every `factor`-th sample of a segment after the low-pass."""
-        at = 0
-        for part in apply(self, parts):
-            yield part[:, -at % self.factor :: self.factor]
-            at += part.shape[1]

@@ -1,7 +1,7 @@
 """Rows that are not to be believed: marked, bridged, counted; the quality of a recording."""
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,9 +17,9 @@ from steelyard.runs.rows.faulty_rows import (
     usual_bend,
     usual_distance,
 )
-from steelyard.runs.smoothing.filters import apply
+from steelyard.runs.smoothing.filters import continued_at_ends
 
-COUNTS_FULLY = 4
+COUNTS_OF_MARKS = 4
 """Number of counts of `Marked`."""
 BRIDGED, CUT_OFF = 1.0, 2.0
 """Flags of efforts: interpolated, so that the sample itself does not count; held at a limit, so
@@ -77,8 +77,17 @@ class RowChecks:
     threshold: float | None
     bridge_stale: bool
 
-    halo = 20
+    halo: ClassVar[int] = 20
     """Rows of context on each side: those that a mark and a bridge depend on."""
+
+    @classmethod
+    def of_excerpt(
+        cls, channels: Channels, rows: Array, limits: Array, **given: Any
+    ) -> "RowChecks":
+        """What consecutive rows `(C, N)` of a log say about those to expect."""
+        usual, q = frozen(usual_distance(rows)), rows[channels.q]
+        bend, step = frozen(usual_bend(q)), frozen(sensor_step(q))
+        return cls(channels, usual, bend, step, frozen(limits), **given)
 
     @property
     def idle(self) -> bool:
@@ -87,13 +96,22 @@ class RowChecks:
             self.threshold is None and not self.bridge_stale and bool(np.isnan(self.limits).all())
         )
 
-    def __call__(self, extended: Array) -> Array:
-        """Time and channels `(1 + C, N + 2 halo)` to channels, flags and counts.
+    def applied(
+        self, t: Array, x: Array, lacking: tuple[int, int] = (halo, halo)
+    ) -> tuple[Array, Array, Array]:
+        """Rows bridged and flagged; of time `(M,)` and channels `(C, M)`, both with context.
+
+        Args:
+            t: Time [s].
+            x: Channels.
+            lacking: Rows of context that are not there, before and behind; by default all.
 
         Returns:
-            Shape `(1 + C + n + 4, N)`: time, channels bridged, a flag per effort, and of each row
-            the counts of `Marked`.
+            Time `(N,)`; channels with flags of efforts below, `(C + n, N)`; the counts of `Marked`
+            for each row, `(4, N)`.
         """
+        before, behind = (min(rows, self.halo) for rows in lacking)
+        extended = continued_at_ends(np.concatenate((t[None], x)), before, behind)
         c, t, x = self.channels, extended[0], extended[1:]
         spikes = np.zeros(x.shape, dtype=np.bool_)
         if self.threshold is not None:
@@ -116,75 +134,17 @@ class RowChecks:
             clipped.sum(axis=0),
             np.count_nonzero(flags, axis=0),
         )
-        whole = np.concatenate((t[None], bridged(t, x, marks, smooth), flags, np.stack(counts)))
-        return whole[:, self.halo : whole.shape[1] - self.halo]
-
-
-def row_checks(
-    channels: Channels,
-    excerpt: Array,
-    limits: Array,
-    threshold: float | None,
-    bridge_stale: bool,
-) -> RowChecks:
-    """What an excerpt of a log says about the rows to expect.
-
-    Args:
-        channels: Order of the channels.
-        excerpt: Consecutive rows, shape `(C, N)`.
-        limits: Values at which efforts are cut off, shape `(n, 2)`.
-        threshold: See `RowChecks`.
-        bridge_stale: See `RowChecks`.
-    """
-    return RowChecks(
-        channels,
-        frozen(usual_distance(excerpt)),
-        frozen(usual_bend(excerpt[channels.q])),
-        frozen(sensor_step(excerpt[channels.q])),
-        frozen(limits),
-        threshold,
-        bridge_stale,
-    )
-
-
-class Marking:
-    """Rows of segments as they come, marked and bridged.
-
-    Args:
-        row_checks: What is known of the log.
-        window: Times between which rows are counted [s].
-    """
-
-    def __init__(
-        self, row_checks: RowChecks, window: tuple[float, float] = (-np.inf, np.inf)
-    ) -> None:
-        self._counts = [0] * COUNTS_FULLY
-        self._suspicion, self._window = row_checks, window
-
-    @property
-    def found(self) -> Marked:
-        """What was marked so far."""
-        return Marked(*self._counts)
-
-    def rows(self, rows: Iterable[tuple[Array, Array]]) -> Iterator[tuple[Array, Array]]:
-        """Time `(N,)` and channels `(N, C)` to time and channels and flags, `(N, C + n)`."""
-        s = self._suspicion
-        stacked = (np.concatenate((t[None], x.T)) for t, x in rows)
-        for part in apply(s, stacked):
-            inside = (part[0] >= self._window[0]) & (part[0] <= self._window[1])
-            counts = part[-COUNTS_FULLY:, inside].sum(axis=1).astype(int).tolist()
-            self._counts = [old + new for old, new in zip(self._counts, counts, strict=True)]
-            yield part[0], part[1:-COUNTS_FULLY].T
+        inner = slice(self.halo, len(t) - self.halo)
+        channels = np.concatenate((bridged(t, x, marks, smooth)[:, inner], flags[:, inner]))
+        return t[inner], channels, np.stack(counts)[:, inner]
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A stretch of a run without a gap.
+    """A stretch of a run without a gap, from the time of its first row to that of its last [s].
 
     Attributes:
         number: Its number in the clean recording.
-        start: Time of its first row [s].
-        stop: Time of its last row [s].
         samples: Samples on the uniform clock.
     """
 

@@ -126,13 +126,10 @@ class Auto:
 
 
 def likeliest_cutoffs(x: Array, order: int, rate: float, band: float) -> tuple[float, ...] | None:
-    """The likeliest cut-off of every channel [Hz], or `None` if noise is not what it is taken for.
+    """The likeliest cut-off of each channel `(n, N)` [Hz]; `None` if its noise is another.
 
-    Args:
-        x: Positions (order 3) or velocities (order 2), uniformly sampled, shape `(n, N)`.
-        order: Derivative that wanders freely.
-        rate: [Hz].
-        band: No cut-off is lower [Hz].
+    `order` is the derivative that wanders freely, 3 for positions and 2 for velocities; no cut-off
+    is below the `band`.
     """
     if x.shape[1] < LEAST_WHITENESS_SAMPLES:
         return None
@@ -140,24 +137,19 @@ def likeliest_cutoffs(x: Array, order: int, rate: float, band: float) -> tuple[f
     cutoffs = []
     for channel, large in zip(x, size > STILL_JOINT_STD * size.max(initial=0.0), strict=True):
         ratio = likeliest_ratio(channel, steps, order)
-        kept = filtered(channel, steps, ratio, order)[3:]
-        innovation = kept[:, 9] / np.sqrt(kept[:, 10])
-        power = float(innovation @ innovation)
-        lags = [abs(float(innovation[k:] @ innovation[:-k])) for k in (1, 2, 3)]
-        if large and not (power > 0.0 and max(lags) < WHITE * power):
-            return None
+        if large:
+            kept = filtered(channel, steps, ratio, order)[3:]
+            innovation = kept[:, 9] / np.sqrt(kept[:, 10])
+            power = float(innovation @ innovation)
+            lags = [abs(float(innovation[k:] @ innovation[:-k])) for k in (1, 2, 3)]
+            if not (power > 0.0 and max(lags) < WHITE * power):
+                return None
         cutoffs.append(cutoff_of_ratio(ratio, order, rate, band))
     return tuple(cutoffs)
 
 
 class LowPasses:
-    """A low-pass per channel, and its derivatives.
-
-    Args:
-        cutoffs: One per channel [Hz].
-        order: Of the zero-phase Butterworth response; it can be derived once less.
-        rate: [Hz].
-    """
+    """Per channel a zero-phase Butterworth low-pass, and its derivatives below its order."""
 
     def __init__(self, cutoffs: tuple[float, ...], order: int, rate: float) -> None:
         self.halo = max(settling(cutoff, rate, order) for cutoff in cutoffs)
@@ -196,19 +188,16 @@ class LikeliestCutoffs:
     def __call__(self, q: Array, dq: Array | None) -> Array:
         """Positions, and velocities if logged, to motion; see `Designed`."""
         wide = self.wide.halo or 0
-        trimmed = self._inner(q, wide), None if dq is None else self._inner(dq, wide)
-        result = None
+        result = np.empty((3, len(q), q.shape[1] - 2 * self.halo))
         if self.position is None or (dq is not None and self.velocity is None):
-            result = self.wide(*trimmed)
+            velocity = None if dq is None else self._inner(dq, wide)
+            result[:] = self.wide(self._inner(q, wide), velocity)
         if self.position is not None:
-            mine = self.position(self._inner(q, self.position.halo))
-            if result is None or dq is None:
-                result = mine
-            else:
-                result[0] = mine[0]
-        if dq is not None and self.velocity is not None and result is not None:
+            used = slice(0, 3) if dq is None else slice(0, 1)
+            result[used] = self.position(self._inner(q, self.position.halo))[used]
+        if dq is not None and self.velocity is not None:
             result[1:] = self.velocity(self._inner(dq, self.velocity.halo))
-        return np.asarray(result)
+        return result
 
     def _inner(self, extended: Array, halo: int) -> Array:
         """Channels with only the context that a part needs."""

@@ -39,12 +39,9 @@ class ChunkOperation(Protocol):
 
 
 def apply(operation: ChunkOperation, parts: Iterable[Array], chunk: int = CHUNK) -> Iterator[Array]:
-    """The results for one segment, in order, in parts; the split changes nothing.
+    """The results for one segment, in order, in parts `(D, any)`; the split changes nothing.
 
-    Args:
-        operation: What to do.
-        parts: Channels of the segment, shapes `(C, any)`.
-        chunk: Least number of samples to work on at once.
+    At least `chunk` samples are worked on at once.
     """
     halo = operation.halo
     length = max(chunk, 4 * halo)
@@ -210,13 +207,7 @@ RESPONSE_FREQUENCIES = 4096
 
 
 def butterworth(cutoff: float, rate: float, order: int = LOWPASS_ORDER) -> Response:
-    """Response of the zero-phase Butterworth low-pass.
-
-    Args:
-        cutoff: [Hz], below half the rate.
-        rate: Sampling rate [Hz].
-        order: Order of the filter that is run forward and backward.
-    """
+    """Response of the Butterworth low-pass of an order, run forward and backward."""
     edge = np.tan(np.pi * cutoff / rate)
 
     def response(omega: Array) -> Array:
@@ -264,20 +255,7 @@ def require_fitting(cutoff: float, rate: float) -> None:
 
 
 def zero_phase(values: Array, cutoff: float, rate: float, order: int = LOWPASS_ORDER) -> Array:
-    """A whole segment through the zero-phase low-pass.
-
-    Args:
-        values: Shape `(N,)` or `(N, C)`, uniformly sampled.
-        cutoff: [Hz].
-        rate: [Hz].
-        order: Order of the filter that is run forward and backward.
-
-    Returns:
-        The shape of `values`.
-
-    Raises:
-        LogError: The cut-off does not fit the rate.
-    """
+    """A whole segment, `(N,)` or `(N, C)`, through the zero-phase low-pass; the same shape."""
     require_fitting(cutoff, rate)
     if len(values) == 0:
         return values.copy()
@@ -298,14 +276,7 @@ def differentiated(response: Response, rate: float, times: int) -> Response:
 def smooth_derivatives(
     cutoff: float, rate: float, highest: int, order: int = LOWPASS_ORDER
 ) -> Bank:
-    """Zero-phase Butterworth low-pass and its derivatives up to `highest`, in one operation.
-
-    Args:
-        cutoff: [Hz].
-        rate: [Hz].
-        highest: The highest derivative.
-        order: Order of the filter that is run forward and backward.
-    """
+    """Zero-phase Butterworth low-pass and its derivatives up to `highest`, in one operation."""
     smooth = butterworth(cutoff, rate, order)
     responses = [differentiated(smooth, rate, times) for times in range(highest + 1)]
     return Bank.of_responses(responses, settling(cutoff, rate, order))

@@ -233,13 +233,7 @@ def _corner(degree: int) -> float:
 
 
 def taps(window: int, degree: int, rate: float) -> Array:
-    """Coefficients of value, first and second derivative in the middle, shape `(3, window)`.
-
-    Args:
-        window: Number of samples, odd.
-        degree: Of the polynomial, at least 2.
-        rate: [Hz].
-    """
+    """Coefficients of value, first and second derivative in the middle, shape `(3, window)`."""
     half = window // 2
     at = np.arange(-half, half + 1) / half
     basis = np.polynomial.legendre.legvander(at, degree)

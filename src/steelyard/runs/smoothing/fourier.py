@@ -31,15 +31,13 @@ MOST_RESIDUAL = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """A Fourier series of several channels.
+    """A Fourier series of C channels about a time `origin` [s], with K harmonics.
 
     Attributes:
         frequency: Base frequency [Hz].
-        origin: Time at which the phase is zero [s].
         mean: Shape `(C,)`.
         drift: Slope beside the series, shape `(C,)` [1/s]; zero unless requested.
-        cosine: Shape `(K, C)`.
-        sine: Shape `(K, C)`.
+        cosine: Shape `(K, C)`, as `sine`.
         noise: Standard deviation of what is left, shape `(C,)`.
     """
 
@@ -74,14 +72,9 @@ class Series:
 def fourier_series(
     t: Array, values: Array, frequency: float, harmonics: int, drift: bool = False
 ) -> Series:
-    """The series nearest to channels.
+    """The series nearest to channels `(N, C)`, whose times may have any steps; a period or more.
 
-    Args:
-        t: Time, shape `(N,)` [s], in any steps; a period or more.
-        values: Shape `(N, C)`.
-        frequency: Base frequency [Hz].
-        harmonics: Number of harmonics, K.
-        drift: Whether a straight line is fitted beside.
+    With `drift` a straight line is fitted beside.
     """
     columns = 1 + drift + 2 * harmonics
     span = float(t[-1] - t[0]) if len(t) else 0.0
@@ -95,9 +88,10 @@ def fourier_series(
     origin = float(t[0])
     gram, sums = np.zeros((columns, columns)), np.zeros((columns, values.shape[1]))
     for start in range(0, len(t), HARMONIC_SAMPLES):
-        basis = _basis(
-            t[start : start + HARMONIC_SAMPLES] - origin, frequency, harmonics, drift, span
-        )
+        since = t[start : start + HARMONIC_SAMPLES, None] - origin
+        angle = since * (2.0 * np.pi * frequency * np.arange(1.0, harmonics + 1.0))
+        straight = [np.ones_like(since), *([since / span] if drift else [])]
+        basis = np.hstack([*straight, np.cos(angle), np.sin(angle)])
         gram += basis.T @ basis
         sums += basis.T @ values[start : start + HARMONIC_SAMPLES]
     found = np.linalg.solve(gram, sums)
@@ -116,24 +110,13 @@ def fourier_series(
     return replace(series, noise=frozen(noise))
 
 
-def _basis(since: Array, frequency: float, harmonics: int, drift: bool, span: float) -> Array:
-    angle = since[:, None] * (2.0 * np.pi * frequency * np.arange(1.0, harmonics + 1.0))
-    columns = [np.ones((len(since), 1)), np.cos(angle), np.sin(angle)]
-    if drift:
-        columns.insert(1, since[:, None] / span)
-    return np.hstack(columns)
-
-
 def refined_frequency(
     t: Array, values: Array, near: float, harmonics: int = REFINING_HARMONICS
 ) -> float:
-    """The base frequency near a guess that fits best [Hz].
+    """The base frequency near a guess at which channels `(N, C)` fit best [Hz].
 
-    Args:
-        t: Time, shape `(N,)` [s].
-        values: Shape `(N, C)`; every channel counts relative to its own size.
-        near: The guess, right to a tenth of a period over the whole log [Hz].
-        harmonics: Number of harmonics.
+    Every channel counts relative to its own size. The guess is right to a tenth of a period over
+    the whole log.
     """
     from scipy.optimize import minimize_scalar
 
@@ -211,13 +194,7 @@ class Fourier:
 
 @dataclass(frozen=True)
 class DesignedFourier:
-    """The projection for one rate; it needs the whole segment.
-
-    Attributes:
-        method: What is given.
-        cutoff: Frequency up to which harmonics are looked for [Hz].
-        rate: [Hz].
-    """
+    """The projection for one rate, on harmonics up to the cut-off [Hz]; takes whole segments."""
 
     method: Fourier
     cutoff: float

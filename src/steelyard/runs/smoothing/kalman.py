@@ -45,12 +45,9 @@ LEAST_KALMAN_SAMPLES = 6
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
-    """Channels and their first two derivatives, smoothed.
+    """Channels and their first two derivatives, smoothed, shape `(N, C)` each.
 
     Attributes:
-        value: Shape `(N, C)`.
-        rate: First derivative, shape `(N, C)` [1/s].
-        acceleration: Second derivative, shape `(N, C)` [1/s²].
         std: Standard deviations of the three if the model holds, shape `(3, N, C)`.
         noise: Standard deviation of a measurement, shape `(C,)`.
         jerk: Root of the jerk's intensity, shape `(C,)` [1/s^2.5].
@@ -106,12 +103,8 @@ def likeliest_ratio(values: Array, steps: Array, order: int = 3) -> float:
     r"""Jerk's intensity over the measurement's variance that makes the innovations likeliest.
 
     With innovations $e_k$ of variance $r S_k$ it minimises
-    $N \log \overline{e^2 / S} + \sum \log S$; the mean is the likeliest $r$.
-
-    Args:
-        values: One channel, shape `(N,)`.
-        steps: Time since the sample before, in units of choice, shape `(N,)`.
-        order: Derivative that is white noise, 2 or 3.
+    $N \log \overline{e^2 / S} + \sum \log S$; the mean is the likeliest $r$. One channel, `(N,)`;
+    `steps` since the sample before in units of choice; `order` as of `kalman_smoothed`.
     """
     from scipy.optimize import minimize_scalar
 
@@ -149,14 +142,8 @@ def likelihood_stretches(count: int) -> list[slice]:
 def filtered(values: Array, steps: Array, ratio: float, order: int = 3) -> Array:
     """The filter, begun with what the first samples say of the state, taken for vague.
 
-    Args:
-        values: One channel, shape `(N,)`.
-        steps: Time since the sample before, in units of choice, shape `(N,)`.
-        ratio: Jerk's intensity over the measurement's variance.
-        order: Derivative that is white noise, 2 or 3.
-
-    Returns:
-        What `kernel.kalman.filtered` keeps of each sample.
+    The arguments are those of `likeliest_ratio` and the ratio; returned is what
+    `kalman_loops.filtered` keeps of each sample.
     """
     first = np.concatenate(([0.0], steps[1:]))
     later = np.cumsum(first[:order])
@@ -253,11 +240,7 @@ class CausalKalman:
         return replace(self, cutoffs=self.cutoffs or likeliest(q, 3), velocity_cutoffs=velocity)
 
     def lateness(self, cutoff: float) -> float:
-        """How late slow accelerations are [s]: those of the joint with the lowest cut-off.
-
-        Args:
-            cutoff: Of the motion [Hz].
-        """
+        """How late slow accelerations are [s]: those of the joint with the lowest cut-off."""
         if self.velocity_cutoffs is not None:
             return float(np.sqrt(2.0) / (2.0 * np.pi * min(self.velocity_cutoffs)))
         return 1.0 / (np.pi * min(self.cutoffs or (cutoff,)))

@@ -78,12 +78,7 @@ class Method(Protocol):
     name: ClassVar[str]
 
     def designed(self, cutoff: float, rate: float) -> Designed:
-        """The method for a cut-off and a rate.
-
-        Args:
-            cutoff: Frequency up to which motion is kept [Hz], below half the rate.
-            rate: Of the uniform clock [Hz].
-        """
+        """The method for a cut-off up to which motion is kept and a rate, above twice that [Hz]."""
         ...
 
 
@@ -111,11 +106,7 @@ class Causal(Method, Protocol):
     """A method that looks at no later sample: its motion is late."""
 
     def lateness(self, cutoff: float) -> float:
-        """How late slow accelerations are at most [s].
-
-        Args:
-            cutoff: Of the motion [Hz].
-        """
+        """How late slow accelerations are at most, for the motion's cut-off [s]."""
         ...
 
 
@@ -126,12 +117,7 @@ class Smoother(Protocol):
     name: ClassVar[str]
 
     def smooth(self, cutoff: float, rate: float) -> Smooth:
-        """The smoother for a cut-off and a rate.
-
-        Args:
-            cutoff: [Hz], below half the rate.
-            rate: Of the uniform clock [Hz].
-        """
+        """The smoother for a cut-off and a rate, above twice that [Hz]."""
         ...
 
 
@@ -177,8 +163,7 @@ class Butterworth:
 class Differentiating:
     """A symmetric low-pass and its exact derivatives; halo and results as in `Designed`.
 
-    Args:
-        rows: Taps of the low-pass, its first and its second derivative, shape `(3, 2 halo + 1)`.
+    `rows`: taps of the low-pass, its first and its second derivative, `(3, 2 halo + 1)`.
     """
 
     def __init__(self, rows: Array) -> None:

@@ -28,13 +28,7 @@ CORNER_GRID = 14
 
 @dataclass(frozen=True, eq=False)
 class Spline:
-    """A natural cubic spline known at its knots.
-
-    Attributes:
-        value: Shape `(N,)`.
-        rate: First derivative, shape `(N,)`.
-        acceleration: Second derivative, shape `(N,)`; zero at both ends.
-    """
+    """A natural cubic spline at its knots: value and two derivatives, `(N,)`; bent at no end."""
 
     value: Array
     rate: Array
@@ -42,12 +36,9 @@ class Spline:
 
 
 def smoothing_spline(t: Array, values: Array, weight: float | None = None) -> Spline:
-    r"""The smoothing spline of one channel.
+    r"""The smoothing spline of one channel `(N,)`, whose steps of time may differ.
 
-    Args:
-        t: Time, shape `(N,)` [s], increasing; steps may differ.
-        values: Shape `(N,)`.
-        weight: $\lambda$ [s³]; by default generalised cross-validation chooses it.
+    Its weight $\lambda$ [s³] is by default that of generalised cross-validation.
     """
     step = np.diff(t)
     if len(t) < LEAST_SPLINE_SAMPLES or not (step > 0.0).all():
@@ -73,11 +64,8 @@ def cross_validated(step: Array, values: Array) -> float:
     r"""The $\lambda$ with the least mean square of errors of prediction left out one by one.
 
     That is $\overline{(y - f)^2} / (1 - \operatorname{tr} A / N)^2$ with the smoother $f = A y$,
-    whose eigenvalues are $1 / (1 + \lambda (\pi (k - 3/2) / N)^4)$, two of them 1, for even steps.
-
-    Args:
-        step: Steps between samples, about 1, shape `(N - 1,)`.
-        values: Shape `(N,)`.
+    whose eigenvalues are $1 / (1 + \lambda (\pi (k - 3/2) / N)^4)$, two of them 1, for even steps
+    of about 1.
     """
     from scipy.optimize import minimize_scalar
 
