@@ -83,23 +83,20 @@ def _child_answer(path: Path, request: dict[str, Any]) -> Iterator[IO[bytes]]:
             yield child.stdout
             if child.stdout.read(1) == b"" and child.wait() == 0:
                 return
-        raise _broken_hdf5(path, child.stderr.read(), child.wait())
+        lines = child.stderr.read().decode("utf-8", "replace").strip().splitlines()
+        said = lines and child.wait() == 1
+        raise LogError(
+            f"the file cannot be read as HDF5 "
+            f"({lines[-1][:300] if said else 'the HDF5 library crashed on it'})",
+            where=str(path),
+            fix="copy it again, or save it anew with the program that wrote it",
+        )
     finally:
         child.kill()
         for stream in (child.stdout, child.stderr):
             if stream is not None:
                 stream.close()
         child.wait()
-
-
-def _broken_hdf5(path: Path, stderr: bytes, code: int) -> LogError:
-    lines = stderr.decode("utf-8", "replace").strip().splitlines()
-    why = lines[-1][:300] if lines and code == 1 else "the HDF5 library crashed on it"
-    return LogError(
-        f"the file cannot be read as HDF5 ({why})",
-        where=str(path),
-        fix="copy it again, or save it anew with the program that wrote it",
-    )
 
 
 MAT5_HEADER = 128

@@ -206,22 +206,14 @@ class _Excerpt:
         if not self._current:
             gone = (np.abs(x[:, self._channels.q] - self._origin) > DEPARTURE_OF_MOTION).any(axis=1)
             start = int(np.argmax(gone)) if gone.any() else len(x)
-            if start == len(x) and not self._longest:
-                self._rest(piece, x)
-        stop = start + EXCERPT_ROWS - _length(self._current)
+        rests = start == len(x) and not self._longest
+        if rests and (not self._still or self._still[0].segment == piece.segment):
+            _fill(self._still, piece, 0)
         if start < len(x):
             self._still = []
-            self._current.append(
-                RowPiece(piece.segment, piece.t[start:stop].copy(), x[start:stop].copy())
-            )
+            _fill(self._current, piece, start)
         if _length(self._current) > _length(self._longest):
             self._longest = self._current
-
-    def _rest(self, piece: RowPiece, x: Array) -> None:
-        if not self._still or self._still[0].segment == piece.segment:
-            room = EXCERPT_ROWS - _length(self._still)
-            if room > 0:
-                self._still.append(RowPiece(piece.segment, piece.t[:room].copy(), x[:room].copy()))
 
     @property
     def rows(self) -> Array:
@@ -238,6 +230,13 @@ class _Excerpt:
         if not checks.idle:
             t, x, _ = checks.applied(t, x)
         return uniform(t, x[:moved], rate)
+
+
+def _fill(pieces: list[RowPiece], piece: RowPiece, start: int) -> None:
+    """Add the rows of a piece from `start` on, as long as there is room."""
+    if (room := EXCERPT_ROWS - _length(pieces)) > 0:
+        inside = slice(start, start + room)
+        pieces.append(RowPiece(piece.segment, piece.t[inside].copy(), piece.x[inside].copy()))
 
 
 def _length(pieces: list[RowPiece]) -> int:

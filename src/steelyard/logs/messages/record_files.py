@@ -43,6 +43,9 @@ class Walk:
     """
 
     sender: ClassVar[str]
+    file: ClassVar[str]
+    rescue: ClassVar[str]
+    may_end_damaged: ClassVar[bool] = False
 
     def __init__(self, topics: frozenset[str] | None) -> None:
         self.channels: dict[int, Channel] = {}
@@ -55,6 +58,38 @@ class Walk:
     def record(self, file: FileBytes) -> Iterator[Message]:
         """The messages in the next record of a file."""
         raise NotImplementedError
+
+    def messages(
+        self,
+        path: Path,
+        at: int,
+        whole: bool,
+        end: float = inf,
+        waiting: Callable[[], bool] | None = None,
+    ) -> Iterator[Message]:
+        """Messages from a byte on; where the file is `whole`, nothing of it may be missing."""
+        try:
+            with FileBytes(path, at, waiting) as file:
+                while not self.ended and file.at < end:
+                    at = file.at
+                    yield from self.record(file)
+        except OSError as error:
+            raise unreadable(path, error) from error
+        except EndOfBytes:
+            if whole:
+                raise self.damaged(path, at, "it claims to be longer than it is") from None
+        except Damaged as error:
+            if whole or not (self.may_end_damaged and self.counts):
+                raise self.damaged(path, at, str(error)) from error
+
+    @classmethod
+    def damaged(cls, path: Path, at: int, why: str) -> LogError:
+        """The error for a record that makes no sense."""
+        return LogError(
+            f"the {cls.file} is damaged: the record at byte {at} cannot be read, {why}",
+            where=f"{path}, byte {at}",
+            fix=f"copy it again, or save what is left of it{cls.rescue}",
+        )
 
     def _inner(self, source: Bytes) -> Message | None:
         """The message in the next record of a chunk, if there is one."""
@@ -104,21 +139,11 @@ def topics_in_index(walk: Walk, path: Path, start: int, end: float = inf) -> fro
     return frozenset(channel.topic for i, channel in walk.channels.items() if walk.counts.get(i))
 
 
-def damaged(path: Path, what: str, at: int, why: str, rescue: str) -> LogError:
-    """The error for a record that makes no sense."""
-    return LogError(
-        f"the {what} is damaged: the record at byte {at} cannot be read, {why}",
-        where=f"{path}, byte {at}",
-        fix=f"copy it again, or save what is left of it{rescue}",
-    )
-
-
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 CHUNK_HEAD = struct.Struct("<QQQII")
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 FOOTER_BYTES = 9 + 20 + len(MCAP_MAGIC)
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, STATISTICS, DATA_END = 2, 3, 4, 5, 6, 11, 15
-MCAP_RESCUE = ": `mcap recover IN.mcap -o OUT.mcap`"
 
 
 @dataclass(frozen=True)
@@ -165,28 +190,15 @@ class McapFile:
 
     def messages(self, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Messages of some topics, or of all, in the order of the file."""
-        walk = _McapWalk(topics)
-        at = 0
-        try:
-            with FileBytes(self.path, waiting=self.waiting) as file:
-                file.skip(len(MCAP_MAGIC))
-                while not walk.ended:
-                    at = file.at
-                    yield from walk.record(file)
-        except OSError as error:
-            raise unreadable(self.path, error) from error
-        except EndOfBytes:
-            if self.complete:
-                why = "it claims to be longer than it is"
-                raise damaged(self.path, "file", at, why, MCAP_RESCUE) from None
-        except Damaged as error:
-            raise damaged(self.path, "file", at, str(error), MCAP_RESCUE) from error
+        start = len(MCAP_MAGIC)
+        return _McapWalk(topics).messages(self.path, start, self.complete, waiting=self.waiting)
 
 
 class _McapWalk(Walk):
     """One pass over the records of an MCAP file."""
 
-    sender = "channel"
+    sender, file = "channel", "file"
+    rescue = ": `mcap recover IN.mcap -o OUT.mcap`"
 
     def __init__(self, topics: frozenset[str] | None) -> None:
         super().__init__(topics)
@@ -265,7 +277,6 @@ def _parsed(read: Callable[[Any], Any], body: bytes) -> Any:
 BAG1_MAGIC = b"#ROSBAG V"
 VERSION = b"#ROSBAG V2.0\n"
 BAG_MESSAGE, BAG_HEADER, BAG_INDEX, BAG_CHUNK, BAG_CHUNK_INFO, BAG_CONNECTION = 2, 3, 4, 5, 6, 7
-BAG_RESCUE = " with ROS 1's `rosbag reindex` on a copy"
 _U32 = struct.Struct("<I")
 Fields = dict[bytes, bytes]
 
@@ -295,7 +306,7 @@ class Bag1:
             raise unreadable(path, error) from error
         except (EndOfBytes, Damaged) as error:
             why = str(error) or "the file ends in it"
-            raise damaged(path, "bag", len(VERSION), why, BAG_RESCUE) from error
+            raise _BagWalk.damaged(path, len(VERSION), why) from error
         if name := fields.get(b"encryptor"):
             raise LogError(
                 f"the bag is encrypted by {name.decode(errors='replace')}",
@@ -320,29 +331,16 @@ class Bag1:
 
     def messages(self, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Messages of some topics, or of all, in the order of the file."""
-        walk = _BagWalk(topics)
-        at = len(VERSION)
-        try:
-            with FileBytes(self.path, at) as file:
-                end = self.index or file.size
-                while file.at < end:
-                    at = file.at
-                    yield from walk.record(file)
-        except OSError as error:
-            raise unreadable(self.path, error) from error
-        except EndOfBytes:
-            if self.index:
-                why = "it claims to be longer than it is"
-                raise damaged(self.path, "bag", at, why, BAG_RESCUE) from None
-        except Damaged as error:
-            if self.index or not walk.counts:
-                raise damaged(self.path, "bag", at, str(error), BAG_RESCUE) from error
+        end = self.index or inf
+        return _BagWalk(topics).messages(self.path, len(VERSION), bool(self.index), end)
 
 
 class _BagWalk(Walk):
     """One pass over the records of a ROS 1 bag."""
 
-    sender = "connection"
+    sender, file = "connection", "bag"
+    rescue = " with ROS 1's `rosbag reindex` on a copy"
+    may_end_damaged = True
 
     def record(self, file: FileBytes) -> Iterator[Message]:
         fields = _fields(file)
