@@ -6,7 +6,7 @@ import numpy as np
 
 from invented import dh_arm
 from steelyard.base.arrays import Parameters
-from steelyard.estimate.information.information_gradient import InformationEvaluator
+from steelyard.estimate.information.regressor import InformationEvaluator
 from steelyard.excite.constraints.constraint import Constraint, MotionLimits
 from steelyard.excite.constraints.markers import Marker
 from steelyard.excite.constraints.torque import torque_limit

@@ -16,7 +16,7 @@ from proofs.support.designs import PROBLEMS, panda, regressor
 
 sys.path.append(str(Path(__file__).parents[2] / "tests"))
 
-from steelyard.estimate.information.information_gradient import InformationEvaluator
+from steelyard.estimate.information.regressor import InformationEvaluator
 from steelyard.excite.criteria import CRITERIA, Measure
 from steelyard.excite.problem import Case, Objective, Problem
 from steelyard.excite.problem_from_tables import Recipe

@@ -13,8 +13,7 @@ from invented import ball, mimic, tree
 from law_cases import memoryless, name_of
 from moving import geared
 from steelyard.base.arrays import Array
-from steelyard.estimate.information.information_gradient import InformationEvaluator
-from steelyard.estimate.information.regressor import Regressor, base_regressor
+from steelyard.estimate.information.regressor import InformationEvaluator, Regressor, base_regressor
 from steelyard.excite.criteria import CRITERIA, Measure, worst
 from steelyard.excite.problem import Case, Objective
 from steelyard.excite.trajectories.fourier_bases import RestFourier

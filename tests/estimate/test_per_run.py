@@ -16,7 +16,7 @@ from steelyard.estimate.least_squares.least_squares import (
     OrdinaryLeastSquares,
     WeightedLeastSquares,
 )
-from steelyard.estimate.least_squares.per_run import Runs
+from steelyard.estimate.least_squares.normal_equations import Runs
 from steelyard.model.model import Model
 
 MODEL = Model(tree())

@@ -11,7 +11,7 @@ import pytest
 
 from invented import ball, tree
 from steelyard.base.errors import DataError, ModelError
-from steelyard.estimate.consistent.contradictions import (
+from steelyard.estimate.consistent.constraint_costs import (
     contradictions,
     irreducible,
     refuse_contradictions,

@@ -11,7 +11,7 @@ import pytest
 from invented import ball, tree, turned
 from steelyard.base.arrays import Array
 from steelyard.base.progress import Stopped
-from steelyard.estimate.information.information_gradient import InformationEvaluator
+from steelyard.estimate.information.regressor import InformationEvaluator
 from steelyard.excite.constraints.constraint import motion_limits
 from steelyard.excite.constraints.markers import Marker, points_of
 from steelyard.excite.constraints.workspace import tool_box

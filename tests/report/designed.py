@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from steelyard.estimate.information.information_gradient import InformationEvaluator
+from steelyard.estimate.information.regressor import InformationEvaluator
 from steelyard.excite.constraints.certificate import certify
 from steelyard.excite.constraints.constraint import motion_limits
 from steelyard.excite.constraints.markers import Marker

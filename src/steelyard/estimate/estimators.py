@@ -37,7 +37,7 @@ from steelyard.estimate.least_squares.least_squares import (
     WeightedLeastSquares,
 )
 from steelyard.estimate.least_squares.motion_noise import MotionNoise, TotalLeastSquares
-from steelyard.estimate.least_squares.per_run import own_columns
+from steelyard.estimate.least_squares.normal_equations import own_columns
 from steelyard.estimate.least_squares.ridge import Ridge
 from steelyard.estimate.least_squares.robust import Huber, Reweighted, Tukey, Weigh
 from steelyard.estimate.prior.constraint_kinds import knowledge_of

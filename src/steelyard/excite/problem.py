@@ -14,7 +14,7 @@ from math import ceil
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.information.information_gradient import (
+from steelyard.estimate.information.regressor import (
     InformationEvaluator,
     SampledInformation,
 )

@@ -14,7 +14,7 @@ from steelyard.estimate.information.base_parameters import (
     base_parameters,
     clear_map,
 )
-from steelyard.estimate.information.information_gradient import InformationEvaluator
+from steelyard.estimate.information.regressor import InformationEvaluator
 from steelyard.excite.constraints.constraint import (
     ACCELERATIONS_ASSUMED,
     DEFAULT_ACCELERATION,

@@ -15,7 +15,7 @@ from steelyard.base.arrays import frozen
 from steelyard.base.errors import DataError, ModelError, advice
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.consistent.consistent import Consistent
-from steelyard.estimate.consistent.contradictions import contradictions, refuse_contradictions
+from steelyard.estimate.consistent.constraint_costs import contradictions, refuse_contradictions
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.friction.mixes import has_memory
 from steelyard.estimate.identified import IdentifiedModel, load_model
@@ -23,7 +23,7 @@ from steelyard.estimate.information.base_parameters import BaseMap, base_paramet
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.least_squares.per_run import own_columns
+from steelyard.estimate.least_squares.normal_equations import own_columns
 from steelyard.estimate.nonlinear.fields import information_from
 from steelyard.estimate.prior.constraint_kinds import knowledge_of
 from steelyard.estimate.prior.prior import Row

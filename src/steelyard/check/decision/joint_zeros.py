@@ -42,7 +42,7 @@ from steelyard.check.identifiability import clean_runs, customary_model
 from steelyard.estimate.friction.mixes import has_memory
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.least_squares.per_run import own_columns
+from steelyard.estimate.least_squares.normal_equations import own_columns
 from steelyard.estimate.nonlinear.fields import information_from
 from steelyard.estimate.nonlinear.zero_offset import ZeroOffsets
 from steelyard.model.model import Model

@@ -25,8 +25,7 @@ from steelyard.estimate.friction.friction_choice import DIRECTION_LOSS_PROBABILI
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import Regressor
-from steelyard.estimate.least_squares.normal_equations import solve
-from steelyard.estimate.least_squares.per_run import Runs, own_columns
+from steelyard.estimate.least_squares.normal_equations import Runs, own_columns, solve
 from steelyard.estimate.nonlinear.fields import bodies_of, information_from
 from steelyard.estimate.scores.cross_validation import (
     folding,

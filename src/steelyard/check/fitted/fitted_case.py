@@ -23,7 +23,7 @@ from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import Regressor, base_regressor
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.least_squares.per_run import own_columns
+from steelyard.estimate.least_squares.normal_equations import own_columns
 from steelyard.estimate.least_squares.residual_covariance import inflations
 from steelyard.estimate.nonlinear.effort_scales import EffortScales
 from steelyard.estimate.nonlinear.fields import information_from

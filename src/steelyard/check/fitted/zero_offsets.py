@@ -24,7 +24,7 @@ from steelyard.estimate.friction.mixes import has_memory
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.information.regressor import Regressor, base_regressor
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.least_squares.per_run import own_columns
+from steelyard.estimate.least_squares.normal_equations import own_columns
 from steelyard.estimate.nonlinear.fields import information_from
 from steelyard.estimate.nonlinear.zero_offset import ZeroOffsets, find_offsets, with_offsets
 from steelyard.model.model import Model

@@ -22,9 +22,9 @@ from steelyard.estimate.consistent.constraint_costs import (
     active_bounds,
     cost_notes,
     far_constraints,
+    refuse_contradictions,
     weighed,
 )
-from steelyard.estimate.consistent.contradictions import refuse_contradictions
 from steelyard.estimate.consistent.penalties import Entropic, Form, Unknowns, unknowns
 from steelyard.estimate.consistent.program import Program, conic_constraints, polished
 from steelyard.estimate.estimate import Estimate, StandardEstimate
@@ -202,8 +202,8 @@ class Consistent:
         """The estimate: base parameters as the data see them, and all standard ones."""
         known = program.unknowns
         after, before = _spreads(data, program, found.tried)
-        at = active_bounds(program, found.tried.u, after @ after.T)
-        standard = known.standard(at.u)
+        u, held = active_bounds(program, found.tried.u, after @ after.T)
+        standard = known.standard(u)
         lift, free = self.base.lift, program.constraints.free
         spread = lift @ (known.scale @ after)
         solution = _solution(data, lift @ standard, spread @ spread.T, self.base)
@@ -224,9 +224,7 @@ class Consistent:
                 _share(known.scale, free, after, before),
             ),
             learned=frozen(learned),
-            at_bound=tuple(
-                n for n in estimate.parameters.names if n in at.names and alone[place[n]]
-            ),
+            at_bound=tuple(n for n in estimate.parameters.names if n in held and alone[place[n]]),
             notes=tuple(self._notes(data, program, found)),
         )
 

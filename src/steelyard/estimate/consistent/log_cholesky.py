@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array, Parameters
 from steelyard.base.errors import DataError
 from steelyard.estimate.consistent.consistent import Consistent
-from steelyard.estimate.consistent.contradictions import refuse_contradictions
+from steelyard.estimate.consistent.constraint_costs import refuse_contradictions
 from steelyard.estimate.consistent.penalties import (
     BASIS,
     COLUMNS,

@@ -25,7 +25,9 @@ from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.normal_equations import (
+    Eliminated,
     Fit,
+    Runs,
     Solution,
     Spread,
     described,
@@ -36,7 +38,6 @@ from steelyard.estimate.least_squares.normal_equations import (
     spread_of,
     variances_of,
 )
-from steelyard.estimate.least_squares.per_run import Eliminated, Runs
 from steelyard.estimate.least_squares.residual_covariance import (
     inflations,
     moved,

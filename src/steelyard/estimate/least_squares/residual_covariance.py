@@ -38,14 +38,17 @@ that of windows, and that of whole runs.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.information.information import Information
-from steelyard.estimate.least_squares.normal_equations import Fit, scores_of, shared_map, solve
-from steelyard.estimate.least_squares.per_run import Eliminated
+from steelyard.estimate.least_squares.normal_equations import (
+    Eliminated,
+    Fit,
+    scores_of,
+    shared_map,
+    solve,
+)
 
 LEAST_EIGENVALUE_AWAY = 0.01
 """Eigenvalue of `A` below which nothing away from rests identifies a direction."""
@@ -146,19 +149,16 @@ def _over_runs(fit: Fit) -> Array:
 def _scatter(fit: Fit, most: int) -> Array:
     r"""$\varphi_j$ of scores in at most so many windows per run, shape `(rows,)`."""
     found, expected, squares = np.zeros((3, len(fit.variances)))
-    for part in _runs_of_same_parameters(fit, most):
-        place = {column: k for k, column in enumerate(part.columns)}
-        for row, seen in enumerate(part.windows.layout.sees):
-            mine = [k for k, column in enumerate(seen) if column in place]
-            theirs = [place[seen[k]] for k in mine]
-            grams, scores = (x / fit.variances[row] for x in _row(part, row, mine))
-            inverse = part.inverse[np.ix_(theirs, theirs)]
-            taken = inverse @ grams
-            found[row] += np.sum((scores @ inverse) * scores)
-            expected[row] += np.trace(taken, axis1=1, axis2=2).sum()
-            square = np.sum(taken * taken.transpose(0, 2, 1))
-            expected[row] -= square
-            squares[row] += square
+    for own, row, columns, grams, scores in _scores_of_windows(fit, most):
+        known, inverse = own.joined(fit.solution.kept, fit.solution.inverse)
+        place = {column: k for k, column in enumerate(known)}
+        mine = [place[column] for column in columns]
+        inverse = inverse[np.ix_(mine, mine)]
+        taken = inverse @ grams
+        found[row] += np.sum((scores @ inverse) * scores)
+        square = np.sum(taken * taken.transpose(0, 2, 1))
+        expected[row] += np.trace(taken, axis1=1, axis2=2).sum() - square
+        squares[row] += square
     enough = expected >= (FREEDOM if len(fit.data.whole.windows) > 1 else np.inf)
     expected = np.where(enough, expected, 1.0)
     factors, chance = found / expected, np.sqrt(2.0 * squares) / expected
@@ -193,18 +193,13 @@ def sandwich(fit: Fit) -> Array:
     Its rank is $W - 1$ at most: of use only with several times more windows than parameters.
     Estimates do not use it; `proofs/estimation/intervals.py` holds its intervals against theirs.
     """
-    size, kept, inverse = len(fit.solution.values), fit.solution.kept, fit.solution.inverse
-    found = []
-    for part in _runs_of_same_parameters(fit, len(fit.data.whole.windows)):
-        scores = np.zeros((len(part.windows.windows), size))
-        for row, seen in enumerate(part.windows.layout.sees):
-            mine = [k for k, column in enumerate(seen) if column in part.columns]
-            _, own = _row(part, row, mine)
-            scores[:, [seen[k] for k in mine]] += own / fit.variances[row]
-        found.append(scores @ shared_map(part.own, kept))
-    stacked = np.concatenate(found)
-    count = len(stacked)
-    middle = stacked.T @ stacked * (count / max(count - 1, 1))
+    kept, inverse = fit.solution.kept, fit.solution.inverse
+    found: dict[str, Array] = {}
+    for own, _, columns, _, scores in _scores_of_windows(fit, len(fit.data.whole.windows)):
+        found.setdefault(own.run, np.zeros((len(scores), len(kept))))
+        found[own.run] += scores @ shared_map(own, kept)[columns]
+    stacked = np.concatenate(list(found.values()))
+    middle = stacked.T @ stacked * (len(stacked) / max(len(stacked) - 1, 1))
     covariance = inverse @ middle @ inverse
     return np.asarray(0.5 * (covariance + covariance.T))
 
@@ -224,39 +219,22 @@ def note_of(rows: Sequence[str], factors: Array) -> tuple[str, ...]:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _RunsOfSameParameters:
-    """Windows of runs that share all parameters.
+def _scores_of_windows(
+    fit: Fit, most: int
+) -> Iterator[tuple[Eliminated, int, list[int], Array, Array]]:
+    """Per run and row, in at most so many windows of the run: the columns that have a value there.
 
-    Attributes:
-        windows: The windows.
-        own: Parameters of the run itself.
-        values: Values of all columns, shape `(p,)`.
-        columns: Columns with a value.
-        inverse: Inverse of the normal matrix over these.
+    With the Gram matrices of these in every window, and their products with the residuals, both
+    over the row's variance.
     """
-
-    windows: Information
-    own: Eliminated
-    values: Array
-    columns: list[int]
-    inverse: Array
-
-
-def _runs_of_same_parameters(fit: Fit, most: int) -> Iterator[_RunsOfSameParameters]:
-    """The data in at most so many windows per run."""
     solution, whole = fit.solution, fit.data.whole
     for run, own in zip(fit.data.runs, solution.locals, strict=True):
         mine = sorted(k for name in run.windows_of_runs for k in whole.windows_of_runs[name])
-        values = own.among(solution.values)
-        columns, inverse = own.joined(solution.kept, solution.inverse)
-        yield _RunsOfSameParameters(whole.of(mine).merged(most), own, values, columns, inverse)
-
-
-def _row(part: _RunsOfSameParameters, row: int, mine: Sequence[int]) -> tuple[Array, Array]:
-    """Per window the Gram matrix of some of a row's columns, and their products with residuals."""
-    windows, seen = part.windows, part.windows.layout.sees[row]
-    grams = windows.row_grams(row)
-    weights = np.append(-part.values[list(seen)], 1.0)
-    scores = grams[:, :-1] @ weights
-    return grams[:, :-1, :-1][np.ix_(range(len(grams)), mine, mine)], scores[:, mine]
+        windows, values = whole.of(mine).merged(most), own.among(solution.values)
+        known = {*solution.kept, *own.columns}
+        for row, seen in enumerate(windows.layout.sees):
+            grams = windows.row_grams(row) / fit.variances[row]
+            places = [k for k, column in enumerate(seen) if column in known]
+            scores = grams[:, :-1] @ np.append(-values[list(seen)], 1.0)
+            some = grams[:, :-1, :-1][np.ix_(range(len(grams)), places, places)]
+            yield own, row, [seen[k] for k in places], some, scores[:, places]

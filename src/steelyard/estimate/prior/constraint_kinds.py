@@ -8,8 +8,8 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
-from steelyard.estimate.consistent.contradictions import refuse_contradictions
-from steelyard.estimate.least_squares.per_run import own_columns
+from steelyard.estimate.consistent.constraint_costs import refuse_contradictions
+from steelyard.estimate.least_squares.normal_equations import own_columns
 from steelyard.estimate.prior.dissipative_friction import friction_curves, shaped
 from steelyard.estimate.prior.prior import Knowledge, Row
 from steelyard.estimate.prior.prior_constraint import (
