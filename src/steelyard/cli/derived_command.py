@@ -108,13 +108,12 @@ def _made(
     function = pkgutil.resolve_name(home)
     own = list(inspect.signature(body).parameters.values())[1:]
     left_out = {"progress", *(p.name for p in own), *(n for n, c in changes.items() if c is None)}
-    hints, texts = get_type_hints(function), argument_texts(function)
-    least, known = getattr(function, "least", {}), inspect.signature(function).parameters
+    hints, known = get_type_hints(function), inspect.signature(function).parameters
     options = {name for name, p in known.items() if p.default is not p.empty}
+    texts = {name: help_text(t, options) for name, t in argument_texts(function).items()}
+    least = getattr(function, "least", {})
     derived = {
-        name: _parameter(
-            p, hints[name], help_text(texts[name], options), least.get(name), changes.get(name)
-        )
+        name: _parameter(p, hints[name], texts.get(name, ""), least.get(name), changes.get(name))
         for name, p in known.items()
         if name not in left_out
     }

@@ -1,0 +1,1 @@
+"""Identified models as files: URDF, MJCF, and code for controllers."""
