@@ -54,7 +54,7 @@ ONE_FILE = {
     },
     "h5py": {"logs/formats.py", "logs/hdf5_child.py"},
     "tomlkit": {"robot/file/toml_edits.py"},
-    "mcap": {"logs/messages/mcap.py"},
+    "mcap": {"logs/messages/record_files.py"},
     "rosbags": {"logs/messages/messages.py"},
     "zstandard": {"logs/messages/byte_streams.py"},
     "lz4": {"logs/messages/byte_streams.py"},
