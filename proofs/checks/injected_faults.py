@@ -24,7 +24,8 @@ from steelyard.check.decision.ranking import ranking
 from steelyard.check.hypotheses.surroundings import delay_fit
 from steelyard.estimate.identified import IdentifiedModel, Provenance
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.identify.fit import Payload, fit
+from steelyard.identify.fit import fit
+from steelyard.identify.prepared_fit import Payload
 from steelyard.logs.formats import open_log
 from steelyard.logs.log import parse_log_argument
 from steelyard.model.robot_file_model import model_with_open_friction, with_friction

@@ -27,7 +27,8 @@ from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified import Provenance
 from steelyard.estimate.scores.bands import Bands
 from steelyard.estimate.scores.score import score
-from steelyard.identify.fit import Fit, Payload, calibrated, fit
+from steelyard.identify.fit import Fit, calibrated, fit
+from steelyard.identify.prepared_fit import Payload
 from steelyard.model.robot_file_model import model_with_open_friction
 
 DRAWS = 30

@@ -27,7 +27,6 @@ ABSENT = {
     "truth": "demo",
     "bootstrap": "--bootstrap",
     "repeated": "--each",
-    "compare": "compare",
 }
 """Sections that this identification does not have, and where they come from."""
 

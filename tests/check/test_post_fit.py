@@ -3,10 +3,12 @@
 from dataclasses import replace
 from typing import ClassVar, cast
 
+from invented import single
 from steelyard.check.finding import Finding, Fix, Severity
 from steelyard.check.fitted.post_fit import FittedCase, examine_fit
 from steelyard.identify.page.content import ReportContent
-from steelyard.identify.page.model_verdict import Limitation, verdict
+from steelyard.identify.page.model_verdict import Limitation, Verdict, verdict
+from weighed import identified_of
 
 
 class Says:
@@ -18,6 +20,11 @@ class Says:
     def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
         word = self.severity.word
         return (Finding("says", "run 1", self.severity, f"this is {word}", "3 Nm", (), Fix("A.")),)
+
+
+def judged_by(limitations: tuple[Finding, ...]) -> Verdict:
+    model = identified_of(single())
+    return verdict(ReportContent("title", "robot", identified=model, limitations=limitations))
 
 
 def test_what_is_ok_does_not_qualify_and_the_worst_comes_first() -> None:
@@ -34,15 +41,15 @@ def test_what_is_ok_does_not_qualify_and_the_worst_comes_first() -> None:
 
 def test_a_limitation_lowers_the_level_and_stands_beside_the_headline() -> None:
     found = examine_fit(cast(FittedCase, None), checks=[Says(Severity.WRONG)])
-    judged = verdict(ReportContent("title", "robot", limitations=found))
+    judged = judged_by(found)
     assert judged.level == "poor"
     text = "run 1: this is wrong (3 Nm). A."
     assert judged.limitations == (Limitation(text, text, "poor"),)
     short = replace(found[0], brief="wrong")
-    (one,) = verdict(ReportContent("title", "robot", limitations=(short,))).limitations
+    (one,) = judged_by((short,)).limitations
     assert one == Limitation(text, "run 1: wrong", "poor")
     doubtful = examine_fit(cast(FittedCase, None), checks=[Says(Severity.DOUBTFUL)])
-    assert verdict(ReportContent("title", "robot", limitations=doubtful)).level == "fair"
+    assert judged_by(doubtful).level == "fair"
 
 
 def test_a_remark_stands_beside_the_headline_and_leaves_the_level() -> None:
@@ -57,7 +64,7 @@ def test_a_remark_stands_beside_the_headline_and_leaves_the_level() -> None:
 
     found = examine_fit(cast(FittedCase, None), checks=[Both()])
     assert found == (remark,)
-    judged = verdict(ReportContent("title", "robot", limitations=found))
-    assert judged.level == verdict(ReportContent("title", "robot")).level
+    judged = judged_by(found)
+    assert judged.level == judged_by(()).level
     text = "residuals are 2 x the noise"
     assert judged.limitations == (Limitation(text, text, "none"),)

@@ -68,14 +68,12 @@ def test_few_draws_are_refused(command, given: Path, tmp_path: Path) -> None:
 
 
 def test_data_of_one_window_lose_nothing() -> None:
-    from steelyard.identify.page.content import ReportContent
-    from steelyard.identify.refits import with_bootstrap
+    from steelyard.identify.refits import bootstrap_of
 
     information, *_ = data(np.full(4, 0.1))
     fit = SimpleNamespace(
         estimator=WeightedLeastSquares(), information=information, method=offer_of("WLS", "")
     )
-    content = ReportContent("title", "robot", notes=("before",))
-    after = with_bootstrap(content, cast(Fit, fit), DRAWS, silent)
-    assert after.bootstrap is None and after.notes[0] == "before"
-    assert after.notes[1].startswith("no bootstrap: a bootstrap needs several windows of time")
+    found, (note,) = bootstrap_of(cast(Fit, fit), DRAWS, silent)
+    assert found is None
+    assert note.startswith("no bootstrap: a bootstrap needs several windows of time")

@@ -25,6 +25,7 @@ from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
+from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.rigid_body import Inertia
 
 ROBOT = tree()
@@ -266,7 +267,8 @@ def test_real_robots(name: str, log: str, prior: str, tmp_path: Path) -> None:
     path = Path(os.environ["STEELYARD_DATA"]) / log
     text = (Path(__file__).parents[2] / f"examples/{name}.toml").read_text("utf-8")
     (tmp_path / "robot.toml").write_text(text + prior, "utf-8")
-    inputs = comparison_inputs(str(tmp_path / "robot.toml"), [str(path)], False, 1, silent)
+    file = load_robot(tmp_path / "robot.toml")
+    inputs = comparison_inputs(file, [str(path)], False, 1, silent)
     information, context = inputs.parts.information, inputs.context
     mine = LogCholesky(context.regressor.base, context.knowledge, per_run=context.per_run)
     theirs = Consistent(mine.base, mine.knowledge, per_run=mine.per_run)

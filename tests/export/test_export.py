@@ -21,7 +21,7 @@ from steelyard.estimate.estimate import Unidentifiable
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.export.model_files.content import FIT_HEADING, Format, content_of
-from steelyard.export.model_files.model_file import exported, refuse_changed, unsupported
+from steelyard.export.model_files.model_file import exported, refuse_changed
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.powers import Cubic, Quadratic, Root
 from steelyard.model.laws.presliding import MaxwellSlip
@@ -55,6 +55,10 @@ SLIDING = {
     ),
 }
 DIRECTIONS = ("forward", "backward")
+
+
+def unsupported(identified: IdentifiedModel, form: Format) -> tuple[str, ...]:
+    return content_of(identified, form).unsupported
 
 
 def written(identified: IdentifiedModel, form: Format, folder: Path) -> Path:

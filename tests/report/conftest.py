@@ -28,6 +28,7 @@ from steelyard.estimate.scores.estimator_advice import Comparison, EstimatorScor
 from steelyard.estimate.scores.joint_errors import BandErrors, JointError
 from steelyard.estimate.scores.residuals import TorqueParts
 from steelyard.estimate.scores.score import JointScore, RunScore, Traces
+from steelyard.identify.comparison.estimators_page import ComparisonContent
 from steelyard.identify.page.content import ReportContent
 from steelyard.identify.page.section_register import render, sections_of
 from steelyard.model.laws.coulomb import Coulomb
@@ -358,7 +359,32 @@ def usual() -> ReportContent:
         bootstrap=bootstrap(identified(robot())),
         repeated=repeated(identified(robot())),
         truth=truth(identified(robot()).model),
-        comparison=comparison(),
+    )
+
+
+@pytest.fixture(scope="session")
+def compared(usual: ReportContent) -> ComparisonContent:
+    return comparison_content(usual, comparison())
+
+
+@pytest.fixture(scope="session")
+def strange(nasty: ReportContent) -> ComparisonContent:
+    """Estimators with strange names and numbers that are none."""
+    return comparison_content(nasty, comparison(EVIL, float("inf")))
+
+
+def comparison_content(report: ReportContent, found: Comparison) -> ComparisonContent:
+    """Of a comparison with the notes of a report, and what was found before the fit."""
+    return ComparisonContent(
+        report.title,
+        report.robot,
+        qualities=report.qualities,
+        notes=report.notes,
+        settings=report.settings,
+        friction=report.friction,
+        findings=report.findings,
+        gains=report.gains,
+        comparison=found,
     )
 
 
@@ -432,7 +458,6 @@ def nasty(usual: ReportContent) -> ReportContent:
         bootstrap=bootstrap(evil),
         repeated=repeated(evil, EVIL),
         truth=truth(evil.model),
-        comparison=comparison(EVIL, float("inf")),
     )
 
 

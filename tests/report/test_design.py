@@ -20,6 +20,7 @@ from steelyard.excite.constraints.markers import Marker
 from steelyard.excite.constraints.torque import torque_limit
 from steelyard.excite.designed import Advice, Designed
 from steelyard.excite.page.design_words import (
+    DesignContent,
     brings,
     design_detail,
     design_headline,
@@ -36,7 +37,6 @@ from steelyard.excite.page.design_words import (
 from steelyard.excite.page.proof_sections import DESIGN_SECTIONS, render_design
 from steelyard.excite.page.robot_in_space import skeleton, tool_path
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.identify.page.content import ReportContent
 from steelyard.identify.page.section_register import SECTIONS
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
@@ -59,9 +59,12 @@ def beyond() -> Designed:
     return designed_for(robot(), height=0.3, known=False)
 
 
-def content(designed: Designed) -> ReportContent:
+def content(designed: Designed) -> DesignContent:
     files = (("trajectory", "trajectory.json"),)
-    return ReportContent("a motion", "arm", design=designed, workspace=ROOM, files=files)
+    notes = tuple(n for n in designed.notes if n not in designed.certificate.uncovered)
+    return DesignContent(
+        "a motion", "arm", notes=notes, design=designed, workspace=ROOM, files=files
+    )
 
 
 def text(page: str) -> str:

@@ -20,7 +20,7 @@ from steelyard.check.findings_text import (
     tally,
 )
 from steelyard.check.subject import refusal
-from steelyard.identify.page.logs_and_settings import CheckSection
+from steelyard.identify.page.content import CheckSection
 
 
 def content(name: str = "arm", most: float = 1.0) -> CheckContent:

@@ -19,12 +19,12 @@ from report.test_page import own_html
 from report.test_tracking import tracking_content
 from steelyard.check.findings_page import render_check
 from steelyard.excite.page.proof_sections import render_design
-from steelyard.identify.comparison.estimators_page import render_comparison
-from steelyard.identify.comparison.models_page import render_models
+from steelyard.identify.comparison.estimators_page import COMPARE_SECTIONS, ComparisonContent
+from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS
 from steelyard.identify.page.content import ReportContent
 from steelyard.identify.page.section_register import render
-from steelyard.report.page import TEMPLATES
-from steelyard.simulate.tracking_sections import render_tracking
+from steelyard.report.page import TEMPLATES, page_of, render_sections
+from steelyard.simulate.tracking_sections import TRACK_SECTIONS
 from steelyard.uses.contact.contact_page import render_contact
 from steelyard.uses.health.health_page import render_health
 from steelyard.uses.payload.payload_page import render_payload_events
@@ -52,15 +52,18 @@ VIEWS = ((420, False), (420, True), (1400, True), (1400, False))
 
 
 @pytest.fixture(scope="module")
-def pages(usual: ReportContent, nasty: ReportContent) -> dict[str, str]:
+def pages(
+    usual: ReportContent, compared: ComparisonContent, nasty: ReportContent
+) -> dict[str, str]:
+    models = models_content("full", "better excitation", "reduced")
     return {
         "identification": render(usual),
         "strange names": render(replace(nasty, fitted=nasty.fitted[:2])),
-        "comparison": render_comparison(usual),
-        "models": render_models(models_content("full", "better excitation", "reduced")),
+        "comparison": render_sections(COMPARE_SECTIONS, compared, "compared"),
+        "models": render_sections(COMPARE_MODELS_SECTIONS, models, "compared"),
         "check": render_check(check_content("arm")),
         "motion": render_design(motion_content(designed_for(robot()))),
-        "tracking": render_tracking(tracking_content(robot())),
+        "tracking": render_sections(TRACK_SECTIONS, tracking_content(robot()), "simulated"),
         "contact": render_contact(contact_content()),
         "wrench": render_wrench(wrench_content()),
         "payload": render_payload_events([payload_events()], "arm"),
@@ -124,7 +127,7 @@ def unreached(tab: Tab) -> list[str]:
 def test_the_checks_see_what_is_wrong(
     browser: Tab, tmp_path: Path, change: str, check: str, said: str
 ) -> None:
-    page = render(ReportContent("nothing", "arm"))
+    page = page_of("nothing", "arm", "identified", None, ())
     tab = opened(browser, page, tmp_path)
     assert tab.run(check) == []
     tab = opened(browser, page.replace("</main>", change + "</main>"), tmp_path)
@@ -134,12 +137,12 @@ def test_the_checks_see_what_is_wrong(
 def test_the_checks_see_what_the_keyboard_does_not_reach(browser: Tab, tmp_path: Path) -> None:
     more = "<a href='#x' style='outline:0'>no outline</a><select style='outline:0'></select>"
     trap = "<a href='#y' onfocus='this.blur()'>never</a></main>"
-    page = render(ReportContent("nothing", "arm")).replace("</main>", more + trap)
+    page = page_of("nothing", "arm", "identified", None, ()).replace("</main>", more + trap)
     assert len(unreached(opened(browser, page, tmp_path))) == 3
 
 
 def test_errors_of_a_page_are_seen(browser: Tab, tmp_path: Path) -> None:
-    page = render(ReportContent("nothing", "arm"))
+    page = page_of("nothing", "arm", "identified", None, ())
     wrong = page.replace("</body>", "<script>missing.name</script></body>")
     assert "missing is not defined" in str(opened(browser, wrong, tmp_path).console)
 
@@ -155,7 +158,7 @@ TABLE = """<div class="box"><table><thead>
 
 
 def test_headings_sort_numbers_as_numbers_with_their_units(browser: Tab, tmp_path: Path) -> None:
-    page = render(ReportContent("nothing", "arm")).replace("</main>", TABLE)
+    page = page_of("nothing", "arm", "identified", None, ()).replace("</main>", TABLE)
     tab = opened(browser, page, tmp_path)
     rows = "[...document.querySelectorAll('tr')].map(row => row.cells[0].textContent)"
     sort = "document.querySelector('[aria-sort]')?.ariaSort ?? null"

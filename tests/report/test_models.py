@@ -1,26 +1,23 @@
 """The page with several identified models: tables, pictures, JSON, terminal."""
 
-import io
 import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from report.conftest import EVIL, estimate, identified, robot, run_score
 from steelyard.estimate.estimate import Removed
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.estimate.scores.model_comparison import ComparedModel, ModelComparison, ModelErrors
-from steelyard.identify.comparison.model_errors import error_tables, models_headline
+from steelyard.identify.comparison.model_errors import ModelsContent, error_tables, models_headline
 from steelyard.identify.comparison.models_page import (
     COMPARE_MODELS_SECTIONS,
     ModelMassesSection,
     ModelParametersSection,
     ModelsSection,
-    render_models,
 )
-from steelyard.identify.page.content import ReportContent
+from steelyard.report.page import render_sections
 
 JOINTS = ("shoulder", "elbow")
 
@@ -42,7 +39,7 @@ def errors(run: str, error: float, fitted: bool, seed: int) -> ModelErrors:
 
 def models_content(
     *names: str, runs: tuple[str, ...] = ("points", "circle"), used: tuple[int, ...] = (1,)
-) -> ReportContent:
+) -> ModelsContent:
     """Models with errors of 10 %, 20 %, ..., the last one reduced; the second knows `used` logs."""
     full = identified(robot())
     given = names or ("full", "reduced")
@@ -57,9 +54,13 @@ def models_content(
         )
         for k, name in enumerate(given)
     ]
-    return ReportContent(
+    return ModelsContent(
         "Models", full.robot.name, models=ModelComparison(tuple(models)), notes=("a note",)
     )
+
+
+def render_models(content: ModelsContent) -> str:
+    return render_sections(COMPARE_MODELS_SECTIONS, content, "compared")
 
 
 def test_tables_have_errors_and_their_share_of_the_effort() -> None:
@@ -174,13 +175,3 @@ def test_the_page_draws_every_model() -> None:
 def test_strange_names_are_only_names() -> None:
     content = models_content(EVIL, f"b{EVIL}", runs=(EVIL,))
     assert "<script>document.body" not in render_models(content)
-
-
-def test_nothing_is_shown_without_models() -> None:
-    empty = ReportContent("nothing", "arm")
-    console = Console(file=io.StringIO())
-    for section in COMPARE_MODELS_SECTIONS:
-        assert section.numbers(empty) is None and section.to_dict(empty) in ({}, {"models": None})
-        for part in (*section.printed(empty), *section.detailed(empty)):
-            console.print(part)
-    assert console.file.getvalue() == ""  # type: ignore[attr-defined]

@@ -8,6 +8,7 @@ from typing import cast
 import numpy as np
 import pytest
 
+from report.conftest import identified, robot
 from steelyard.base.arrays import Parameters
 from steelyard.estimate.reduction.reduction import Reduction
 from steelyard.identify.page.content import ReportContent
@@ -15,7 +16,7 @@ from steelyard.identify.page.model_verdict import exit_code, level_of, verdict
 from steelyard.identify.page.parameter_table import parameter_rows
 from steelyard.identify.page.reduction_sections import samples_of
 from steelyard.identify.page.section_register import SECTIONS
-from steelyard.report.page import Section
+from steelyard.report.page import PageContent, Section
 from steelyard.report.words import percent
 
 BY_NAME: dict[str, Section] = {section.name: section for section in SECTIONS}
@@ -246,11 +247,14 @@ def test_settings_show_hashes_and_notes_once(usual):
 
 
 def test_sections_without_anything_to_show_are_left_out():
-    empty = ReportContent("title", "arm")
-    left = [s.name for s in SECTIONS if s.numbers(empty) is not None]
-    assert left == ["verdict"]
-    some = replace(empty, settings=(("a", "b"),))
+    plain = ReportContent("title", "arm", identified=identified(robot()))
+    left = [s.name for s in SECTIONS if s.numbers(plain) is not None]
+    of_the_model = ["parameters", "masses", "ellipsoids", "bodies", "per-run", "unseen"]
+    assert left == ["verdict", *of_the_model, "conditioning", "correlations", "settings"]
+    some = replace(plain, settings=(("a", "b"),))
     assert "<dt>a</dt><dd>b</dd>" in shown("settings", some)
+    empty = PageContent("title", "arm")
+    assert all(BY_NAME[name].numbers(empty) is None for name in ("quality", "settings"))
 
 
 def test_estimates_are_compared_in_the_std_of_both(usual):

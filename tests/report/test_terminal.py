@@ -209,7 +209,7 @@ def test_names_are_no_markup_and_numbers_may_be_none(nasty):
     text = printed(nasty, 400)
     assert "Not validated on unseen motion" in text and "8 runs, fitted (RMS" in text
     assert "<script>" in text
-    bracket = ReportContent("t", "r", notes=("[bold]not bold[/bold]",))
+    bracket = replace(nasty, notes=("[bold]not bold[/bold]",))
     assert "note: [bold]not bold[/bold]" in printed(bracket)
 
 

@@ -20,14 +20,13 @@ from steelyard.excite.design import design
 from steelyard.excite.designed import Designed
 from steelyard.excite.motion_export import EXPORTS, exported, gaps_of_files, write_export
 from steelyard.excite.motion_points import grid_times
-from steelyard.excite.page.design_words import design_headline, print_design, scopes
+from steelyard.excite.page.design_words import DesignContent, design_headline, print_design, scopes
 from steelyard.excite.page.proof_sections import render_design
 from steelyard.excite.search.parallel_search import SearchBudget
 from steelyard.excite.trajectories.families import FAMILIES, basis_of
 from steelyard.excite.trajectories.polynomials import through_postures
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.excite.trajectories.trajectory_files import read_motion, write_motion
-from steelyard.identify.page.content import ReportContent
 from steelyard.model.model import Model
 from steelyard.model.robot_file_model import model_with_open_friction, with_friction
 from steelyard.report.result import Result
@@ -159,9 +158,10 @@ class DesignedMotion(Result):
 
     def _page(self, files: tuple[tuple[str, str], ...]) -> str:
         designed = self.designed
-        content = ReportContent(
+        content = DesignContent(
             title=f"Excitation motion for {designed.robot.name}",
             robot=designed.robot.name,
+            notes=tuple(n for n in designed.notes if n not in designed.certificate.uncovered),
             design=designed,
             workspace=self.loaded.excitation.workspace,
             files=files,

@@ -26,7 +26,6 @@ from steelyard.estimate.estimators import (
     on_information,
     per_run_columns,
 )
-from steelyard.estimate.friction.friction_choice import FrictionChoice
 from steelyard.estimate.identified import BAND, Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.information.information import Information
@@ -37,18 +36,20 @@ from steelyard.estimate.least_squares.least_squares import (
     WeightedLeastSquares,
 )
 from steelyard.estimate.nonlinear.effort_scales import EffortScales, effort_scales
-from steelyard.estimate.nonlinear.fields import Finding
-from steelyard.estimate.nonlinear.zero_offset import ZeroOffsets
 from steelyard.estimate.payload.drive_gains import GainEstimate
 from steelyard.estimate.prior.prior import Knowledge, Row
 from steelyard.estimate.scores.band_calibration import calibrate
-from steelyard.identify.prepared_fit import TOO_SHORT, PreparedFit, prepare_fit
-from steelyard.identify.prepared_fit import Payload as Payload
+from steelyard.identify.prepared_fit import (
+    TOO_SHORT,
+    Payload,
+    PreparedFit,
+    prepare_fit,
+    with_signals,
+)
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.file.sections import EstimationSection, PriorSection
-from steelyard.robot.file.signals import Signals
 from steelyard.runs.named_logs import processing_of_robot
 from steelyard.runs.run import Run
 from steelyard.runs.run_samples import motion_samples
@@ -64,10 +65,7 @@ class Fit:
     Attributes:
         identified: The model.
         runs: The runs that were fitted, with the gains that were found.
-        choice: How the friction laws were chosen, if they were.
-        findings: Fields that were found.
-        gains: Drive gains that were found, if any.
-        offsets: Zero offsets that were estimated, if any.
+        prepared: Laws, their fields, gains and offsets, found before.
         scales: Scales of the efforts that were estimated, if any.
         notes: What was decided, for people to read.
         ignored: What the robot file requests without effect.
@@ -79,10 +77,7 @@ class Fit:
 
     identified: IdentifiedModel
     runs: tuple[Run, ...]
-    choice: FrictionChoice | None
-    findings: tuple[Finding, ...]
-    gains: GainEstimate | None
-    offsets: ZeroOffsets | None
+    prepared: PreparedFit
     scales: EffortScales | None
     notes: tuple[str, ...]
     ignored: tuple[str, ...]
@@ -96,14 +91,11 @@ class Fit:
         """What made the estimate."""
         return self.estimating(self.runs, self.information)
 
-    def alike(self, run: Run) -> Run:
-        """Another run, with its joint positions and efforts read as those of the fitted ones."""
-        return with_signals(run, self.identified.signals)
 
-
-def with_signals(run: Run, signals: Signals) -> Run:
-    """The run, its log read by other signals."""
-    return replace(run, recording=replace(run.recording, signals=signals))
+def _scaled(run: Run, scales: Array) -> Run:
+    """The run with its efforts divided by scales."""
+    signals = run.recording.signals
+    return with_signals(run, replace(signals, gains=signals.gains / scales))
 
 
 def fit(
@@ -128,31 +120,37 @@ def fit(
         threads: Native threads.
         progress: Told about every pass.
     """
-    plain, other = least_squares_of(loaded_robot)
+    plain = method_of(loaded_robot).name
+    if plain not in PLAIN_LEAST_SQUARES:
+        plain = LEAST_SQUARES[loaded_robot.estimation.weights]
     least_squares = _of_runs(PLAIN_LEAST_SQUARES[plain], model)
-    ground = prepare_fit(
+    prepared = prepare_fit(
         model, loaded_robot, runs, carrying, payload, least_squares, threads, progress
     )
-    model, runs = ground.model, ground.runs
+    model, runs = prepared.model, prepared.runs
     regressor = base_regressor(model)
-    information = ground.information_of(regressor)
-    method, why = _method(loaded_robot, plain, ground.gains)
+    information = prepared.information_of(regressor)
+    method, why = _method(loaded_robot, plain, prepared.gains)
     context = context_of(loaded_robot, regressor, runs, progress)
-    if ground.gains is not None and ground.gains.relative:
-        context = _without_scale(context)
+    if prepared.gains is not None and prepared.gains.relative:
+        # of the prior constraints what holds in any scale: parameters that are zero
+        known = context.knowledge
+        rows = tuple(row for row in known.rows if row.lower == row.upper == 0.0)
+        context = replace(context, knowledge=replace(known, rows=rows))
 
     def from_runs(of: Sequence[Run], pooled: Information) -> Estimator[Information]:
         return on_information(method, context, Sources(regressor, of, pooled, threads, progress))
 
     estimating: EstimatorOf = from_runs
     scales, estimator = None, method.make(context)
-    unscaled = _unscaled_because(loaded_robot, ground, estimator)
+    without_scales = _unscaled_because(loaded_robot, prepared, estimator)
     requested = loaded_robot.estimation.effort_scales == "auto"
-    if requested and not unscaled and isinstance(estimator, Consistent):
+    stated = "effort_scales" in loaded_robot.estimation.model_fields_set
+    if requested and not without_scales and isinstance(estimator, Consistent):
         scales = effort_scales(estimator, information, progress=progress)
     declared = runs, information
     if scales is not None:
-        runs = [_scaled(run, scales.found.values) for run in runs]
+        runs = tuple(_scaled(run, scales.found.values) for run in runs)
         information = information.scaled(1.0 / scales.found.values, information.signature.effort)
         estimating = partial(_with_scales, scales)
     estimate, refused = estimating(runs, information)(information), ""
@@ -162,16 +160,19 @@ def fit(
         runs, information = declared
         estimate = estimating(runs, information)(information)
     plain_estimate = None if scales is None else from_runs(*declared)(declared[1])
+    other = next(name for name in PLAIN_LEAST_SQUARES if name != plain)
     beside = offer_of(other, "").make(context) if method.name == plain else least_squares
     reference = beside(information)
+    ineffective = without_scales and stated and loaded_robot.estimation.effort_scales != "off"
     ignored = (
         *_unused(loaded_robot, method, why, context),
-        *_note_on_scales_without_effect(loaded_robot, unscaled),
-        *([TOO_SHORT] if loaded_robot.friction and ground.choice is None else []),
+        *([f'effort_scales = "auto" has no effect {without_scales}'] if ineffective else []),
+        *([TOO_SHORT] if loaded_robot.friction and prepared.choice is None else []),
     )
+    bodies = ": inertias may be invalid" if estimate.standard is None else ""
     notes = (
-        *ground.notes,
-        *_chosen(method, why, estimate),
+        *prepared.notes,
+        *([f"estimated by {method.name} ({method.about}), {why}{bodies}"] if why else []),
         *([] if scales is None else [scales.note]),
         *([refused] if refused else []),
         *estimate.notes,
@@ -196,9 +197,9 @@ def fit(
         provenance=replace(origin, notes=(*origin.notes, *notes, *ignored)),
         effort_scales=None if scales is None else scales.known,
     )
-    plain_model = None
+    unscaled = None
     if plain_estimate is not None:
-        plain_model = replace(
+        unscaled = replace(
             identified,
             estimate=plain_estimate,
             signals=declared[0][0].recording.signals,
@@ -207,17 +208,14 @@ def fit(
     return Fit(
         identified,
         tuple(runs),
-        ground.choice,
-        ground.findings,
-        ground.gains,
-        ground.offsets,
+        prepared,
         scales,
         notes,
         ignored,
         information,
         method,
         estimating,
-        plain_model,
+        unscaled,
     )
 
 
@@ -229,21 +227,11 @@ NO_SCALES = (
 
 
 def calibrated(found: Fit, threads: int, progress: Progress) -> Fit:
-    """The fit with bands of predicted efforts that are calibrated on left-out motion.
-
-    Args:
-        found: The fit.
-        threads: Native threads.
-        progress: Told about every fit to the rest.
-    """
+    """The fit with bands of predicted efforts that are calibrated on left-out motion."""
     identified = found.identified
+    estimator, information = found.estimator, found.information
     calibration = calibrate(
-        identified,
-        found.runs,
-        found.information,
-        found.estimator,
-        threads=threads,
-        progress=progress,
+        identified, found.runs, information, estimator, threads=threads, progress=progress
     )
     if calibration is not None:
         return replace(found, identified=replace(identified, calibration=calibration))
@@ -266,13 +254,6 @@ PLAIN_LEAST_SQUARES: dict[str, LeastSquares] = {
 }
 
 
-def least_squares_of(loaded: LoadedRobot) -> tuple[str, str]:
-    """Plain least squares as the robot file weighs joints, and the one beside it."""
-    method = method_of(loaded).name
-    plain = method if method in PLAIN_LEAST_SQUARES else LEAST_SQUARES[loaded.estimation.weights]
-    return plain, next(name for name in PLAIN_LEAST_SQUARES if name != plain)
-
-
 def _method(loaded: LoadedRobot, plain: str, gains: GainEstimate | None) -> tuple[Offer, str]:
     """The estimator, and why it is not the default one; nothing if it is."""
     requested = method_of(loaded)
@@ -282,15 +263,15 @@ def _method(loaded: LoadedRobot, plain: str, gains: GainEstimate | None) -> tupl
     return requested, "" if requested.name == usual else "as requested"
 
 
-def _unscaled_because(loaded: LoadedRobot, ground: PreparedFit, estimator: Estimator[Any]) -> str:
+def _unscaled_because(loaded: LoadedRobot, prepared: PreparedFit, estimator: Estimator[Any]) -> str:
     """Why scales cannot be estimated; empty where they can."""
-    if ground.gains is not None:
+    if prepared.gains is not None:
         return 'together with gain = "identify"'
     if type(estimator) is not Consistent:
         return f'with method = "{loaded.estimation.method}"'
     if estimator.per_run:
         return "together with terms that are estimated per run"
-    if ground.runs[0].recording.signals.effort_map is not None:
+    if prepared.runs[0].recording.signals.effort_map is not None:
         return "with coupled gears, where a scale belongs to a motor and not to a joint"
     return ""
 
@@ -300,36 +281,6 @@ def _with_scales(
 ) -> Estimator[Information]:
     """The estimate of any information, as unsure as the scales make it."""
     return partial(scales.scaled.estimate, scales=scales.found)
-
-
-def _note_on_scales_without_effect(loaded: LoadedRobot, why: str) -> tuple[str, ...]:
-    """A note where the robot file requests scales that cannot be estimated."""
-    given = loaded.estimation
-    if not why or given.effort_scales == "off" or "effort_scales" not in given.model_fields_set:
-        return ()
-    return (f'effort_scales = "auto" has no effect {why}',)
-
-
-def _scaled(run: Run, scales: Array) -> Run:
-    """The run with its efforts divided by scales."""
-    signals = run.recording.signals
-    signals = replace(signals, gains=signals.gains / scales)
-    return replace(run, recording=replace(run.recording, signals=signals))
-
-
-def _chosen(method: Offer, why: str, estimate: Estimate) -> tuple[str, ...]:
-    """A note on an estimator that is not the default one."""
-    if not why:
-        return ()
-    bodies = ": inertias may be invalid" if estimate.standard is None else ""
-    return (f"estimated by {method.name} ({method.about}), {why}{bodies}",)
-
-
-def _without_scale(context: Context) -> Context:
-    """Of the prior constraints what holds in any scale: parameters that are zero."""
-    known = context.knowledge
-    rows = tuple(row for row in known.rows if row.lower == row.upper == 0.0)
-    return replace(context, knowledge=replace(known, rows=rows))
 
 
 def _unused(loaded: LoadedRobot, method: Offer, why: str, context: Context) -> tuple[str, ...]:
@@ -353,11 +304,9 @@ def _unused(loaded: LoadedRobot, method: Offer, why: str, context: Context) -> t
 
 def _of_runs(estimator: LeastSquares, model: Model) -> Estimator[Information]:
     """The estimator with the parameters that every run of this model has for itself."""
-
-    def estimate(information: Information) -> Estimate:
-        return replace(estimator, per_run=per_run_columns(model, information.layout))(information)
-
-    return estimate
+    return lambda information: replace(
+        estimator, per_run=per_run_columns(model, information.layout)
+    )(information)
 
 
 def _notes_beyond_physical_bounds(

@@ -5,9 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-from rich.console import Console
+from typing import TYPE_CHECKING, NamedTuple
 
 from steelyard.base.arguments import checked
 from steelyard.base.arrays import Parameters
@@ -24,13 +22,16 @@ from steelyard.check.fitted.post_fit import examine_fit
 from steelyard.check.signals.movement import of_base
 from steelyard.check.subject import notes_of_precheck, prechecked
 from steelyard.estimate.estimators import method_of
-from steelyard.estimate.identified import IdentifiedModel
-from steelyard.identify.fit import Fit, calibrated, fit, with_signals
+from steelyard.estimate.scores.score import RunScore
+from steelyard.identify.fit import Fit, calibrated, fit
 from steelyard.identify.page.content import ReportContent
-from steelyard.identify.page.model_verdict import Verdict, verdict
-from steelyard.identify.page.section_register import SECTIONS, parameters_csv, print_report, render
-from steelyard.identify.prepared_fit import Payload
-from steelyard.identify.refits import Repeated, of_each_log, varied, with_bootstrap
+from steelyard.identify.prepared_fit import Payload, with_signals
+from steelyard.identify.refits import (
+    Repeated,
+    bootstrap_of,
+    fits_with_other_cutoffs,
+    of_each_log,
+)
 from steelyard.identify.run_notes import (
     commanded_note,
     dropped,
@@ -41,15 +42,13 @@ from steelyard.identify.run_notes import (
     settings,
 )
 from steelyard.identify.scores import (
-    Scores,
+    ModelReport,
     parameter_table,
-    result_line,
     scored,
     scored_from_commanded,
 )
 from steelyard.identify.validation_data import marked_repeats, refuse_same_rows
 from steelyard.model.robot_file_model import model_with_open_friction
-from steelyard.report.result import Result
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import Signals
@@ -68,11 +67,10 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Identification(Result):
+class Identification(ModelReport):
     """An identified model, and how well it predicts.
 
     Attributes:
-        model: The identified model.
         content: All that the report shows.
 
     Example:
@@ -81,14 +79,6 @@ class Identification(Result):
         >>> [joint["joint"] for joint in unseen["headline"]["joints"]]
         ['joint1', 'joint2']
     """
-
-    model: IdentifiedModel
-    content: ReportContent
-
-    @property
-    def verdict(self) -> Verdict:
-        """The headline, its level, and findings that limit it."""
-        return verdict(self.content)
 
     @property
     def parameters(self) -> "DataFrame":
@@ -101,42 +91,15 @@ class Identification(Result):
         found = self.content.repeated
         return None if found is None else Repeated(found)
 
-    @property
-    def scores(self) -> Scores:
-        """Errors of predicted efforts per joint and log; all columns in its `table`."""
-        return Scores(self.content.fitted, self.content.scores)
-
-    def report(self) -> str:
-        """The report as one self-contained HTML page."""
-        return render(self.content)
-
     def beside(self, truth: Parameters) -> "Identification":
         """The same with the true standard parameters of a simulated robot in the report."""
-        return replace(self, content=replace(self.content, truth=truth))
+        return Identification(replace(self.content, truth=truth))
 
     def write(self, folder: Path) -> None:
         """Write `model.json`, `parameters.csv`, `report.html`; with `each` also `repeated.csv`."""
-        (folder / "model.json").write_text(self.model.text(), encoding="utf-8")
-        (folder / "parameters.csv").write_text(parameters_csv(self.model), encoding="utf-8")
-        (folder / "report.html").write_text(self.report(), encoding="utf-8")
+        self.write_model(folder)
         if self.repeated is not None:
             (folder / "repeated.csv").write_text(self.repeated.csv(), encoding="utf-8")
-
-    def show(self, console: Console, verbose: bool = False) -> None:
-        """Print the verdict and the errors of every joint; with `verbose` all details."""
-        print_report(self.content, console, verbose)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The numbers as JSON values, as `steelyard identify --json` prints them."""
-        return {
-            field: value
-            for section in SECTIONS
-            for field, value in section.to_dict(self.content).items()
-        }
-
-    def __repr__(self) -> str:
-        """Robot, level and error in one line."""
-        return result_line("Identification", self.content)
 
     def _repr_html_(self) -> str:
         tables = f"{self.scores._repr_html_()}{self.parameters._repr_html_()}"
@@ -210,66 +173,77 @@ def identify(
     signals, reasons = signals_of(file, known[0])
     if commanded:
         _refuse_uncommanded(signals, unknown)
-    model = model_with_open_friction(file)
-    found_out = None
+    model, diagnosis, unresolved = model_with_open_friction(file), None, tuple[str, ...]()
     if check:
         given = replace(file, signals=signals)
-        found_out = prechecked(file.reference, given, (*known, *unknown), progress)
+        diagnosis = prechecked(file.reference, given, (*known, *unknown), progress)
     clean, unseen = runs_of(file, signals, [*known, *carrying], unknown, progress)
-    unresolved = () if found_out is None else notes_of_precheck(found_out, file.reference)
-    lost = dropped_rows((*clean, *unseen))
-    notes = (*file.notes, *reasons, *lost, *notes_of((*clean, *unseen)), *unresolved)
+    if diagnosis is not None:
+        unresolved = notes_of_precheck(diagnosis, file.reference)
+    every = (*clean, *unseen)
+    assumed, decided = (*file.notes, *reasons, *dropped_rows(every)), notes_of(every)
     refuse_same_rows(clean, unseen)
-    fitted, loaded_runs = clean[: len(known)], clean[len(known) :]
+    fitted, carried = clean[: len(known)], clean[len(known) :]
+    notes = (*assumed, *decided, *unresolved)
     origin = provenance(file, known, carrying, unknown, fitted, notes)
     payload = Payload(payload_mass, payload_frame)
-    found = fit(model, file, fitted, loaded_runs, payload, origin, cores, progress)
+    found = fit(model, file, fitted, carried, payload, origin, cores, progress)
     if check:
         refuse_absurd(found.identified, file.reference)
     found = calibrated(found, cores, progress)
-    plain = found.unscaled
-    unscaled = (
-        ()
-        if plain is None or commanded
-        else scored(plain, [with_signals(run, plain.signals) for run in unseen], progress)
+    identified = found.identified
+    unseen = tuple(with_signals(run, identified.signals) for run in unseen)
+    every, open_loops = (*clean, *unseen), dropped(model, (*clean, *unseen))
+    scores = _scored(found, unseen, unknown if commanded else (), progress)
+    limitations = _limitations(
+        file, found, () if commanded else unseen, scores, diagnosis, progress
     )
-    unseen = tuple(found.alike(run) for run in unseen)
-    open_loops = dropped(model, (*clean, *unseen))
-    details = (*notes_of((*clean, *unseen)), *found.notes, *open_loops[1:])
-    notes = (*file.notes, *reasons, *lost, *first_dropped(open_loops), *found.ignored)
-    notes += unresolved
-    content = _content(found, unseen, (*clean, *unseen), unknown if commanded else (), progress)
-    notes += commanded_note(found.identified, content.scores)
-    files = [*known, *carrying, *unknown]
-    content = replace(
-        content,
-        notes=notes,
-        details=details,
-        unscaled=unscaled,
-        logs={run.name: log.text for run, log in zip((*clean, *unseen), files, strict=True)},
-    )
-    content = replace(content, diagnosis=found_out)
-    limits = _limitations(found, () if commanded else unseen, content, progress)
-    before = () if found_out is None else found_out.findings
-    limits += (*of_base(file, before), *missing_coupling(before, file.couplings_stated))
-    content = replace(
-        content, limitations=(*_inconclusive(found_out), *turned_joints(before), *limits)
-    )
+    varied = None
     if sensitivity:
-        content = varied(content, found, (known, unknown), cores, progress, commanded=commanded)
-    if bootstrap is not None:
-        content = with_bootstrap(content, found, bootstrap, progress)
-    if each:
-        content = of_each_log(content, found, progress)
-    return Identification(found.identified, content)
+        columns = identified.signals.of_commanded() if commanded else identified.signals
+        varied = fits_with_other_cutoffs(
+            found, known, unknown, columns, scores[:2], cores, progress
+        )
+    drawn, failed_draws = bootstrap_of(found, bootstrap, progress)
+    repeated, failed_logs = of_each_log(found, progress) if each else (None, ())
+    name, files = identified.model.robot.name, [*known, *carrying, *unknown]
+    return Identification(
+        ReportContent(
+            title=f"{name}: identified dynamics",
+            robot=name,
+            identified=identified,
+            scores=scores.unseen,
+            fitted=scores.fitted,
+            unscaled=scores.unscaled,
+            qualities=tuple((run.name, run.quality.rows_of_text) for run in every),
+            notes=(
+                *assumed,
+                *first_dropped(open_loops),
+                *found.ignored,
+                *unresolved,
+                *commanded_note(identified, scores.unseen),
+                *failed_draws,
+                *failed_logs,
+            ),
+            details=(*decided, *found.notes, *open_loops[1:]),
+            settings=settings(identified),
+            friction=found.prepared.choice,
+            findings=found.prepared.findings,
+            gains=found.prepared.gains,
+            offsets=found.prepared.offsets,
+            scales=found.scales,
+            diagnosis=diagnosis,
+            limitations=limitations,
+            sensitivity=varied,
+            bootstrap=drawn,
+            repeated=repeated,
+            logs={run.name: log.text for run, log in zip(every, files, strict=True)},
+        )
+    )
 
 
 def _refuse_uncommanded(signals: Signals, unseen: Sequence[LogArgument]) -> None:
-    """Scores from commanded motion need its columns, and logs to be predicted.
-
-    Raises:
-        SteelyardError: One is missing.
-    """
+    """Scores from commanded motion need its columns, and logs to be predicted."""
     signals.of_commanded()
     if not unseen:
         raise LogError(
@@ -279,73 +253,63 @@ def _refuse_uncommanded(signals: Signals, unseen: Sequence[LogArgument]) -> None
         )
 
 
-def _content(
-    fit: Fit,
-    unseen: Sequence[Run],
-    logs: Sequence[Run],
-    commanded: Sequence[LogArgument],
-    progress: Progress,
-) -> ReportContent:
-    """Score the model on all runs; what the report shows.
+class _Scores(NamedTuple):
+    """Scores of the fitted and of the unseen runs; `unscaled` without scales of the efforts."""
 
-    Unseen runs are predicted from the commanded motion of their logs, if those are given.
-    """
-    identified, fitted = fit.identified, fit.runs
-    name = identified.model.robot.name
+    fitted: tuple[RunScore, ...]
+    unseen: tuple[RunScore, ...]
+    unscaled: tuple[RunScore, ...]
+
+
+def _scored(
+    found: Fit, unseen: Sequence[Run], commanded: Sequence[LogArgument], progress: Progress
+) -> _Scores:
+    """Score the model; unseen runs from the commanded motion of their logs, if those are given."""
+    identified, unscaled, fitted = found.identified, found.unscaled, found.runs
+    plain: tuple[RunScore, ...] = ()
+    if unscaled is not None and not commanded:
+        plain = scored(unscaled, [with_signals(run, unscaled.signals) for run in unseen], progress)
     scores = scored(identified, fitted if commanded else (*fitted, *unseen), progress)
     if commanded:
         names = [run.name for run in unseen]
         scores += scored_from_commanded(identified, commanded, names, progress)
     fresh = marked_repeats(identified, unseen, scores[len(fitted) :])
-    return ReportContent(
-        title=f"{name}: identified dynamics",
-        robot=name,
-        identified=identified,
-        scores=fresh,
-        fitted=scores[: len(fitted)],
-        qualities=tuple((run.name, run.quality.rows_of_text) for run in logs),
-        settings=settings(identified),
-        friction=fit.choice,
-        findings=fit.findings,
-        gains=fit.gains,
-        offsets=fit.offsets,
-        scales=fit.scales,
-    )
+    return _Scores(scores[: len(fitted)], fresh, plain)
 
 
 def _limitations(
-    fit: Fit, unseen: Sequence[Run], content: ReportContent, progress: Progress
+    file: LoadedRobot,
+    found: Fit,
+    unseen: Sequence[Run],
+    scores: _Scores,
+    diagnosis: Diagnosis | None,
+    progress: Progress,
 ) -> tuple[Finding, ...]:
-    """What checks of the fitted model find."""
+    """What limits the model: open questions of the check of the logs, and checks of the fit."""
+    before = () if diagnosis is None else diagnosis.findings
+    names = {run.name for run in found.runs}
     case = FittedCase(
-        fit.identified,
-        tuple(fit.runs),
+        found.identified,
+        tuple(found.runs),
         tuple(unseen),
-        content.fitted,
-        content.scores if unseen else (),
-        fit.information,
-        _unresolved(content.diagnosis, fit.runs),
-        fit.scales,
+        scores.fitted,
+        scores.unseen if unseen else (),
+        found.information,
+        tuple(
+            one
+            for one in before
+            if one.severity == Severity.DOUBTFUL and one.hypotheses and one.log in names
+        ),
+        found.scales,
     )
-    return examine_fit(case, progress)
-
-
-def _inconclusive(diagnosis: Diagnosis | None) -> tuple[Finding, ...]:
-    """That the check before could not decide whether the robot file describes the logs."""
-    if diagnosis is None or not diagnosis.inconclusive:
-        return ()
-    says = f"check of the logs: {open_words(diagnosis)}"
+    undecided = []
+    if diagnosis is not None and diagnosis.inconclusive:
+        says, checks = f"check of the logs: {open_words(diagnosis)}", diagnosis.open_checks
+        undecided = [Finding("open questions", "", Severity.DOUBTFUL, says, ", ".join(checks))]
     return (
-        Finding("open questions", "", Severity.DOUBTFUL, says, ", ".join(diagnosis.open_checks)),
-    )
-
-
-def _unresolved(diagnosis: Diagnosis | None, fitted: Sequence[Run]) -> tuple[Finding, ...]:
-    """Other interpretations of the fitted runs that the check before found as good, or better."""
-    names = {run.name for run in fitted}
-    found = () if diagnosis is None else diagnosis.findings
-    return tuple(
-        finding
-        for finding in found
-        if finding.severity == Severity.DOUBTFUL and finding.hypotheses and finding.log in names
+        *undecided,
+        *turned_joints(before),
+        *examine_fit(case, progress),
+        *of_base(file, before),
+        *missing_coupling(before, file.couplings_stated),
     )

@@ -36,6 +36,7 @@ from steelyard.model.model import Model
 from steelyard.model.robot_file_model import with_friction
 from steelyard.model.terms.axes import finds_of
 from steelyard.robot.file.loaded_robot import LoadedRobot
+from steelyard.robot.file.signals import Signals
 from steelyard.runs.run import Run, fastest_of
 
 TOO_SHORT = (
@@ -88,6 +89,11 @@ class PreparedFit:
     notes: tuple[str, ...]
 
 
+def with_signals(run: Run, signals: Signals) -> Run:
+    """The run, its log read by other signals."""
+    return replace(run, recording=replace(run.recording, signals=signals))
+
+
 def prepare_fit(
     model: Model,
     loaded_robot: LoadedRobot,
@@ -112,22 +118,34 @@ def prepare_fit(
     """
     if loaded_robot.friction:
         refuse_listed(model)
-        _refuse_finds(model)
+        if searched := [term.law for term in model.terms if finds_of(term)]:
+            raise ModelError(
+                f"a nonlinear parameter of term '{searched[0]}' cannot be estimated while "
+                "friction is selected",
+                where="[model] friction",
+                fix='give it a number, or list the friction laws in place of "auto"',
+            )
     gains = _gains(model, loaded_robot, runs, carrying, payload, threads, progress)
     if gains is not None:
-        runs = [_with_gains(run, gains) for run in runs]
+        given, none = gains.gains, (False,) * len(gains.gains)
+        runs = [
+            with_signals(run, replace(run.recording.signals, gains=given, unknown_gains=none))
+            for run in runs
+        ]
     offsets = _offsets(model, loaded_robot, runs, gains, threads, progress)
     if offsets is not None:
         runs = with_offsets(runs, offsets.values)
     choice = None
     if loaded_robot.friction:
-        judge = _judge(loaded_robot, model, runs, gains)
+        # what is known of the robot counts where it holds and the estimate uses it
+        unscaled = gains is not None and gains.relative
+        consistent = method_of(loaded_robot).uses and not unscaled and not own_columns(model)
         try:
             choice = choose_friction(
                 model,
                 runs,
                 estimator,
-                judge,
+                consistent_of(loaded_robot, runs) if consistent else None,
                 memory=loaded_robot.friction == "auto",
                 threads=threads,
                 progress=progress,
@@ -157,43 +175,9 @@ def prepare_fit(
 
 
 def consistent_of(loaded: LoadedRobot, runs: Sequence[Run]) -> ConsistentOf:
-    """The consistent estimate with what the robot file knows, for models of the robot.
-
-    Args:
-        loaded: The robot file.
-        runs: The runs to be fitted, whose speeds friction is bounded for.
-    """
+    """The consistent estimate with what the robot file knows; the runs' speeds bound friction."""
     fastest, equal = fastest_of(runs), loaded.estimation.weights == "equal"
     return lambda model, base: Consistent(base, knowledge_of(model, loaded, fastest), equal=equal)
-
-
-def _judge(
-    loaded: LoadedRobot, model: Model, runs: Sequence[Run], gains: GainEstimate | None
-) -> ConsistentOf | None:
-    """What judges friction laws: the consistent estimate, where what is known is to count."""
-    unscaled = gains is not None and gains.relative
-    if not method_of(loaded).uses or unscaled or own_columns(model):
-        return None
-    return consistent_of(loaded, runs)
-
-
-def _refuse_finds(model: Model) -> None:
-    """Fields are found for friction that is there; which is there is still to be chosen."""
-    searched = [term.law for term in model.terms if finds_of(term)]
-    if searched:
-        raise ModelError(
-            f"a nonlinear parameter of term '{searched[0]}' cannot be estimated while friction is "
-            "selected",
-            where="[model] friction",
-            fix='give it a number, or list the friction laws in place of "auto"',
-        )
-
-
-def _with_gains(run: Run, gains: GainEstimate) -> Run:
-    signals = replace(
-        run.recording.signals, gains=gains.gains, unknown_gains=(False,) * len(gains.gains)
-    )
-    return replace(run, recording=replace(run.recording, signals=signals))
 
 
 def _gains(
@@ -226,19 +210,13 @@ def _gains(
             where="[signals.effort] gain",
             fix="identify the gains with given nonlinear parameters, and write them into the file",
         )
-    regressor = base_regressor(model)
-    rests = has_memory(model.terms)
+    regressor, rests = base_regressor(model), has_memory(model.terms)
     unloaded, loaded = (
         [gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in some]
         for some in (runs, carrying)
     )
-    known = {
-        joint: float(gain)
-        for joint, gain, unknown in zip(
-            model.robot.joint_names, signals.gains, signals.unknown_gains, strict=True
-        )
-        if not unknown
-    }
+    gains = zip(model.robot.joint_names, signals.gains, signals.unknown_gains, strict=True)
+    known = {joint: float(gain) for joint, gain, unknown in gains if not unknown}
     return identified_gains(
         model, unloaded, loaded, mass=payload.mass, frame=payload.frame, known=known
     )

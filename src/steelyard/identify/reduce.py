@@ -5,10 +5,8 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from steelyard.base.arguments import checked
 from steelyard.base.arrays import frozen
@@ -19,7 +17,7 @@ from steelyard.estimate.consistent.constraint_costs import contradictions, refus
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.friction.mixes import has_memory
 from steelyard.estimate.identified import IdentifiedModel, load_model
-from steelyard.estimate.information.base_parameters import BaseMap, base_parameters
+from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
@@ -32,10 +30,8 @@ from steelyard.estimate.reduction.reduction import reduce as reduced_by
 from steelyard.estimate.reduction.stopping_rules import Tolerance
 from steelyard.estimate.scores.band_calibration import calibrate
 from steelyard.identify.page.content import ReportContent
-from steelyard.identify.page.model_verdict import Verdict, verdict
-from steelyard.identify.page.section_register import SECTIONS, parameters_csv, print_report, render
 from steelyard.identify.run_notes import dropped, dropped_rows, notes_of, settings
-from steelyard.identify.scores import Scores, processing_of, scored
+from steelyard.identify.scores import ModelReport, runs_for, scored
 from steelyard.identify.validation_data import marked_repeats
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term
@@ -45,8 +41,6 @@ from steelyard.robot.file.robot_file import load_robot
 from steelyard.runs.named_logs import (
     log_files,
     paths_of,
-    prepared,
-    recording_of,
     refuse_overlaps,
     sha256,
 )
@@ -58,55 +52,26 @@ STILL_SPEED_SHARE = 0.05
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ReducedModel(Result):
+class ReducedModel(ModelReport):
     """A reduced model, the path it lies on, and how well it predicts.
 
     Attributes:
-        model: The reduced model.
-        reduction: The path, the errors along it and the choice.
         content: All that the report shows.
+        reduction: The path, the errors along it and the choice.
     """
 
-    model: IdentifiedModel
     reduction: Reduction
-    content: ReportContent
-
-    @property
-    def verdict(self) -> Verdict:
-        """The headline, its level, and findings that limit it."""
-        return verdict(self.content)
 
     @property
     def kept(self) -> tuple[str, ...]:
         """Names of the base parameters that are left."""
         return self.model.estimate.parameters.names
 
-    @property
-    def scores(self) -> Scores:
-        """Errors of predicted efforts per joint and log; all columns in its `table`."""
-        return Scores(self.content.fitted, self.content.scores)
-
-    def report(self) -> str:
-        """The report as one self-contained HTML page."""
-        return render(self.content)
-
     def write(self, folder: Path) -> None:
         """Write `model.json`, `parameters.csv` and `report.html`."""
-        (folder / "model.json").write_text(self.model.text(), encoding="utf-8")
-        (folder / "parameters.csv").write_text(parameters_csv(self.model), encoding="utf-8")
-        (folder / "report.html").write_text(self.report(), encoding="utf-8")
+        self.write_model(folder)
 
-    def show(self, console: Console, verbose: bool = False) -> None:
-        """Print the verdict, the errors of every joint and the choice; with `verbose` all."""
-        print_report(self.content, console, verbose)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The numbers as JSON values, as `steelyard reduce --json` prints them."""
-        return {
-            field: value
-            for section in SECTIONS
-            for field, value in section.to_dict(self.content).items()
-        }
+    __repr__ = Result.__repr__
 
 
 @checked(threads=1)
@@ -160,13 +125,11 @@ def reduce(
         1
     """
     identified = load_model(model)
-    refuse_own(identified)
-    refuse_known(identified)
+    _refuse_unreducible(identified)
     measure, rule = criterion_of(criterion), rule_of(stop)
     known, unknown = log_files(paths_of(logs, least=1)), log_files(paths_of(validate))
     refuse_overlaps(known, unknown)
-    recordings = [recording_of(log, identified.signals) for log in (*known, *unknown)]
-    every = prepared(recordings, processing_of(identified), progress)
+    every = runs_for(identified, [*known, *unknown], progress, at_rest=False)
     runs, unseen = every[: len(known)], every[len(known) :]
     cores = threads or os.cpu_count() or 1
     regressor = base_regressor(identified.model)
@@ -177,10 +140,9 @@ def reduce(
 
     before = identified.estimate.removed
     gone = {one.name for one in before}
-    every_column = regressor.layout.columns
-    columns = [name for name in every_column if name not in gone]
+    columns = [name for name in regressor.layout.columns if name not in gone]
     kept, dropped_first = matching(keep, columns, "--keep"), matching(drop, columns, "--drop")
-    refuse_contradiction(kept, dropped_first, columns)
+    _refuse_contradiction(kept, dropped_first, columns)
     if isinstance(rule, Tolerance):
         friction = moving_friction(identified.model, runs, columns)
         kept += tuple(name for name in friction if name not in dropped_first)
@@ -223,54 +185,31 @@ def reduce(
             progress=progress,
         ),
     )
-    content = _content(smaller, found, runs, unseen, progress)
-    content = replace(content, before=scored(identified, unseen, progress))
-    return ReducedModel(smaller, found, content)
-
-
-def _content(
-    smaller: IdentifiedModel,
-    found: Reduction,
-    runs: Sequence[Run],
-    unseen: Sequence[Run],
-    progress: Progress,
-) -> ReportContent:
-    """What the report shows."""
-    robot, logs = smaller.model.robot.name, (*runs, *unseen)
-    return ReportContent(
-        title=f"{robot}: reduced model",
-        robot=robot,
+    name, both = smaller.model.robot.name, (*runs, *unseen)
+    content = ReportContent(
+        title=f"{name}: reduced model",
+        robot=name,
         identified=smaller,
         scores=marked_repeats(smaller, unseen, scored(smaller, unseen, progress)),
         fitted=scored(smaller, runs, progress),
-        qualities=tuple((run.name, run.quality.rows_of_text) for run in logs),
-        notes=dropped_rows(logs),
-        details=(*notes_of(logs), *dropped(smaller.model, logs)),
+        qualities=tuple((run.name, run.quality.rows_of_text) for run in both),
+        notes=dropped_rows(both),
+        details=(*notes_of(both), *dropped(smaller.model, both)),
         settings=settings(smaller),
         reduction=found,
+        before=scored(identified, unseen, progress),
     )
+    return ReducedModel(content, found)
 
 
-def refuse_own(identified: IdentifiedModel) -> None:
-    """Refuse a model with parameters of single runs.
-
-    Raises:
-        ModelError: It has some.
-    """
+def _refuse_unreducible(identified: IdentifiedModel) -> None:
+    """Refuse a model with parameters of single runs, or with some that were not estimated."""
     if own := own_columns(identified.model):
         raise ModelError(
             f"every run has a '{own[0]}' of its own, which cannot be removed",
             where=identified.model.robot.name,
             fix="identify without per_run = true, and reduce that model",
         )
-
-
-def refuse_known(identified: IdentifiedModel) -> None:
-    """Refuse a model with parameters that were not estimated.
-
-    Raises:
-        ModelError: It has some.
-    """
     if known := identified.estimate.known:
         raise ModelError(
             f"parameters with a value from [[knowledge]] were not estimated: {', '.join(known)}",
@@ -281,11 +220,7 @@ def refuse_known(identified: IdentifiedModel) -> None:
 
 
 def matching(patterns: Iterable[str], names: Sequence[str], option: str) -> tuple[str, ...]:
-    """Names that match a pattern, in the order of the names.
-
-    Raises:
-        ModelError: A pattern matches none.
-    """
+    """Names that match a pattern, in the order of the names."""
     found: set[str] = set()
     for pattern in (patterns,) if isinstance(patterns, str) else patterns:
         wanted = re.compile(".*".join(map(re.escape, pattern.split("*"))))
@@ -300,12 +235,8 @@ def matching(patterns: Iterable[str], names: Sequence[str], option: str) -> tupl
     return tuple(name for name in names if name in found)
 
 
-def refuse_contradiction(keep: Sequence[str], drop: Sequence[str], names: Sequence[str]) -> None:
-    """Refuse parameters that are to stay and to go, and to keep them all.
-
-    Raises:
-        ModelError: There is one, or nothing may be removed.
-    """
+def _refuse_contradiction(keep: Sequence[str], drop: Sequence[str], names: Sequence[str]) -> None:
+    """Refuse parameters that are to stay and to go, and to keep them all."""
     if both := sorted(set(keep) & set(drop)):
         raise ModelError(
             f"'{both[0]}' is to be kept and to be removed",
@@ -354,11 +285,13 @@ def _with_bodies(
             fix="give the robot file that the model was identified with",
         )
     knowledge = knowledge_of(identified.model, loaded, fastest_of(runs))
-    zeros = {
-        one.name: _zero(base, base.base_names.index(one.name))
-        for one in found.estimate.removed
-        if one.name in base.base_names
-    }
+    zeros = {}
+    for one in found.estimate.removed:
+        if one.name in base.base_names:
+            number = base.base_names.index(one.name)
+            weights = base.lift[number]
+            coefficients = {base.names[k]: float(weights[k]) for k in np.flatnonzero(weights)}
+            zeros[one.name] = Row(f"removed: {base.grouping(number)} = 0", coefficients, 0.0, 0.0)
     possible = dict(zeros)
     while labels := contradictions(replace(knowledge, rows=(*knowledge.rows, *possible.values()))):
         clashing = [name for name, row in possible.items() if row.label in labels]
@@ -383,13 +316,6 @@ def _with_bodies(
         removed=tuple(one for one in found.estimate.removed if one.name not in positive),
         notes=(*estimate.notes, *(notes if positive else ())),
     )
-
-
-def _zero(base: BaseMap, number: int) -> Row:
-    """A base parameter that is zero, over standard parameters."""
-    weights = base.lift[number]
-    coefficients = {base.names[k]: float(weights[k]) for k in np.flatnonzero(weights)}
-    return Row(f"removed: {base.grouping(number)} = 0", coefficients, 0.0, 0.0)
 
 
 def _without_empty_terms(identified: IdentifiedModel) -> IdentifiedModel:

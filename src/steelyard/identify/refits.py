@@ -15,6 +15,7 @@ from steelyard.base.progress import Progress, report_progress
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.estimate_scatter import (
     FACTORS,
+    Bootstrap,
     RepeatedEstimates,
     Sensitivity,
     Variation,
@@ -26,7 +27,6 @@ from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.nonlinear.fields import information_from
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.fit import Fit
-from steelyard.identify.page.content import ReportContent
 from steelyard.identify.page.scatter_of_estimates import repeated_table
 from steelyard.identify.page.score_words import relative_errors
 from steelyard.identify.scores import processing_of, scored
@@ -37,7 +37,6 @@ from steelyard.runs.defaults import MATCHED_HIGHEST, NYQUIST_SHARE, rounded
 from steelyard.runs.named_logs import LogArgument, recording_of
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing import Processing
-from steelyard.runs.run import Run
 
 if TYPE_CHECKING:
     from polars import DataFrame
@@ -56,7 +55,7 @@ class Repeated:
     @property
     def table(self) -> "DataFrame":
         """One row per parameter: mean, standard deviation, and one column per estimation."""
-        return frame(flat_rows(self.estimates), "table")
+        return frame(self._rows(), "table")
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
@@ -64,7 +63,18 @@ class Repeated:
 
     def csv(self) -> str:
         """The table as CSV."""
-        return repeated_csv(self.estimates)
+        text, rows = io.StringIO(), self._rows()
+        writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+        return text.getvalue()
+
+    def _rows(self) -> list[dict[str, Any]]:
+        return [
+            {key: value for key, value in row.items() if key != "values"}
+            | dict(zip(self.estimates.labels, row["values"], strict=True))
+            for row in self.estimates.rows()
+        ]
 
     def __str__(self) -> str:
         text = io.StringIO()
@@ -101,11 +111,7 @@ def repeated(
 
 
 def _refuse_other_groups(models: Sequence[IdentifiedModel]) -> None:
-    """A base parameter of one name is the same combination in all models.
-
-    Raises:
-        DataError: It is not.
-    """
+    """Refuse models in which base parameters of one name are different combinations."""
     groups: dict[str, str] = {}
     for number, model in enumerate(models, start=1):
         for k, name in enumerate(model.base.base_names):
@@ -119,14 +125,8 @@ def _refuse_other_groups(models: Sequence[IdentifiedModel]) -> None:
                 )
 
 
-def of_each_log(content: ReportContent, fit: Fit, progress: Progress) -> ReportContent:
-    """What the report shows, with estimates from each log alone; notes on logs without one.
-
-    Args:
-        content: The report so far.
-        fit: The result; laws, their fields and gains stay what they are.
-        progress: Told about every log.
-    """
+def of_each_log(fit: Fit, progress: Progress) -> tuple[RepeatedEstimates | None, tuple[str, ...]]:
+    """Estimates from each log alone with the laws, fields and gains of a fit; notes on failures."""
     estimates, notes = dict[str, Estimate](), list[str]()
     for number, run in enumerate(fit.runs):
         report_progress(progress, "estimating from each log", number, len(fit.runs))
@@ -137,51 +137,12 @@ def of_each_log(content: ReportContent, fit: Fit, progress: Progress) -> ReportC
         except DataError as error:
             notes.append(f"no estimate from {run.name} alone: {error.wrong}")
     try:
-        found = RepeatedEstimates.of(estimates)
+        return RepeatedEstimates.of(estimates), tuple(notes)
     except DataError as error:
-        notes.append(f"no scatter over logs: {error.wrong}")
-        return replace(content, notes=(*content.notes, *notes))
-    return replace(content, repeated=found, notes=(*content.notes, *notes))
+        return None, (*notes, f"no scatter over logs: {error.wrong}")
 
 
-def flat_rows(found: RepeatedEstimates) -> list[dict[str, Any]]:
-    """One row per parameter, one column per estimation."""
-    return [
-        {key: value for key, value in row.items() if key != "values"}
-        | dict(zip(found.labels, row["values"], strict=True))
-        for row in found.rows()
-    ]
-
-
-def repeated_csv(found: RepeatedEstimates) -> str:
-    """The rows as CSV."""
-    text = io.StringIO()
-    rows = flat_rows(found)
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
-
-
-def varied(
-    content: ReportContent,
-    fit: Fit,
-    logs: tuple[Sequence[LogArgument], Sequence[LogArgument]],
-    threads: int,
-    progress: Progress,
-    *,
-    commanded: bool = False,
-) -> ReportContent:
-    """What the report shows, with the fits beside it; `logs` are those fitted and those not.
-
-    The latter are predicted from their commanded motion if `commanded`.
-    """
-    scores, signals = (content.fitted, content.scores), fit.identified.signals
-    unseen = signals.of_commanded() if commanded else signals
-    return replace(content, sensitivity=sensitivity(fit, *logs, unseen, scores, threads, progress))
-
-
-def sensitivity(
+def fits_with_other_cutoffs(
     fit: Fit,
     fitted: Sequence[LogArgument],
     unseen: Sequence[LogArgument],
@@ -192,16 +153,8 @@ def sensitivity(
 ) -> Sensitivity:
     """Fit again with cut-offs lower and higher than those of the result.
 
-    Laws, their fields, gains and the cut-off of scores stay what they are.
-
-    Args:
-        fit: The result.
-        fitted: Logs that were fitted.
-        unseen: Logs that were not.
-        signals: Columns of the latter.
-        scores: The result's, on both.
-        threads: Native threads.
-        progress: Told about every pass.
+    Laws, their fields, gains and the cut-off of scores stay what they are. The `signals` are the
+    columns of the unseen logs, the `scores` the result's on the fitted logs and on the unseen ones.
     """
     known, new = (_error(some) for some in scores)
     identified = fit.identified
@@ -239,18 +192,18 @@ def _refitted(
     progress: Progress,
 ) -> Fit:
     """The fit with the same model and other cut-offs."""
-    identified = fit.identified
-    model, signals = identified.model, identified.signals
-    runs: list[Run] = []
-    for log, before in zip(logs, fit.runs, strict=True):
-        runs.append(replace(prepare(recording_of(log, signals), processing), name=before.name))
+    identified, model = fit.identified, fit.identified.model
+    runs = tuple(
+        replace(prepare(recording_of(log, identified.signals), processing), name=before.name)
+        for log, before in zip(logs, fit.runs, strict=True)
+    )
     information_of = information_from(
         runs, rests=has_memory(model.terms), threads=threads, progress=progress
     )
     information = information_of(base_regressor(model))
     estimate = fit.estimating(runs, information)(information)
     again = replace(identified, estimate=estimate)
-    return replace(fit, identified=again, runs=tuple(runs), information=information)
+    return replace(fit, identified=again, runs=runs, information=information)
 
 
 def _error(scores: Sequence[RunScore]) -> float | None:
@@ -258,23 +211,16 @@ def _error(scores: Sequence[RunScore]) -> float | None:
     return relative_errors(scores)[0].value if scores else None
 
 
-def with_bootstrap(
-    content: ReportContent, fit: Fit, draws: int, progress: Progress
-) -> ReportContent:
-    """What the report shows, with the draws beside it; a note where the data are too few for it.
-
-    Args:
-        content: The report so far.
-        fit: The result.
-        draws: How often windows are drawn.
-        progress: Told about every draw.
-    """
+def bootstrap_of(
+    fit: Fit, draws: int | None, progress: Progress
+) -> tuple[Bootstrap | None, tuple[str, ...]]:
+    """Estimates of windows drawn again, or a note on why there are none; nothing without draws."""
+    if draws is None:
+        return None, ()
     if fit.method.needs != "information":
         of = "samples" if fit.method.needs == "samples" else "whole runs"
-        why = f"{fit.method.name} needs {of}, which cannot be resampled"
-        return replace(content, notes=(*content.notes, f"no bootstrap: {why}"))
+        return None, (f"no bootstrap: {fit.method.name} needs {of}, which cannot be resampled",)
     try:
-        found = bootstrap(fit.estimator, fit.information, draws=draws, progress=progress)
+        return bootstrap(fit.estimator, fit.information, draws=draws, progress=progress), ()
     except DataError as error:
-        return replace(content, notes=(*content.notes, f"no bootstrap: {error.wrong}"))
-    return replace(content, bootstrap=found)
+        return None, (f"no bootstrap: {error.wrong}",)

@@ -19,10 +19,9 @@ from steelyard.estimate.scores.joint_errors import (
     known_efforts,
 )
 from steelyard.estimate.scores.score import filtered_efforts
-from steelyard.identify.scores import processing_of
+from steelyard.identify.scores import runs_for
 from steelyard.report.result import frame
-from steelyard.runs.named_logs import log_files, paths_of, prepared, recording_of
-from steelyard.runs.run import Run
+from steelyard.runs.named_logs import log_files, paths_of
 
 if TYPE_CHECKING:
     from polars import DataFrame
@@ -137,12 +136,7 @@ def residuals(
         )
     identified = load_model(model)
     (file,) = log_files(paths_of(log))
-    recording = recording_of(file, identified.signals)
-    (run,) = prepared([recording], processing_of(identified), progress, at_rest=True)
-    return _residuals_of(identified, run, cutoff)
-
-
-def _residuals_of(identified: IdentifiedModel, run: Run, cutoff: float | None) -> Residuals:
+    (run,) = runs_for(identified, [file], progress)
     gains = identified.signals.gains
     band = band_of(effort_reference(identified), run.rate) if cutoff is None else cutoff
     parts = list(filtered_efforts(identified.valued, run, gains, band))

@@ -17,19 +17,19 @@ from steelyard.estimate.scores.joint_errors import effort_reference
 from steelyard.estimate.scores.residuals import TorqueSplit
 from steelyard.estimate.scores.score import RunScore, score
 from steelyard.identify.page.content import ReportContent
-from steelyard.identify.page.model_verdict import verdict
+from steelyard.identify.page.model_verdict import Verdict, verdict
 from steelyard.identify.page.parameter_table import parameter_rows
 from steelyard.identify.page.score_words import both_words
+from steelyard.identify.page.section_register import SECTIONS, parameters_csv, print_report, render
 from steelyard.identify.page.verdict_section import joints_table
-from steelyard.report.result import TEXT_WIDTH, frame
+from steelyard.report.result import TEXT_WIDTH, Result, frame
+from steelyard.robot.file.signals import Signals
 from steelyard.runs.named_logs import LogArgument, _overlap, prepared, recording_of, sha256
 from steelyard.runs.processing import Processing
 from steelyard.runs.run import Run
 
 if TYPE_CHECKING:
     from polars import DataFrame, Series
-
-    from steelyard.estimate.scores.joint_errors import JointError
 
 
 def fitted_before(identified: IdentifiedModel, log: LogArgument) -> bool:
@@ -53,6 +53,19 @@ def processing_of(identified: IdentifiedModel) -> Processing:
     )
 
 
+def runs_for(
+    identified: IdentifiedModel,
+    logs: Sequence[LogArgument],
+    progress: Progress,
+    *,
+    signals: Signals | None = None,
+    at_rest: bool = True,
+) -> tuple[Run, ...]:
+    """Logs as runs for a model, read by its signals unless others are given."""
+    recordings = [recording_of(log, signals or identified.signals) for log in logs]
+    return prepared(recordings, processing_of(identified), progress, at_rest=at_rest)
+
+
 def scored(
     identified: IdentifiedModel, runs: Sequence[Run], progress: Progress
 ) -> tuple[RunScore, ...]:
@@ -74,31 +87,16 @@ def scored_from_commanded(
 ) -> tuple[RunScore, ...]:
     """Scores of a model whose efforts are predicted from the commanded motion of logs.
 
-    Args:
-        identified: The model.
-        logs: The logs.
-        names: Names of their runs.
-        progress: Told about every log.
-
     Raises:
         ModelError: The columns of the commanded motion are not known.
         LogError: A log has no such columns.
     """
     signals = identified.signals.of_commanded()
-    recordings = [recording_of(log, signals) for log in logs]
-    runs = prepared(recordings, processing_of(identified), progress, at_rest=True)
+    runs = runs_for(identified, logs, progress, signals=signals)
     named = [replace(run, name=name) for run, name in zip(runs, names, strict=True)]
     return tuple(
         replace(score, predicted_from="commanded") for score in scored(identified, named, progress)
     )
-
-
-def result_line(kind: str, content: ReportContent) -> str:
-    """Kind of the result, robot, level and error in one line."""
-    judged = verdict(content)
-    level = "no verdict" if judged.level == "none" else judged.level.upper()
-    error = f", {both_words(judged.errors, judged.as_logged)}" if judged.errors else ""
-    return f"{kind}({content.robot}: {level}{error})".replace("\u00a0", " ")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -126,30 +124,29 @@ class Scores:
         Raises:
             PackageError: Polars is not installed.
         """
-        scored = [(True, score) for score in self.fitted]
-        scored += [(False, score) for score in self.unseen]
-        joints = [
-            {
-                "run": score.run,
-                "fitted": fitted,
-                "joint": printed.joint,
-                **{key: printed.to_dict()[key] for key in PRINTED_ERRORS},
-                **({} if logged is None else _as_logged(logged)),
-                "moving": printed.counted,
-                "band_hz": score.errors.cutoff,
-                "predicted_from": score.predicted_from,
-                **{"logged_unit" if key == "unit" else key: value for key, value in other.items()},
-            }
-            for fitted, score in scored
-            for printed, logged, other in zip(
-                score.errors.joints,
-                score.errors.as_logged or [None] * len(score.errors.joints),
-                score.to_dict()["joints"],
-                strict=True,
-            )
-        ]
+        rows = []
+        every = [(True, score) for score in self.fitted] + [(False, x) for x in self.unseen]
+        for fitted, one in every:
+            joints = one.errors.joints
+            as_logged = one.errors.as_logged or [None] * len(joints)
+            others = one.to_dict()["joints"]
+            for joint, logged, other in zip(joints, as_logged, others, strict=True):
+                printed, unscaled = joint.to_dict(), {} if logged is None else logged.to_dict()
+                rows.append(
+                    {
+                        "run": one.run,
+                        "fitted": fitted,
+                        "joint": joint.joint,
+                        **{key: printed[key] for key in PRINTED_ERRORS},
+                        **{f"{key}_as_logged": unscaled[key] for key in UNSCALED if unscaled},
+                        "moving": joint.counted,
+                        "band_hz": one.errors.cutoff,
+                        "predicted_from": one.predicted_from,
+                        **{"logged_unit" if k == "unit" else k: x for k, x in other.items()},
+                    }
+                )
         return _ends_first(
-            frame(joints, "scores"),
+            frame(rows, "scores"),
             ("run", "fitted", "joint", "error"),
             ("unit", "percent_of_used", "moving", "band_hz"),
         )
@@ -185,12 +182,8 @@ class Scores:
 
 PRINTED_ERRORS = ("error", "unit", "percent_of_used", "percent_of_limit", "used", "limit")
 """Columns of the printed errors, in the order of the terminal."""
-
-
-def _as_logged(joint: "JointError") -> dict[str, Any]:
-    """The columns of an error against efforts that are not divided by estimated scales."""
-    values = joint.to_dict()
-    return {f"{key}_as_logged": values[key] for key in ("error", "used", "percent_of_used")}
+UNSCALED = ("error", "used", "percent_of_used")
+"""Those that are there as logged too, where scales of the efforts were estimated."""
 
 
 def parameter_table(model: str | Path | IdentifiedModel) -> "DataFrame":
@@ -225,3 +218,58 @@ def _ends_first(table: "DataFrame", first: Sequence[str], last: Sequence[str]) -
     """The same columns in an order of which `print` shows those that matter."""
     between = [name for name in table.columns if name not in (*first, *last)]
     return table.select(*first, *between, *last)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ModelReport(Result):
+    """A model with its scores, and a report on both.
+
+    Attributes:
+        content: All that the report shows.
+    """
+
+    content: ReportContent
+
+    @property
+    def model(self) -> IdentifiedModel:
+        """The model."""
+        return self.content.identified
+
+    @property
+    def verdict(self) -> Verdict:
+        """The headline, its level, and findings that limit it."""
+        return verdict(self.content)
+
+    @property
+    def scores(self) -> Scores:
+        """Errors of predicted efforts per joint and log; all columns in its `table`."""
+        return Scores(self.content.fitted, self.content.scores)
+
+    def report(self) -> str:
+        """The report as one self-contained HTML page."""
+        return render(self.content)
+
+    def write_model(self, folder: Path) -> None:
+        """Write `model.json`, `parameters.csv` and `report.html`."""
+        (folder / "model.json").write_text(self.model.text(), encoding="utf-8")
+        (folder / "parameters.csv").write_text(parameters_csv(self.model), encoding="utf-8")
+        (folder / "report.html").write_text(self.report(), encoding="utf-8")
+
+    def show(self, console: Console, verbose: bool = False) -> None:
+        """Print the verdict and the errors of every joint; with `verbose` all details."""
+        print_report(self.content, console, verbose)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers as JSON values, as the command's `--json` prints them."""
+        found: dict[str, Any] = {}
+        for section in SECTIONS:
+            found |= section.to_dict(self.content)
+        return found
+
+    def __repr__(self) -> str:
+        """Robot, level and error in one line."""
+        judged = self.verdict
+        level = "no verdict" if judged.level == "none" else judged.level.upper()
+        error = f", {both_words(judged.errors, judged.as_logged)}" if judged.errors else ""
+        line = f"{type(self).__name__}({self.content.robot}: {level}{error})"
+        return line.replace("\u00a0", " ")

@@ -1,23 +1,19 @@
 """How well an identified model predicts other logs: what `steelyard validate` does."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from steelyard.base.arguments import checked
 from steelyard.base.progress import Progress, silent
-from steelyard.check.finding import Finding
 from steelyard.check.findings_text import finding_dict
 from steelyard.check.fitted.fitted_case import FittedCase
 from steelyard.check.fitted.post_fit import examine_fit
 from steelyard.estimate.identified import IdentifiedModel, load_model
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.page.content import ReportContent
-from steelyard.identify.page.model_verdict import Verdict, verdict
-from steelyard.identify.page.section_register import print_report, render
+from steelyard.identify.page.model_verdict import verdict
 from steelyard.identify.run_notes import (
     commanded_note,
     dropped,
@@ -27,54 +23,27 @@ from steelyard.identify.run_notes import (
     settings,
 )
 from steelyard.identify.scores import (
-    Scores,
+    ModelReport,
     fitted_before,
-    processing_of,
-    result_line,
+    runs_for,
     scored,
     scored_from_commanded,
 )
 from steelyard.identify.validation_data import holds_fitted_rows, marked_repeats
-from steelyard.report.result import Result
-from steelyard.runs.named_logs import log_files, paths_of, prepared, recording_of
-from steelyard.runs.run import Run
+from steelyard.runs.named_logs import log_files, paths_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Validation(Result):
+class Validation(ModelReport):
     """Errors of a model on logs.
 
     Attributes:
         content: All that the report shows.
     """
 
-    content: ReportContent
-
-    @property
-    def verdict(self) -> Verdict:
-        """The headline, its level, and findings that limit it."""
-        return verdict(self.content)
-
-    @property
-    def scores(self) -> Scores:
-        """Errors of predicted efforts per joint and log; all columns in its `table`."""
-        return Scores(self.content.fitted, self.content.scores)
-
-    def __repr__(self) -> str:
-        """Robot, level and error in one line."""
-        return result_line("Validation", self.content)
-
-    def report(self) -> str:
-        """The report as one self-contained HTML page."""
-        return render(self.content)
-
     def write(self, folder: Path) -> None:
         """Write `report.html`."""
         (folder / "report.html").write_text(self.report(), encoding="utf-8")
-
-    def show(self, console: Console, verbose: bool = False) -> None:
-        """Print the verdict and the errors of every joint; with `verbose` the other errors too."""
-        print_report(self.content, console, verbose)
 
     def to_dict(self) -> dict[str, Any]:
         """The verdict, and under `logs` the scores of each log, in the order of the logs."""
@@ -126,8 +95,7 @@ def validate(
     """
     identified = load_model(model)
     files = log_files(paths_of(logs, least=1))
-    recordings = [recording_of(log, identified.signals) for log in files]
-    runs = prepared(recordings, processing_of(identified), progress, at_rest=True)
+    runs = runs_for(identified, files, progress)
     names = [run.name for run in runs]
     scores = (
         scored_from_commanded(identified, files, names, progress)
@@ -139,23 +107,16 @@ def validate(
         fitted_before(identified, log) or holds_fitted_rows(identified, run)
         for log, run in zip(files, runs, strict=True)
     ]
-    content = _content(identified, runs, scores, known)
-    content = replace(
-        content, logs={run.name: log.text for run, log in zip(runs, files, strict=True)}
-    )
-    return Validation(replace(content, limitations=_limitations(identified, runs, scores, known)))
-
-
-def _content(
-    identified: IdentifiedModel,
-    runs: Sequence[Run],
-    scores: Sequence[RunScore],
-    known: Sequence[bool],
-) -> ReportContent:
-    """What the report shows; `known` says which runs the model was fitted to."""
-    open_loops = dropped(identified.model, runs)
     again = tuple(score for score, old in zip(scores, known, strict=True) if old)
-    return ReportContent(
+    # checks compare with the measured motion: scores from a commanded one are left out
+    fresh = [
+        (run, score)
+        for run, score, old in zip(runs, scores, known, strict=True)
+        if not old and score.predicted_from == "measured"
+    ]
+    unseen, unseen_scores = tuple(run for run, _ in fresh), tuple(score for _, score in fresh)
+    open_loops = dropped(identified.model, runs)
+    content = ReportContent(
         title=f"{identified.model.robot.name}: validation",
         robot=identified.model.robot.name,
         identified=identified,
@@ -170,24 +131,8 @@ def _content(
         ),
         details=(*notes_of(runs), *open_loops[1:]),
         settings=settings(identified),
+        limitations=examine_fit(FittedCase(identified, unseen=unseen, unseen_scores=unseen_scores)),
+        logs={run.name: log.text for run, log in zip(runs, files, strict=True)},
         only_errors=True,
     )
-
-
-def _limitations(
-    identified: IdentifiedModel,
-    runs: Sequence[Run],
-    scores: Sequence[RunScore],
-    known: Sequence[bool],
-) -> tuple[Finding, ...]:
-    """What checks of the model on runs that it was not fitted to find.
-
-    They compare with the measured motion, so that scores from a commanded one are left out.
-    """
-    fresh = [
-        (run, score)
-        for run, score, old in zip(runs, scores, known, strict=True)
-        if not old and score.predicted_from == "measured"
-    ]
-    unseen, unseen_scores = tuple(run for run, _ in fresh), tuple(score for _, score in fresh)
-    return examine_fit(FittedCase(identified, unseen=unseen, unseen_scores=unseen_scores))
+    return Validation(content)

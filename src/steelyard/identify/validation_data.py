@@ -68,28 +68,20 @@ def propose_cut(loaded: LoadedRobot, logs: Sequence[str]) -> ProposedCut:
     else:
         begin = max(begin, run.span[0])
         whole, moves = stop, min(stop, run.span[1])
-        stop = _end_of_first_round(run, begin, moves)
+        stop, shift = moves, inf
+        while shift > 0.0:  # the motion ends where it begins anew
+            repeat = repeat_within(run, begin + FITTED_SHARE * (stop - begin), stop)
+            shift = 0.0 if repeat is None or repeat.shift >= stop - begin else repeat.shift
+            stop = begin + shift if shift > 0.0 else stop
         if stop < whole - NEAR_END:
             why = "the motion repeats" if stop < moves else "no joint moves"
             ends = f"rows after {0.1 * ceil(10.0 * stop):.10g} s are left out: {why}"
     if stop - begin < SHORTEST_CUT_LOG:
         return ProposedCut((log.text,))
-    a, b, c = floor(10.0 * start), floor(10.0 * _middle(begin, stop)), ceil(10.0 * stop)
+    middle = begin + FITTED_SHARE * (stop - begin)
+    a, b, c = floor(10.0 * start), floor(10.0 * middle), ceil(10.0 * stop)
     windows = ((a, b), (b, c))
     return ProposedCut(tuple(f"{log.path}@{0.1 * m:.10g}:{0.1 * n:.10g}" for m, n in windows), ends)
-
-
-def _middle(begin: float, stop: float) -> float:
-    """Where the second window begins, of a motion between two times [s]."""
-    return begin + FITTED_SHARE * (stop - begin)
-
-
-def _end_of_first_round(run: Run, begin: float, stop: float) -> float:
-    """Where the motion begins anew, or `stop` if it never does [s]."""
-    repeat = repeat_within(run, _middle(begin, stop), stop)
-    if repeat is None or not 0.0 < repeat.shift < stop - begin:
-        return stop
-    return _end_of_first_round(run, begin, begin + repeat.shift)
 
 
 def _duration(recording: Recording) -> float:
@@ -104,11 +96,7 @@ def _duration(recording: Recording) -> float:
 
 
 def refuse_same_rows(fitted: Sequence[Run], unseen: Sequence[Run]) -> None:
-    """The same rows neither count twice in a fit nor test it, whatever their log is called.
-
-    Raises:
-        LogError: A run holds rows of another one: trimmed, thinned, shifted in time or rounded.
-    """
+    """The same rows neither count twice in a fit nor test it, whatever their log is called."""
     known = motion_samples(fitted)
     pairs = [
         (run, known[:number], "they would count twice in the fit")

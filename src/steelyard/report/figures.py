@@ -122,6 +122,15 @@ def row_height(rows: int, each: int) -> int:
     return 70 + each * max(rows, 3)
 
 
+def figure_of_rows(
+    label: str, x: str, names: Sequence[str], traces: Sequence[Traced], each: int, **layout: Any
+) -> Figure:
+    """A figure with one row per name, `each` so many pixels high, the first above."""
+    axis = {"type": "category", "categoryorder": "array", "categoryarray": names[::-1], "dtick": 1}
+    given = {"showlegend": False, **layout, "yaxis": axis | layout.get("yaxis", {})}
+    return Figure("", label, x, "", traces, given, height=row_height(len(names), each))
+
+
 def area(
     name: str, x: Array, lower: Array, upper: Array, colour: str, opacity: float = 1.0
 ) -> Traced:

@@ -112,26 +112,61 @@ def rounded(value: float, digits: int = 6) -> float | None:
 Numbers = Mapping[str, Any]
 """Everything a section's template shows, by name."""
 
+LabelledValues = Sequence[tuple[str, str]]
+"""Labels and values, ready to be read."""
+
+EMPTY: Numbers = {"words": "", "tables": (), "folded": "", "legend": (), "groups": (), "note": ""}
+"""What stands for numbers of figures and tables that a section does not have."""
+
+
+@dataclass(frozen=True)
+class PageContent:
+    """What the page of any job shows beside its own values.
+
+    Attributes:
+        title: What the page is called.
+        robot: The robot's name.
+        qualities: Per run its name and, labelled, what was found in its log.
+        notes: What was assumed or is doubtful, for people to read.
+        details: What else was decided on the way, such as cut-offs and corrected rows.
+        settings: What the results depend on, labelled.
+    """
+
+    title: str
+    robot: str
+    qualities: tuple[tuple[str, LabelledValues], ...] = ()
+    notes: tuple[str, ...] = ()
+    details: tuple[str, ...] = ()
+    settings: LabelledValues = ()
+
 
 class Section(ABC):
-    """One section of the report."""
+    """One section of a page, over the content of the page.
+
+    Attributes:
+        name: Its identifier in the page.
+        title: Its heading.
+        template: What shows its numbers.
+        folded: Whether the page shows its heading alone, until a click opens it.
+    """
 
     name: ClassVar[str]
-    """The section's identifier in the page."""
-
     title: ClassVar[str]
-    """Its heading."""
-
+    template: ClassVar[str]
     folded: ClassVar[bool] = False
-    """Whether the page shows its heading alone, until a click opens it."""
+
+    def __init_subclass__(cls, **given: Any) -> None:
+        """The attributes of a section are the keywords of its class."""
+        for key, value in given.items():
+            setattr(cls, key, value)
 
     @abstractmethod
     def numbers(self, content: Any) -> Numbers | None:
         """What there is to show; `None` leaves the section out."""
 
-    @abstractmethod
     def show(self, numbers: Numbers) -> str:
         """The numbers as safe HTML."""
+        return fill(self.template, {"title": self.title, **EMPTY, **numbers})
 
     def to_dict(self, content: Any) -> dict[str, Any]:
         """Fields of `--json`; they are there, and `None`, where there is nothing to show."""
@@ -146,7 +181,7 @@ class Section(ABC):
         return ()
 
 
-class TableSection(Section):
+class TableSection(Section, template="tables.html"):
     """A section that is plain tables."""
 
     in_terminal: ClassVar[bool] = False
@@ -157,13 +192,9 @@ class TableSection(Section):
         """The tables; none leaves the section out."""
 
     def numbers(self, content: Any) -> Numbers | None:
-        """The tables under the section's title."""
+        """The tables, if there are some."""
         tables = self.tables(content)
-        return {"tables": tables, "title": self.title} if tables else None
-
-    def show(self, numbers: Numbers) -> str:
-        """The tables as safe HTML."""
-        return fill("tables.html", numbers)
+        return {"tables": tables} if tables else None
 
     def detailed(self, content: Any) -> Iterable[RenderableType]:
         """The tables, if the terminal shows them."""
@@ -171,53 +202,69 @@ class TableSection(Section):
             yield from (text_table(table, self.title) for table in self.tables(content))
 
 
-NO_FIGURES: Numbers = dict.fromkeys(("words", "folded", "note"), "") | dict.fromkeys(
-    ("tables", "legend", "groups"), ()
-)
-"""What the template of figures shows, all of it empty."""
+class ValueSection(TableSection):
+    """Plain tables of one value of the content, which are left out where it is `None`.
+
+    Attributes:
+        value: The attribute of the content.
+        field: The value's field of `--json`; empty if it has the same name.
+    """
+
+    value: ClassVar[str]
+    field: ClassVar[str] = ""
+
+    @abstractmethod
+    def tables_of(self, found: Any, content: Any) -> Sequence[PlainTable]:
+        """The tables of the value."""
+
+    def tables(self, content: Any) -> Sequence[PlainTable]:
+        """The tables, if there is the value."""
+        found = getattr(content, self.value)
+        return () if found is None else self.tables_of(found, content)
+
+    def to_dict(self, content: Any) -> dict[str, Any]:
+        """The value."""
+        found = getattr(content, self.value)
+        return {self.field or self.value: None if found is None else found.to_dict()}
 
 
-class FigureSection(Section):
+class FigureSection(Section, template="figures.html"):
     """A section that is figures, with words and tables."""
-
-    template: ClassVar[str] = "figures.html"
-
-    def show(self, numbers: Numbers) -> str:
-        """The figures as safe HTML; numbers that the section does not have are empty."""
-        return fill(self.template, {"title": self.title, **NO_FIGURES, **numbers})
 
 
 @dataclass(frozen=True)
 class Shown:
-    """A section of a page.
-
-    Attributes:
-        name: Its identifier.
-        title: Its heading.
-        body: Safe HTML.
-        folded: Whether it is closed until a click opens it.
-    """
+    """A section of a page as safe HTML."""
 
     name: str
     title: str
     body: str
     folded: bool = False
 
-    @classmethod
-    def of(cls, section: Section, numbers: Numbers) -> Shown:
-        """A section with its numbers."""
-        return cls(section.name, section.title, section.show(numbers), section.folded)
 
+def render_sections(
+    sections: Iterable[Section], content: PageContent, made: str, by: str | None = None
+) -> str:
+    """The page of the sections that have something to show, as HTML text to be written as UTF-8.
 
-def shown_sections(sections: Iterable[Section], content: Any) -> list[Shown]:
-    """The sections that have something to show."""
+    Args:
+        sections: In the order of the page.
+        content: What they show.
+        made: What was done, such as `identified`.
+        by: The version of steelyard that did it; this one if `None`.
+    """
     numbered = ((section, section.numbers(content)) for section in sections)
-    return [Shown.of(section, numbers) for section, numbers in numbered if numbers is not None]
+    shown = [
+        Shown(section.name, section.title, section.show(numbers), section.folded)
+        for section, numbers in numbered
+        if numbers is not None
+    ]
+    return page_of(content.title, content.robot, made, by or installed("steelyard"), shown)
 
 
 def figures(name: str, title: str, **numbers: Any) -> Shown:
     """A section of words, tables and figures; numbers that are not given are empty."""
-    return Shown(name, title, fill("figures.html", {"title": title, **NO_FIGURES, **numbers}))
+    return Shown(name, title, fill("figures.html", {"title": title, **EMPTY, **numbers}))
 
 
 def notes(name: str, title: str, sentences: Sequence[str], *, folded: bool = False) -> Shown | None:

@@ -1,14 +1,12 @@
 """Plain tables in sections: headings, rows of words, one of them marked."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
-if TYPE_CHECKING:
-    from rich.table import Table
-
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+from rich.text import Text
 
 COLUMNS_OF_DENSE_TABLE = 7
 """Columns from which on a table is set smaller, so that it fits on a screen."""
@@ -68,16 +66,10 @@ class PlainTable:
 def light_table(
     headings: Sequence[str], left: Sequence[int] = (0,), *, whole: bool = True
 ) -> Table:
-    """An empty table of the terminal without frame.
+    """An empty table of the terminal without frame, with some columns aligned to the left.
 
-    Args:
-        headings: One per column.
-        left: Columns of words, aligned to the left.
-        whole: In a narrow terminal words are broken, and numbers are not: for short headings.
+    In a narrow terminal words are broken and, if `whole`, numbers are not: for short headings.
     """
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
     table = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
     for number, heading in enumerate(headings):
         side: Literal["left", "right"] = "left" if number in left else "right"
@@ -89,30 +81,25 @@ def light_table(
 
 def text_table(table: PlainTable, title: str) -> Table:
     """The table for the terminal, under its caption, or under `title` if it has none."""
-    from rich.text import Text
-
     shown = light_table(table.headings, table.text, whole=False)
     shown.title, shown.title_justify = Text(table.caption or title), "left"
     if table.note:
         shown.caption, shown.caption_justify = Text(table.note), "left"
-    for row in table.rows:
-        cells = (Text(cell) for cell in row.cells)
-        shown.add_row(*cells, style="bold" if row.marked or row.total else None)
-    return shown
+    return _with_rows(shown, table, range(len(table.headings)))
 
 
 def narrow_table(table: PlainTable, columns: Sequence[int] | None = None) -> Table:
     """Some columns of a table for the terminal, or all, without lines between them."""
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-    from rich.text import Text
-
     chosen = range(len(table.headings)) if columns is None else columns
     shown = Table(box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
     for number in chosen:
         side: Literal["left", "right"] = "left" if number in table.text else "right"
         shown.add_column(table.headings[number], justify=side, overflow="fold")
+    return _with_rows(shown, table, chosen)
+
+
+def _with_rows(shown: Table, table: PlainTable, columns: Sequence[int]) -> Table:
     for row in table.rows:
-        cells = (Text(row.cells[number]) for number in chosen)
-        shown.add_row(*cells, style="bold" if row.marked or row.total else None)
+        style = "bold" if row.marked or row.total else None
+        shown.add_row(*(Text(row.cells[number]) for number in columns), style=style)
     return shown

@@ -1,6 +1,7 @@
 """Numbers as people read them; what is not a number never breaks a page."""
 
 import re
+from collections.abc import Sequence
 from math import floor, isfinite, log10
 from typing import Literal
 
@@ -95,6 +96,17 @@ def rounded_to_uncertainty(value: float, scale: float, digits: int = 2) -> str:
     if not (1e-6 <= scale < 1e6 and abs(value) < 1e9):
         return significant(value, 4)
     return fixed(value, _decimals(scale, digits))
+
+
+def first_names(names: Sequence[str], most: int) -> str:
+    """The first names, and the number of the others."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
+def with_interval(value: float, half_width: float) -> str:
+    """A number with the half-width of its interval, like `2.41 ± 0.13`."""
+    return f"{rounded_to_uncertainty(value, half_width)} ± {significant(half_width, 2)}"
 
 
 def count(number: int, thing: str) -> str:

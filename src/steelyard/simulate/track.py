@@ -16,16 +16,16 @@ from steelyard.base.progress import Progress, silent
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.excite.trajectories.trajectory_files import read_motion
 from steelyard.identify.comparison.compare_models import named_models
-from steelyard.identify.page.content import ReportContent
 from steelyard.model.equations.kinematics import frame_of, last_frame
 from steelyard.model.model import Model, ValuedModel
+from steelyard.report.page import render_sections
 from steelyard.report.result import Result
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Frame, Robot
 from steelyard.simulate.plant import Drives, customary_drives
 from steelyard.simulate.simulate import true_robot
-from steelyard.simulate.tracking_sections import TRACK_SECTIONS, render_tracking
+from steelyard.simulate.tracking_sections import TRACK_SECTIONS, TrackingContent
 from steelyard.simulate.truth import Truth
 from steelyard.simulate.virtual_robot import VirtualRobot
 from steelyard.uses.control.joint_control import PD, Control
@@ -168,15 +168,18 @@ class TrackingComparison(Result):
 
     Attributes:
         content: What the page shows.
-        tracking: Errors of the joints and of the tool.
     """
 
-    content: ReportContent
-    tracking: Tracking
+    content: TrackingContent
+
+    @property
+    def tracking(self) -> Tracking:
+        """Errors of the joints and of the tool."""
+        return self.content.tracking
 
     def report(self) -> str:
         """The report as one self-contained HTML page."""
-        return render_tracking(self.content)
+        return render_sections(TRACK_SECTIONS, self.content, "simulated")
 
     def write(self, folder: Path) -> None:
         """Write `tracking.html` and `tracking.json`."""
@@ -273,11 +276,11 @@ def track(
     notes = tuple(
         dict.fromkeys(note for each in named.values() for note in remarks_on_torques(each))
     )
-    content = ReportContent(
+    content = TrackingContent(
         title=f"Tracking of {loaded.robot.name}",
         robot=loaded.robot.name,
         tracking=found,
         notes=(*loaded.notes, *notes),
         settings=settings,
     )
-    return TrackingComparison(content, found)
+    return TrackingComparison(content)

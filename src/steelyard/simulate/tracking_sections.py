@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from importlib.metadata import version
-from typing import TYPE_CHECKING, Any, ClassVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.identify.page.content import ReportContent
-from steelyard.identify.page.logs_and_settings import SettingsSection
+from steelyard.identify.page.content import SettingsSection
 from steelyard.report.figures import Figure, Group, Key, evenly, line, thin
-from steelyard.report.page import FigureSection, Numbers, Section, fill, page_of, shown_sections
+from steelyard.report.page import FigureSection, Numbers, PageContent, Section
 from steelyard.report.tables import PlainTable, Row, text_table
 from steelyard.report.words import NONE, significant
 
@@ -29,28 +28,26 @@ ERROR_UNITS = {"rad": ("°", 180.0 / np.pi), "m": ("mm", 1e3)}
 """Units of joint errors for people, by that of the joint, and their factors."""
 
 
-class TrackingErrorsSection(Section):
+@dataclass(frozen=True, kw_only=True)
+class TrackingContent(PageContent):
+    """What the page of `steelyard track` shows: a motion run under several controllers."""
+
+    tracking: Tracking
+
+
+class TrackingErrorsSection(
+    Section, name="tracking", title="Tracking errors", template="tracking.html"
+):
     """Headline, and tables of root mean square and largest errors."""
 
-    name: ClassVar[str] = "tracking"
-    title: ClassVar[str] = "Tracking errors"
-
-    def numbers(self, content: ReportContent) -> Numbers | None:
-        """The tables, if a motion was tracked."""
+    def numbers(self, content: TrackingContent) -> Numbers:
+        """The tables."""
         found = content.tracking
-        if found is None:
-            return None
-        return {"headline": headline(found), "tables": tables(found), "title": self.title}
+        return {"headline": headline(found), "tables": tables(found)}
 
-    def show(self, numbers: Numbers) -> str:
-        """The numbers as safe HTML."""
-        return fill("tracking.html", numbers)
-
-    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+    def to_dict(self, content: TrackingContent) -> dict[str, Any]:
         """The headline, and errors per controller, SI units."""
         found = content.tracking
-        if found is None:
-            return {"controllers": None}
         joints = found.robot.coordinates
         return {
             "headline": headline(found),
@@ -58,13 +55,12 @@ class TrackingErrorsSection(Section):
             "controllers": [_run_values(found, run, joints) for run in found.runs],
         }
 
-    def printed(self, content: ReportContent) -> Iterable[RenderableType]:
+    def printed(self, content: TrackingContent) -> Iterable[RenderableType]:
         """The headline and the tables."""
         from rich.text import Text
 
-        if content.tracking is not None:
-            yield Text(headline(content.tracking), style="bold")
-            yield from (text_table(table, self.title) for table in tables(content.tracking))
+        yield Text(headline(content.tracking), style="bold")
+        yield from (text_table(table, self.title) for table in tables(content.tracking))
 
 
 def headline(found: Tracking) -> str:
@@ -162,17 +158,12 @@ ENLARGED_SHARE = 0.05
 """Share of the path's width that the largest deviation is drawn with."""
 
 
-class ToolPathSection(FigureSection):
+class ToolPathSection(FigureSection, name="tool-path", title="Path of the tool"):
     """Two pictures in the plane in which the path is widest."""
 
-    name: ClassVar[str] = "tool-path"
-    title: ClassVar[str] = "Path of the tool"
-
-    def numbers(self, content: ReportContent) -> Numbers | None:
-        """Paths, if a motion was tracked."""
+    def numbers(self, content: TrackingContent) -> Numbers:
+        """Paths."""
         found = content.tracking
-        if found is None:
-            return None
         a, b = plane(found)
         factor = magnification(found)
         words = f"deviations {factor:g} times as large"
@@ -241,17 +232,12 @@ ERROR_POINTS_BUDGET = 120_000
 """Points of all lines together."""
 
 
-class ErrorsOverTimeSection(FigureSection):
+class ErrorsOverTimeSection(FigureSection, name="errors-over-time", title="Errors over time"):
     """The tool's deviation, and a picture per joint."""
 
-    name: ClassVar[str] = "errors-over-time"
-    title: ClassVar[str] = "Errors over time"
-
-    def numbers(self, content: ReportContent) -> Numbers | None:
-        """Errors, if a motion was tracked."""
+    def numbers(self, content: TrackingContent) -> Numbers:
+        """Errors."""
         found = content.tracking
-        if found is None:
-            return None
         lines = (found.robot.n + 1) * len(found.runs)
         most = max(min(ERROR_LINE_POINTS, ERROR_POINTS_BUDGET // lines), 50)
         tool = [1e3 * run.deviation for run in found.runs]
@@ -281,9 +267,3 @@ TRACK_SECTIONS: tuple[Section, ...] = (
     ErrorsOverTimeSection(),
     SettingsSection(),
 )
-
-
-def render_tracking(content: ReportContent) -> str:
-    """The page as HTML text, to be written as UTF-8."""
-    shown = shown_sections(TRACK_SECTIONS, content)
-    return page_of(content.title, content.robot, "simulated", version("steelyard"), shown)

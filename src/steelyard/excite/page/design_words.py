@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from steelyard.excite.constraints.certificate import COVERS
 from steelyard.excite.designed import HELPFUL_SHARE
 from steelyard.excite.trajectories.families import FAMILIES
+from steelyard.report.page import LabelledValues, PageContent
 from steelyard.report.tables import light_table
 from steelyard.report.words import COLOURS, NONE, Level, count, percent, relative, significant
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from steelyard.excite.constraints.certificate import Extreme
     from steelyard.excite.constraints.constraint import Proof
     from steelyard.excite.designed import Advice, Designed
+    from steelyard.robot.file.excitation_sections import WorkspaceSection
 
 
 KINDS = {
@@ -63,6 +65,21 @@ USED_SHARE_HEADING = "Share of the limit used"
 
 MOST_EQUAL_DEVIATION = 0.02
 """Shares of deviations that differ by less are printed as one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DesignContent(PageContent):
+    """What the page of `steelyard excite` shows.
+
+    Attributes:
+        design: The motion.
+        workspace: Where its tool may be, drawn with its path; `None` if none is given.
+        files: What was written beside the page, and the files' names.
+    """
+
+    design: Designed
+    workspace: WorkspaceSection | None = None
+    files: LabelledValues = ()
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from math import isfinite
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.identified_parameters import WELL
 from steelyard.excite.page.design_words import (
+    DesignContent,
     Expected,
     brings,
     capitalised,
@@ -18,9 +19,8 @@ from steelyard.excite.page.design_words import (
     instead,
     used,
 )
-from steelyard.identify.page.content import ReportContent
 from steelyard.report.figures import thin
-from steelyard.report.page import Numbers, Section, fill, packed, rounded, script_json
+from steelyard.report.page import Numbers, Section, packed, rounded, script_json
 from steelyard.report.tables import PlainTable, Row
 from steelyard.report.words import percent, significant
 
@@ -46,17 +46,14 @@ LIMITS_ROOM_SHARE = 0.06
 """Share of the limits' width that is drawn beyond them."""
 
 
-class DesignJointsSection(Section):
+class DesignJointsSection(
+    Section, name="design-joints", title="Motion of the joints", template="design_joints.html"
+):
     """One picture per joint."""
 
-    name: ClassVar[str] = "design-joints"
-    title: ClassVar[str] = "Motion of the joints"
-
-    def numbers(self, content: ReportContent) -> Numbers | None:
+    def numbers(self, content: DesignContent) -> Numbers | None:
         """Lines and limits of every joint."""
         designed = content.design
-        if designed is None:
-            return None
         n = designed.robot.n
         most = max(min(JOINT_LINE_POINTS, JOINT_POINTS_BUDGET // (len(JOINT_ORDERS) * n)), 50)
         motion = designed.trajectory
@@ -76,10 +73,6 @@ class DesignJointsSection(Section):
                 for k, joint in enumerate(designed.robot.coordinates)
             ]
         }
-
-    def show(self, numbers: Numbers) -> str:
-        """The numbers as safe HTML."""
-        return fill("design_joints.html", numbers)
 
 
 def _joint_caption(designed: Designed, joint: int) -> str:
@@ -165,17 +158,14 @@ SINGULAR_VALUES_FLOOR = 1e-8
 """Singular values below this share of the greatest are drawn there."""
 
 
-class DesignShownSection(Section):
+class DesignShownSection(
+    Section, name="design-shown", title="Predicted accuracy", template="design_shown.html"
+):
     """Predicted standard deviations, what they assume, and singular values."""
 
-    name: ClassVar[str] = "design-shown"
-    title: ClassVar[str] = "Predicted accuracy"
-
-    def numbers(self, content: ReportContent) -> Numbers | None:
+    def numbers(self, content: DesignContent) -> Numbers | None:
         """All base parameters, the worst shown first."""
         designed = content.design
-        if designed is None:
-            return None
         rows = [_accuracy_row(one) for one in expected(designed)]
         return {
             "rows": rows[:OPEN_ROWS],
@@ -190,10 +180,6 @@ class DesignShownSection(Section):
             "raw": designed.shown.raw,
             "normalised": designed.shown.normalised,
         }
-
-    def show(self, numbers: Numbers) -> str:
-        """The numbers as safe HTML."""
-        return fill("design_shown.html", numbers)
 
 
 def _accuracy_row(one: Expected) -> dict[str, Any]:
@@ -252,16 +238,15 @@ def _decades(share: Any) -> list[float]:
     return [min(float(np.log10(share.min())) - 0.15, -1.15), 0.15]
 
 
-class DesignAdviceSection(Section):
+class DesignAdviceSection(
+    Section, name="design-advice", title="Additional motions", template="design_advice.html"
+):
     """Motions beside the designed one."""
 
-    name: ClassVar[str] = "design-advice"
-    title: ClassVar[str] = "Additional motions"
-
-    def numbers(self, content: ReportContent) -> Numbers | None:
+    def numbers(self, content: DesignContent) -> Numbers | None:
         """What each of them would bring."""
         designed = content.design
-        if designed is None or not designed.advice:
+        if not designed.advice:
             return None
         rows = [
             Row(
@@ -283,7 +268,3 @@ class DesignAdviceSection(Section):
             "This motion, extended by the same time",
         )
         return {"tables": [PlainTable("", "", headings, rows, (0, 3))], "title": self.title}
-
-    def show(self, numbers: Numbers) -> str:
-        """The numbers as safe HTML."""
-        return fill("design_advice.html", numbers)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from importlib.metadata import version
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from steelyard.excite.constraints.certificate import COVERS
 from steelyard.excite.page.design_words import (
     USED_SHARE_HEADING,
+    DesignContent,
     design_detail,
     design_headline,
     design_level,
@@ -31,16 +31,13 @@ from steelyard.excite.page.parameter_sections import (
     DesignShownSection,
 )
 from steelyard.excite.page.tool_section import DesignToolSection
-from steelyard.identify.page.content import ReportContent
-from steelyard.identify.page.logs_and_settings import SettingsSection
+from steelyard.identify.page.content import SettingsSection
 from steelyard.report.page import (
     Numbers,
     Section,
-    fill,
-    page_of,
+    render_sections,
     rounded,
     script_json,
-    shown_sections,
 )
 from steelyard.report.tables import PlainTable, Row
 from steelyard.report.words import NONE, count, significant
@@ -51,17 +48,14 @@ if TYPE_CHECKING:
     from steelyard.excite.designed import Designed
 
 
-class DesignVerdictSection(Section):
+class DesignVerdictSection(
+    Section, name="design", title="The designed motion", template="design_verdict.html"
+):
     """Headline, figures, what is tight, and what was assumed."""
 
-    name: ClassVar[str] = "design"
-    title: ClassVar[str] = "The designed motion"
-
-    def numbers(self, content: ReportContent) -> Numbers | None:
+    def numbers(self, content: DesignContent) -> Numbers | None:
         """Everything, if a motion was designed."""
         designed = content.design
-        if designed is None:
-            return None
         return {
             "level": design_level(designed),
             "headline": design_headline(designed),
@@ -75,10 +69,6 @@ class DesignVerdictSection(Section):
             "covers": COVERS,
             "uncovered": uncovered(designed),
         }
-
-    def show(self, numbers: Numbers) -> str:
-        """The numbers as safe HTML."""
-        return fill("design_verdict.html", numbers)
 
 
 def _margins_table(designed: Designed) -> PlainTable:
@@ -107,16 +97,13 @@ QUANTITY_NAMES = {"velocity": "speed"}
 """Quantities by another name."""
 
 
-class DesignProofSection(Section):
+class DesignProofSection(
+    Section, name="design-proof", title="Proven limits", template="design_proof.html"
+):
     """Tables of extremes and of margins."""
 
-    name: ClassVar[str] = "design-proof"
-    title: ClassVar[str] = "Proven limits"
-
-    def numbers(self, content: ReportContent) -> Numbers | None:
+    def numbers(self, content: DesignContent) -> Numbers | None:
         """The certificate."""
-        if content.design is None:
-            return None
         certificate = content.design.certificate
         return {
             "holds": certificate.holds,
@@ -131,10 +118,6 @@ class DesignProofSection(Section):
             "notes": [n for n in certificate.notes if n not in uncovered(content.design)],
             "constraints": [_constraint_margins(proof) for proof in certificate.proofs],
         }
-
-    def show(self, numbers: Numbers) -> str:
-        """The numbers as safe HTML."""
-        return fill("design_proof.html", numbers)
 
 
 def _extremes_of_joints(certificate: Certificate) -> list[tuple[str, list[dict[str, Any]]]]:
@@ -189,16 +172,15 @@ def _constraint_margins(proof: Proof) -> dict[str, Any]:
     }
 
 
-class DesignSearchSection(Section):
+class DesignSearchSection(
+    Section, name="design-search", title="The search", template="design_search.html"
+):
     """A picture of all improvements, and whether more time would pay."""
 
-    name: ClassVar[str] = "design-search"
-    title: ClassVar[str] = "The search"
-
-    def numbers(self, content: ReportContent) -> Numbers | None:
+    def numbers(self, content: DesignContent) -> Numbers | None:
         """Improvements, if the motion was searched for."""
         designed = content.design
-        if designed is None or not designed.course:
+        if not designed.course:
             return None
         last = designed.course[-1]
         return {
@@ -211,10 +193,6 @@ class DesignSearchSection(Section):
             "stopped": designed.stopped,
             "picture": script_json(_search_figure(designed)),
         }
-
-    def show(self, numbers: Numbers) -> str:
-        """The numbers as safe HTML."""
-        return fill("design_search.html", numbers)
 
 
 def _search_figure(designed: Designed) -> dict[str, Any]:
@@ -253,27 +231,18 @@ def _search_figure(designed: Designed) -> dict[str, Any]:
     }
 
 
-class DesignRunSection(Section):
+class DesignRunSection(Section, name="design-run", title="Run it", template="design_run.html"):
     """Files and commands."""
 
-    name: ClassVar[str] = "design-run"
-    title: ClassVar[str] = "Run it"
-
-    def numbers(self, content: ReportContent) -> Numbers | None:
+    def numbers(self, content: DesignContent) -> Numbers | None:
         """Files, and whether the motion may be run."""
         designed = content.design
-        if designed is None:
-            return None
         return {
             "safe": designed.certificate.holds,
             "files": content.files,
             "seconds": f"{designed.trajectory.duration:.4g} s",
             "slow": f"{5.0 * designed.trajectory.duration:.4g} s",
         }
-
-    def show(self, numbers: Numbers) -> str:
-        """The numbers as safe HTML."""
-        return fill("design_run.html", numbers)
 
 
 DESIGN_SECTIONS: tuple[Section, ...] = (
@@ -289,7 +258,6 @@ DESIGN_SECTIONS: tuple[Section, ...] = (
 """Sections about a designed motion."""
 
 
-def render_design(content: ReportContent) -> str:
+def render_design(content: DesignContent) -> str:
     """The page as HTML text, to be written as UTF-8."""
-    shown = shown_sections((*DESIGN_SECTIONS, SettingsSection()), content)
-    return page_of(content.title, content.robot, "designed", version("steelyard"), shown)
+    return render_sections((*DESIGN_SECTIONS, SettingsSection()), content, "designed")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from steelyard.base.arrays import Array
+from steelyard.excite.page.design_words import DesignContent
 from steelyard.excite.page.robot_in_space import (
     SPACE_AXES,
     Face,
@@ -18,8 +19,7 @@ from steelyard.excite.page.robot_in_space import (
     skeleton,
     tool_path,
 )
-from steelyard.identify.page.content import ReportContent
-from steelyard.report.page import Numbers, Section, fill, packed, rounded, script_json
+from steelyard.report.page import Numbers, Section, packed, rounded, script_json
 from steelyard.report.words import significant
 from steelyard.robot.loop_closures import all_joints
 
@@ -38,17 +38,14 @@ TIME_COLOURS = [[0.0, "--blue"], [0.5, "--purple"], [1.0, "--amber"]]
 WALL, FORBIDDEN = "--poor", "--forbidden"
 
 
-class DesignToolSection(Section):
+class DesignToolSection(
+    Section, name="design-tool", title="Path of the tool", template="design_tool.html"
+):
     """A picture in space, and one from each side."""
 
-    name: ClassVar[str] = "design-tool"
-    title: ClassVar[str] = "Path of the tool"
-
-    def numbers(self, content: ReportContent) -> Numbers | None:
+    def numbers(self, content: DesignContent) -> Numbers | None:
         """Path, arm and walls."""
         designed = content.design
-        if designed is None:
-            return None
         robot, tool = designed.robot, designed.tool
         t = np.linspace(0.0, designed.trajectory.duration, TOOL_PATH_POINTS)
         joints = all_joints(robot, designed.trajectory.derivative(t, 0))
@@ -70,10 +67,6 @@ class DesignToolSection(Section):
                 for words, a, b in VIEWS
             ],
         }
-
-    def show(self, numbers: Numbers) -> str:
-        """The numbers as safe HTML."""
-        return fill("design_tool.html", numbers)
 
 
 def _spans(path: Array) -> str:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from textwrap import wrap
 
-from steelyard.export.code.c_observer import ObserverCode
-from steelyard.export.code.c_state import StateCode
+from steelyard.export.code.c_observer import observer_code
+from steelyard.export.code.c_state import closing_code, memory_code
 from steelyard.export.code.functions import Controller, Function
 from steelyard.robot.robot import Coordinate
 from steelyard.symbolic.source_code import CFunction, Precision, c_function, c_literal
@@ -20,9 +20,7 @@ _SIGNS = str.maketrans({"²": "^2", "³": "^3", "√": "sqrt "})
 def identifier(text: str, otherwise: str) -> str:
     """Letters, digits and single underscores of a name, with a letter first; never empty.
 
-    Args:
-        text: The name.
-        otherwise: What stands before a name that begins with a digit, and for one without letters.
+    `otherwise` stands before a name that begins with a digit, and for one without letters.
     """
     plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
     name = re.sub(r"[^A-Za-z0-9]+", "_", plain).strip("_").lower()
@@ -40,6 +38,13 @@ def identifiers(names: Sequence[str], otherwise: str) -> tuple[str, ...]:
             candidate = f"{plain}_{count}"
         found.append(candidate)
     return tuple(found)
+
+
+def named_functions(controller: Controller) -> dict[str, Function]:
+    """The functions of a controller by their identifiers in code."""
+    listed = controller.functions
+    names = identifiers([function.name for function in listed], "function")
+    return dict(zip(names, listed, strict=True))
 
 
 def commented(text: str) -> str:
@@ -81,22 +86,26 @@ class CCode:
     @cached_property
     def functions(self) -> Mapping[str, tuple[Function, CFunction]]:
         """The functions by their names in C, without the prefix."""
-        listed = self.controller.functions
-        names = identifiers([function.name for function in listed], "function")
         return {
             name: (f, c_function(f.program, f"{self.name}_{name}", f.sizes, self.precision))
-            for name, f in zip(names, listed, strict=True)
+            for name, f in named_functions(self.controller).items()
         }
 
-    @cached_property
-    def state(self) -> StateCode:
-        """The functions that go from sample to sample."""
-        return StateCode(self.name, self.precision, self.controller)
+    @property
+    def passive(self) -> int:
+        """Number of passive joints."""
+        return len(self.controller.model.robot.passive)
 
     @cached_property
-    def observer(self) -> ObserverCode:
-        """The functions that observe external efforts."""
-        return ObserverCode(self.name, self.precision, self.controller)
+    def _of_samples(self) -> list[tuple[str, str]]:
+        """Declarations and definitions of functions that go from sample to sample."""
+        name, real, robot = self.name, self.precision, self.controller.model.robot
+        texts = (
+            closing_code(name, real, robot),
+            memory_code(name, real, robot, self.controller.n_memory),
+            observer_code(name, real, self.controller),
+        )
+        return [text for text in texts if any(text)]
 
     @property
     def stack(self) -> int:
@@ -124,8 +133,7 @@ class CCode:
             *self._joint_numbers(),
             *declared,
             *self._parameters_declared(),
-            *self.state.declarations(),
-            *self.observer.declarations(),
+            *(declared for declared, _ in self._of_samples),
             "#ifdef __cplusplus",
             "}",
             "#endif",
@@ -148,8 +156,7 @@ class CCode:
             "",
             *functions,
             *self._parameters_defined(),
-            *self.state.definitions(),
-            *self.observer.definitions(),
+            *(defined for _, defined in self._of_samples),
         )
         return "\n".join(parts).rstrip("\n") + "\n"
 
@@ -213,6 +220,11 @@ class CCode:
 def joint_lines(coordinates: Sequence[Coordinate]) -> list[str]:
     """Number, name and units of every joint."""
     return [f"  {k} {c.name} [{c.unit}, {c.effort_unit}]" for k, c in enumerate(coordinates)]
+
+
+def joint_list(coordinates: Sequence[Coordinate]) -> str:
+    """The same as a list of Markdown."""
+    return "\n".join(f"- {commented(line.strip())}" for line in joint_lines(coordinates))
 
 
 def comment(lines: Sequence[str]) -> str:

@@ -1,7 +1,6 @@
 """The folder of a C export: header, source, CMakeLists, README, and a self-test of states."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -13,132 +12,80 @@ from steelyard.model.equations.passive_joints import passive_positions, random_p
 from steelyard.symbolic.program import run
 from steelyard.symbolic.source_code import c_literal
 
+Arrays = Mapping[str, Array]
+"""Arguments and results by name, each of shape `(entries, N)`."""
 
-@dataclass(frozen=True, eq=False)
-class States:
+
+def _random_states(controller: Controller, count: int) -> Arrays:
     """States of the joints: first at zero or at the first position, at rest; then random.
 
-    Attributes:
-        arrays: `q`, `passive`, `dq`, `ddq` and `tau`, each of shape `(entries, N)`.
+    Half turns are among those of trees.
     """
-
-    arrays: Mapping[str, Array]
-
-    @classmethod
-    def random(cls, controller: Controller, count: int, seed: int = 0) -> "States":
-        """Some states of a robot; half turns are among those of trees."""
-        robot, rng = controller.model.robot, np.random.default_rng(seed)
-        q, passive = random_positions(robot, count, rng)
-        dq, ddq, tau = (_short(size * rng.normal(size=q.shape)) for size in (1.0, 3.0, 10.0))
-        dq[:, 0] = ddq[:, 0] = 0.0
-        if not robot.passive:
-            q = _short(q)
-            q[:, 0], q[:, 1:2] = 0.0, np.float32(np.pi)
-        return cls({"q": q, "passive": passive, "dq": dq, "ddq": ddq, "tau": tau})
-
-    def results(self, function: Function) -> Array:
-        """What a function without memory is there, shape `(entries, N)`."""
-        return run(function.program, [self.arrays[x.name] for x in function.program.inputs])
+    robot, rng = controller.model.robot, np.random.default_rng(0)
+    q, passive = random_positions(robot, count, rng)
+    dq, ddq, tau = (_short(size * rng.normal(size=q.shape)) for size in (1.0, 3.0, 10.0))
+    dq[:, 0] = ddq[:, 0] = 0.0
+    if not robot.passive:
+        q = _short(q)
+        q[:, 0], q[:, 1:2] = 0.0, np.float32(np.pi)
+    return {"q": q, "passive": passive, "dq": dq, "ddq": ddq, "tau": tau}
 
 
-@dataclass(frozen=True, eq=False)
-class Path:
-    """Consecutive samples of a motion, and the efforts of a model with memory.
+def _path(controller: Controller, count: int) -> Arrays:
+    """Consecutive samples of a motion that reverses, and the efforts of a model with memory."""
+    n = controller.model.robot.n
+    functions = {function.name: function for function in controller.functions}
+    rates = 5.0 + np.arange(n, dtype=np.float64)[:, None]
+    phase = rates * 0.02 * np.arange(count, dtype=np.float64)
+    arrays = _near_reference(controller, rates, phase)
+    arrays["ddq"] = _short(-0.05 * rates**2 * np.sin(phase))
+    efforts, memory = [], _at(functions["begun"], arrays, 0)
+    for k in range(count):
+        found = _at(functions["stepped"], {**arrays, "memory": memory[:, None]}, k)
+        efforts.append(found[:n])
+        memory = found[n:]
+    return {**arrays, "tau": np.array(efforts).T}
 
-    Attributes:
-        arrays: `q`, `passive`, `dq` and `ddq`, each of shape `(entries, N)`.
-        tau: Shape `(n, N)`.
+
+def _observed(controller: Controller, count: int, rate: float, longest: float) -> Arrays:
+    """Consecutive samples of a motion, with a gap in the middle, and the external efforts there.
+
+    The bandwidth of the observer is `rate` [rad/s], the longest step without a gap `longest` [s].
     """
-
-    arrays: Mapping[str, Array]
-    tau: Array
-
-    @classmethod
-    def of(cls, controller: Controller, count: int) -> "Path":
-        """A motion near the reference configuration that reverses, and begins at some speed."""
-        robot = controller.model.robot
-        functions = {function.name: function for function in controller.functions}
-        rates = 5.0 + np.arange(robot.n)[:, None]
-        phase = rates * 0.02 * np.arange(count)
-        q = _short(robot.assembly[: robot.n, None] + 0.05 * np.sin(phase))
-        arrays = {
-            "q": q,
-            "passive": passive_positions(robot, q),
-            "dq": _short(0.05 * rates * np.cos(phase)),
-            "ddq": _short(-0.05 * rates**2 * np.sin(phase)),
-        }
-        efforts, memory = [], _at(functions["begun"], arrays, 0)
-        for k in range(count):
-            found = _at(functions["stepped"], {**arrays, "memory": memory[:, None]}, k)
-            efforts.append(found[: robot.n])
-            memory = found[robot.n :]
-        return cls(arrays, np.array(efforts).T)
-
-
-@dataclass(frozen=True, eq=False)
-class Observed:
-    """Consecutive samples of a motion, and the external efforts that an observer finds.
-
-    Attributes:
-        t: Time, shape `(N,)` [s]; one step is a gap.
-        arrays: `q`, `passive`, `dq` and `tau`, each of shape `(entries, N)`.
-        external: Shape `(n, N)`.
-    """
-
-    t: Array
-    arrays: Mapping[str, Array]
-    external: Array
-
-    @classmethod
-    def of(cls, controller: Controller, count: int, rate: float, longest: float) -> "Observed":
-        """A motion near the reference configuration, with a gap in the middle.
-
-        Args:
-            controller: The model.
-            count: Number of samples.
-            rate: Bandwidth of the observer [rad/s].
-            longest: Longest step that is no gap [s].
-        """
-        functions = {function.name: function for function in controller.functions}
-        t: Array = 0.4 * longest * np.arange(count, dtype=np.float64)
-        t[count // 2 :] += 2.0 * longest
-        q, dq = _reversing(controller, t)
-        phase = np.arange(1.0, controller.model.robot.n + 1.0)[:, None] * np.arange(count)
-        arrays = {
-            "q": q,
-            "passive": passive_positions(controller.model.robot, q),
-            "dq": dq,
-            "tau": _short(5.0 * np.cos(phase)),
-        }
-        n, state = len(q), np.zeros(0)
-        found = []
-        for k in range(count):
-            since = t[k] - t[k - 1]
-            if begins := k == 0 or since > longest:
-                kept = np.zeros(3 * n)
-                kept[2 * n :] = dq[:, k]
-                state = np.concatenate([kept, np.zeros(n)])
-                if controller.n_memory:
-                    state = np.concatenate([state, _at(functions["begun"], arrays, k)])
-            left, inverse = (1.0, 0.0) if begins else (np.exp(-rate * since), 1.0 / since)
-            names = ("momentum", "drive", "slow", "torque", "memory")
-            parts = dict(zip(names, np.split(state, [n, 2 * n, 3 * n, 4 * n]), strict=True))
-            scalars = np.array([left, inverse, rate])
-            given = {name: x[:, None] for name, x in (parts | {"scalars": scalars}).items()}
-            state = _at(functions["observed"], {**arrays, **given}, k)
-            found.append(state[3 * n : 4 * n])
-        return cls(t, arrays, np.array(found).T)
+    n, state = controller.model.robot.n, np.zeros(0)
+    functions = {function.name: function for function in controller.functions}
+    t: Array = 0.4 * longest * np.arange(count, dtype=np.float64)
+    t[count // 2 :] += 2.0 * longest
+    rates = 5.0 + np.arange(n, dtype=np.float64)[:, None]
+    arrays = _near_reference(controller, rates, rates * t)
+    phase = np.arange(1.0, n + 1.0)[:, None] * np.arange(count)
+    arrays["tau"] = _short(5.0 * np.cos(phase))
+    found = []
+    for k in range(count):
+        since = t[k] - t[k - 1]
+        if begins := k == 0 or since > longest:
+            state = np.concatenate([np.zeros(2 * n), arrays["dq"][:, k], np.zeros(n)])
+            if controller.n_memory:
+                state = np.concatenate([state, _at(functions["begun"], arrays, k)])
+        left, inverse = (1.0, 0.0) if begins else (np.exp(-rate * since), 1.0 / since)
+        names = ("momentum", "drive", "slow", "torque", "memory")
+        parts = dict(zip(names, np.split(state, [n, 2 * n, 3 * n, 4 * n]), strict=True))
+        parts["scalars"] = np.array([left, inverse, rate])
+        given = {name: x[:, None] for name, x in parts.items()}
+        state = _at(functions["observed"], {**arrays, **given}, k)
+        found.append(state[3 * n : 4 * n])
+    return {**arrays, "t": t, "external": np.array(found).T}
 
 
-def _reversing(controller: Controller, t: Array) -> tuple[Array, Array]:
-    """Positions and velocities of a motion near the reference configuration, `(n, N)`."""
+def _near_reference(controller: Controller, rates: Array, phase: Array) -> dict[str, Array]:
+    """Positions and velocities of a motion near the reference configuration."""
     robot = controller.model.robot
-    rates = 5.0 + np.arange(robot.n)[:, None]
-    q = robot.assembly[: robot.n, None] + 0.05 * np.sin(rates * t)
-    return _short(np.asarray(q)), _short(np.asarray(0.05 * rates * np.cos(rates * t)))
+    q = _short(robot.assembly[: robot.n, None] + 0.05 * np.sin(phase))
+    dq = _short(0.05 * rates * np.cos(phase))
+    return {"q": q, "passive": passive_positions(robot, q), "dq": dq}
 
 
-def _at(function: Function, arrays: Mapping[str, Array], sample: int) -> Array:
+def _at(function: Function, arrays: Arrays, sample: int) -> Array:
     """A function's results at one sample; an array of one sample holds at all."""
     given = [arrays[x.name] for x in function.program.inputs]
     return run(function.program, [x[:, min(sample, x.shape[1] - 1)][:, None] for x in given])[:, 0]
@@ -160,39 +107,44 @@ TOLERANCE = {"double": 1e-10, "float": 1e-4}
 
 def self_test(code: CCode) -> str:
     """A program that ends with 0 if the code computes what Python computes."""
-    name, real = code.name, code.precision
-    states = States.random(code.controller, STATES)
-    public = [function for function, _ in code.functions.values() if function.public]
-    read = {x.name for function in public for x in function.program.inputs}
-    tables = {x: _table(code, x, array) for x, array in states.arrays.items() if x in read}
+    name, real, controller = code.name, code.precision, code.controller
+    states = _random_states(controller, STATES)
+    public = [(call, function) for call, (function, _) in code.functions.items() if function.public]
+    read = {x.name for _, function in public for x in function.program.inputs}
+    tables = {x: _table(code, x, array) for x, array in states.items() if x in read}
     checks: list[str] = []
-    for call, (function, _) in code.functions.items():
-        if not function.public:
-            continue
-        arguments = ", ".join(f"{x.name}[k]" for x in function.program.inputs)
-        results, first = states.results(function), 0
-        places = []
-        for output, size in function.sizes:
-            table = f"{call}_{output}"
-            tables[table] = _table(code, table, results[first : first + size])
-            places.append((output, table, size))
-            first += size
-        checks.append(_check(code, call, arguments, places))
-    if code.state.passive:
+    for call, function in public:
+        names = [x.name for x in function.program.inputs]
+        results = run(function.program, [states[x] for x in names])
+        parts = np.split(results, np.cumsum([size for _, size in function.sizes])[:-1])
+        found = {
+            f"{x}_found": len(part) for (x, _), part in zip(function.sizes, parts, strict=True)
+        }
+        expected = [f"{call}_{x}" for x, _ in function.sizes]
+        tables |= {x: _table(code, x, part) for x, part in zip(expected, parts, strict=True)}
+        declared = "".join(f"        {real} {x}[{size}];\n" for x, size in found.items())
+        compared = "".join(
+            f"        compare({x}, {table}[k], {size});\n"
+            for (x, size), table in zip(found.items(), expected, strict=True)
+        )
+        given = ", ".join([*(f"{x}[k]" for x in names), *found])
+        checks.append(
+            f"    for (k = 0; k < {STATES}; ++k) {{\n{declared}"
+            f"        {name}_{call}({given});\n{compared}    }}\n"
+        )
+    if code.passive:
         checks.append(_closing_check(code))
-    if code.state.memory:
-        path = Path.of(code.controller, SAMPLES)
-        for x in ("q", "dq", "ddq"):
-            tables[f"path_{x}"] = _table(code, f"path_{x}", path.arrays[x])
-        tables["path_tau"] = _table(code, "path_tau", path.tau)
+    if controller.n_memory:
+        path = _path(controller, SAMPLES)
+        for x in ("q", "dq", "ddq", "tau"):
+            tables[f"path_{x}"] = _table(code, f"path_{x}", path[x])
         checks.append(_path_check(code))
-    if code.observer.numbers is not None:
+    if controller.observer is not None:
         rate, longest = 2.0 * np.pi * TESTED_BANDWIDTH, GAP / (PER_PERIOD * TESTED_BANDWIDTH)
-        seen = Observed.of(code.controller, SAMPLES, rate, longest)
-        for x in ("q", "dq", "tau"):
-            tables[f"seen_{x}"] = _table(code, f"seen_{x}", seen.arrays[x])
-        tables["seen_external"] = _table(code, "seen_external", seen.external)
-        times = ", ".join(c_literal(float(x)) for x in seen.t)
+        seen = _observed(controller, SAMPLES, rate, longest)
+        for x in ("q", "dq", "tau", "external"):
+            tables[f"seen_{x}"] = _table(code, f"seen_{x}", seen[x])
+        times = ", ".join(c_literal(float(x)) for x in seen["t"])
         tables["seen_t"] = f"static const double seen_t[{SAMPLES}] = {{{times}}};\n\n"
         checks.append(_observer_check(code))
     end = "" if real == "double" else "f"
@@ -205,7 +157,7 @@ def self_test(code: CCode) -> str:
 
 {"".join(tables.values())}
 static const {real} allowed = {c_literal(TOLERANCE[real], real)};
-static {real} worst = {_zero(code)};
+static {real} worst = {c_literal(0.0, real)};
 static int wrong = 0;
 
 static void compare(const {real} *found, const {real} *expected, int count)
@@ -234,25 +186,13 @@ int main(void)
 """
 
 
-def _check(code: CCode, call: str, arguments: str, places: Sequence[tuple[str, str, int]]) -> str:
-    results = "".join(f"        {code.precision} {x}_found[{size}];\n" for x, _, size in places)
-    given = ", ".join([arguments, *(f"{x}_found" for x, _, _ in places)])
-    compared = "".join(
-        f"        compare({x}_found, {table}[k], {size});\n" for x, table, size in places
-    )
-    return (
-        f"    for (k = 0; k < {STATES}; ++k) {{\n{results}"
-        f"        {code.name}_{call}({given});\n{compared}    }}\n"
-    )
-
-
 def _closing_check(code: CCode) -> str:
     """Newton's method comes back from a start nearby."""
-    real, p = code.precision, code.state.passive
+    real, p = code.precision, code.passive
     near = c_literal(0.01, real)
     return f"""\
     for (k = 0; k < {STATES}; ++k) {{
-        {real} found[{p}], none[1] = {{{_zero(code)}}}, gap[1];
+        {real} found[{p}], none[1] = {{{c_literal(0.0, real)}}}, gap[1];
         int i;
         for (i = 0; i < {p}; ++i) {{
             found[i] = passive[k][i] + {near};
@@ -265,7 +205,7 @@ def _closing_check(code: CCode) -> str:
 
 
 def _path_check(code: CCode) -> str:
-    n, real = code.state.n, code.precision
+    n, real = code.controller.model.robot.n, code.precision
     return f"""\
     {{
         {code.name}_state state;
@@ -280,7 +220,7 @@ def _path_check(code: CCode) -> str:
 
 
 def _observer_check(code: CCode) -> str:
-    n, real = code.state.n, code.precision
+    n, real = code.controller.model.robot.n, code.precision
     return f"""\
     {{
         {code.name}_observer observer;
@@ -301,10 +241,6 @@ def _table(code: CCode, name: str, array: Array) -> str:
     body = ",\n".join(f"    {{{row}}}" for row in rows)
     head = f"static const {code.precision} {name}[{array.shape[1]}][{len(array)}]"
     return f"{head} = {{\n{body}\n}};\n\n"
-
-
-def _zero(code: CCode) -> str:
-    return c_literal(0.0, code.precision)
 
 
 def c_files(code: CCode) -> dict[str, str]:
@@ -388,43 +324,35 @@ mathematical libraries differ in theirs: compare with a tolerance, as the test d
   others.
 - Feedforward takes friction from the desired velocity: friction of the measured velocity changes
   sign with its noise.
-{_closed(code)}{_memory(code)}{_observer(code)}"""
+{_on_states(code)}"""
 
 
-def _closed(code: CCode) -> str:
-    if not code.state.passive:
-        return ""
-    return f"""\
-- Closed chains: positions are those of the driven joints. `{code.name}_follow` finds the passive
-  joints at the first sample, `{code.name}_close` at every further one, from those of the sample
+def _on_states(code: CCode) -> str:
+    """What to know of functions that go from sample to sample."""
+    name, numbers, text = code.name, code.controller.observer, ""
+    if code.passive:
+        text += f"""\
+- Closed chains: positions are those of the driven joints. `{name}_follow` finds the passive
+  joints at the first sample, `{name}_close` at every further one, from those of the sample
   before; both return the closure error. A passive joint must not move by more than about 0.5 rad
   between two samples.
 """
-
-
-def _observer(code: CCode) -> str:
-    numbers = code.observer.numbers
-    if numbers is None:
-        return ""
-    contact = ""
-    if numbers.thresholds is not None:
-        contact = f"""\
-  `{code.name}_observer_contact` compares them with thresholds of contact for
+    if code.controller.n_memory:
+        text += f"""\
+- Friction remembers the motion: `{name}_start` and `{name}_step` compute the efforts of
+  consecutive samples. There is no function of one sample alone for the torque of all terms, for
+  friction and for the regressor: without the state they are not defined.
+"""
+    if numbers is not None:
+        text += f"""\
+- External efforts: `{name}_observer_start` and `{name}_observer_step` observe them from
+  positions, velocities and joint efforts of consecutive samples; times are of type `double`.
+"""
+    if numbers is not None and numbers.thresholds is not None:
+        text += f"""\
+  `{name}_observer_contact` compares them with thresholds of contact for
   {numbers.thresholds.rate:.3g} false alarms per hour at {numbers.bandwidth:g} Hz; changes at rest,
   which `steelyard contact` tests as well, are not compared. They are of smoothed motion: take as
   contact what lasts for two samples or more, as velocities jump at abrupt stops.
 """
-    return f"""\
-- External efforts: `{code.name}_observer_start` and `{code.name}_observer_step` observe them from
-  positions, velocities and joint efforts of consecutive samples; times are of type `double`.
-{contact}"""
-
-
-def _memory(code: CCode) -> str:
-    if not code.state.memory:
-        return ""
-    return f"""\
-- Friction remembers the motion: `{code.name}_start` and `{code.name}_step` compute the efforts of
-  consecutive samples. There is no function of one sample alone for the torque of all terms, for
-  friction and for the regressor: without the state they are not defined.
-"""
+    return text

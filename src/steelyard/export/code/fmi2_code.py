@@ -76,15 +76,9 @@ NOT_OFFERED = (
 
 
 def fmi2_code(code: CCode, guid: str, starts: Sequence[float]) -> str:
-    """The source file beside the model's own.
-
-    Args:
-        code: The model in C, with a torque or with a state.
-        guid: As in the model description.
-        starts: Values of all inputs at the start.
-    """
+    """The source file beside that of a model with a torque or a state; `starts` of all inputs."""
     name, n = code.name, code.controller.model.robot.n
-    inputs, outputs = 3 * n, n + bool(code.state.passive)
+    inputs, outputs = 3 * n, n + bool(code.passive)
     return f"""\
 /* FMI 2.0 co-simulation of {name}.c: inputs are positions, velocities and accelerations of all
    joints, outputs their efforts at the inputs of the last step. */
@@ -225,22 +219,22 @@ EXPORT fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2
 
 def fields(code: CCode) -> str:
     """Fields of a struct for what `evaluation` keeps from sample to sample, beside `begun`."""
-    if code.state.memory:
+    if code.controller.n_memory:
         return f"    {code.name}_state state;\n"
-    return f"    double passive[{code.state.passive}];\n" if code.state.passive else ""
+    return f"    double passive[{code.passive}];\n" if code.passive else ""
 
 
 def evaluation(code: CCode) -> str:
     """Efforts `tau` at `q`, `dq` and `ddq`, then the closure error; a first call starts `me`."""
     name, n = code.name, code.controller.model.robot.n
-    gap = f"tau[{n}] = " if code.state.passive else ""
-    if code.state.memory:
+    gap = f"tau[{n}] = " if code.passive else ""
+    if code.controller.n_memory:
         return f"""\
     if (!me->begun) {{
         {gap}{name}_start(&me->state, q, dq);
     }}
     {gap}{name}_step(&me->state, q, dq, ddq, tau);"""
-    if code.state.passive:
+    if code.passive:
         return f"""\
     {gap}me->begun ? {name}_close(q, me->passive) : {name}_follow(q, me->passive);
     {name}_torque(q, me->passive, dq, ddq, tau);"""

@@ -12,7 +12,7 @@ from steelyard.estimate.external.residual_peaks import FEWEST
 from steelyard.estimate.identified import IdentifiedModel, load_model
 from steelyard.estimate.scores.joint_errors import known_efforts
 from steelyard.estimate.scores.residuals import sliding_friction, supported_rate
-from steelyard.export.code.c_code import CCode, identifier, identifiers
+from steelyard.export.code.c_code import CCode, identifier, identifiers, named_functions
 from steelyard.export.code.c_files import c_files
 from steelyard.export.code.fmu import write_fmu
 from steelyard.export.code.functions import (
@@ -42,11 +42,6 @@ def controller_of(
         functions: Names of `FUNCTIONS`, or `OBSERVER`; the usual ones if empty.
         frames: Names of frames whose pose and Jacobian are wanted; if empty, the last frame on
             every link that carries no other.
-
-    Raises:
-        ModelError: Its efforts are known up to a scale only or lack the weight; or there is no
-            such frame.
-        DataError: There is no such function.
     """
     _refuse_unusable(identified)
     robot = identified.model.robot
@@ -90,11 +85,6 @@ def end_frames(robot: Robot) -> tuple[str, ...]:
     ends = [k for k in range(len(robot.bodies)) if k not in parents]
     last = {frame.body: frame.name for frame in robot.frames}
     return tuple(last.get(k, robot.bodies[k].name) for k in ends)
-
-
-def absent(controller: Controller) -> tuple[str, ...]:
-    """Functions that are wanted but need the memory of friction."""
-    return tuple(n for n in controller.names if controller.n_memory and n in OF_ALL_TERMS)
 
 
 def origin_of(identified: IdentifiedModel) -> tuple[str, ...]:
@@ -185,19 +175,12 @@ class WrittenCode:
 
         The observer has several.
         """
-        listed = self.controller.functions
-        names = identifiers([function.name for function in listed], "function")
-        public = (name for name, f in zip(names, listed, strict=True) if f.public)
-        remembering = ("start", "step") if self.controller.n_memory else ()
-        return (*public, *remembering, *observer_functions(self.controller))
-
-
-def observer_functions(controller: Controller) -> tuple[str, ...]:
-    """Names of the observer's functions, if it is wanted."""
-    if controller.observer is None:
-        return ()
-    contact = () if controller.observer.thresholds is None else ("observer_contact",)
-    return ("observer_start", "observer_step", *contact)
+        numbers = self.controller.observer
+        names = [name for name, f in named_functions(self.controller).items() if f.public]
+        names += ("start", "step") if self.controller.n_memory else ()
+        names += () if numbers is None else ("observer_start", "observer_step")
+        names += () if numbers is None or numbers.thresholds is None else ("observer_contact",)
+        return tuple(names)
 
 
 def write_code(
@@ -228,7 +211,13 @@ def write_code(
     controller, origin = controller_of(identified, functions, frames), origin_of(identified)
     if form in FIXED_FUNCTIONS:
         controller = replace(controller, names=FIXED_FUNCTIONS[form], frames=())
-    renamed, lacking = _renamed(controller), absent(controller)
+    robot = controller.model.robot
+    names = {robot.name: identifier(robot.name, "robot")}
+    names |= dict(zip(robot.joint_names, identifiers(robot.joint_names, "joint"), strict=True))
+    renamed = {name: plain for name, plain in names.items() if name != plain}
+    # of formats without a choice nothing is absent: they step with memory
+    needs_memory = OF_ALL_TERMS if controller.n_memory and form not in FIXED_FUNCTIONS else ()
+    lacking = tuple(name for name in controller.names if name in needs_memory)
     if form == "python":
         with whole_file(path) as part:
             part.write_text(python_code(controller, origin), encoding="utf-8")
@@ -236,26 +225,19 @@ def write_code(
     code = CCode(controller, precision, origin)
     if form == "fmu":
         with whole_file(path) as part:
-            return WrittenCode(controller, write_fmu(code, part), renamed, (), code.stack)
+            return WrittenCode(controller, write_fmu(code, part), renamed, lacking, code.stack)
     files = FOLDER_FORMATS[form](code)
     with whole_folder(path) as part:
         for name, text in files.items():
             (part / name).parent.mkdir(exist_ok=True)
             (part / name).write_text(text, encoding="utf-8", newline="\n")
-    # of formats without a choice nothing is absent: they step with memory
-    return WrittenCode(
-        controller, tuple(files), renamed, () if form in FIXED_FUNCTIONS else lacking, code.stack
-    )
+    return WrittenCode(controller, tuple(files), renamed, lacking, code.stack)
 
 
 def _refuse_needless(
     form: CodeFormat, precision: Precision, functions: Sequence[str], frames: Sequence[str]
 ) -> None:
-    """Refuse what a format has no use for.
-
-    Raises:
-        OutputError: Something of it is given.
-    """
+    """Refuse what a format has no use for."""
     given = {
         "precision": form != "c" and precision != "double",
         "functions": form in FIXED_FUNCTIONS and bool(functions),
@@ -267,13 +249,6 @@ def _refuse_needless(
             where=f"export of code, {what}",
             fix="leave it out, or write C",
         )
-
-
-def _renamed(controller: Controller) -> dict[str, str]:
-    robot = controller.model.robot
-    pairs = {robot.name: identifier(robot.name, "robot")}
-    pairs |= dict(zip(robot.joint_names, identifiers(robot.joint_names, "joint"), strict=True))
-    return {name: plain for name, plain in pairs.items() if name != plain}
 
 
 @checked()

@@ -4,7 +4,7 @@ import numpy as np
 
 from steelyard.estimate.external.observer import GAP, PER_PERIOD
 from steelyard.estimate.external.residual_peaks import HOLD, SETTLED, ContactThresholds
-from steelyard.export.code.c_code import commented, identifiers, joint_lines
+from steelyard.export.code.c_code import commented, joint_lines, named_functions
 from steelyard.export.code.c_state import CLOSING_STEPS, CLOSING_TOLERANCE
 from steelyard.export.code.functions import Controller, Function, ObserverNumbers
 from steelyard.model.equations.passive_joints import ITERATIONS
@@ -41,15 +41,9 @@ def _columns(name, values, size):
 
 
 def python_code(controller: Controller, origin: tuple[str, ...]) -> str:
-    """The file's text.
-
-    Args:
-        controller: The model and what is wanted of it.
-        origin: Where the model comes from, one line each.
-    """
+    """The file's text."""
     robot = controller.model.robot
-    listed = controller.functions
-    names = identifiers([function.name for function in listed], "function")
+    functions = named_functions(controller)
     laws = ", ".join(term.law for term in controller.model.terms)
     head = [
         f"Dynamics of robot '{robot.name}', written by steelyard; needs NumPy alone.",
@@ -66,9 +60,9 @@ def python_code(controller: Controller, origin: tuple[str, ...]) -> str:
         "import numpy as np",
         _COLUMNS,
         f"JOINTS = {robot.joint_names!r}",
-        *(_function(name, f) for name, f in zip(names, listed, strict=True)),
+        *(_function(name, f) for name, f in functions.items()),
     ]
-    if "regressor" in names:
+    if "regressor" in functions:
         known = controller.parameters
         pairs = [f"    {n!r}: {x!r}," for n, x in known.as_dict().items()]
         parts.append("PARAMETERS = {\n" + "\n".join(pairs) + "\n}")
@@ -86,7 +80,12 @@ def _function(name: str, function: Function) -> str:
     arguments = [x.name for x in function.program.inputs]
     sizes = [size for _, size in function.sizes]
     places = [f"found[{k}]" for k in range(sum(sizes))]
-    lines = source_of(function.program, places, SYNTAX).lines
+    # zeros are there already
+    lines = [
+        line
+        for line in source_of(function.program, places, SYNTAX).lines
+        if not (line.startswith("    found[") and line.endswith("= 0.0"))
+    ]
     moved = "\n".join(
         f"    {x.name} = _columns({x.name!r}, {x.name}, {x.entries})"
         for x in function.program.inputs
@@ -105,15 +104,8 @@ def {hidden}{name}({", ".join(arguments)}):
     \"\"\"{commented(function.meaning)}: {commented(shapes)}.\"\"\"
 {moved}
     found = np.zeros(({sum(sizes)}, *q.shape[1:]))
-{chr(10).join(_nonzero(lines))}
+{chr(10).join(lines)}
     return {", ".join(results)}"""
-
-
-def _nonzero(lines: tuple[str, ...]) -> list[str]:
-    """Lines without those that store a zero where zeros are."""
-    return [
-        line for line in lines if not (line.startswith("    found[") and line.endswith("= 0.0"))
-    ]
 
 
 def _closing(controller: Controller) -> str:

@@ -7,7 +7,7 @@ releases for Humble and Jazzy: https://docs.ros.org/en/jazzy/p/inverse_dynamics_
 from xml.sax.saxutils import escape
 
 from steelyard.base.errors import ModelError
-from steelyard.export.code.c_code import CCode, commented, joint_lines
+from steelyard.export.code.c_code import CCode, commented, joint_list
 from steelyard.export.code.c_files import self_test
 from steelyard.export.code.functions import Function
 
@@ -19,15 +19,8 @@ LARGEST_CLOSURE_ERROR = 1e-6
 
 
 def ros2_files(code: CCode) -> dict[str, str]:
-    """Contents by the paths of the files.
-
-    Args:
-        code: The model in C, double precision, with `ROS2_FUNCTIONS`.
-
-    Raises:
-        ModelError: Friction has memory.
-    """
-    if code.state.memory:
+    """Contents by the paths of the files, of a model in double precision without memory."""
+    if code.controller.n_memory:
         raise ModelError(
             "its friction has memory, but inverse_dynamics_solver has no state between calls",
             where=f"model of '{code.controller.model.robot.name}', friction",
@@ -141,7 +134,7 @@ def _efforts(code: CCode, package: str) -> str:
     chains = f"""\
 /* Positions of the passive joints at q. */
 struct Chains {{
-    double passive[{code.state.passive}];
+    double passive[{code.passive}];
     explicit Chains(const double *q)
     {{
         if (!({name}_follow(q, passive) < {LARGEST_CLOSURE_ERROR!r})) {{
@@ -170,7 +163,7 @@ namespace {package}
 
 constexpr std::size_t JOINTS = {len(names)};
 
-{chains if code.state.passive else ""}\
+{chains if code.passive else ""}\
 /* Names of the joints in the order of {name}.c. */
 inline const std::array<std::string, JOINTS> & joint_names()
 {{
@@ -232,7 +225,7 @@ void fill_efforts(Trajectory & trajectory)
 
 def _call(code: CCode, function: str, q: str, *rest: str) -> str:
     """A call of a function of the C code, with the passive joints of closed chains."""
-    passive = (f"Chains({q}).passive",) if code.state.passive else ()
+    passive = (f"Chains({q}).passive",) if code.passive else ()
     return f"{code.name}_{function}({', '.join((q, *passive, *rest))});"
 
 
@@ -350,8 +343,8 @@ def _friction(code: CCode, dq: str) -> str:
         return """\
         throw std::logic_error(
             "friction of this model depends on positions too: it is part of getTorques only");"""
-    arrays = ", ".join(["zero", *(["zero"] if code.state.passive else []), dq])
-    size = max(code.state.n, code.state.passive)
+    arrays = ", ".join(["zero", *(["zero"] if code.passive else []), dq])
+    size = max(code.controller.model.robot.n, code.passive)
     return f"""\
         const double zero[{size}] = {{}};  // friction does not depend on positions
         double tau[JOINTS];
@@ -397,7 +390,6 @@ int main(int argc, char ** argv)
 
 def _readme(code: CCode, package: str) -> str:
     robot = code.controller.model.robot
-    rows = "\n".join(f"- {commented(line.strip())}" for line in joint_lines(robot.coordinates))
     chains = (
         "- Closed chains: positions are those of the driven joints. Every call finds the passive\n"
         "  joints from the reference configuration; where the chains do not close it throws\n"
@@ -429,10 +421,10 @@ License and maintainer in `package.xml` are placeholders: change them.
   with efforts on `trajectory_with_efforts`. Joints may be in any order, but all have to be there,
   with position, velocity and acceleration at every point; other trajectories are refused with an
   error in the log.
-{chains if code.state.passive else ""}\
+{chains if code.passive else ""}\
 {positional if _needs_position(code.functions["friction"][0]) else ""}\
 
 Arrays of the plugin are in the order of the joints (number, name, units of position and effort):
 
-{rows}
+{joint_list(robot.coordinates)}
 """

@@ -1,6 +1,6 @@
 """A model as an S-function for Simulink (level 2, C MEX), around the C code."""
 
-from steelyard.export.code.c_code import CCode, commented, joint_lines
+from steelyard.export.code.c_code import CCode, commented, joint_list
 from steelyard.export.code.c_files import self_test
 from steelyard.export.code.fmi2_code import evaluation, fields
 
@@ -9,11 +9,7 @@ LONGEST_NAME = 63
 
 
 def simulink_files(code: CCode) -> dict[str, str]:
-    """Contents by the names of the files.
-
-    Args:
-        code: The model in C, double precision, with a torque or with a state.
-    """
+    """Contents by the names of the files, of a model in double precision."""
     block = f"{code.name[: LONGEST_NAME - len('make__sfun')]}_sfun"
     return {
         f"{code.name}.h": code.header(),
@@ -26,8 +22,8 @@ def simulink_files(code: CCode) -> dict[str, str]:
 
 
 def _s_function(code: CCode, block: str) -> str:
-    n, stateful = code.controller.model.robot.n, bool(code.state.memory or code.state.passive)
-    closed = bool(code.state.passive)
+    n, stateful = code.controller.model.robot.n, bool(code.controller.n_memory or code.passive)
+    closed = bool(code.passive)
     error = ", then the closure error" if closed else ""
     return f"""\
 /* S-function of {code.name}.c: inputs q, dq and ddq, output tau{error}. */
@@ -147,7 +143,6 @@ static void mdlUpdate(SimStruct *S, int_T tid)
 
 def _readme(code: CCode, block: str) -> str:
     robot = code.controller.model.robot
-    rows = "\n".join(f"- {commented(line.strip())}" for line in joint_lines(robot.coordinates))
     memory = (
         "- Friction remembers the motion: steps of the block are its samples. Give it a discrete "
         "sample time.\n"
@@ -170,11 +165,11 @@ MATLAB, with a C compiler:
 
 Then put a block *S-Function* with the name `{block}` and no parameters into the model.
 
-{memory if code.state.memory else ""}{chains if code.state.passive else ""}\
+{memory if code.controller.n_memory else ""}{chains if code.passive else ""}\
 - A feedforward takes the desired `q`, `dq` and `ddq`: friction of the measured velocity changes
   sign with its noise.
 
 Entries are in the order of the joints (number, name, units of position and effort):
 
-{rows}
+{joint_list(robot.coordinates)}
 """

@@ -83,6 +83,9 @@ def content_of(identified: IdentifiedModel, form: Format) -> Content:
     terms = [placed(term, robot, values) for term in model.terms]
     joints, sums, unsupported = _gathered(identified, terms, form)
     pulls, slack = _pulls(terms, form)
+    scaled, scales = [], identified.effort_scales
+    if scales is not None:
+        scaled = [f"scales of the efforts: logged efforts are {scales.words} times as large"]
     return Content(
         robot,
         tuple(_inertia(robot, k, values) for k in range(len(robot.bodies))),
@@ -91,7 +94,7 @@ def content_of(identified: IdentifiedModel, form: Format) -> Content:
         pulls,
         (
             *_of_robot(robot, form),
-            *_of_scales(identified),
+            *scaled,
             *unsupported,
             *slack,
             *(x for term in terms for x in term.unsupported),
@@ -100,11 +103,7 @@ def content_of(identified: IdentifiedModel, form: Format) -> Content:
 
 
 def carriers_of(robot: Robot) -> tuple[int, ...]:
-    """Per joint of `robot.joints` the body that its own joint carries.
-
-    Raises:
-        ModelError: No body's joint moves as the coordinate does.
-    """
+    """Per joint of `robot.joints` the body that its own joint carries."""
     found: dict[int, int] = {}
     for index, body in enumerate(robot.bodies):
         if (body.ratio, body.offset) == (1.0, 0.0):
@@ -122,11 +121,8 @@ def carriers_of(robot: Robot) -> tuple[int, ...]:
 def base_of(robot: Robot) -> str:
     """Name of the base link."""
     for frame in robot.frames:
-        if (
-            frame.body < 0
-            and not frame.position.any()
-            and np.array_equal(frame.rotation, np.eye(3))
-        ):
+        moved = frame.position.any() or not np.array_equal(frame.rotation, np.eye(3))
+        if frame.body < 0 and not moved:
             return frame.name
     taken = [body.name for body in robot.bodies]
     return "base" if "base" not in taken else "base_" + robot.name
@@ -259,14 +255,6 @@ def _pulls(terms: Sequence[Placed], form: Format) -> tuple[tuple[Pull, ...], tup
                 f"{pull.stiffness:.4g} N/m, preload {pull.preload:.4g} N"
             )
     return tuple(supported), tuple(unsupported)
-
-
-def _of_scales(identified: IdentifiedModel) -> tuple[str, ...]:
-    """That logged efforts differ from those of the model by estimated scales."""
-    scales = identified.effort_scales
-    if scales is None:
-        return ()
-    return (f"scales of the efforts: logged efforts are {scales.words} times as large",)
 
 
 def _of_robot(robot: Robot, form: Format) -> tuple[str, ...]:

@@ -13,11 +13,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.export.model_files.content import Content, Effects, Sum, base_of, carriers_of
+from steelyard.export.model_files.content import Content, Effects, base_of, carriers_of
 from steelyard.export.model_files.urdf import frames_of, limit, number, numbers, rounded
-from steelyard.model.terms.model_files import AxisPartKind, Pull
-from steelyard.robot.rigid_body import Inertia, turn
-from steelyard.robot.robot import Body, Frame, Limits, LoopClosure, Robot
+from steelyard.model.terms.model_files import AxisPartKind
+from steelyard.robot.rigid_body import turn
+from steelyard.robot.robot import Frame, Robot
 
 TIMESTEP = 1e-3
 """Step of the integration [s]."""
@@ -53,7 +53,9 @@ def mjcf_of(content: Content) -> ET.Element:
     _equalities(root, robot, bodies)
     motors = ET.SubElement(root, "actuator")
     for joint in robot.coordinates:
-        _motor(motors, joint.name, joint.limits)
+        motor = ET.SubElement(motors, "motor", name=joint.name, joint=joint.name)
+        if np.isfinite(joint.limits.effort):
+            motor.set("ctrlrange", numbers([-joint.limits.effort, joint.limits.effort]))
     _home(root, robot, bodies[0])
     return root
 
@@ -66,28 +68,33 @@ def _bodies(content: Content, world: ET.Element) -> list[ET.Element]:
     for index, (body, inertia) in enumerate(zip(robot.bodies, content.inertias, strict=True)):
         start = body.ratio * robot.assembly[body.coordinate] + body.offset
         element = ET.SubElement(placed[body.parent + 1], "body", name=body.name)
-        _place(element, body, start)
-        _inertial(element, inertia)
-        kind = "slide" if body.kind == "prismatic" else "hinge"
+        rotation, position, kind = body.rotation, body.position, "hinge"
+        if body.kind == "prismatic":
+            position, kind = position + rotation @ body.axis * start, "slide"
+        elif start:
+            rotation = rotation @ turn(body.axis, start)
+        _pose(element, position, rotation)
+        com, about = rounded(inertia)
+        ET.SubElement(
+            element,
+            "inertial",
+            pos=numbers(com),
+            mass=number(inertia.mass),
+            fullinertia=numbers([about[i, j] for i, j in FULL_INERTIA]),
+        )
         axis = numbers(body.axis)
         joint = ET.SubElement(element, "joint", name=body.joint, type=kind, axis=axis)
         if start:
             joint.set("ref", number(start))
         if carriers[body.coordinate] == index:
-            _range(joint, robot.joints[body.coordinate].limits)
+            limits = robot.joints[body.coordinate].limits
+            if np.isfinite([limits.lower, limits.upper]).any():
+                joint.set("range", f"{limit(limits.lower)} {limit(limits.upper)}")
+            if np.isfinite(limits.effort):
+                joint.set("actuatorfrcrange", numbers([-limits.effort, limits.effort]))
             _effects(joint, content.joints[body.coordinate], "springref")
         placed.append(element)
     return placed
-
-
-def _place(element: ET.Element, body: Body, start: float) -> None:
-    """Where a body is when its joint is at `start` [rad; m]."""
-    rotation, position = body.rotation, body.position
-    if body.kind == "prismatic":
-        position = position + rotation @ body.axis * start
-    elif start:
-        rotation = rotation @ turn(body.axis, start)
-    _pose(element, position, rotation)
 
 
 def _pose(element: ET.Element, position: Array, rotation: Array) -> None:
@@ -113,24 +120,6 @@ def quaternion(rotation: Array) -> Array:
     return np.asarray(vector * (1.0 if vector[0] >= 0.0 else -1.0))
 
 
-def _inertial(element: ET.Element, inertia: Inertia) -> None:
-    com, about = rounded(inertia)
-    ET.SubElement(
-        element,
-        "inertial",
-        pos=numbers(com),
-        mass=number(inertia.mass),
-        fullinertia=numbers([about[i, j] for i, j in FULL_INERTIA]),
-    )
-
-
-def _range(joint: ET.Element, limits: Limits) -> None:
-    if np.isfinite([limits.lower, limits.upper]).any():
-        joint.set("range", f"{limit(limits.lower)} {limit(limits.upper)}")
-    if np.isfinite(limits.effort):
-        joint.set("actuatorfrcrange", numbers([-limits.effort, limits.effort]))
-
-
 def _effects(element: ET.Element, effects: Effects, free: str) -> None:
     """What acts along a joint or a tendon; `free` is the attribute of a spring's free position."""
     for kind, name in PLAIN_ATTRIBUTES.items():
@@ -146,56 +135,40 @@ def _effects(element: ET.Element, effects: Effects, free: str) -> None:
 
 
 def _tendons(root: ET.Element, content: Content, bodies: Sequence[ET.Element]) -> None:
+    """Tendons as long as sums of joint positions, and springs between points of two links."""
     if not content.sums and not content.pulls:
         return
-    tendons = ET.SubElement(root, "tendon")
+    tendons, robot = ET.SubElement(root, "tendon"), content.robot
     for total in content.sums:
-        _fixed_tendon(tendons, total, content.robot)
+        tendon = ET.SubElement(tendons, "fixed", name=total.axis.name)
+        _effects(tendon, total.effects, "springlength")
+        # a spring length of exactly -1 means another thing to MuJoCo: the next number to it
+        if tendon.get("springlength") == "-1.0":
+            tendon.set("springlength", number(np.nextafter(-1.0, 0.0)))
+        for joint, coefficient in zip(robot.joints, total.axis.row, strict=True):
+            if coefficient:
+                ET.SubElement(tendon, "joint", joint=joint.name, coef=number(coefficient))
     for pull in content.pulls:
-        _spatial_tendon(tendons, pull, content.robot, bodies)
-
-
-def _fixed_tendon(tendons: ET.Element, total: Sum, robot: Robot) -> None:
-    """A tendon whose length is the sum of joint positions."""
-    tendon = ET.SubElement(tendons, "fixed", name=total.axis.name)
-    _effects(tendon, total.effects, "springlength")
-    _not_automatic(tendon)
-    for joint, coefficient in zip(robot.joints, total.axis.row, strict=True):
-        if coefficient:
-            ET.SubElement(tendon, "joint", joint=joint.name, coef=number(coefficient))
-
-
-def _not_automatic(tendon: ET.Element) -> None:
-    """A spring length of exactly -1 means another thing to MuJoCo: the next number to it."""
-    if tendon.get("springlength") == "-1.0":
-        tendon.set("springlength", number(np.nextafter(-1.0, 0.0)))
-
-
-def _spatial_tendon(
-    tendons: ET.Element, pull: Pull, robot: Robot, bodies: Sequence[ET.Element]
-) -> None:
-    """A spring between points of two links."""
-    tendon = ET.SubElement(
-        tendons,
-        "spatial",
-        name=pull.name,
-        stiffness=number(pull.stiffness),
-        springlength=number(pull.preload / pull.stiffness),
-    )
-    for end, (link, point) in enumerate(zip(pull.links, pull.points, strict=True), start=1):
-        frame = _frame(robot, link)
-        name = f"{pull.name} end {end}"
-        _site(bodies[frame.body + 1], name, frame.rotation @ point + frame.position)
-        ET.SubElement(tendon, "site", site=name)
+        tendon = ET.SubElement(
+            tendons,
+            "spatial",
+            name=pull.name,
+            stiffness=number(pull.stiffness),
+            springlength=number(pull.preload / pull.stiffness),
+        )
+        for end, (link, point) in enumerate(zip(pull.links, pull.points, strict=True), start=1):
+            frame = _frame(robot, link)
+            name = f"{pull.name} end {end}"
+            _site(bodies[frame.body + 1], name, frame.rotation @ point + frame.position)
+            ET.SubElement(tendon, "site", site=name)
 
 
 def _frame(robot: Robot, link: str) -> Frame:
     """Where a link is on the body that carries it."""
-    for frame in robot.frames:
-        if frame.name == link:
-            return frame
-    index = [body.name for body in robot.bodies].index(link)
-    return Frame(link, index, np.eye(3), np.zeros(3))
+    own = [body.name for body in robot.bodies]
+    return next((frame for frame in robot.frames if frame.name == link), None) or Frame(
+        link, own.index(link), np.eye(3), np.zeros(3)
+    )
 
 
 def _site(body: ET.Element, name: str, position: Array, rotation: Array | None = None) -> None:
@@ -222,21 +195,12 @@ def _equalities(root: ET.Element, robot: Robot, bodies: Sequence[ET.Element]) ->
             solref=STIFF,
         )
     for loop in robot.loops:
-        _pin(equalities, loop, bodies)
-
-
-def _pin(equalities: ET.Element, loop: LoopClosure, bodies: Sequence[ET.Element]) -> None:
-    sites = [f"{loop.name} end {end}" for end in (1, 2)]
-    for name, body, point in zip(sites, loop.bodies, loop.points, strict=True):
-        _site(bodies[body + 1], name, point)
-    first, second = sites
-    ET.SubElement(equalities, "connect", name=loop.name, site1=first, site2=second, solref=STIFF)
-
-
-def _motor(motors: ET.Element, joint: str, limits: Limits) -> None:
-    motor = ET.SubElement(motors, "motor", name=joint, joint=joint)
-    if np.isfinite(limits.effort):
-        motor.set("ctrlrange", numbers([-limits.effort, limits.effort]))
+        pin = ET.SubElement(equalities, "connect", name=loop.name)
+        for end, carrier, point in zip((1, 2), loop.bodies, loop.points, strict=True):
+            name = f"{loop.name} end {end}"
+            _site(bodies[carrier + 1], name, point)
+            pin.set(f"site{end}", name)
+        pin.set("solref", STIFF)
 
 
 def _home(root: ET.Element, robot: Robot, world: ET.Element) -> None:

@@ -10,7 +10,6 @@ from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError, OutputError
 from steelyard.base.files import whole_file
-from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.identified import IdentifiedModel, load_model
 from steelyard.export.model_files.content import FORMAT_NAMES, Content, Format, base_of, content_of
 from steelyard.export.model_files.mjcf import mjcf_of
@@ -26,41 +25,16 @@ LEAST_DATA_SHARE = 0.005
 """Share of a parameter that comes from the data below which they do not show it."""
 
 
-def mass_shares(estimate: Estimate, content: Content) -> dict[str, float]:
-    """Share of each link's mass that comes from the data, 0 to 1; the rest is prior."""
-    learned, bodies = _learned(estimate), content.robot.bodies
-    return {body.name: learned[f"m.{body.name}"] for body in bodies if not body.massless}
-
-
-def unseen(estimate: Estimate, content: Content) -> tuple[str, ...]:
-    """Parameters beside bodies' and base parameters that the data did not see."""
-    bodies = {f"{n}.{body.name}" for n in INERTIAL_NAMES for body in content.robot.bodies}
-    beside = [
-        name
-        for name, x in _learned(estimate).items()
-        if x < LEAST_DATA_SHARE and name not in bodies
-    ]
-    return tuple(dict.fromkeys((*(blind.name for blind in estimate.blind), *beside)))
-
-
-def _learned(estimate: Estimate) -> dict[str, float]:
-    if estimate.standard is None:
-        return {}
-    names, learned = estimate.standard.parameters.names, estimate.standard.learned
-    return dict(zip(names, learned.tolist(), strict=True))
-
-
-def impossible_kept(content: Content, original: Path) -> tuple[str, ...]:
+def _impossible_kept(content: Content, original: Path) -> tuple[str, ...]:
     """Links that keep what a URDF says, and cannot exist as it says; one sentence each."""
     robot = content.robot
     carried = {body.name for body in robot.bodies}
     carried |= {frame.name for frame in robot.frames if frame.body >= 0}
-    flaws = {
-        link.name: link.inertia.flaw()
+    return tuple(
+        f"{link.name}: {flaw}"
         for link in read_mechanism(original).links
-        if link.inertia is not None and link.name not in carried
-    }
-    return tuple(f"{name}: {flaw}" for name, flaw in flaws.items() if flaw is not None)
+        if link.inertia is not None and link.name not in carried and (flaw := link.inertia.flaw())
+    )
 
 
 REREAD_TOLERANCE = 1e-9
@@ -96,40 +70,29 @@ class Exported:
     impossible: tuple[str, ...] = ()
 
 
-def unsupported(identified: IdentifiedModel, form: Format) -> tuple[str, ...]:
-    """What of a model a format has no place for, one sentence each.
-
-    Raises:
-        ModelError: The model cannot be exported at all.
-    """
-    return content_of(identified, form).unsupported
-
-
 def exported(
     identified: IdentifiedModel, form: Format, original: str | Path | None = None
 ) -> Exported:
-    """A model as the text of a file.
-
-    Args:
-        identified: The model, with all standard parameters.
-        form: `urdf` or `mjcf`.
-        original: The robot's own URDF, or the robot file that names it: numbers are put into it.
-            Without it a file of the moving bodies alone is made.
-
-    Raises:
-        ModelError: The model does not have all standard parameters, a link cannot exist, or the
-            original is of another robot.
-    """
-    content = content_of(identified, form)
-    origin = *_shares(identified, content), *_unseen(identified, content)
+    """A model as the text of a file."""
+    content, estimate = content_of(identified, form), identified.estimate
+    learned, bodies = {}, content.robot.bodies
+    if estimate.standard is not None:
+        names = estimate.standard.parameters.names
+        learned = dict(zip(names, estimate.standard.learned.tolist(), strict=True))
+    shares = {body.name: learned[f"m.{body.name}"] for body in bodies if not body.massless}
+    of_bodies = {f"{number}.{body.name}" for number in INERTIAL_NAMES for body in bodies}
+    beside = [n for n, x in learned.items() if x < LEAST_DATA_SHARE and n not in of_bodies]
+    unseen = tuple(dict.fromkeys((*(blind.name for blind in estimate.blind), *beside)))
+    more = listed_under(SHARES, (f"{name}: {share:.0%}" for name, share in shares.items()))
+    more += listed_under(UNSEEN, unseen)
     impossible: tuple[str, ...] = ()
     if original is None:
         root = urdf_of(content) if form == "urdf" else mjcf_of(content)
-        text = document(root, head_of(identified, content, form, origin))
+        text = document(root, head_of(identified, content, form, more))
     elif form == "urdf":
         path = urdf_behind(Path(original))
-        impossible = impossible_kept(content, path)
-        more = [MERGED, *origin, *listed_under(KEPT, impossible)]
+        impossible = _impossible_kept(content, path)
+        more = [MERGED, *more, *listed_under(KEPT, impossible)]
         text = urdf_with(content, path, head_of(identified, content, form, more))
     else:
         raise ModelError(
@@ -137,9 +100,7 @@ def exported(
             where=str(original),
             fix="leave out --model, or export to a URDF",
         )
-    estimate = identified.estimate
-    shares, blind = mass_shares(estimate, content), unseen(estimate, content)
-    return Exported(text, form, content.unsupported, content, shares, blind, impossible)
+    return Exported(text, form, content.unsupported, content, shares, unseen, impossible)
 
 
 def listed_under(heading: str, sentences: Iterable[str]) -> list[str]:
@@ -148,21 +109,8 @@ def listed_under(heading: str, sentences: Iterable[str]) -> list[str]:
     return [heading, *lines] if lines else []
 
 
-def _shares(identified: IdentifiedModel, content: Content) -> list[str]:
-    shares = mass_shares(identified.estimate, content)
-    return listed_under(SHARES, (f"{name}: {share:.0%}" for name, share in shares.items()))
-
-
-def _unseen(identified: IdentifiedModel, content: Content) -> list[str]:
-    return listed_under(UNSEEN, unseen(identified.estimate, content))
-
-
 def refuse_changed(path: Path, made: Exported) -> None:
-    """Read a file that was written, and compare all bodies with those it was to hold.
-
-    Raises:
-        ModelError: One differs; the original that numbers were put into is of another robot.
-    """
+    """Read a file that was written, and compare all bodies with those it was to hold."""
     wanted, inertias = made.content.robot, made.content.inertias
     found = _reread(path, wanted, made.form)
     for index, body in enumerate(wanted.bodies):
@@ -191,13 +139,8 @@ def _reread(path: Path, wanted: Robot, form: Format) -> Robot:
     base = base_of(wanted) if form == "urdf" else None
     names = [c.name for c in wanted.joints]
     snapped, exact = (reduced(tree, names, base=base, snap=snap)[0] for snap in (True, False))
-    return exact if _placed_alike(wanted, exact) else snapped
-
-
-def _placed_alike(one: Robot, other: Robot) -> bool:
-    """Whether the bodies of two robots stand and turn alike."""
-    pairs = zip(one.bodies, other.bodies, strict=False)
-    return all(_alike(_place(body), _place(twin)) for body, twin in pairs)
+    pairs = zip(wanted.bodies, exact.bodies, strict=False)
+    return exact if all(_alike(_place(x), _place(y)) for x, y in pairs) else snapped
 
 
 def _names(robot: Robot, body: Body) -> tuple[str, ...]:

@@ -149,11 +149,7 @@ MOVING_JOINT_ELEMENTS = ("axis", "limit", "mimic", "dynamics", "safety_controlle
 
 
 def urdf_behind(path: Path) -> Path:
-    """The URDF that is meant: the file itself, the one that a robot file names, or an expanded one.
-
-    Raises:
-        ModelError: There is none.
-    """
+    """The URDF that is meant: the file, the one that a robot file names, or an expanded one."""
     if path.suffix.lower() == ".toml":
         path = load_robot(path).sources[-1].path
     elif expansion := expand(*split_reference(path)):
@@ -170,11 +166,6 @@ def urdf_behind(path: Path) -> Path:
 
 def urdf_with(content: Content, path: Path, head: str) -> str:
     """The text of a URDF with the numbers of a model.
-
-    Args:
-        content: What the file is to hold.
-        path: The robot's URDF.
-        head: A comment for the file's head.
 
     Raises:
         ModelError: The file is not a URDF, or not of this robot.

@@ -60,14 +60,7 @@ def document(root: ET.Element, head: str) -> str:
 def head_of(
     identified: IdentifiedModel, content: Content, form: Format, more: Iterable[str] = ()
 ) -> str:
-    """The comment at a file's head: where the numbers come from, and what the file lacks.
-
-    Args:
-        identified: The model.
-        content: What the file holds of it.
-        form: The file's format.
-        more: Further sentences on the file.
-    """
+    """The comment at a file's head: where the numbers come from, and what the file lacks."""
     origin = identified.provenance
     lines = [
         f"{content.robot.name}: identified with steelyard {origin.version} from logs.",
@@ -101,7 +94,9 @@ def urdf_of(content: Content) -> ET.Element:
     names = [base, *(body.name for body in robot.bodies)]
     for index, (body, inertia) in enumerate(zip(robot.bodies, content.inertias, strict=True)):
         ET.SubElement(root, "link", name=body.name).append(inertial_of(inertia))
-        joint = _joint(root, body, names[body.parent + 1])
+        kind = "prismatic" if body.kind == "prismatic" else "revolute"
+        joint = _joint(root, body.joint, kind, body, names[body.parent + 1], body.name)
+        ET.SubElement(joint, "axis", xyz=numbers(body.axis))
         if carriers[body.coordinate] == index:
             _limit(joint, body, robot.joints[body.coordinate].limits)
             joint.extend(dynamics_of(content.joints[body.coordinate]))
@@ -111,7 +106,9 @@ def urdf_of(content: Content) -> ET.Element:
         ratio, offset = number(body.ratio), number(body.offset)
         ET.SubElement(joint, "mimic", joint=master, multiplier=ratio, offset=offset)
     for frame in frames_of(robot, names):
-        _fixed(root, frame, names[frame.body + 1])
+        ET.SubElement(root, "link", name=frame.name)
+        parent = names[frame.body + 1]
+        _joint(root, f"{frame.name}_fixed", "fixed", frame, parent, frame.name)
     return root
 
 
@@ -164,14 +161,14 @@ def rpy_of(rotation: Array) -> Array:
     return np.array([np.arctan2(-rest[1, 2], rest[1, 1]), pitch, yaw])
 
 
-def _joint(root: ET.Element, body: Body, parent: str) -> ET.Element:
-    """The joint of a body, without limits."""
-    limits = "prismatic" if body.kind == "prismatic" else "revolute"
-    joint = ET.SubElement(root, "joint", name=body.joint, type=limits)
-    joint.append(origin_of(body.rotation, body.position))
+def _joint(
+    root: ET.Element, name: str, kind: str, place: Body | Frame, parent: str, child: str
+) -> ET.Element:
+    """A joint between two links, without axis and limits."""
+    joint = ET.SubElement(root, "joint", name=name, type=kind)
+    joint.append(origin_of(place.rotation, place.position))
     ET.SubElement(joint, "parent", link=parent)
-    ET.SubElement(joint, "child", link=body.name)
-    ET.SubElement(joint, "axis", xyz=numbers(body.axis))
+    ET.SubElement(joint, "child", link=child)
     return joint
 
 
@@ -185,12 +182,3 @@ def _limit(joint: ET.Element, body: Body, limits: Limits) -> None:
         return
     ends = {"lower": limit(limits.lower), "upper": limit(limits.upper)}
     ET.SubElement(joint, "limit", ends | given)
-
-
-def _fixed(root: ET.Element, frame: Frame, parent: str) -> None:
-    """A link without mass, fixed to another."""
-    ET.SubElement(root, "link", name=frame.name)
-    joint = ET.SubElement(root, "joint", name=f"{frame.name}_fixed", type="fixed")
-    joint.append(origin_of(frame.rotation, frame.position))
-    ET.SubElement(joint, "parent", link=parent)
-    ET.SubElement(joint, "child", link=frame.name)

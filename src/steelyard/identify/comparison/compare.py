@@ -2,10 +2,10 @@
 
 import json
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rich.console import Console
 
@@ -16,6 +16,7 @@ from steelyard.check.subject import notes_of_precheck, prechecked
 from steelyard.estimate.estimators import (
     ESTIMATORS,
     Context,
+    Needs,
     Offer,
     Sources,
     context_of,
@@ -28,12 +29,16 @@ from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
 from steelyard.estimate.nonlinear.fields import information_from
 from steelyard.estimate.scores.cross_validation import longest_window
 from steelyard.estimate.scores.estimator_advice import Comparison, EstimatorScore
-from steelyard.estimate.scores.estimator_comparison import Parts, compared, scores_of
-from steelyard.identify.comparison.estimators_page import comparison_lines, render_comparison
-from steelyard.identify.page.content import ReportContent
+from steelyard.estimate.scores.estimator_comparison import Chosen, Parts, compared, scores_of
+from steelyard.identify.comparison.estimators_page import (
+    COMPARE_SECTIONS,
+    ComparisonContent,
+    comparison_lines,
+)
 from steelyard.identify.prepared_fit import Payload, PreparedFit, prepare_fit
 from steelyard.identify.run_notes import dropped, dropped_rows, notes_of
 from steelyard.model.robot_file_model import model_with_open_friction
+from steelyard.report.page import render_sections
 from steelyard.report.result import Result, frame
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
@@ -50,40 +55,14 @@ ONE_RUN = (
 """Why a single run cannot be left out of an experiment."""
 
 
-@dataclass(frozen=True, eq=False)
-class ComparisonInputs:
-    """What estimators are given.
-
-    Attributes:
-        context: What they are made from.
-        parts: What they look at.
-        ground: The model and its runs.
-        notes: What is missing, assumed or doubtful.
-        details: What else was decided on the way.
-        lines: What to write into the robot file for estimators that it does not choose now.
-    """
+class ComparisonInputs(NamedTuple):
+    """What estimators are given, the model with its runs, and what was decided on the way."""
 
     context: Context
     parts: Parts
     ground: PreparedFit
     notes: tuple[str, ...]
     details: tuple[str, ...]
-    lines: Mapping[str, str]
-
-    def content(self, comparison: Comparison) -> ReportContent:
-        """What the page shows."""
-        name = self.ground.model.robot.name
-        return ReportContent(
-            title=f"{name}: estimators compared",
-            robot=name,
-            qualities=tuple((run.name, run.quality.rows_of_text) for run in self.ground.runs),
-            notes=self.notes,
-            details=self.details,
-            friction=self.ground.choice,
-            findings=self.ground.findings,
-            gains=self.ground.gains,
-            comparison=comparison,
-        )
 
 
 def offers_of(names: Sequence[str], everything: bool) -> tuple[Offer, ...]:
@@ -92,9 +71,6 @@ def offers_of(names: Sequence[str], everything: bool) -> tuple[Offer, ...]:
     Args:
         names: Their names; several may stand in one, with commas between them.
         everything: Without names, also those that search or simulate.
-
-    Raises:
-        ModelError: There is none of that name, or both names and all are requested.
     """
     if names and everything:
         raise ModelError(
@@ -110,15 +86,9 @@ def offers_of(names: Sequence[str], everything: bool) -> tuple[Offer, ...]:
 
 
 def comparison_inputs(
-    robot: str | Path | LoadedRobot,
-    logs: Sequence[str],
-    check: bool,
-    threads: int,
-    progress: Progress,
-    base: str | None = None,
+    file: LoadedRobot, logs: Sequence[str], check: bool, threads: int, progress: Progress
 ) -> ComparisonInputs:
     """Clean runs, the model with all that its file leaves open, and what the runs say of it."""
-    file = load_robot(robot, base=base)
     files = log_files(logs)
     refuse_overlaps(files, ())
     signals, reasons = signals_of(file, files[0])
@@ -129,53 +99,33 @@ def comparison_inputs(
             fix="identify the gains first (steelyard identify ROBOT LOG --loaded LOG "
             "--payload-mass KG), and write them into the robot file",
         )
-    model = model_with_open_friction(file)
-    found_out = (
-        prechecked(file.reference, replace(file, signals=signals), files, progress)
-        if check
-        else None
-    )
+    model, unresolved = model_with_open_friction(file), tuple[str, ...]()
+    if check:
+        diagnosis = prechecked(file.reference, replace(file, signals=signals), files, progress)
     runs = runs_of(file, signals, files, (), progress)[0]
-    unresolved = () if found_out is None else notes_of_precheck(found_out, file.reference)
+    if check:
+        unresolved = notes_of_precheck(diagnosis, file.reference)
     ground = prepare_fit(
         model, file, runs, (), Payload(), WeightedLeastSquares(), threads, progress
     )
     notes = (*file.notes, *reasons, *dropped_rows(runs), *unresolved)
     details = (*notes_of(runs), *ground.notes, *dropped(model, runs))
-    return _given(ground, file, notes, details, threads, progress)
-
-
-def _given(
-    ground: PreparedFit,
-    file: LoadedRobot,
-    notes: tuple[str, ...],
-    details: tuple[str, ...],
-    threads: int,
-    progress: Progress,
-) -> ComparisonInputs:
-    """One more pass, in windows that parts can be made of."""
-    model, runs = ground.model, ground.runs
-    regressor, rests = base_regressor(model), has_memory(model.terms)
-    information_of = information_from(
+    # one more pass, in windows that parts can be made of
+    regressor, runs = base_regressor(ground.model), ground.runs
+    information = information_from(
         runs,
-        rests=rests,
+        rests=has_memory(ground.model.terms),
         longest=longest_window(runs),
         threads=threads,
         progress=progress,
-    )
-    information = information_of(regressor)
+    )(regressor)
     context = context_of(file, regressor, runs, progress)
     sources = Sources(regressor, runs, information, threads, progress)
-    several = len(runs) > 1
+    several: dict[Needs, Chosen] = {"experiment": sources.experiment} if len(runs) > 1 else {}
     parts = Parts.of(
-        runs,
-        information,
-        {"samples": sources.samples, **({"experiment": sources.experiment} if several else {})},
-        {"experiment": ONE_RUN},
+        runs, information, {"samples": sources.samples, **several}, {"experiment": ONE_RUN}
     )
-    return ComparisonInputs(
-        context, parts, ground, notes, (*details, *context.knowledge.notes), lines_of(file)
-    )
+    return ComparisonInputs(context, parts, ground, notes, (*details, *context.knowledge.notes))
 
 
 def lines_of(file: LoadedRobot) -> dict[str, str]:
@@ -194,11 +144,14 @@ class EstimatorComparison(Result):
 
     Attributes:
         content: What the page shows.
-        comparison: Errors of every estimator on left-out runs, and the recommendation.
     """
 
-    content: ReportContent
-    comparison: Comparison
+    content: ComparisonContent
+
+    @property
+    def comparison(self) -> Comparison:
+        """Errors of every estimator on left-out runs, and the recommendation."""
+        return self.content.comparison
 
     @property
     def untried(self) -> Sequence[str]:
@@ -212,7 +165,7 @@ class EstimatorComparison(Result):
 
     def report(self) -> str:
         """The report as one self-contained HTML page."""
-        return render_comparison(self.content)
+        return render_sections(COMPARE_SECTIONS, self.content, "compared")
 
     def write(self, folder: Path) -> None:
         """Write `compare.html` and `compare.json`."""
@@ -265,15 +218,29 @@ def compare(
         ['OLS', 'WLS']
     """
     offers = offers_of(estimators, everything)
-    cores = threads or os.cpu_count() or 1
-    inputs = comparison_inputs(robot, paths_of(logs, least=1), check, cores, progress, fixed_base)
+    file = load_robot(robot, base=fixed_base)
+    context, parts, ground, notes, details = comparison_inputs(
+        file, paths_of(logs, least=1), check, threads or os.cpu_count() or 1, progress
+    )
     scores: list[EstimatorScore] = []
     try:
-        for score in scores_of(offers, inputs.context, inputs.parts, progress=progress):
+        for score in scores_of(offers, context, parts, progress=progress):
             scores.append(score)
     except interruption:
         if not scores:
             raise
-    found = compared(scores, offers, inputs.context, inputs.parts)
-    found = replace(found, lines=inputs.lines)
-    return EstimatorComparison(inputs.content(found), found)
+    found = compared(scores, offers, context, parts)
+    name = ground.model.robot.name
+    return EstimatorComparison(
+        ComparisonContent(
+            title=f"{name}: estimators compared",
+            robot=name,
+            qualities=tuple((run.name, run.quality.rows_of_text) for run in ground.runs),
+            notes=notes,
+            details=details,
+            friction=ground.choice,
+            findings=ground.findings,
+            gains=ground.gains,
+            comparison=replace(found, lines=lines_of(file)),
+        )
+    )

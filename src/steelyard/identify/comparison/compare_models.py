@@ -19,14 +19,15 @@ from steelyard.estimate.scores.model_comparison import (
     refuse_different,
     same_efforts,
 )
-from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS, render_models
-from steelyard.identify.page.content import ReportContent
+from steelyard.identify.comparison.model_errors import ModelsContent
+from steelyard.identify.comparison.models_page import COMPARE_MODELS_SECTIONS
 from steelyard.identify.run_notes import dropped_rows, notes_of
-from steelyard.identify.scores import fitted_before, processing_of
+from steelyard.identify.scores import fitted_before, runs_for
 from steelyard.identify.validation_data import holds_fitted_rows
+from steelyard.report.page import render_sections
 from steelyard.report.result import Result, frame
 from steelyard.robot.file.signals import signals_to_dict
-from steelyard.runs.named_logs import LogArgument, log_files, paths_of, prepared, recording_of
+from steelyard.runs.named_logs import LogArgument, log_files, paths_of
 from steelyard.runs.run import Run
 
 if TYPE_CHECKING:
@@ -67,11 +68,14 @@ class ComparedModels(Result):
 
     Attributes:
         content: What the page shows.
-        comparison: Errors, efforts over time and parameters.
     """
 
-    content: ReportContent
-    comparison: ModelComparison
+    content: ModelsContent
+
+    @property
+    def comparison(self) -> ModelComparison:
+        """Errors, efforts over time and parameters."""
+        return self.content.models
 
     @property
     def errors(self) -> "DataFrame":
@@ -110,7 +114,7 @@ class ComparedModels(Result):
 
     def report(self) -> str:
         """The report as one self-contained HTML page."""
-        return render_models(self.content)
+        return render_sections(COMPARE_MODELS_SECTIONS, self.content, "compared")
 
     def write(self, folder: Path) -> None:
         """Write `models.html` and `models.json`."""
@@ -192,7 +196,7 @@ def compare_models(
         )
         found.append(ComparedModel(name, identified, scored))
     comparison = ModelComparison(tuple(found))
-    content = ReportContent(
+    content = ModelsContent(
         title=f"{first.robot.name}: models compared",
         robot=first.robot.name,
         qualities=tuple((run.name, run.quality.rows_of_text) for run in runs[first_name]),
@@ -204,22 +208,21 @@ def compare_models(
             ("logs", ", ".join(file.text for file in files)),
         ),
     )
-    return ComparedModels(content, comparison)
+    return ComparedModels(content)
 
 
 def _runs(
     named: Mapping[str, IdentifiedModel], files: Sequence[LogArgument], progress: Progress
 ) -> dict[str, tuple[Run, ...]]:
     """The logs as each model reads them, in the processing of the first; read once if alike."""
-    wanted = processing_of(next(iter(named.values())))
+    first = next(iter(named.values()))
     known: dict[str, tuple[Run, ...]] = {}
     found = {}
     for name, identified in named.items():
         values = signals_to_dict(identified.signals)
         key = json.dumps({k: v for k, v in values.items() if k not in ("gains", "unknown_gains")})
         if key not in known:
-            recordings = [recording_of(log, identified.signals) for log in files]
-            known[key] = prepared(recordings, wanted, progress, at_rest=True)
+            known[key] = runs_for(first, files, progress, signals=identified.signals)
         found[name] = known[key]
     return found
 

@@ -1,34 +1,29 @@
 """Page and terminal text of `steelyard compare`: errors and times of several estimators."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from importlib.metadata import version
-from typing import TYPE_CHECKING, Any, ClassVar
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from rich.console import Console
+from rich.text import Text
 
+from steelyard.estimate.friction.friction_choice import FrictionChoice
+from steelyard.estimate.nonlinear.fields import Finding
+from steelyard.estimate.payload.drive_gains import GainEstimate
+from steelyard.estimate.scores.estimator_advice import Comparison, EstimatorScore, Failure
 from steelyard.identify.page.calibration_tables import DrivesSection
-from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.content import QualitySection, SettingsSection
 from steelyard.identify.page.friction_sections import FrictionSection
-from steelyard.identify.page.logs_and_settings import QualitySection, SettingsSection
 from steelyard.report.page import (
     Numbers,
+    PageContent,
     Section,
-    fill,
-    page_of,
     rounded,
     script_json,
-    shown_sections,
 )
 from steelyard.report.tables import PlainTable, Row, light_table
-from steelyard.report.words import NONE, percent, significant
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from steelyard.estimate.scores.estimator_advice import Comparison, EstimatorScore, Failure
-
+from steelyard.report.words import NONE, first_names, percent, significant
 
 LEAST_LOGARITHMIC_RATIO = 8.0
 """Ratio of the largest error to the least from which on the axis is logarithmic."""
@@ -37,21 +32,50 @@ TIME_TICKS = {-5: "10 µs", -4: "0.1 ms", -3: "1 ms", -2: "10 ms", -1: "0.1 s", 
 """Times on the axis by their decimal logarithm."""
 
 
-class CompareSection(Section):
+@dataclass(frozen=True, kw_only=True)
+class ComparisonContent(PageContent):
+    """What the page of `steelyard compare` shows.
+
+    Attributes:
+        comparison: Estimators beside each other.
+        friction: How the friction laws were chosen, if they were.
+        findings: Fields of terms that were found.
+        gains: Drive gains that were found, if any.
+    """
+
+    comparison: Comparison
+    friction: FrictionChoice | None = None
+    findings: tuple[Finding, ...] = ()
+    gains: GainEstimate | None = None
+
+
+class CompareSection(Section, name="compare", title="Estimators compared", template="compare.html"):
     """The advice, a picture of all errors, and tables."""
 
-    name: ClassVar[str] = "compare"
-    title: ClassVar[str] = "Estimators compared"
-
-    def numbers(self, content: ReportContent) -> Numbers | None:
-        """Everything, if estimators were compared."""
+    def numbers(self, content: ComparisonContent) -> Numbers:
+        """Everything."""
         comparison = content.comparison
-        if comparison is None:
-            return None
-        tables = [main_table(comparison), _by_joint(comparison), _by_part(comparison)]
-        if any(score.failures for score in comparison.scores):
-            tables.append(_failures(comparison))
-        drawn = [score for score in in_order(comparison) if score.mean is not None]
+        every, parts, left = in_order(comparison), comparison.parts, comparison.left_out
+        drawn = [score for score in every if score.mean is not None]
+        by_joint = [Row((x.name, *(percent(float(y)) for y in x.by_joint))) for x in drawn]
+        by_part = [
+            Row((part, *(percent(None if x.failed[k] else float(x.means[k])) for x in drawn)))
+            for k, part in enumerate(parts)
+        ]
+        failures = [
+            Row((score.name, *words))
+            for score in every
+            for words in failure_words(score.failures, len(parts))
+        ]
+        of_parts = (f"{left.capitalize()} left out", *(score.name for score in drawn))
+        of_failures = ("Estimator", "When", "Reason", "What to do")
+        tables = [
+            main_table(comparison),
+            PlainTable("Error by joint", "", ("Estimator", *comparison.joints), by_joint),
+            PlainTable(f"Error by {left} left out", "", of_parts, by_part),
+        ]
+        if failures:
+            tables.append(PlainTable("Fits that failed", "", of_failures, failures, (0, 1, 2, 3)))
         return {
             "headline": comparison_headline(comparison),
             "taken": comparison.advice is not None and bool(comparison.advice.name),
@@ -61,13 +85,8 @@ class CompareSection(Section):
             "picture": script_json(_figure(drawn, comparison)) if drawn else None,
             "height": 110 + 34 * len(drawn),
             "tables": tables,
-            "title": self.title,
             "notes": [(score.name, score.notes) for score in comparison.scores if score.notes],
         }
-
-    def show(self, numbers: Numbers) -> str:
-        """The numbers as safe HTML."""
-        return fill("compare.html", numbers)
 
 
 def comparison_headline(comparison: Comparison) -> str:
@@ -146,9 +165,7 @@ def bodies_words(score: EstimatorScore) -> str:
         return "not estimated" if score.parameters is not None else NONE
     if not score.impossible:
         return "all valid"
-    first = score.impossible[0]
-    more = len(score.impossible) - 1
-    return f"{first}{f' and {more} more' if more else ''} invalid"
+    return f"{first_names(score.impossible, 1)} invalid"
 
 
 def time_words(seconds: float | None) -> str:
@@ -166,46 +183,10 @@ def failure_words(failures: Sequence[Failure], parts: int) -> list[tuple[str, st
     words = []
     for (reason, fix), left in found.items():
         names = [name for name in left if name is not None]
-        shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
         when = ["fitted to all data"] if None in left else []
-        when += [f"without {shown}"] if names else []
+        when += [f"without {first_names(names, 3)}"] if names else []
         words.append(("every fit" if len(left) > parts else "; ".join(when), reason, fix))
     return words
-
-
-def _failures(comparison: Comparison) -> PlainTable:
-    rows = [
-        Row((score.name, *words))
-        for score in in_order(comparison)
-        for words in failure_words(score.failures, len(comparison.parts))
-    ]
-    headings = ("Estimator", "When", "Reason", "What to do")
-    return PlainTable("Fits that failed", "", headings, rows, (0, 1, 2, 3))
-
-
-def _by_joint(comparison: Comparison) -> PlainTable:
-    rows = [
-        Row((score.name, *(percent(float(x)) for x in score.by_joint)))
-        for score in in_order(comparison)
-        if score.mean is not None
-    ]
-    return PlainTable("Error by joint", "", ("Estimator", *comparison.joints), rows)
-
-
-def _by_part(comparison: Comparison) -> PlainTable:
-    shown = [score for score in in_order(comparison) if score.mean is not None]
-    rows = [
-        Row(
-            (
-                part,
-                *(percent(None if score.failed[k] else float(score.means[k])) for score in shown),
-            )
-        )
-        for k, part in enumerate(comparison.parts)
-    ]
-    caption = f"Error by {comparison.left_out} left out"
-    headings = (f"{comparison.left_out.capitalize()} left out", *(score.name for score in shown))
-    return PlainTable(caption, "", headings, rows)
 
 
 def _figure(drawn: Sequence[EstimatorScore], comparison: Comparison) -> dict[str, Any]:
@@ -277,7 +258,7 @@ def _times(seconds: Sequence[float]) -> dict[str, Any]:
     }
 
 
-TERMINAL_COLUMNS = (0, 1, 2, 4, 7)
+TERMINAL_COLUMNS: tuple[int, ...] = (0, 1, 2, 4, 7)
 """Columns of the main table for which a terminal has room."""
 
 MOST_SHOWN_ESTIMATORS = 10
@@ -297,28 +278,26 @@ COLUMN_MEANINGS = {
 """What columns say that do not speak for themselves."""
 
 
-def comparison_lines(content: ReportContent, console: Console, verbose: bool = False) -> None:
-    """Print the recommendation with its reason, the table, and what failed.
-
-    Args:
-        content: A report with a comparison.
-        console: Where to print.
-        verbose: Whether to print all estimators, what the columns say, and the notes.
-    """
-    from rich.text import Text
-
+def comparison_lines(content: ComparisonContent, console: Console, verbose: bool = False) -> None:
+    """Print the recommendation with its reason, the table, and what failed."""
     comparison = content.comparison
-    if comparison is None:
-        return
     console.print(Text(comparison_headline(comparison), style="bold"))
-    for line in _advice(comparison):
-        console.print(Text(line))
+    advice = comparison.advice
+    if advice is not None:
+        about = [f"{s.name}: {s.about}" for s in comparison.scores if s.name == advice.name]
+        for line in (*about, advice.why):
+            console.print(Text(line))
+    if comparison.setting:
+        console.print(Text(f"in the robot file: {comparison.setting}"))
     if stopped(comparison):
         console.print(Text(stopped(comparison), style="bold yellow"))
     console.print()
     shown = main_table(comparison)
     most = len(shown.rows) if verbose else MOST_SHOWN_ESTIMATORS
-    columns = _columns(shown)
+    known = [x for row in shown.rows if (x := row.cells[CONDITION_COLUMN]) != NONE]
+    columns, same = TERMINAL_COLUMNS, max((known.count(cell) for cell in known), default=0)
+    if same < EQUAL_CONDITION_SHARE * len(known):
+        columns = tuple(sorted((*columns, CONDITION_COLUMN)))
     table = light_table(
         [shown.headings[k] for k in columns], [k for k, c in enumerate(columns) if c in shown.text]
     )
@@ -341,27 +320,6 @@ def comparison_lines(content: ReportContent, console: Console, verbose: bool = F
         console.print(Text(f"note: {note}"))
 
 
-def _advice(comparison: Comparison) -> list[str]:
-    """What the recommended estimator is, why, and how to use it."""
-    advice, lines = comparison.advice, []
-    if advice is not None:
-        lines += [f"{s.name}: {s.about}" for s in comparison.scores if s.name == advice.name]
-        lines.append(advice.why)
-    if comparison.setting:
-        lines.append(f"in the robot file: {comparison.setting}")
-    return lines
-
-
-def _columns(shown: PlainTable) -> tuple[int, ...]:
-    """Those for which there is room, and the condition number where it differs."""
-    known = [
-        row.cells[CONDITION_COLUMN] for row in shown.rows if row.cells[CONDITION_COLUMN] != NONE
-    ]
-    same = max((known.count(cell) for cell in known), default=0)
-    differ = same < EQUAL_CONDITION_SHARE * len(known)
-    return tuple(sorted((*TERMINAL_COLUMNS, CONDITION_COLUMN))) if differ else TERMINAL_COLUMNS
-
-
 COMPARE_SECTIONS: tuple[Section, ...] = (
     CompareSection(),
     FrictionSection(),
@@ -370,9 +328,3 @@ COMPARE_SECTIONS: tuple[Section, ...] = (
     SettingsSection(),
 )
 """What of a report says something of a comparison."""
-
-
-def render_comparison(content: ReportContent) -> str:
-    """The page as HTML text, to be written as UTF-8."""
-    shown = shown_sections(COMPARE_SECTIONS, content)
-    return page_of(content.title, content.robot, "compared", version("steelyard"), shown)

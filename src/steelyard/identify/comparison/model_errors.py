@@ -1,23 +1,18 @@
 """Errors and predicted efforts of several models on the same logs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
-from steelyard.identify.page.content import ReportContent
-from steelyard.report.figures import Figure, Group, Key, dots, drawn, line, row_height
-from steelyard.report.page import FigureSection, Numbers
+from rich.console import RenderableType
+from rich.text import Text
+
+from steelyard.estimate.scores.joint_errors import JointError, PooledError
+from steelyard.estimate.scores.model_comparison import ModelComparison
+from steelyard.report.figures import Figure, Group, Key, dots, drawn, figure_of_rows, line
+from steelyard.report.page import FigureSection, Numbers, PageContent
 from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE, count, percent, significant
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
-    from steelyard.estimate.scores.joint_errors import JointError, PooledError
-    from steelyard.estimate.scores.model_comparison import ModelComparison
-
 
 MODEL_COLOURS = ("--vermillion", "--blue", "--green", "--purple", "--amber", "--arm")
 MODEL_SYMBOLS = ("diamond", "circle", "square", "x", "triangle-up", "cross")
@@ -52,18 +47,21 @@ MOST_TERMINAL_COLUMNS = 6
 """Columns of a table that the terminal has room for."""
 
 
-class ModelErrorsSection(FigureSection):
+@dataclass(frozen=True, kw_only=True)
+class ModelsContent(PageContent):
+    """What the page of `steelyard compare-models` shows: identified models side by side."""
+
+    models: ModelComparison
+
+
+class ModelErrorsSection(
+    FigureSection, name="model-errors", title="Errors of predicted efforts", template="models.html"
+):
     """A table per log, one of all logs, and a picture of the shares."""
 
-    name: ClassVar[str] = "model-errors"
-    title: ClassVar[str] = "Errors of predicted efforts"
-    template: ClassVar[str] = "models.html"
-
-    def numbers(self, content: ReportContent) -> Numbers | None:
-        """Tables and the picture, if models were compared."""
+    def numbers(self, content: ModelsContent) -> Numbers:
+        """Tables and the picture."""
         found = content.models
-        if found is None:
-            return None
         return {
             "headline": models_headline(found),
             "tables": error_tables(found),
@@ -71,11 +69,9 @@ class ModelErrorsSection(FigureSection):
             "legend": legend([model.name for model in found.models], "point"),
         }
 
-    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+    def to_dict(self, content: ModelsContent) -> dict[str, Any]:
         """Errors of every model, log and joint, and those of all joints together."""
         found = content.models
-        if found is None:
-            return {}
         return {
             "errors": [
                 {
@@ -100,26 +96,20 @@ class ModelErrorsSection(FigureSection):
             "pooled_runs": [found.runs[k] for k in found.pooled_runs],
         }
 
-    def printed(self, content: ReportContent) -> Iterable[RenderableType]:
+    def printed(self, content: ModelsContent) -> Iterable[RenderableType]:
         """The headline and the errors in all logs together."""
-        from rich.text import Text
+        yield Text(models_headline(content.models), style="bold")
+        first, *_ = error_tables(content.models)
+        yield from _printed([first])
+        yield Text(first.note)
 
-        if content.models is not None:
-            yield Text(models_headline(content.models), style="bold")
-            first, *_ = error_tables(content.models)
-            yield from _printed([first])
-            yield Text(first.note)
-
-    def detailed(self, content: ReportContent) -> Iterable[RenderableType]:
+    def detailed(self, content: ModelsContent) -> Iterable[RenderableType]:
         """The errors in every log, if there are several."""
-        if content.models is not None:
-            yield from _printed(error_tables(content.models)[1:])
+        return _printed(error_tables(content.models)[1:])
 
 
 def _printed(given: Sequence[PlainTable]) -> Iterable[RenderableType]:
     """Tables for the terminal, under their captions; wide ones without the effort used."""
-    from rich.text import Text
-
     for table in given:
         yield Text(table.caption)
         columns = range(len(table.headings))
@@ -130,10 +120,13 @@ def _printed(given: Sequence[PlainTable]) -> Iterable[RenderableType]:
 
 def models_headline(found: ModelComparison) -> str:
     """The errors of all joints together, one model after the other."""
-    each = (
-        f"{model.name} {' and '.join(_with_unit(one) for one in found.all_joints(model))}"
-        for model in found.models
-    )
+    each = []
+    for model in found.models:
+        errors = (
+            f"{significant(one.error)} {one.unit} ({percent(one.percent_of_used)})"
+            for one in found.all_joints(model)
+        )
+        each.append(f"{model.name} {' and '.join(errors)}")
     return f"RMS error of all joints: {', '.join(each)}"
 
 
@@ -150,7 +143,7 @@ def _of_run(found: ModelComparison, k: int) -> PlainTable:
     for j, name in enumerate(found.joints):
         joints = [model.runs[k].errors.joints[j] for model in found.models]
         cells = [
-            _cell(joint) + _mark(model.runs[k].fitted)
+            _size(joint) + FITTED_MARK * model.runs[k].fitted
             for model, joint in zip(found.models, joints, strict=True)
         ]
         rows.append(Row((name, significant(joints[0].reference), *cells, joints[0].unit)))
@@ -179,7 +172,9 @@ def _pooled_row(
     *,
     total: bool = False,
 ) -> Row:
-    marks = [_mark(any(model.runs[k].fitted for k in found.pooled_runs)) for model in found.models]
+    marks = [
+        FITTED_MARK * any(model.runs[k].fitted for k in found.pooled_runs) for model in found.models
+    ]
     cells = [
         (NONE if one is None else _size(one)) + mark
         for one, mark in zip(joints, marks, strict=True)
@@ -204,25 +199,11 @@ def _table(found: ModelComparison, caption: str, rows: Sequence[Row]) -> PlainTa
     return PlainTable(caption, words, headings, rows, (0, len(headings) - 1), note)
 
 
-def _cell(joint: JointError) -> str:
-    size = significant(joint.error)
-    return f"{size} ({_share(joint.percent_of_used)})" if joint.counted else f"{size} (at rest)"
-
-
-def _size(one: PooledError) -> str:
-    return f"{significant(one.error)} ({_share(one.percent_of_used)})"
-
-
-def _share(value: float) -> str:
-    return f"{significant(value, 2)}\u00a0%"
-
-
-def _with_unit(one: PooledError) -> str:
-    return f"{significant(one.error)} {one.unit} ({percent(one.percent_of_used)})"
-
-
-def _mark(fitted: bool) -> str:
-    return FITTED_MARK if fitted else ""
+def _size(one: JointError | PooledError) -> str:
+    """An error with its share of the effort used; that of a joint at rest has none."""
+    resting = isinstance(one, JointError) and not one.counted
+    share = "at rest" if resting else f"{significant(one.percent_of_used, 2)}\u00a0%"
+    return f"{significant(one.error)} ({share})"
 
 
 def _errors_figure(found: ModelComparison) -> Figure:
@@ -240,19 +221,9 @@ def _errors_figure(found: ModelComparison) -> Figure:
                 size=9,
             )
         )
-    layout = {
-        "showlegend": False,
-        "xaxis": {"rangemode": "tozero"},
-        "yaxis": {
-            "type": "category",
-            "categoryorder": "array",
-            "categoryarray": list(found.joints)[::-1],
-            "dtick": 1,
-        },
-    }
     label = "Error of every model and joint as a share of the effort used"
-    height = row_height(len(found.joints), 30)
-    return Figure("", label, "share of the effort used [%]", "", traces, layout, height=height)
+    x = "share of the effort used [%]"
+    return figure_of_rows(label, x, found.joints, traces, 30, xaxis={"rangemode": "tozero"})
 
 
 MOST_POINTS_OF_MODEL_EFFORT = 1500
@@ -267,17 +238,12 @@ MOST_POINTS_OF_MODEL_EFFORTS = 170_000
 MEASURED_COLOUR = "--ink"
 
 
-class ModelEffortsSection(FigureSection):
+class ModelEffortsSection(FigureSection, name="model-efforts", title="Efforts over time"):
     """A picture per joint, the logs one after the other."""
 
-    name: ClassVar[str] = "model-efforts"
-    title: ClassVar[str] = "Efforts over time"
-
-    def numbers(self, content: ReportContent) -> Numbers | None:
-        """Efforts, if models were compared."""
+    def numbers(self, content: ModelsContent) -> Numbers:
+        """Efforts."""
         found = content.models
-        if found is None:
-            return None
         of_run = len(found.joints) * (len(found.models) + 1)
         runs = found.runs[
             : max(MOST_POINTS_OF_MODEL_EFFORTS // (of_run * LEAST_POINTS_OF_MODEL_EFFORT), 1)

@@ -1,49 +1,38 @@
 """The page of `steelyard compare-models`, with parameters and link masses of the models."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
-from importlib.metadata import version
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any
 
-import numpy as np
+from rich.console import RenderableType
+from rich.text import Text
 
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.friction.mixes import mix_name
+from steelyard.estimate.scores.model_comparison import (
+    ComparedModel,
+    ModelComparison,
+    ParameterValue,
+)
 from steelyard.identify.comparison.model_errors import (
     ModelEffortsSection,
     ModelErrorsSection,
+    ModelsContent,
     colour,
     legend,
     symbol,
 )
-from steelyard.identify.page.content import ReportContent
-from steelyard.identify.page.link_inertias import IdentifiedLink, identified_links
-from steelyard.identify.page.logs_and_settings import QualitySection, SettingsSection
+from steelyard.identify.page.content import QualitySection, SettingsSection
+from steelyard.identify.page.link_inertias import IdentifiedLink, identified_links, link_dict
 from steelyard.model.laws.register import description_of
-from steelyard.report.figures import Figure, Group, dots, row_height
+from steelyard.report.figures import Group, dots, figure_of_rows
 from steelyard.report.page import (
     FigureSection,
     Numbers,
     Section,
     TableSection,
-    page_of,
-    rounded,
-    shown_sections,
 )
 from steelyard.report.tables import PlainTable, Row, narrow_table
-from steelyard.report.words import NONE, count, fixed, rounded_to_uncertainty, significant
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
-    from steelyard.estimate.scores.model_comparison import (
-        CommonParameter,
-        ComparedModel,
-        ModelComparison,
-        ParameterValue,
-    )
-
+from steelyard.report.words import NONE, count, fixed, significant, with_interval
 
 MODEL_PARAMETERS_WORDS = (
     "Base parameters of all models with 95 % intervals. A value is given where the model's own "
@@ -56,16 +45,11 @@ STATUS_CELLS = {
 }
 
 
-class ModelsSection(TableSection):
+class ModelsSection(TableSection, name="models", title="Models"):
     """One row per model: how it was identified."""
 
-    name: ClassVar[str] = "models"
-    title: ClassVar[str] = "Models"
-
-    def tables(self, content: ReportContent) -> Sequence[PlainTable]:
-        """The table, if models were compared."""
-        if content.models is None:
-            return ()
+    def tables(self, content: ModelsContent) -> Sequence[PlainTable]:
+        """The table."""
         headings = (
             "Model",
             "Estimator",
@@ -76,34 +60,44 @@ class ModelsSection(TableSection):
             "Terms beside the links",
             "Identified from",
         )
-        rows = [Row(_cells(model)) for model in content.models.models]
+        rows = [
+            Row(
+                (
+                    model.name,
+                    (estimate := model.identified.estimate).estimator,
+                    str(len(estimate.parameters)),
+                    str(len(estimate.removed)),
+                    _bodies(model),
+                    significant(estimate.condition_normalised),
+                    mix_name([t for t in model.identified.model.terms if t.role != "body"]),
+                    ", ".join(model.identified.provenance.runs),
+                )
+            )
+            for model in content.models.models
+        ]
         return (PlainTable("", "", headings, rows, (0, 1, 4, 6, 7)),)
 
-    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+    def to_dict(self, content: ModelsContent) -> dict[str, Any]:
         """The models."""
-        if content.models is None:
-            return {}
         return {"models": [_model_dict(model) for model in content.models.models]}
 
-    def printed(self, content: ReportContent) -> Iterable[RenderableType]:
+    def printed(self, content: ModelsContent) -> Iterable[RenderableType]:
         """A line per model."""
-        from rich.text import Text
+        lines = []
+        for model in content.models.models:
+            estimate, words = model.identified.estimate, f", link inertias {_bodies(model)}"
+            size = count(len(estimate.parameters), "base parameter")
+            size += f" ({len(estimate.removed)} removed)" if estimate.removed else ""
+            lines.append(f"{model.name}: {estimate.estimator}, {size}{words}")
+        yield Text("\n".join(lines))
 
-        if content.models is not None:
-            yield Text("\n".join(_words(model) for model in content.models.models))
 
-
-class ModelParametersSection(TableSection):
+class ModelParametersSection(TableSection, name="model-parameters", title="Parameters"):
     """One row per base parameter, one column per model."""
 
-    name: ClassVar[str] = "model-parameters"
-    title: ClassVar[str] = "Parameters"
-
-    def tables(self, content: ReportContent) -> Sequence[PlainTable]:
-        """The table, if models were compared."""
+    def tables(self, content: ModelsContent) -> Sequence[PlainTable]:
+        """The table."""
         found = content.models
-        if found is None:
-            return ()
         headings = ("Parameter", *(model.name for model in found.models), "Unit")
         rows = [
             Row((one.name, *(_value(value) for value in one.values), one.unit))
@@ -111,40 +105,28 @@ class ModelParametersSection(TableSection):
         ]
         return (PlainTable("", MODEL_PARAMETERS_WORDS, headings, rows, (0, len(headings) - 1)),)
 
-    def detailed(self, content: ReportContent) -> Iterable[RenderableType]:
+    def detailed(self, content: ModelsContent) -> Iterable[RenderableType]:
         """The table."""
         yield from (narrow_table(table) for table in self.tables(content))
 
-    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+    def to_dict(self, content: ModelsContent) -> dict[str, Any]:
         """One row per base parameter and model."""
         found = content.models
-        if found is None:
-            return {}
-        return {"parameters": [x for one in found.parameters for x in _parameter_rows(one, found)]}
-
-
-def _cells(model: ComparedModel) -> tuple[str, ...]:
-    estimate = model.identified.estimate
-    return (
-        model.name,
-        estimate.estimator,
-        str(len(estimate.parameters)),
-        str(len(estimate.removed)),
-        _bodies(model),
-        significant(estimate.condition_normalised),
-        mix_name([term for term in model.identified.model.terms if term.role != "body"]),
-        ", ".join(model.identified.provenance.runs),
-    )
-
-
-def _words(model: ComparedModel) -> str:
-    """A model in a line of the terminal."""
-    estimate = model.identified.estimate
-    removed = f" ({len(estimate.removed)} removed)" if estimate.removed else ""
-    return (
-        f"{model.name}: {estimate.estimator}, {count(len(estimate.parameters), 'base parameter')}"
-        f"{removed}, link inertias {_bodies(model)}"
-    )
+        return {
+            "parameters": [
+                {
+                    "parameter": one.name,
+                    "group": one.group,
+                    "unit": one.unit,
+                    "model": model.name,
+                    "value": value.value,
+                    "std": value.std,
+                    "status": value.status,
+                }
+                for one in found.parameters
+                for model, value in zip(found.models, one.values, strict=True)
+            ]
+        }
 
 
 def _bodies(model: ComparedModel) -> str:
@@ -156,18 +138,17 @@ def _bodies(model: ComparedModel) -> str:
 
 
 def _model_dict(model: ComparedModel) -> dict[str, Any]:
-    identified = model.identified
-    estimate = identified.estimate
-    standard = estimate.standard is not None
+    identified, estimate = model.identified, model.identified.estimate
+    valid = None
+    if estimate.standard is not None:
+        valid = all(link.margin > 0.0 for link in identified_links(identified))
     return {
         "model": model.name,
         "estimator": estimate.estimator,
         "terms": [description_of(term) for term in identified.model.terms],
         "parameters": len(estimate.parameters),
         "removed": [removed.name for removed in estimate.removed],
-        "bodies_valid": all(x.margin > 0.0 for x in identified_links(identified))
-        if standard
-        else None,
+        "bodies_valid": valid,
         "condition_normalised": estimate.condition_normalised,
         "runs": list(identified.provenance.runs),
     }
@@ -178,23 +159,7 @@ def _value(one: ParameterValue) -> str:
         return STATUS_CELLS[one.status]
     if one.std is None:
         return f"{significant(one.value)} (bound)"
-    half = Z95 * one.std
-    return f"{rounded_to_uncertainty(one.value, half)} ± {significant(half, 2)}"
-
-
-def _parameter_rows(one: CommonParameter, found: ModelComparison) -> list[dict[str, Any]]:
-    return [
-        {
-            "parameter": one.name,
-            "group": one.group,
-            "unit": one.unit,
-            "model": model.name,
-            "value": value.value,
-            "std": value.std,
-            "status": value.status,
-        }
-        for model, value in zip(found.models, one.values, strict=True)
-    ]
+    return with_interval(one.value, Z95 * one.std)
 
 
 MODEL_MASSES_WORDS = (
@@ -205,34 +170,65 @@ Links = dict[str, dict[str, IdentifiedLink]]
 """Links by name, by the name of their model."""
 
 
-class ModelMassesSection(FigureSection):
+class ModelMassesSection(FigureSection, name="model-masses", title="Masses and centres"):
     """A picture of the masses, tables of masses and centres."""
 
-    name: ClassVar[str] = "model-masses"
-    title: ClassVar[str] = "Masses and centres"
-
-    def numbers(self, content: ReportContent) -> Numbers | None:
+    def numbers(self, content: ModelsContent) -> Numbers | None:
         """Masses and centres, if a model knows them."""
         found = content.models
-        links = {} if found is None else _links(found)
-        if found is None or not links:
+        links = _links(found)
+        if not links:
             return None
-        names = _names(links)
+        names = list(dict.fromkeys(name for own in links.values() for name in own))
+        headings = ("Link", *links)
+        masses, centres = (
+            [Row((name, *(of(own.get(name)) for own in links.values()))) for name in names]
+            for of in (_mass, _centre)
+        )
+        caption = "Centre of mass in the link's frame: x, y, z [mm]"
         keys = legend([model.name for model in found.models], "point")
+        traces = [
+            dots(
+                model.name,
+                [link.inertia.mass for link in own.values()],
+                list(own),
+                colour(k),
+                symbol=symbol(k),
+                size=9,
+                half_widths=[link.mass_half_width for link in own.values()],
+            )
+            for k, model in enumerate(found.models)
+            if (own := links.get(model.name))
+        ]
+        figure = figure_of_rows(
+            "Masses of all links in every model",
+            "mass [kg]",
+            names,
+            traces,
+            34,
+            xaxis={"rangemode": "tozero"},
+        )
         return {
             "words": MODEL_MASSES_WORDS,
-            "tables": [_masses(links, names), _centres(links, names)],
+            "tables": [
+                PlainTable("Mass [kg]", "", headings, masses),
+                PlainTable(caption, "", headings, centres, range(len(headings))),
+            ],
             "legend": [key for key in keys if key.words in links],
-            "groups": [Group([_figure(found, links, names)], columns="one")],
+            "groups": [Group([figure], columns="one")],
         }
 
-    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+    def to_dict(self, content: ModelsContent) -> dict[str, Any]:
         """One row per link and model."""
-        if content.models is None:
-            return {}
-        links = _links(content.models)
-        rows = [_row(model, link) for model, own in links.items() for link in own.values()]
-        return {"bodies": rows}
+        of_one_model = ("mass_file", "centre_file", "data_share")
+        return {
+            "bodies": [
+                {"model": model}
+                | {key: x for key, x in link_dict(link).items() if key not in of_one_model}
+                for model, own in _links(content.models).items()
+                for link in own.values()
+            ]
+        }
 
 
 def _links(found: ModelComparison) -> Links:
@@ -243,32 +239,8 @@ def _links(found: ModelComparison) -> Links:
     return {name: links for name, links in own.items() if links}
 
 
-def _names(links: Links) -> list[str]:
-    """Names of all links, in the order of the models."""
-    return list(dict.fromkeys(name for own in links.values() for name in own))
-
-
-def _half(link: IdentifiedLink) -> float:
-    return float(Z95 * np.sqrt(np.maximum(link.covariance[0, 0], 0.0)))
-
-
-def _masses(links: Links, names: list[str]) -> PlainTable:
-    rows = [Row((name, *(_mass(own.get(name)) for own in links.values()))) for name in names]
-    return PlainTable("Mass [kg]", "", ("Link", *links), rows)
-
-
 def _mass(link: IdentifiedLink | None) -> str:
-    if link is None:
-        return NONE
-    return (
-        f"{rounded_to_uncertainty(link.inertia.mass, _half(link))} ± {significant(_half(link), 2)}"
-    )
-
-
-def _centres(links: Links, names: list[str]) -> PlainTable:
-    rows = [Row((name, *(_centre(own.get(name)) for own in links.values()))) for name in names]
-    caption = "Centre of mass in the link's frame: x, y, z [mm]"
-    return PlainTable(caption, "", ("Link", *links), rows, range(len(links) + 1))
+    return NONE if link is None else with_interval(link.inertia.mass, link.mass_half_width)
 
 
 def _centre(link: IdentifiedLink | None) -> str:
@@ -276,46 +248,6 @@ def _centre(link: IdentifiedLink | None) -> str:
         return NONE
     pairs = zip(1e3 * link.inertia.com, 1e3 * Z95 * link.com_std, strict=True)
     return ", ".join(f"{fixed(x, 1)} ± {fixed(half, 1)}" for x, half in pairs)
-
-
-def _figure(found: ModelComparison, links: Links, names: list[str]) -> Figure:
-    traces = [
-        dots(
-            model.name,
-            [link.inertia.mass for link in own.values()],
-            list(own),
-            colour(k),
-            symbol=symbol(k),
-            size=9,
-            half_widths=[_half(link) for link in own.values()],
-        )
-        for k, model in enumerate(found.models)
-        if (own := links.get(model.name))
-    ]
-    layout = {
-        "showlegend": False,
-        "xaxis": {"rangemode": "tozero"},
-        "yaxis": {
-            "type": "category",
-            "categoryorder": "array",
-            "categoryarray": names[::-1],
-            "dtick": 1,
-        },
-    }
-    label = "Masses of all links in every model"
-    return Figure("", label, "mass [kg]", "", traces, layout, height=row_height(len(names), 34))
-
-
-def _row(model: str, link: IdentifiedLink) -> dict[str, Any]:
-    return {
-        "model": model,
-        "link": link.name,
-        "mass": rounded(link.inertia.mass),
-        "mass_half_width": rounded(_half(link)),
-        "centre": [rounded(x) for x in link.inertia.com],
-        "centre_half_width": [rounded(Z95 * x) for x in link.com_std],
-        "margin": float(significant(link.margin, 4)),
-    }
 
 
 COMPARE_MODELS_SECTIONS: tuple[Section, ...] = (
@@ -327,9 +259,3 @@ COMPARE_MODELS_SECTIONS: tuple[Section, ...] = (
     QualitySection(),
     SettingsSection(),
 )
-
-
-def render_models(content: ReportContent) -> str:
-    """The page as HTML text, to be written as UTF-8."""
-    shown = shown_sections(COMPARE_MODELS_SECTIONS, content)
-    return page_of(content.title, content.robot, "compared", version("steelyard"), shown)

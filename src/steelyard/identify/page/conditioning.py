@@ -1,21 +1,16 @@
 """Condition number, correlations, and parameters that the data do not identify."""
 
-from __future__ import annotations
-
 from math import hypot
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from steelyard.base.arrays import Array
+from steelyard.estimate.estimate import Estimate
 from steelyard.identify.page.content import ReportContent
 from steelyard.report.figures import Figure, Group, row_height
-from steelyard.report.page import FigureSection, Numbers, Section, fill, packed
+from steelyard.report.page import FigureSection, Numbers, Section, packed
 from steelyard.robot.rigid_body import INERTIAL_NAMES
-
-if TYPE_CHECKING:
-    from steelyard.estimate.estimate import Estimate
-
 
 MOST_CORRELATED_PAIRS = 6
 """Most pairs of correlated parameters that are named."""
@@ -24,16 +19,13 @@ LEAST_NAMED_CORRELATION = 0.9
 """Correlation of two estimates from which on they are named."""
 
 
-class ConditioningSection(Section):
+class ConditioningSection(
+    Section, name="conditioning", title="Conditioning", template="conditioning.html"
+):
     """Condition numbers, noise per joint, parameters that are hardly distinguished."""
-
-    name: ClassVar[str] = "conditioning"
-    title: ClassVar[str] = "Conditioning"
 
     def numbers(self, content: ReportContent) -> Numbers | None:
         """Figures of the estimate and of those beside it."""
-        if content.identified is None:
-            return None
         estimate = content.identified.estimate
         robot = content.identified.model.robot
         noise = zip(
@@ -52,10 +44,6 @@ class ConditioningSection(Section):
             "pairs": _pairs(estimate),
             "alike": LEAST_NAMED_CORRELATION,
         }
-
-    def show(self, numbers: Numbers) -> str:
-        """The numbers as safe HTML."""
-        return fill("conditioning.html", numbers)
 
 
 def _furthest(estimate: Estimate, other: Estimate) -> tuple[str, float] | None:
@@ -114,16 +102,13 @@ CORRELATION_WORDS = (
 )
 
 
-class CorrelationsSection(FigureSection):
+class CorrelationsSection(
+    FigureSection, name="correlations", title="Correlation of the parameters"
+):
     """One map."""
-
-    name: ClassVar[str] = "correlations"
-    title: ClassVar[str] = "Correlation of the parameters"
 
     def numbers(self, content: ReportContent) -> Numbers | None:
         """The map of the most correlated parameters."""
-        if content.identified is None:
-            return None
         names, matrix, left_out = correlations(content.identified.estimate)
         if not names:
             return None
@@ -192,16 +177,13 @@ def _correlation_map(names: tuple[str, ...], matrix: Array) -> Figure:
     return Figure("", label, "", "", [trace], layout, height=row_height(len(names), 12))
 
 
-class UnseenSection(Section):
+class UnseenSection(
+    Section, name="unseen", title="Parameters that are not identifiable", template="unseen.html"
+):
     """Parameters that no motion shows, and those that these motions do not show."""
-
-    name: ClassVar[str] = "unseen"
-    title: ClassVar[str] = "Parameters that are not identifiable"
 
     def numbers(self, content: ReportContent) -> Numbers | None:
         """Names, and what each is tied to."""
-        if content.identified is None:
-            return None
         base, robot = content.identified.base, content.identified.model.robot
         frames = [f"{n}.{b.name}" for n in INERTIAL_NAMES for b in robot.bodies if b.massless]
         return {
@@ -211,7 +193,3 @@ class UnseenSection(Section):
             "base": len(base),
             "blind": content.identified.estimate.blind,
         }
-
-    def show(self, numbers: Numbers) -> str:
-        """The numbers as safe HTML."""
-        return fill("unseen.html", numbers)

@@ -1,54 +1,40 @@
-"""What the page of an identified model shows, and the samples that its figures draw."""
-
-from __future__ import annotations
+"""What the page of an identified model shows, the samples of its figures, logs and settings."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
+from steelyard.base.arrays import Parameters
+from steelyard.check.examine import Diagnosis
+from steelyard.check.finding import Finding
+from steelyard.check.findings_page import findings_of
+from steelyard.check.findings_text import diagnosis_dict
+from steelyard.estimate.estimate_scatter import Bootstrap, RepeatedEstimates, Sensitivity
+from steelyard.estimate.friction.friction_choice import FrictionChoice
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.nonlinear.effort_scales import EffortScales
+from steelyard.estimate.nonlinear.fields import Finding as FieldFinding
+from steelyard.estimate.nonlinear.zero_offset import ZeroOffsets
+from steelyard.estimate.payload.drive_gains import GainEstimate
+from steelyard.estimate.reduction.reduction import Reduction
 from steelyard.estimate.scores.residuals import TorqueParts
+from steelyard.estimate.scores.score import RunScore
+from steelyard.report.page import Numbers, PageContent, Section
 from steelyard.report.words import count
 
-if TYPE_CHECKING:
-    from steelyard.base.arrays import Parameters
-    from steelyard.check.examine import Diagnosis
-    from steelyard.check.finding import Finding
-    from steelyard.estimate.estimate_scatter import Bootstrap, RepeatedEstimates, Sensitivity
-    from steelyard.estimate.friction.friction_choice import FrictionChoice
-    from steelyard.estimate.identified import IdentifiedModel
-    from steelyard.estimate.nonlinear.effort_scales import EffortScales
-    from steelyard.estimate.nonlinear.fields import Finding as FieldFinding
-    from steelyard.estimate.nonlinear.zero_offset import ZeroOffsets
-    from steelyard.estimate.payload.drive_gains import GainEstimate
-    from steelyard.estimate.reduction.reduction import Reduction
-    from steelyard.estimate.scores.estimator_advice import Comparison
-    from steelyard.estimate.scores.model_comparison import ModelComparison
-    from steelyard.estimate.scores.score import RunScore
-    from steelyard.excite.designed import Designed
-    from steelyard.robot.file.excitation_sections import WorkspaceSection
-    from steelyard.simulate.track import Tracking
 
-
-LabelledValues = Sequence[tuple[str, str]]
-"""Labels and values, ready to be read."""
-
-
-@dataclass(frozen=True)
-class ReportContent:
-    """Everything that a report shows.
+@dataclass(frozen=True, kw_only=True)
+class ReportContent(PageContent):
+    """Everything that the report of an identified, validated or reduced model shows.
 
     Attributes:
-        title: What the page is called.
-        robot: The robot's name.
-        identified: The model; `None` if there is none to show.
+        identified: The model.
         scores: Scores on runs that were not fitted.
         fitted: Scores on the runs that were.
-        qualities: Per run its name and what was found in its log.
-        notes: What was assumed or is doubtful, for people to read.
-        details: What else was decided on the way, such as cut-offs and corrected rows.
-        settings: What the results depend on.
+        unscaled: As `scores`, of the model without scales of the efforts, where they were
+            estimated.
         friction: How the friction laws were chosen, if they were.
         findings: Fields of terms that were found.
         gains: Drive gains that were found, if any.
@@ -59,30 +45,17 @@ class ReportContent:
         sensitivity: Fits with other cut-offs, if they were asked for.
         bootstrap: Estimates of windows drawn again, if they were asked for.
         repeated: Estimates from each log alone, if they were asked for.
-        comparison: Estimators beside each other, if they were compared.
-        models: Identified models side by side, if they were compared.
         reduction: How a model was made smaller, if it was.
         before: Scores of the model that was made smaller, on the runs that were not fitted.
-        design: A motion, if one was designed.
-        tracking: A motion run under several controllers, if it was.
         truth: All standard parameters of a simulated robot; `None` of a real one.
-        workspace: Where its tool may be, drawn with its path; `None` if none is given.
         logs: The log of each run, as it was given.
-        files: What was written beside the page, and the files' names.
         only_errors: Whether the model's errors on logs are reported, and not its fit.
-        unscaled: Scores on the same runs of the model without scales of the efforts, where they
-            were estimated.
     """
 
-    title: str
-    robot: str
-    identified: IdentifiedModel | None = None
+    identified: IdentifiedModel
     scores: tuple[RunScore, ...] = ()
     fitted: tuple[RunScore, ...] = ()
-    qualities: tuple[tuple[str, LabelledValues], ...] = ()
-    notes: tuple[str, ...] = ()
-    details: tuple[str, ...] = ()
-    settings: tuple[tuple[str, str], ...] = ()
+    unscaled: tuple[RunScore, ...] = ()
     friction: FrictionChoice | None = None
     findings: tuple[FieldFinding, ...] = ()
     gains: GainEstimate | None = None
@@ -93,18 +66,11 @@ class ReportContent:
     sensitivity: Sensitivity | None = None
     bootstrap: Bootstrap | None = None
     repeated: RepeatedEstimates | None = None
-    comparison: Comparison | None = None
-    models: ModelComparison | None = None
     reduction: Reduction | None = None
     before: tuple[RunScore, ...] = ()
-    design: Designed | None = None
-    tracking: Tracking | None = None
     truth: Parameters | None = None
-    workspace: WorkspaceSection | None = None
     logs: Mapping[str, str] = field(default_factory=dict)
-    files: LabelledValues = ()
     only_errors: bool = False
-    unscaled: tuple[RunScore, ...] = ()
 
 
 def fitted_samples(content: ReportContent) -> tuple[TorqueParts, str] | None:
@@ -131,3 +97,72 @@ def _pooled(scores: Sequence[RunScore], kind: str) -> tuple[TorqueParts, str] | 
         parts=np.concatenate([one.parts for one in known], axis=1),
     )
     return pooled, count(len(known), f"{kind} run")
+
+
+class SettingsSection(
+    Section, name="settings", title="Notes and settings", folded=True, template="settings.html"
+):
+    """What was assumed, and everything that is needed to make the same results again."""
+
+    def numbers(self, content: PageContent) -> Numbers | None:
+        """Notes, settings, runs, and hashes of the files."""
+        notes = (*content.notes, *content.details)
+        origin = content.identified.provenance if isinstance(content, ReportContent) else None
+        if origin is not None:
+            notes += origin.notes
+        elif not content.settings and not notes:
+            return None
+        shown = tuple(dict.fromkeys(notes))
+        return {"settings": content.settings, "origin": origin, "notes": shown}
+
+
+LETTERS_OF_LONG_VALUE = 80
+"""Letters from which on a value stands below its run, over the whole width."""
+
+
+class QualitySection(
+    Section, name="quality", title="Data quality", folded=True, template="quality.html"
+):
+    """Rows, rates, gaps and dropped samples of every run."""
+
+    def numbers(self, content: PageContent) -> Numbers | None:
+        """One column per label, one row per run; what is long stands below its run.
+
+        Runs may have different labels.
+        """
+        if not content.qualities:
+            return None
+        values = [value for _, found in content.qualities for value in found]
+        long = dict.fromkeys(label for label, value in values if len(value) > LETTERS_OF_LONG_VALUE)
+        labels = [
+            label for label in dict.fromkeys(label for label, _ in values) if label not in long
+        ]
+        return {
+            "labels": labels,
+            "runs": [
+                (
+                    run,
+                    [dict(found).get(label, "") for label in labels],
+                    [(label, value) for label, value in found if label in long],
+                )
+                for run, found in content.qualities
+            ],
+        }
+
+
+FEW = 40_000
+"""Most points of all pictures of the evidence together."""
+
+
+class CheckSection(Section, name="check", title="Check of the logs", template="findings.html"):
+    """The verdict on the logs, and every finding; what is not ok with its picture."""
+
+    def numbers(self, content: ReportContent) -> Numbers | None:
+        """The findings, if the logs were checked."""
+        if content.diagnosis is None:
+            return None
+        return findings_of(content.diagnosis, FEW, fine=False)
+
+    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+        """The findings."""
+        return {"check": None if content.diagnosis is None else diagnosis_dict(content.diagnosis)}

@@ -1,16 +1,17 @@
 """Measured and predicted effort of every joint over time, and what the prediction consists of."""
 
-from __future__ import annotations
-
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.estimate import Z95
+from steelyard.estimate.identified import IdentifiedModel
 from steelyard.estimate.information.gather import Mask
+from steelyard.estimate.scores.bands import Traces
 from steelyard.estimate.scores.residuals import PARTS, TorqueParts
+from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.page.content import ReportContent
 from steelyard.identify.page.score_words import below
 from steelyard.report.figures import Figure, Group, drawn, gaps, line, outline
@@ -25,13 +26,7 @@ from steelyard.report.page import (
 )
 from steelyard.report.tables import PlainTable, Row
 from steelyard.report.words import percent, significant
-
-if TYPE_CHECKING:
-    from steelyard.estimate.identified import IdentifiedModel
-    from steelyard.estimate.scores.bands import Traces
-    from steelyard.estimate.scores.score import RunScore
-    from steelyard.robot.robot import Coordinate
-
+from steelyard.robot.robot import Coordinate
 
 MOST_POINTS_OF_EFFORT = 2000
 """Most points of one line."""
@@ -57,11 +52,8 @@ MOST_SHADED_RESTS = 80
 """Most rests that are shaded in one plot."""
 
 
-class EffortSection(Section):
+class EffortSection(Section, name="effort", title="Effort, measured and predicted"):
     """One plot per joint; a menu chooses the run."""
-
-    name: ClassVar[str] = "effort"
-    title: ClassVar[str] = "Effort, measured and predicted"
 
     def numbers(self, content: ReportContent) -> Numbers | None:
         """Lines of every joint and run, unseen runs first."""
@@ -104,10 +96,9 @@ class EffortSection(Section):
         return fill("effort.html", {**numbers, "data": data})
 
 
-def band_text(identified: IdentifiedModel | None) -> str:
+def band_text(identified: IdentifiedModel) -> str:
     """What the bands of a model's efforts rest on, for people to read."""
-    calibration = None if identified is None else identified.calibration
-    return NOISE_ONLY if calibration is None else calibration.text
+    return NOISE_ONLY if identified.calibration is None else identified.calibration.text
 
 
 def _effort_figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
@@ -116,25 +107,32 @@ def _effort_figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
     origin = float(traces.t[0]) if len(traces.t) and abs(traces.t[-1]) > 1e5 else 0.0
     t = traces.t - origin
     measured, predicted = traces.measured[:, joint], traces.predicted[:, joint]
-    covered = _covered(traces, joint)
+    signals = (measured, predicted, measured - predicted)
+    banded = traces.band is not None and bool(np.isfinite(traces.band[:, joint]).any())
+    covered = None
+    if banded and traces.coverage is not None:
+        covered = 100.0 * float(traces.coverage[joint])
+    error = score.errors.joints[joint]
+    size = f"error {significant(error.error)} {error.unit}"
+    used = f"{size}: {percent(error.percent_of_used)} of the effort used"
     return {
-        "caption": _effort_caption(score, joint),
+        "caption": used if error.counted else f"at rest: {size}, not counted",
         "covered": "" if covered is None else f"{percent(covered)} in the 95 % band",
         "few": covered is not None and covered < LEAST_COVERAGE_PERCENT,
         "unit": numbers.unit,
         "time": f"time from {origin:.3f} s [s]" if origin else "time [s]",
-        "lines": [
-            _line(t, signal, points) for signal in (measured, predicted, measured - predicted)
-        ],
-        "bands": _bands(t, traces, joint, points),
+        "lines": [_packed(drawn(t, signal, points)) for signal in signals],
+        "bands": _bands(t, traces, joint, points) if banded else [],
         "rests": _rests(t, traces, joint),
     }
 
 
 def basis_of(scores: Sequence[RunScore]) -> str:
     """Unit and band of the lines, and those of the errors above them, where they differ."""
-    lines = _units(joint.unit for score in scores for joint in score.joints)
-    errors = _units(joint.unit for score in scores for joint in score.errors.joints)
+    lines, errors = (
+        " and ".join(dict.fromkeys(joint.unit for joints in every for joint in joints))
+        for every in ([x.joints for x in scores], [x.errors.joints for x in scores])
+    )
     drawn, judged = below(x.cutoff for x in scores), below(x.errors.cutoff for x in scores)
     if (lines, drawn) == (errors, judged):
         return (
@@ -148,46 +146,19 @@ def basis_of(scores: Sequence[RunScore]) -> str:
     )
 
 
-def _units(units: Iterable[str]) -> str:
-    return " and ".join(dict.fromkeys(units))
-
-
-def _effort_caption(score: RunScore, joint: int) -> str:
-    """The error of a joint in the verdict."""
-    found = score.errors.joints[joint]
-    size = f"error {significant(found.error)} {found.unit}"
-    if not found.counted:
-        return f"at rest: {size}, not counted"
-    return f"{size}: {percent(found.percent_of_used)} of the effort used"
-
-
-def _covered(traces: Traces, joint: int) -> float | None:
-    """The share of the measured effort that lies in the band [%]."""
-    if not _banded(traces, joint) or traces.coverage is None:
-        return None
-    return 100.0 * float(traces.coverage[joint])
-
-
-def _banded(traces: Traces, joint: int) -> bool:
-    """Whether a joint has a band; one that never moved while fitting has none."""
-    return traces.band is not None and bool(np.isfinite(traces.band[:, joint]).any())
-
-
 def _bands(t: Array, traces: Traces, joint: int, points: int) -> list[dict[str, dict[str, str]]]:
     """Outlines of bands, none without: of a new measurement, of the model, of the residual."""
-    if not _banded(traces, joint) or traces.band is None or traces.model_std is None:
+    if traces.band is None or traces.model_std is None:
         return []
     predicted, half = traces.predicted[:, joint], traces.band[:, joint]
     sure = Z95 * traces.model_std[:, joint]
     sides = ((predicted, half), (predicted, sure), (np.zeros_like(half), half))
     most = max(points // POINTS_OVER_BAND_POINTS, LEAST_POINTS_OF_EFFORT)
-    outlines = [outline(t, middle - away, middle + away, most) for middle, away in sides]
-    return [{"x": packed(x), "y": packed(y)} for x, y in outlines]
+    return [_packed(outline(t, middle - away, middle + away, most)) for middle, away in sides]
 
 
-def _line(t: Array, signal: Array, points: int) -> dict[str, dict[str, str]]:
-    x, y = drawn(t, signal, points)
-    return {"x": packed(x), "y": packed(y)}
+def _packed(points: tuple[Array, Array]) -> dict[str, dict[str, str]]:
+    return {"x": packed(points[0]), "y": packed(points[1])}
 
 
 def _rests(t: Array, traces: Traces, joint: int) -> list[list[float | None]]:
@@ -225,22 +196,33 @@ TORQUE_PART_STYLES = {
 """Colour and dash of each part."""
 
 
-class TorqueSplitSection(FigureSection):
+class TorqueSplitSection(FigureSection, name="torque-split", title="Effort by cause"):
     """A table of sizes, and one folded figure per joint."""
-
-    name: ClassVar[str] = "torque-split"
-    title: ClassVar[str] = "Effort by cause"
 
     def numbers(self, content: ReportContent) -> Numbers | None:
         """Parts of one run, one that was not fitted if there is one."""
         found = _run(content)
-        if content.identified is None or found is None:
+        if found is None:
             return None
         score, kind = found
         parts, joints = score.parts, content.identified.model.robot.coordinates
         if parts is None:
             return None
         sizes = _sizes(parts, parts.moving)
+        rows, captions = [], []
+        for j, joint in enumerate(joints):
+            own = {name: float(size[j]) for name, size in sizes.items()}
+            cells = (significant(x, 3) for x in own.values())
+            rows.append(Row((joint.name, *cells, joint.effort_unit)))
+            largest = sorted(PARTS, key=lambda name: -own[name])[:2]
+            words = (
+                f"{TORQUE_PART_NAMES[x]} {significant(own[x], 2)} {joint.effort_unit}"
+                for x in largest
+            )
+            captions.append(f"mostly {', '.join(words)}")
+        names = [TORQUE_PART_NAMES.get(name, name) for name in sizes]
+        headings = ("Joint", *(name[0].upper() + name[1:] for name in names), "Unit")
+        left = (0, len(headings) - 1)
         present = _sizes(parts, np.ones_like(parts.moving))
         points = min(
             MOST_POINTS_OF_TORQUE_PART,
@@ -250,7 +232,7 @@ class TorqueSplitSection(FigureSection):
             Group(
                 [_torque_figure(parts, j, joint, present, points)],
                 joint.name,
-                _torque_caption(sizes, j, joint),
+                captions[j],
                 "one",
             )
             for j, joint in enumerate(joints)
@@ -259,7 +241,7 @@ class TorqueSplitSection(FigureSection):
             "words": f"Run {score.run} ({kind}). Efforts at the joints below {score.cutoff:g} Hz, "
             "the validation band; the parts add up to the predicted effort. Root mean squares are "
             "of the samples in which the joint moves; of all samples if it rests throughout.",
-            "tables": [_table(sizes, joints)],
+            "tables": [PlainTable("Root mean squares", "", headings, rows, left)],
             "groups": groups,
             "note": "Coriolis: with centrifugal efforts. Inertia: mass matrix times acceleration, "
             "with rotors. A part that is small throughout is hardly identifiable from this motion. "
@@ -270,7 +252,7 @@ class TorqueSplitSection(FigureSection):
     def to_dict(self, content: ReportContent) -> dict[str, Any]:
         """RMS of the parts per joint, where it moves."""
         found = _run(content)
-        if content.identified is None or found is None or found[0].parts is None:
+        if found is None or found[0].parts is None:
             return {"torque_split": None}
         sizes = _sizes(found[0].parts, found[0].parts.moving)
         joints = content.identified.joints
@@ -308,35 +290,6 @@ def _sizes(parts: TorqueParts, chosen: Mask) -> dict[str, Array]:
     }
     least = ROUND_OFF_SHARE * sizes["measured"]
     return {name: np.where(size <= least, 0.0, size) for name, size in sizes.items()}
-
-
-def _torque_caption(sizes: dict[str, Array], j: int, joint: Coordinate) -> str:
-    """The two largest parts."""
-    largest = sorted(PARTS, key=lambda name: -sizes[name][j])[:2]
-    unit = joint.effort_unit
-    return "mostly " + ", ".join(
-        f"{TORQUE_PART_NAMES[name]} {significant(float(sizes[name][j]), 2)} {unit}"
-        for name in largest
-    )
-
-
-def _table(sizes: dict[str, Array], joints: tuple[Coordinate, ...]) -> PlainTable:
-    rows = [
-        Row(
-            (
-                joint.name,
-                *(significant(float(size[j]), 3) for size in sizes.values()),
-                joint.effort_unit,
-            )
-        )
-        for j, joint in enumerate(joints)
-    ]
-    headings = ("Joint", *(_capital(TORQUE_PART_NAMES.get(name, name)) for name in sizes), "Unit")
-    return PlainTable("Root mean squares", "", headings, rows, (0, len(headings) - 1))
-
-
-def _capital(words: str) -> str:
-    return words[0].upper() + words[1:]
 
 
 def _torque_figure(

@@ -1,13 +1,12 @@
 """How friction laws were chosen, and the identified friction of every joint over its speed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any
 
 import numpy as np
+from rich.console import RenderableType
+from rich.text import Text
 
-from steelyard.base.arrays import Array
 from steelyard.estimate.friction.friction_choice import FrictionChoice
 from steelyard.estimate.identified_parameters import FrictionCurve, friction_curves
 from steelyard.estimate.nonlinear.fields import Finding
@@ -19,10 +18,6 @@ from steelyard.report.page import FigureSection, Numbers, TableSection, rounded
 from steelyard.report.tables import PlainTable, Row
 from steelyard.report.words import count, significant
 from steelyard.robot.robot import Coordinate
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
 
 FRICTION_ERROR_WORDS = (
     "geometric mean of two errors, that of all joints together and the geometric mean over joints, "
@@ -36,34 +31,25 @@ ONE_CURVE = (
 """What coefficients of chosen laws mean."""
 
 
-class FrictionSection(TableSection):
+class FrictionSection(TableSection, name="friction", title="Friction", in_terminal=True):
     """The mixes that were compared, and the fields that were found."""
 
-    name: ClassVar[str] = "friction"
-    title: ClassVar[str] = "Friction"
-
-    in_terminal: ClassVar[bool] = True
-
-    def tables(self, content: ReportContent) -> list[PlainTable]:
+    def tables(self, content: Any) -> list[PlainTable]:
         """One table each, if there is anything in it."""
         mixes = [] if content.friction is None else [_mixes(content.friction)]
         return [*mixes, *([_fields(content.findings)] if content.findings else [])]
 
-    def printed(self, content: ReportContent) -> Iterable[RenderableType]:
+    def printed(self, content: Any) -> Iterable[RenderableType]:
         """The laws that were chosen, and how much of the error they take away."""
-        from rich.text import Text
-
         if content.friction is not None:
             yield Text(_chosen(content.friction))
 
-    def detailed(self, content: ReportContent) -> Iterable[RenderableType]:
+    def detailed(self, content: Any) -> Iterable[RenderableType]:
         """The tables; laws for controllers that keep no state, where the chosen ones need one."""
-        from rich.text import Text
-
         yield from super().detailed(content)
         if content.friction is not None and (other := without_memory(content.friction)):
             yield Text(other)
-        if content.friction is None and content.identified is not None:
+        if content.friction is None and isinstance(content, ReportContent):
             terms = content.identified.model.terms
             laws = [term.law for term in terms if isinstance(term, StatefulTerm)]
             if laws:
@@ -73,7 +59,7 @@ class FrictionSection(TableSection):
                     '"auto" compares them'
                 )
 
-    def to_dict(self, content: ReportContent) -> dict[str, Any]:
+    def to_dict(self, content: Any) -> dict[str, Any]:
         """The choice of laws, and the fields."""
         return {
             "friction": None if content.friction is None else content.friction.to_dict(),
@@ -108,19 +94,10 @@ def without_memory(choice: FrictionChoice) -> str:
 
 
 def _mixes(choice: FrictionChoice) -> PlainTable:
-    rows = [
-        Row(
-            (
-                mix.name,
-                f"{mix.error:.2f} %",
-                f"{mix.gain:.1f} %",
-                f"± {mix.spread:.1f} %",
-                "chosen" if mix.chosen else "",
-            ),
-            mix.chosen,
-        )
-        for mix in choice.table
-    ]
+    rows = []
+    for mix in choice.table:
+        numbers = f"{mix.error:.2f} %", f"{mix.gain:.1f} %", f"± {mix.spread:.1f} %"
+        rows.append(Row((mix.name, *numbers, "chosen" if mix.chosen else ""), mix.chosen))
     other, said = without_memory(choice), _chosen(choice)
     return PlainTable(
         "Friction laws compared",
@@ -140,19 +117,12 @@ def _mixes(choice: FrictionChoice) -> PlainTable:
 
 
 def _fields(findings: tuple[Finding, ...]) -> PlainTable:
-    rows = [
-        Row(
-            (
-                finding.term,
-                finding.field,
-                finding.joint or "all",
-                significant(finding.value),
-                f"{significant(finding.interval[0])} to {significant(finding.interval[1])}",
-                "" if finding.identifiable else "not identifiable",
-            )
-        )
-        for finding in findings
-    ]
+    rows = []
+    for one in findings:
+        interval = f"{significant(one.interval[0])} to {significant(one.interval[1])}"
+        remark = "" if one.identifiable else "not identifiable"
+        cells = (one.term, one.field, one.joint or "all", significant(one.value), interval, remark)
+        rows.append(Row(cells))
     return PlainTable(
         "Estimated nonlinear parameters",
         "Parameters in which the torque is nonlinear, with 95 % intervals, cut at the bounds of "
@@ -175,22 +145,20 @@ FRICTION_CURVE_WORDS = (
 )
 
 
-class FrictionCurvesSection(FigureSection):
+class FrictionCurvesSection(FigureSection, name="friction-curves", title="Friction over speed"):
     """One figure per joint whose friction was identified."""
-
-    name: ClassVar[str] = "friction-curves"
-    title: ClassVar[str] = "Friction over speed"
 
     def numbers(self, content: ReportContent) -> Numbers | None:
         """Curves and points."""
         found, samples = curves_of(content), fitted_samples(content)
-        if content.identified is None or samples is None or not found:
+        if samples is None or not found:
             return None
         parts, runs = samples
         robot = content.identified.model.robot
+        places = [robot.joint_names.index(curve.joint) for curve in found]
         figures = [
-            _figure(curve, robot.coordinates[robot.joint_names.index(curve.joint)], j, parts)
-            for j, curve in ((robot.joint_names.index(c.joint), c) for c in found)
+            _figure(curve, robot.coordinates[j], j, parts)
+            for j, curve in zip(places, found, strict=True)
         ]
         cutoff = content.identified.cutoffs.score
         return {
@@ -211,13 +179,23 @@ class FrictionCurvesSection(FigureSection):
 
     def to_dict(self, content: ReportContent) -> dict[str, Any]:
         """The curves."""
-        return {"friction_curves": [_curve_dict(curve) for curve in curves_of(content)]}
+        return {
+            "friction_curves": [
+                {
+                    "joint": curve.joint,
+                    "speed": [rounded(x) for x in curve.speed],
+                    "friction": [rounded(x) for x in curve.effort],
+                    "half_width": [rounded(x) for x in curve.half_width],
+                }
+                for curve in curves_of(content)
+            ]
+        }
 
 
 def curves_of(content: ReportContent) -> tuple[FrictionCurve, ...]:
     """The curves up to the largest speed in the samples; none without samples."""
     samples = fitted_samples(content)
-    if content.identified is None or samples is None:
+    if samples is None:
         return ()
     parts, _ = samples
     load = np.abs(parts.parts[PARTS.index("gravity")])
@@ -233,7 +211,10 @@ def _figure(curve: FrictionCurve, joint: Coordinate, j: int, parts: TorqueParts)
     middle = len(speed) // 2
     sides = (slice(None, middle), slice(middle, None))
     # Later traces are drawn over earlier ones: the band must not hide the points.
-    traces = [_band(speed[at], curve.effort[at], half[at]) for at in sides]
+    lower, upper = curve.effort - half, curve.effort + half
+    traces = [
+        area("95 % interval", speed[at], lower[at], upper[at], "--surely", 0.7) for at in sides
+    ]
     traces.append(
         points("measured", parts.dq[chosen, j], parts.friction[chosen, j], "--measured", 4)
     )
@@ -244,16 +225,3 @@ def _figure(curve: FrictionCurve, joint: Coordinate, j: int, parts: TorqueParts)
     label = f"Friction of {curve.joint} over its speed, with samples"
     axes = f"speed [{joint.unit}/s]", f"friction [{joint.effort_unit}]"
     return Figure(curve.joint, label, *axes, traces, {"showlegend": False})
-
-
-def _band(speed: Array, effort: Array, half: Array) -> dict[str, Any]:
-    return area("95 % interval", speed, effort - half, effort + half, "--surely", 0.7)
-
-
-def _curve_dict(curve: FrictionCurve) -> dict[str, Any]:
-    return {
-        "joint": curve.joint,
-        "speed": [rounded(x) for x in curve.speed],
-        "friction": [rounded(x) for x in curve.effort],
-        "half_width": [rounded(x) for x in curve.half_width],
-    }

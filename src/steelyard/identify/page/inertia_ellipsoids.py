@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -42,16 +42,11 @@ NOTE = (
 )
 
 
-class EllipsoidsSection(FigureSection):
+class EllipsoidsSection(FigureSection, name="ellipsoids", title="Links as inertia ellipsoids"):
     """One figure in space."""
-
-    name: ClassVar[str] = "ellipsoids"
-    title: ClassVar[str] = "Links as inertia ellipsoids"
 
     def numbers(self, content: ReportContent) -> Numbers | None:
         """The figure, if the estimate knows all standard parameters."""
-        if content.identified is None:
-            return None
         links = [
             link
             for link in identified_links(content.identified)

@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from math import sqrt
+from typing import Any
 
 import numpy as np
 
@@ -11,10 +12,10 @@ from steelyard.estimate.estimate import Z95, StandardEstimate
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.estimate.prior.prior import model_prior, rigid_bodies
 from steelyard.identify.page.content import ReportContent
-from steelyard.report.figures import Figure, Group, Key, Traced, dots, row_height
+from steelyard.report.figures import Figure, Group, Key, Traced, dots, figure_of_rows
 from steelyard.report.page import FigureSection, Numbers, TableSection, rounded
 from steelyard.report.tables import PlainTable, Row
-from steelyard.report.words import NONE, fixed, rounded_to_uncertainty, share, significant
+from steelyard.report.words import NONE, fixed, share, significant, with_interval
 from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
 
 BODIES_WORDS = (
@@ -55,6 +56,11 @@ class IdentifiedLink:
     margin: float
 
     @property
+    def mass_half_width(self) -> float:
+        """Half-width of the 95 % interval of the mass [kg]."""
+        return float(Z95 * np.sqrt(np.maximum(self.covariance[0, 0], 0.0)))
+
+    @property
     def com_std(self) -> Array:
         """Standard deviation of the centre of mass, to first order, shape `(3,)` [m]."""
         if not self.inertia.mass:
@@ -64,23 +70,17 @@ class IdentifiedLink:
         return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
 
 
-class BodiesSection(TableSection):
+class BodiesSection(TableSection, name="bodies", title="Link inertial parameters"):
     """One row per link, and their sum."""
-
-    name: ClassVar[str] = "bodies"
-    title: ClassVar[str] = "Link inertial parameters"
 
     def tables(self, content: ReportContent) -> list[PlainTable]:
         """The table, if the estimate knows all standard parameters."""
         identified = content.identified
-        if identified is None or identified.estimate.standard is None:
+        standard, rows = identified.estimate.standard, list(map(_row, identified_links(identified)))
+        if standard is None or not rows:
             return []
-        links = tuple(identified_links(identified))
-        if not links:
-            return []
-        total = _total(identified, identified.estimate.standard)
-        rows = [_row(link) for link in links]
-        return [PlainTable("", BODIES_WORDS, BODIES_HEADINGS, [*rows, total], (0, 3, 4))]
+        rows.append(_total(identified, standard))
+        return [PlainTable("", BODIES_WORDS, BODIES_HEADINGS, rows, (0, 3, 4))]
 
 
 def identified_links(identified: IdentifiedModel) -> Iterator[IdentifiedLink]:
@@ -119,7 +119,7 @@ def _row(link: IdentifiedLink) -> Row:
     return Row(
         (
             link.name,
-            _with(inertia.mass, float(np.sqrt(np.maximum(link.covariance[0, 0], 0.0)))),
+            with_interval(inertia.mass, link.mass_half_width),
             significant(None if link.nominal is None else link.nominal.mass),
             centre if inertia.mass else NONE,
             ", ".join(significant(float(x)) for x in moments),
@@ -139,22 +139,13 @@ def _total(identified: IdentifiedModel, standard: StandardEstimate) -> Row:
     return Row(
         (
             "all links",
-            _with(float(standard.parameters.values[mine].sum()), float(np.sqrt(variance))),
+            with_interval(float(standard.parameters.values[mine].sum()), Z95 * sqrt(variance)),
             significant(nominal) if all(body.known for body in bodies) else NONE,
             *("",) * 4,
         ),
         total=True,
     )
 
-
-def _with(value: float, std: float) -> str:
-    half = Z95 * std
-    return f"{rounded_to_uncertainty(value, half)} ± {significant(half, 2)}"
-
-
-AXES = ("x", "y", "z")
-
-PRIOR_AXIS_TITLE = {"text": "prior [%]", "standoff": 6}
 
 MASSES_WORDS = (
     "Mass of each link in the model file and as identified from data and prior, and the shift of "
@@ -165,15 +156,12 @@ MASSES_WORDS = (
 )
 
 
-class MassesSection(FigureSection):
+class MassesSection(FigureSection, name="masses", title="Masses and centres, before and after"):
     """One figure of the masses, three of the centres."""
-
-    name: ClassVar[str] = "masses"
-    title: ClassVar[str] = "Masses and centres, before and after"
 
     def numbers(self, content: ReportContent) -> Numbers | None:
         """Masses and centres, if the estimate knows all standard parameters."""
-        links = _links(content)
+        links = list(identified_links(content.identified))
         if not links:
             return None
         true = _true(links, content.truth)
@@ -196,11 +184,9 @@ class MassesSection(FigureSection):
 
     def to_dict(self, content: ReportContent) -> dict[str, Any]:
         """Masses and centres."""
-        return {"bodies": [_link_dict(link) for link in _links(content)] or None}
-
-
-def _links(content: ReportContent) -> list[IdentifiedLink]:
-    return [] if content.identified is None else list(identified_links(content.identified))
+        return {
+            "bodies": [link_dict(link) for link in identified_links(content.identified)] or None
+        }
 
 
 def _true(links: list[IdentifiedLink], truth: Parameters | None) -> dict[str, Inertia]:
@@ -214,29 +200,13 @@ def _true(links: list[IdentifiedLink], truth: Parameters | None) -> dict[str, In
     }
 
 
-def _truth(true: dict[str, Inertia], x: list[float]) -> list[Traced]:
-    """Crosses, if the truth is known."""
-    return [dots("truth", x, list(true), "--green", symbol="x", size=6)] if true else []
-
-
-def _half_mass(link: IdentifiedLink) -> float:
-    return float(Z95 * np.sqrt(np.maximum(link.covariance[0, 0], 0.0)))
-
-
-def _categories(links: list[IdentifiedLink]) -> dict[str, Any]:
-    """The first link stands above."""
-    names = [link.name for link in links]
-    return {"type": "category", "categoryorder": "array", "categoryarray": names[::-1], "dtick": 1}
-
-
 def _masses(links: list[IdentifiedLink], true: dict[str, Inertia]) -> Figure:
     names = [link.name for link in links]
-    known = [link for link in links if link.nominal is not None]
-    prior = [100.0 * (1.0 - link.learned) for link in links]
+    file = {link.name: link.nominal.mass for link in links if link.nominal is not None}
     bars: Traced = {
         "name": "prior",
         "kind": "points",
-        "x": [rounded(share) for share in prior],
+        "x": [rounded(100.0 * (1.0 - link.learned)) for link in links],
         "y": names,
         "more": {
             "type": "bar",
@@ -246,76 +216,75 @@ def _masses(links: list[IdentifiedLink], true: dict[str, Inertia]) -> Figure:
             "hovertemplate": "%{y}: %{x:.0f} % from the prior<extra></extra>",
         },
     }
-    traces = [
-        _file([link.nominal.mass for link in known if link.nominal], [one.name for one in known]),
-        dots(
-            "identified",
-            [link.inertia.mass for link in links],
-            names,
-            "--predicted",
-            symbol="diamond",
-            size=9,
-            half_widths=[_half_mass(link) for link in links],
-        ),
-        *_truth(true, [body.mass for body in true.values()]),
-        bars,
-    ]
-    layout = {
-        "showlegend": False,
-        "xaxis": {"domain": [0.0, 0.68], "rangemode": "tozero"},
-        "xaxis2": {
+    masses = [link.inertia.mass for link in links]
+    half = [link.mass_half_width for link in links]
+    crosses = {name: body.mass for name, body in true.items()}
+    return figure_of_rows(
+        "Masses of all links in the model file and as identified",
+        "mass [kg]",
+        names,
+        [*_marks(file, names, masses, half, crosses, 9), bars],
+        34,
+        xaxis={"domain": [0.0, 0.68], "rangemode": "tozero"},
+        xaxis2={
             "domain": [0.76, 1.0],
             "range": [0, 100],
-            "title": PRIOR_AXIS_TITLE,
+            "title": {"text": "prior [%]", "standoff": 6},
         },
-        "yaxis": _categories(links),
-        "bargap": 0.5,
-    }
-    label = "Masses of all links in the model file and as identified"
-    return Figure("", label, "mass [kg]", "", traces, layout, height=row_height(len(links), 34))
+        bargap=0.5,
+    )
 
 
 def _shifts(links: list[IdentifiedLink], axis: int, true: dict[str, Inertia]) -> Figure:
     """Identified minus nominal centre along one axis of the link's frame [mm]."""
     names = [link.name for link in links]
-    shift = [1e3 * (link.inertia.com - _centre(link))[axis] for link in links]
+    file = {x.name: np.zeros(3) if x.nominal is None else x.nominal.com for x in links}
+    shift = [1e3 * (link.inertia.com - file[link.name])[axis] for link in links]
     half = [1e3 * Z95 * link.com_std[axis] for link in links]
-    real = {link.name: true[link.name] for link in links if link.name in true}
-    off = [1e3 * (true[x.name].com - _centre(x))[axis] for x in links if x.name in true]
-    traces = [
-        _file([0.0 for _ in links], names),
+    crosses = {n: 1e3 * (true[n].com - file[n])[axis] for n in names if n in true}
+    return figure_of_rows(
+        f"Shift of the centres of mass along {'xyz'[axis]}",
+        f"shift along {'xyz'[axis]} [mm]",
+        names,
+        _marks(dict.fromkeys(names, 0.0), names, shift, half, crosses, 8),
+        28,
+    )
+
+
+def _marks(
+    file: dict[str, float],
+    names: list[str],
+    values: list[float],
+    half_widths: list[float],
+    true: dict[str, float],
+    size: int,
+) -> list[Traced]:
+    """Numbers of the model file, those identified, and crosses where the truth is known."""
+    colour, open_ring = "--measured", "circle-open"
+    marks = [
+        dots("model file", [*file.values()], list(file), colour, symbol=open_ring, size=10),
         dots(
             "identified",
-            shift,
+            values,
             names,
             "--predicted",
             symbol="diamond",
-            size=8,
-            half_widths=half,
+            size=size,
+            half_widths=half_widths,
         ),
-        *_truth(real, off),
     ]
-    layout = {"showlegend": False, "yaxis": _categories(links)}
-    label = f"Shift of the centres of mass along {AXES[axis]}"
-    x = f"shift along {AXES[axis]} [mm]"
-    return Figure("", label, x, "", traces, layout, height=row_height(len(links), 28))
+    if true:
+        marks.append(dots("truth", [*true.values()], list(true), "--green", symbol="x", size=6))
+    return marks
 
 
-def _file(x: list[float], names: list[str]) -> Traced:
-    return dots("model file", x, names, "--measured", symbol="circle-open", size=10)
-
-
-def _centre(link: IdentifiedLink) -> Array:
-    """Centre of mass in the model file, shape `(3,)` [m]."""
-    return np.zeros(3) if link.nominal is None else link.nominal.com
-
-
-def _link_dict(link: IdentifiedLink) -> dict[str, Any]:
+def link_dict(link: IdentifiedLink) -> dict[str, Any]:
+    """As JSON values."""
     file = link.nominal
     return {
         "link": link.name,
         "mass": rounded(link.inertia.mass),
-        "mass_half_width": rounded(_half_mass(link)),
+        "mass_half_width": rounded(link.mass_half_width),
         "mass_file": None if file is None else rounded(file.mass),
         "centre": [rounded(x) for x in link.inertia.com],
         "centre_half_width": [rounded(Z95 * x) for x in link.com_std],

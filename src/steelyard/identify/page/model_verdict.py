@@ -1,32 +1,27 @@
 """The verdict on a model from its errors on unseen motion, and the next commands."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from steelyard.check.finding import Finding
 from steelyard.estimate.scores.joint_errors import PooledError, as_logged, pooled
+from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.page.content import ReportContent
 from steelyard.identify.page.parameter_table import parameter_rows
 from steelyard.identify.page.score_words import (
+    MOST_NAMED_JOINTS,
     basis_words,
     both_words,
     limit_words,
-    named,
     other_errors,
     without_percentage,
     worse_joints,
 )
-from steelyard.report.words import Level, count, percent
-
-if TYPE_CHECKING:
-    from steelyard.check.finding import Finding
-    from steelyard.estimate.scores.score import RunScore
-
+from steelyard.report.words import Level, count, first_names, percent
 
 MOST_GOOD_PERCENT = 10.0
 """Relative error [%] up to which a joint counts as well predicted."""
@@ -126,36 +121,27 @@ def level_of(relative_percent: float | None) -> Level:
     if relative_percent is None or relative_percent != relative_percent:
         return "none"
     printed = round(relative_percent, 1)
-    return (
-        "good"
-        if printed <= MOST_GOOD_PERCENT
-        else "fair"
-        if printed <= MOST_FAIR_PERCENT
-        else "poor"
-    )
+    fair: Level = "fair" if printed <= MOST_FAIR_PERCENT else "poor"
+    return "good" if printed <= MOST_GOOD_PERCENT else fair
 
 
 def verdict(content: ReportContent) -> Verdict:
     """The verdict of a report, no better than its limitations allow."""
-    plain = _of_scores(content)
-    found = tuple(
-        Limitation(
-            _sentence(f),
-            _placed(f, f.brief) or _sentence(f),
-            BEST_LEVEL_BY_SEVERITY[f.severity.word],
-        )
-        for f in content.limitations
-    )
-    levels = (
-        plain.level,
-        *(BEST_LEVEL_BY_SEVERITY[f.severity.word] for f in content.limitations if f.severity),
-    )
-    level, detail = max(levels, key=LEVELS_BEST_FIRST.index), plain.detail
+    plain, found, levels = _of_scores(content), [], []
+    for one in content.limitations:
+        figure = f" ({one.figure})" if one.figure else ""
+        advice = f". {one.fix.says}" if one.fix is not None else ""
+        place = f"{one.log}: " if one.log else ""
+        text = f"{place}{one.says}{figure}{advice}"
+        best = BEST_LEVEL_BY_SEVERITY[one.severity.word]
+        found.append(Limitation(text, f"{place}{one.brief}" if one.brief else text, best))
+        levels += [best] if one.severity else []
+    level, detail = max([plain.level, *levels], key=LEVELS_BEST_FIRST.index), plain.detail
     if level != plain.level != "none":
         detail += (
             f" {plain.level.upper()} by this error, {level.upper()} because of what checks found."
         )
-    return replace(plain, level=level, detail=detail, limitations=found)
+    return replace(plain, level=level, detail=detail, limitations=tuple(found))
 
 
 def exit_code(content: ReportContent) -> int:
@@ -176,18 +162,6 @@ def error_limit_words(judged: Verdict, most: float | None) -> str:
     if error <= most:
         return ""
     return f"The error of {percent(error)} is above --max-error {most:g} %"
-
-
-def _sentence(finding: Finding) -> str:
-    """What was found, where, and the evidence."""
-    figure = f" ({finding.figure})" if finding.figure else ""
-    advice = f". {finding.fix.says}" if finding.fix is not None else ""
-    return _placed(finding, f"{finding.says}{figure}{advice}")
-
-
-def _placed(finding: Finding, text: str) -> str:
-    """A text behind the log that it is about; nothing without a text."""
-    return f"{finding.log}: {text}" if finding.log and text else text
 
 
 def _of_scores(content: ReportContent) -> Verdict:
@@ -212,7 +186,9 @@ def _of_scores(content: ReportContent) -> Verdict:
             f"See the table. {detail}",
         )
     worse = worse_joints(scores, MOST_GOOD_PERCENT)
-    error = both_words(errors, logged) + (f" ({named(worse)})" if worse else "")
+    error = both_words(errors, logged) + (
+        f" ({first_names(worse, MOST_NAMED_JOINTS)})" if worse else ""
+    )
     moving = len({j.joint for run in scores for j in run.errors.joints if j.counted})
     scope = f"{moving - len(worse)} of {count(moving, 'joint')}" if worse else ""
     if scaled >= 100.0:
@@ -253,21 +229,13 @@ def _untested(content: ReportContent) -> Verdict:
     )
 
 
-def _repeated(scores: Sequence[RunScore]) -> str:
-    """Which fitted motions these runs repeat; empty if their motions are others."""
-    again = ", ".join(dict.fromkeys(run.repeats for run in scores if run.repeats))
-    return (
-        f"It repeats the motion of the fitted run {again}: no validation on other motions"
-        if again
-        else ""
-    )
-
-
 def _detail(scores: Sequence[RunScore], errors: Sequence[PooledError]) -> str:
     """Over what the error is computed, which motions are repeated, and friction at rest."""
+    again = ", ".join(dict.fromkeys(run.repeats for run in scores if run.repeats))
+    repeated = f"It repeats the motion of the fitted run {again}: no validation on other motions"
     sentences = (
         "; ".join(words for words in (basis_words(scores), limit_words(errors)) if words),
-        _repeated(scores),
+        repeated if again else "",
         AT_REST if any(run.errors.at_rest for run in scores) else "",
     )
     return " ".join(f"{sentence}." for sentence in sentences if sentence)
@@ -291,14 +259,9 @@ Step = tuple[str, str]
 
 
 def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, ...]:
-    """Steps after an identification, the most urgent first.
-
-    Args:
-        content: Of its report.
-        robot: The robot file as it was given.
-        model: The folder with the model.
-    """
-    judged, weak = verdict(content), _weak(content)
+    """Steps after an identification, the most urgent first."""
+    judged, table = verdict(content), parameter_rows(content.identified)
+    weak = sum(row.status in WEAK_STATUSES for row in table) / max(len(table), 1)
     steps = list(fix_commands(content, str(model), robot))
     robot, folder = path_word(robot), path_word(model)
     logs = " ".join(path_word(log) for log in content.logs.values())
@@ -312,13 +275,8 @@ def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, .
     if content.friction is None and any(
         found.check == MODEL_ERROR and not found.severity for found in content.limitations
     ):
-        steps.append(
-            (
-                "",
-                f'to have friction laws chosen from the logs: friction = "auto" in {robot}, '
-                '[model], and no "coulomb", "viscous" in terms',
-            )
-        )
+        remark = f'to have friction laws chosen from the logs: friction = "auto" in {robot}, '
+        steps.append(("", f'{remark}[model], and no "coulomb", "viscous" in terms'))
     if weak > MOST_WEAK_SHARE or (weak and judged.level == "good" and judged.scope):
         command = f"steelyard excite {robot} --earlier {folder} --still-unknown"
         steps.append((command, "a motion for parameters that are poorly identified or not at all"))
@@ -363,7 +321,7 @@ def fix_commands(content: ReportContent, model: str, robot: str = "ROBOT") -> tu
 
 def robot_file(content: ReportContent) -> str:
     """The robot file that the model was identified with, if it lies here; else `ROBOT`."""
-    inputs = {} if content.identified is None else content.identified.provenance.inputs
+    inputs = content.identified.provenance.inputs
     names = (role.removeprefix("robot ") for role in inputs if role.startswith("robot "))
     return next(
         (name for name in names if name.endswith(".toml") and Path(name).is_file()), "ROBOT"
@@ -383,9 +341,3 @@ def step_lines(steps: tuple[Step, ...], indent: int = 8) -> list[str]:
     ]
     heads = ("next", *[""] * (len(lines) - 1))
     return [f"{head:{indent}}{line}" for head, line in zip(heads, lines, strict=False)]
-
-
-def _weak(content: ReportContent) -> float:
-    """Share of the base parameters that other motion would identify."""
-    table = () if content.identified is None else parameter_rows(content.identified)
-    return sum(row.status in WEAK_STATUSES for row in table) / max(len(table), 1)

@@ -1,15 +1,16 @@
 """The table of base parameters: values, 95 % intervals, status, and the simulated truth."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import inf
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any
 
 import numpy as np
+from rich.console import RenderableType
+from rich.text import Text
 
 from steelyard.estimate.estimate import Z95
+from steelyard.estimate.identified import IdentifiedModel
 from steelyard.estimate.identified_parameters import (
     FROM_DATA,
     SMALL,
@@ -20,16 +21,10 @@ from steelyard.estimate.identified_parameters import (
 from steelyard.estimate.information.base_parameters import symbols
 from steelyard.identify.page.content import ReportContent
 from steelyard.model.laws.register import description_of
-from steelyard.report.figures import Figure, Group, Key, dots, row_height
-from steelyard.report.page import FigureSection, Numbers, Section, fill
+from steelyard.report.figures import Figure, Group, Key, dots, figure_of_rows
+from steelyard.report.page import FigureSection, Numbers, Section
 from steelyard.report.tables import PlainTable, Row
-from steelyard.report.words import count, rounded_to_uncertainty, significant
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
-    from steelyard.estimate.identified import IdentifiedModel
-
+from steelyard.report.words import count, first_names, rounded_to_uncertainty, significant
 
 AT_BOUND = 0.01
 """Distance from a bound, in standard deviations, that is taken for rounding of a value there.
@@ -82,8 +77,14 @@ def parameter_rows(identified: IdentifiedModel) -> tuple[ParameterRow, ...]:
     bounds = {p.name: (p.lower, p.upper) for p in identified.model.parameters}
     remarks = {b.name: f"tied to {', '.join(b.tied_to)}" for b in estimate.blind if b.tied_to}
     remarks |= {r.name: f"in step {r.step}" for r in estimate.removed}
-    empty = {
-        name: ParameterRow(
+    learned: list[float | None] = [None] * len(estimate.parameters)
+    if estimate.learned is not None:
+        learned = (100.0 * estimate.learned).tolist()
+    numbers = (estimate.parameters.values.tolist(), estimate.std.tolist(), learned)
+    estimated = dict(zip(estimate.parameters.names, zip(*numbers, strict=True), strict=True))
+    found = {}
+    for name in status:
+        row = ParameterRow(
             name=name,
             group=groups.get(name, name),
             value=0.0 if status[name] == "removed" else None,
@@ -98,22 +99,9 @@ def parameter_rows(identified: IdentifiedModel) -> tuple[ParameterRow, ...]:
             from_data_percent=None,
             nominal=nominal.get(name),
         )
-        for name in status
-    }
-    learned: list[float | None] = [None] * len(estimate.parameters)
-    if estimate.learned is not None:
-        learned = (100.0 * estimate.learned).tolist()
-    estimated = {
-        name: _estimated(empty[name], value, std, share, bounds.get(empty[name].group, ()))
-        for name, value, std, share in zip(
-            estimate.parameters.names,
-            estimate.parameters.values.tolist(),
-            estimate.std.tolist(),
-            learned,
-            strict=True,
-        )
-    }
-    found = empty | estimated
+        if name in estimated:
+            row = _estimated(row, *estimated[name], bounds.get(row.group, ()))
+        found[name] = row
     order = [name for name in groups if name in found]
     order += [name for name in found if name not in groups]
     return tuple(found[name] for name in order)
@@ -185,16 +173,11 @@ MOST_NAMED_PARAMETERS = 8
 """Most parameters that a line of the terminal names."""
 
 
-class ParametersSection(Section):
+class ParametersSection(Section, name="parameters", title="Parameters", template="parameters.html"):
     """A table of base parameters, with the status of each."""
-
-    name: ClassVar[str] = "parameters"
-    title: ClassVar[str] = "Parameters"
 
     def numbers(self, content: ReportContent) -> Numbers | None:
         """Rows of the parameters that the data see."""
-        if content.identified is None:
-            return None
         table = [
             row for row in parameter_rows(content.identified) if row.status != "not identifiable"
         ]
@@ -203,8 +186,13 @@ class ParametersSection(Section):
             zip(base.base_names, np.count_nonzero(base.lift, axis=1).tolist(), strict=True)
         )
         sizes = [terms.get(row.name, 1) for row in table]
+        rows = []
+        for row, members in zip(table, sizes, strict=True):
+            relative = row.relative_std_percent
+            bar = 100.0 if relative is None or not relative < 100.0 else relative
+            rows.append({**vars(row), "bar": bar, "others": members - 1})
         return {
-            "rows": [_shown(row, members) for row, members in zip(table, sizes, strict=True)],
+            "rows": rows,
             "grouped": any(members > 1 for members in sizes),
             "nominal": any(row.nominal is not None for row in table),
             "estimator": content.identified.estimate.estimator,
@@ -216,14 +204,8 @@ class ParametersSection(Section):
             "from_data": FROM_DATA,
         }
 
-    def show(self, numbers: Numbers) -> str:
-        """The numbers as safe HTML."""
-        return fill("parameters.html", numbers)
-
     def to_dict(self, content: ReportContent) -> dict[str, Any]:
         """The parameters that the data see, the names of the others, and the conditioning."""
-        if content.identified is None:
-            return {}
         estimate = content.identified.estimate
         known, status = estimate.parameters, statuses(content.identified)
         values = zip(
@@ -245,19 +227,24 @@ class ParametersSection(Section):
 
     def printed(self, content: ReportContent) -> Iterable[RenderableType]:
         """How many parameters there are, and how many the data show poorly or not at all."""
-        if content.identified is None:
-            return
-        from rich.text import Text
-
         yield Text("\n".join(usable(content.identified)))
 
     def detailed(self, content: ReportContent) -> Iterable[RenderableType]:
         """Which the data show poorly or not at all."""
-        if content.identified is None:
-            return
-        from rich.text import Text
-
-        yield Text("\n".join(_parameters(content.identified)))
+        table = parameter_rows(content.identified)
+        condition = significant(content.identified.estimate.condition_normalised)
+        names = {
+            status: [row.name for row in table if row.status == status]
+            for status in ("removed", *STATUS_ORDER[1:])
+        }
+        left = count(len(table) - len(names["removed"]), "base parameter")
+        lines = [f"{left}, normalised condition number {condition}"]
+        for status, chosen in names.items():
+            if chosen:
+                words = "removed, taken as zero" if status == "removed" else status
+                listed = first_names(chosen, MOST_NAMED_PARAMETERS)
+                lines.append(f"{len(chosen)} {words}: {listed}")
+        yield Text("\n".join(lines))
 
 
 def usable(identified: IdentifiedModel) -> tuple[str, ...]:
@@ -266,43 +253,14 @@ def usable(identified: IdentifiedModel) -> tuple[str, ...]:
     removed = sum(row.status == "removed" for row in table)
     taken = f"; {removed} removed, taken as zero" if removed else ""
     words = f"{count(len(table) - removed, 'base parameter')}: {counts(table)}{taken}"
-    return words, *(
-        () if all(row.status in SUFFICIENT_STATUSES for row in table) else (ONE_BY_ONE,)
-    )
+    good = all(row.status in SUFFICIENT_STATUSES for row in table)
+    return (words,) if good else (words, ONE_BY_ONE)
 
 
 def counts(table: Sequence[ParameterRow]) -> str:
     """Like `40 identified, 3 small effect`, without removed parameters."""
     numbers = ((status, sum(row.status == status for row in table)) for status in STATUS_ORDER)
     return ", ".join(f"{number} {status}" for status, number in numbers if number)
-
-
-def _shown(row: ParameterRow, members: int) -> dict[str, Any]:
-    relative = row.relative_std_percent
-    bar = 100.0 if relative is None or not relative < 100.0 else relative
-    return {**vars(row), "bar": bar, "others": members - 1}
-
-
-def _parameters(identified: IdentifiedModel) -> list[str]:
-    """What is known of the parameters, in a few lines."""
-    table = parameter_rows(identified)
-    condition = significant(identified.estimate.condition_normalised)
-    removed = [row for row in table if row.status == "removed"]
-    left = count(len(table) - len(removed), "base parameter")
-    lines = [f"{left}, normalised condition number {condition}"]
-    if removed:
-        lines.append(f"{len(removed)} removed, taken as zero: {_some(removed)}")
-    for status in STATUS_ORDER[1:]:
-        if chosen := [row for row in table if row.status == status]:
-            lines.append(f"{len(chosen)} {status}: {_some(chosen)}")
-    return lines
-
-
-def _some(chosen: list[ParameterRow]) -> str:
-    rest = len(chosen) - MOST_NAMED_PARAMETERS
-    return ", ".join(row.name for row in chosen[:MOST_NAMED_PARAMETERS]) + (
-        f" and {rest} more" if rest > 0 else ""
-    )
 
 
 @dataclass(frozen=True)
@@ -334,28 +292,38 @@ class TrueParameter:
         return abs(self.distance) <= 1.0
 
 
-class TruthSection(FigureSection):
+class TruthSection(FigureSection, name="truth", title="Simulated robot: truth and estimate"):
     """One row per base parameter."""
-
-    name: ClassVar[str] = "truth"
-    title: ClassVar[str] = "Simulated robot: truth and estimate"
 
     def numbers(self, content: ReportContent) -> Numbers | None:
         """Truth, estimates and distances, if the truth is known."""
         found = true_parameters(content)
         if not found:
             return None
+        rows = [
+            Row(
+                (
+                    one.name,
+                    rounded_to_uncertainty(one.truth, one.half_width),
+                    rounded_to_uncertainty(one.value, one.half_width),
+                    f"± {significant(one.half_width, 2)}",
+                    one.unit,
+                    "yes" if one.inside else "no",
+                )
+            )
+            for one in found
+        ]
+        headings = ("Parameter", "Truth", "Estimate", "95 % interval", "Unit", "Truth inside")
         return {
             "words": f"{_truth_sentence(found)} Of 100 such intervals, 95 hold the truth on "
-            "average, if "
-            "the model lacks nothing.",
+            "average, if the model lacks nothing.",
             "legend": [
                 Key("--green", "truth inside the 95 % interval", "point"),
                 Key("--vermillion", "outside", "point"),
                 Key("--rest", "95 % interval", "area"),
             ],
             "groups": [Group([_truth_figure(found)], columns="one")],
-            "tables": [_truth_table(found)],
+            "tables": [PlainTable("", "", headings, rows, (0, 4, 5))],
             "folded": "Values of all parameters",
             "note": "The robot of this report is simulated. A real robot has no known truth: "
             "validation runs and the checks of the residuals take its place.",
@@ -368,15 +336,13 @@ class TruthSection(FigureSection):
 
     def printed(self, content: ReportContent) -> Iterable[RenderableType]:
         """How many intervals hold the truth."""
-        from rich.text import Text
-
         if found := true_parameters(content):
             yield Text(_truth_sentence(found))
 
 
 def true_parameters(content: ReportContent) -> list[TrueParameter]:
     """Base parameters with intervals beside their true values; none without a truth."""
-    if content.identified is None or content.truth is None:
+    if content.truth is None:
         return []
     base, known = content.identified.base, content.truth.as_dict()
     true = dict(
@@ -395,28 +361,9 @@ def _truth_sentence(found: Sequence[TrueParameter]) -> str:
     return f"Simulated robot: the true values of {inside} of {total} lie in the 95 % intervals."
 
 
-def _truth_table(found: Sequence[TrueParameter]) -> PlainTable:
-    table = [
-        Row(
-            (
-                one.name,
-                rounded_to_uncertainty(one.truth, one.half_width),
-                rounded_to_uncertainty(one.value, one.half_width),
-                f"± {significant(one.half_width, 2)}",
-                one.unit,
-                "yes" if one.inside else "no",
-            )
-        )
-        for one in found
-    ]
-    headings = ("Parameter", "Truth", "Estimate", "95 % interval", "Unit", "Truth inside")
-    return PlainTable("", "", headings, table, (0, 4, 5))
-
-
 def _truth_figure(found: Sequence[TrueParameter]) -> Figure:
     """Distances from the truth in half-widths."""
     band = {"type": "rect", "xref": "x", "yref": "paper", "x0": -1, "x1": 1, "y0": 0, "y1": 1}
-    names = [one.name for one in found]
     traces = [
         dots(
             words,
@@ -430,18 +377,14 @@ def _truth_figure(found: Sequence[TrueParameter]) -> Figure:
             ("outside", False, "--vermillion"),
         )
     ]
-    layout = {
-        "showlegend": False,
-        "shapes": [band | {"fillcolor": "--rest", "line": {"width": 0}, "layer": "below"}],
-        "xaxis": {"zeroline": True},
-        "yaxis": {
-            "type": "category",
-            "categoryorder": "array",
-            "categoryarray": names[::-1],
-            "tickfont": {"size": 10},
-            "dtick": 1,
-        },
-    }
-    label = "Distance of every estimate from the truth"
-    x = "estimate minus truth [half-widths]"
-    return Figure("", label, x, "", traces, layout, height=row_height(len(found), 14))
+    shape = band | {"fillcolor": "--rest", "line": {"width": 0}, "layer": "below"}
+    return figure_of_rows(
+        "Distance of every estimate from the truth",
+        "estimate minus truth [half-widths]",
+        [one.name for one in found],
+        traces,
+        14,
+        shapes=[shape],
+        xaxis={"zeroline": True},
+        yaxis={"tickfont": {"size": 10}},
+    )

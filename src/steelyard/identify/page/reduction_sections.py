@@ -1,12 +1,14 @@
 """How a model was made smaller: errors along the path, what was removed, and where it holds."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any
 
 import numpy as np
+from rich.console import RenderableType
+from rich.text import Text
 
+from steelyard.estimate.identified import IdentifiedModel
+from steelyard.estimate.reduction.reduction import Reduction
 from steelyard.estimate.scores.joint_errors import pooled
 from steelyard.identify.page.content import ReportContent
 from steelyard.identify.page.score_words import MOVING, WHOLE
@@ -17,33 +19,29 @@ from steelyard.report.page import FigureSection, Numbers, TableSection
 from steelyard.report.tables import PlainTable, Row
 from steelyard.report.words import count, significant
 
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
-    from steelyard.estimate.identified import IdentifiedModel
-    from steelyard.estimate.reduction.reduction import Reduction
-
-
 HOLDS_ONLY = (
     "The reduced model describes motions like those of the fitted logs only: speeds and positions "
     "up to those in the table. Elsewhere, or with a payload, a removed parameter may matter."
 )
 
 
-class ReductionSection(FigureSection):
+class ReductionSection(FigureSection, name="reduction", title="Reduction"):
     """Error and condition number by the number of parameters."""
-
-    name: ClassVar[str] = "reduction"
-    title: ClassVar[str] = "Reduction"
 
     def numbers(self, content: ReportContent) -> Numbers | None:
         """Curves."""
         found = content.reduction
         if found is None:
             return None
+        keys = [Key("--residual", "fitted")]
+        if found.left_out is not None:
+            keys.append(Key("--predicted", "left out, chosen in the others"))
+            keys.append(Key("--surely", "its standard error to the best", "area"))
+        if found.unseen is not None:
+            keys.append(Key("--measured", "unseen motion"))
         return {
             "words": _summary(content, found),
-            "legend": [key for key, there in _keys(found) if there],
+            "legend": keys,
             "groups": [Group([_errors(found), _conditions(found)])],
             "note": f"Errors are {measure_of(found)}; that of the headline is pooled over joints "
             "in a fixed band. Left-out data are predicted by models that were made without them. "
@@ -73,70 +71,50 @@ class ReductionSection(FigureSection):
 
     def printed(self, content: ReportContent) -> Iterable[RenderableType]:
         """The choice in a few lines."""
-        if content.reduction is None:
-            return
-        from rich.text import Text
-
-        yield Text(_summary(content, content.reduction))
+        if content.reduction is not None:
+            yield Text(_summary(content, content.reduction))
 
 
-class RemovalsSection(TableSection):
+class RemovalsSection(TableSection, name="removals", title="Removed parameters"):
     """What was removed, and the motions that it was removed for."""
-
-    name: ClassVar[str] = "removals"
-    title: ClassVar[str] = "Removed parameters"
 
     def tables(self, content: ReportContent) -> Sequence[PlainTable]:
         """Both tables; none without a reduction."""
         found, identified = content.reduction, content.identified
-        if found is None or identified is None:
-            return ()
-        return _removals(found), _ranges(identified)
+        return () if found is None else (_removals(found), _ranges(identified))
 
 
 def _summary(content: ReportContent, found: Reduction) -> str:
-    """What was removed, and what it changes."""
+    """What was removed, and what it changes: on unseen motion, and along the path."""
     full, first, state = found.path.full, found.path.states[0], found.state
-    size = len(state.active)
+    size, most = len(state.active), len(first.active)
     removed = len(full.names) - size
     earlier = len(found.estimate.removed) - removed
-    kept = (
+    sentences = [
         f"{size} of {count(len(full.names), 'parameter')} kept, {removed} removed"
         + (f" ({earlier} more before)" if earlier > 0 else "")
         + f": condition number {significant(first.condition)} to {significant(state.condition)}."
-    )
-    return " ".join(filter(None, (kept, _headline(content), _along_path(found))))
-
-
-def _headline(content: ReportContent) -> str:
-    """Errors on unseen motion before and after, in the measure of the headline."""
+    ]
     before, after = (
         pooled(run.errors for run in scores) for scores in (content.before, content.scores)
     )
-    if not before or not after:
-        return ""
-    changes = (
-        f"{_fine_print(old.percent_of_used)} to {_fine_print(new.percent_of_used)} of the "
-        "effort used"
-        for old, new in zip(before, after, strict=True)
-    )
-    return f"Error on unseen motion, as in the first line: {'; '.join(changes)}."
-
-
-def _along_path(found: Reduction) -> str:
-    """Errors of the first and of the chosen model of the path."""
-    size, most = len(found.state.active), len(found.path.states[0].active)
+    if before and after:
+        changes = (
+            f"{_fine_print(old.percent_of_used)} to {_fine_print(new.percent_of_used)} of the "
+            "effort used"
+            for old, new in zip(before, after, strict=True)
+        )
+        sentences.append(f"Error on unseen motion, as in the first line: {'; '.join(changes)}.")
     parts, left = [], _by_size(found)
     if size in left and most in left:
         parts.append(f"left-out data {_fine_print(left[most])} to {_fine_print(left[size])}")
     if found.unseen is not None:
-        before, after = (float(found.unseen[k].mean()) for k in (0, found.chosen))
-        parts.append(f"unseen motion {_fine_print(before)} to {_fine_print(after)}")
-    return (
-        f"The choice is by another measure, {measure_of(found)}: {', '.join(parts)}."
-        if parts
-        else ""
-    )
+        start, end = (float(found.unseen[k].mean()) for k in (0, found.chosen))
+        parts.append(f"unseen motion {_fine_print(start)} to {_fine_print(end)}")
+    if parts:
+        measure = measure_of(found)
+        sentences.append(f"The choice is by another measure, {measure}: {', '.join(parts)}.")
+    return " ".join(sentences)
 
 
 def measure_of(found: Reduction) -> str:
@@ -160,15 +138,6 @@ def _by_size(found: Reduction) -> dict[int, float]:
     if found.left_out is None:
         return {}
     return dict(zip(found.left_out.sizes, found.left_out.mean.tolist(), strict=True))
-
-
-def _keys(found: Reduction) -> Sequence[tuple[Key, bool]]:
-    return (
-        (Key("--residual", "fitted"), True),
-        (Key("--predicted", "left out, chosen in the others"), found.left_out is not None),
-        (Key("--surely", "its standard error to the best", "area"), found.left_out is not None),
-        (Key("--measured", "unseen motion"), found.unseen is not None),
-    )
 
 
 def _errors(found: Reduction) -> Figure:

@@ -1,9 +1,7 @@
 """The residual over position, speed and effort: what the model lacks."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -14,10 +12,7 @@ from steelyard.report.figures import Figure, Group, Key, area, evenly, line, poi
 from steelyard.report.page import FigureSection, Numbers, rounded
 from steelyard.report.tables import PlainTable, Row
 from steelyard.report.words import NONE, percent, significant
-
-if TYPE_CHECKING:
-    from steelyard.robot.robot import Coordinate
-
+from steelyard.robot.robot import Coordinate
 
 BINS = 20
 """Ranges of equal width that a quantity is divided into."""
@@ -77,32 +72,39 @@ def binned(over: Array, residual: Array) -> Binned:
     return Binned(centres[kept], mean, std, share)
 
 
-class ResidualsSection(FigureSection):
+class ResidualsSection(
+    FigureSection, name="residuals", title="Residual over position, speed and effort"
+):
     """A table of shares, and three folded figures per joint."""
-
-    name: ClassVar[str] = "residuals"
-    title: ClassVar[str] = "Residual over position, speed and effort"
 
     def numbers(self, content: ReportContent) -> Numbers | None:
         """Bins and points."""
         samples = unseen_samples(content)
-        if content.identified is None or samples is None:
+        if samples is None:
             return None
         parts, runs = samples
         joints = content.identified.model.robot.coordinates
-        found = [_of_joint(parts, j) for j in range(len(joints))]
-        groups = [
-            Group(
-                [_figure(parts, j, joint, over, bins[over]) for over in RESIDUAL_AXES],
-                joint.name,
-                _caption(bins),
-                "three",
-            )
-            for j, (joint, bins) in enumerate(zip(joints, found, strict=True))
-        ]
+        rows, groups = [], []
+        for j, joint in enumerate(joints):
+            bins, residual = _of_joint(parts, j), _moving(parts, j)[1]
+            rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else None
+            shares = [
+                percent(100.0 * bins[over].share) if len(bins[over].centre) else NONE
+                for over in RESIDUAL_AXES
+            ]
+            rows.append(Row((joint.name, significant(rms), joint.effort_unit, *shares)))
+            carried = {over: bins[over].share for over in RESIDUAL_AXES}
+            most = max(carried, key=carried.__getitem__)
+            caption = f"most over {most}: {percent(100.0 * carried[most])}"
+            if not any(len(one.centre) for one in bins.values()):
+                caption = "too few samples in motion"
+            figures = [_figure(parts, j, joint, over, bins[over]) for over in RESIDUAL_AXES]
+            groups.append(Group(figures, joint.name, caption, "three"))
+        shares = [f"Share by {over}" for over in RESIDUAL_AXES]
+        headings = ("Joint", "Residual RMS", "Unit", *shares)
         return {
             "words": WORDS,
-            "tables": [_table(parts, joints, found)],
+            "tables": [PlainTable("", "", headings, rows, (0, 2))],
             "legend": [
                 Key("--residual", "mean residual"),
                 Key("--rest", "± one standard deviation", "area"),
@@ -119,7 +121,7 @@ class ResidualsSection(FigureSection):
     def to_dict(self, content: ReportContent) -> dict[str, Any]:
         """Shares per joint and quantity."""
         samples = unseen_samples(content)
-        if content.identified is None or samples is None:
+        if samples is None:
             return {"residual_shares": None}
         found = [_of_joint(samples[0], j) for j in range(len(content.identified.joints))]
         return {
@@ -140,30 +142,6 @@ def _moving(parts: TorqueParts, j: int) -> tuple[dict[str, Array], Array]:
 def _of_joint(parts: TorqueParts, j: int) -> dict[str, Binned]:
     signals, residual = _moving(parts, j)
     return {over: binned(signals[over], residual) for over in RESIDUAL_AXES}
-
-
-def _caption(bins: dict[str, Binned]) -> str:
-    """The quantity whose means carry most."""
-    if not any(len(one.centre) for one in bins.values()):
-        return "too few samples in motion"
-    most = max(RESIDUAL_AXES, key=lambda over: bins[over].share)
-    return f"most over {most}: {percent(100.0 * bins[most].share)}"
-
-
-def _table(
-    parts: TorqueParts, joints: tuple[Coordinate, ...], found: list[dict[str, Binned]]
-) -> PlainTable:
-    rows = []
-    for j, (joint, bins) in enumerate(zip(joints, found, strict=True)):
-        residual = _moving(parts, j)[1]
-        rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else None
-        shares = (
-            percent(100.0 * bins[over].share) if len(bins[over].centre) else NONE
-            for over in RESIDUAL_AXES
-        )
-        rows.append(Row((joint.name, significant(rms), joint.effort_unit, *shares)))
-    headings = ("Joint", "Residual RMS", "Unit", *(f"Share by {over}" for over in RESIDUAL_AXES))
-    return PlainTable("", "", headings, rows, (0, 2))
 
 
 def _figure(parts: TorqueParts, j: int, joint: Coordinate, over: str, bins: Binned) -> Figure:

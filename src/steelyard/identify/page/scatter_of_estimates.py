@@ -1,24 +1,17 @@
 """Scatter of estimates: bootstrap, each log alone, other cut-off frequencies."""
 
-from __future__ import annotations
-
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, ClassVar
+from collections.abc import Iterable, Sequence
 
 import numpy as np
+from rich.console import RenderableType
+from rich.text import Text
 
 from steelyard.base.arrays import Array
-from steelyard.estimate.estimate_scatter import Sensitivity
+from steelyard.estimate.estimate_scatter import Bootstrap, RepeatedEstimates, Sensitivity
 from steelyard.identify.page.content import ReportContent
-from steelyard.report.page import TableSection
+from steelyard.report.page import ValueSection
 from steelyard.report.tables import PlainTable, Row, text_table
 from steelyard.report.words import count, percent, significant
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
-    from steelyard.estimate.estimate_scatter import RepeatedEstimates
-
 
 MOST_NAMED_SCATTERS = 3
 """Parameters that the terminal names: those that scatter most beside what was stated."""
@@ -27,30 +20,21 @@ LEAST_MARKED_RATIO = 2.0
 """Ratio of the two standard deviations from which on a row is marked."""
 
 
-class BootstrapSection(TableSection):
+class BootstrapSection(
+    ValueSection, name="bootstrap", title="Bootstrap over time windows", value="bootstrap"
+):
     """Stated and drawn standard deviations of every parameter."""
 
-    name: ClassVar[str] = "bootstrap"
-    title: ClassVar[str] = "Bootstrap over time windows"
-
-    def tables(self, content: ReportContent) -> list[PlainTable]:
-        """One table, if it was asked for."""
-        asked = content.bootstrap is not None and content.identified is not None
-        return [scatter_table(content)] if asked else []
-
-    def to_dict(self, content: ReportContent) -> dict[str, Any]:
-        """The scatter."""
-        return {"bootstrap": None if content.bootstrap is None else content.bootstrap.to_dict()}
+    def tables_of(self, found: Bootstrap, content: ReportContent) -> Sequence[PlainTable]:
+        """One row per parameter; those that scatter far more than was stated are marked."""
+        return (_bootstrap_table(found, content.identified.estimate.std),)
 
     def printed(self, content: ReportContent) -> Iterable[RenderableType]:
         """How the scatter of drawn windows compares with the stated uncertainty."""
         found = content.bootstrap
         if found is None:
             return
-        from rich.text import Text
-
-        over = ratios(content)
-        names = found.parameters.names
+        over, names = _ratios(found, content.identified.estimate.std), found.parameters.names
         order = np.argsort(-np.nan_to_num(over))[:MOST_NAMED_SCATTERS]
         most = ", ".join(f"{names[k]} {significant(float(over[k]))}" for k in order)
         lines = [
@@ -65,28 +49,21 @@ class BootstrapSection(TableSection):
         yield Text("\n".join(lines))
 
 
-def ratios(content: ReportContent) -> Array:
+def _ratios(found: Bootstrap, stated: Array) -> Array:
     """Scatter of each parameter over its stated standard deviation, shape `(p,)`."""
-    if content.bootstrap is None or content.identified is None:
-        raise ValueError("there is no bootstrap to show")
-    stated = content.identified.estimate.std
-    drawn = content.bootstrap.std
-    return np.asarray(np.divide(drawn, stated, out=np.full(len(drawn), np.nan), where=stated > 0.0))
+    unknown = np.full(len(stated), np.nan)
+    return np.asarray(np.divide(found.std, stated, out=unknown, where=stated > 0.0))
 
 
-def scatter_table(content: ReportContent) -> PlainTable:
-    """One row per parameter; those that scatter far more than was stated are marked."""
-    found, identified = content.bootstrap, content.identified
-    if found is None or identified is None:
-        raise ValueError("there is no bootstrap to show")
-    lower, upper = found.interval()
-    own = found.parameters
-    stated, drawn, over = identified.estimate.std, found.std, ratios(content)
-    rows = []
-    for k, (name, unit) in enumerate(zip(own.names, own.units, strict=True)):
-        numbers = (own.values[k], stated[k], drawn[k], over[k], lower[k], upper[k])
-        cells = (name, *(significant(float(x)) for x in numbers), unit)
-        rows.append(Row(cells, bool(over[k] > LEAST_MARKED_RATIO)))
+def _bootstrap_table(found: Bootstrap, stated: Array) -> PlainTable:
+    own, over = found.parameters, _ratios(found, stated)
+    columns = np.column_stack([own.values, stated, found.std, over, *found.interval()])
+    rows = [
+        Row((name, *map(significant, numbers), unit), bool(ratio > LEAST_MARKED_RATIO))
+        for name, unit, numbers, ratio in zip(
+            own.names, own.units, columns.tolist(), over, strict=True
+        )
+    ]
     failed = f" {found.failed} draws gave no estimate." if found.failed else ""
     return PlainTable(
         f"{len(found.draws)} draws of {found.windows} windows",
@@ -105,19 +82,12 @@ def scatter_table(content: ReportContent) -> PlainTable:
 REPEATED_TITLE = "Estimates from each log alone"
 
 
-class RepeatedSection(TableSection):
+class RepeatedSection(ValueSection, name="repeated", title=REPEATED_TITLE, value="repeated"):
     """Mean and standard deviation of every parameter over the logs."""
 
-    name: ClassVar[str] = "repeated"
-    title: ClassVar[str] = REPEATED_TITLE
-
-    def tables(self, content: ReportContent) -> list[PlainTable]:
-        """One table, if it was asked for."""
-        return [] if content.repeated is None else [repeated_table(content.repeated)]
-
-    def to_dict(self, content: ReportContent) -> dict[str, Any]:
-        """The estimates and their scatter."""
-        return {"repeated": None if content.repeated is None else content.repeated.to_dict()}
+    def tables_of(self, found: RepeatedEstimates, content: ReportContent) -> Sequence[PlainTable]:
+        """One row per parameter."""
+        return (repeated_table(found),)
 
     def printed(self, content: ReportContent) -> Iterable[RenderableType]:
         """The table, as it was asked for."""
@@ -153,43 +123,32 @@ def repeated_table(found: RepeatedEstimates) -> PlainTable:
     )
 
 
-MOST_NAMED_MOVES = 3
-"""Parameters that the terminal names."""
-
 MOST_NAMED_MOVES = 10
 """Parameters that are named: those that move most."""
 
 
-class SensitivitySection(TableSection):
+class SensitivitySection(
+    ValueSection, name="sensitivity", title="Sensitivity to the cut-offs", value="sensitivity"
+):
     """Fits with other cut-offs, and the parameters that move most between them."""
 
-    name: ClassVar[str] = "sensitivity"
-    title: ClassVar[str] = "Sensitivity to the cut-offs"
-
-    def tables(self, content: ReportContent) -> list[PlainTable]:
-        """Two tables, if it was asked for."""
-        found = content.sensitivity
-        return [] if found is None else [fits_table(found), _moved(found)]
-
-    def to_dict(self, content: ReportContent) -> dict[str, Any]:
-        """The fits."""
-        found = content.sensitivity
-        return {"sensitivity": None if found is None else found.to_dict()}
+    def tables_of(self, found: Sensitivity, content: ReportContent) -> Sequence[PlainTable]:
+        """The fits, and the parameters that move most."""
+        return _fits_table(found), _moved(found)
 
     def printed(self, content: ReportContent) -> Iterable[RenderableType]:
         """The fits, and which parameters move most between them."""
         found = content.sensitivity
         if found is None:
             return
-        from rich.text import Text
 
-        yield text_table(fits_table(found), self.title)
+        yield text_table(_fits_table(found), self.title)
         order = np.argsort(-found.spread)[:MOST_NAMED_MOVES]
         most = ", ".join(f"{found.parameters.names[k]} {found.spread[k]:.1f}" for k in order)
         yield Text(f"largest parameter shifts, in standard deviations: {most}")
 
 
-def fits_table(found: Sensitivity) -> PlainTable:
+def _fits_table(found: Sensitivity) -> PlainTable:
     """One row per fit."""
     rows = []
     for v in found.rows:

@@ -1,13 +1,11 @@
 """Errors of predictions in words: every percentage with its kind and its band."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite
 from statistics import fmean
-from typing import TYPE_CHECKING
 
+from steelyard.estimate.identified import IdentifiedModel
 from steelyard.estimate.scores.joint_errors import (
     PROMISED,
     BandErrors,
@@ -16,12 +14,8 @@ from steelyard.estimate.scores.joint_errors import (
     as_logged,
     pooled,
 )
+from steelyard.estimate.scores.score import JointScore, RunScore
 from steelyard.report.words import count, percent, significant
-
-if TYPE_CHECKING:
-    from steelyard.estimate.identified import IdentifiedModel
-    from steelyard.estimate.scores.score import JointScore, RunScore
-
 
 MOVING, WHOLE = "where they move", "whole log"
 
@@ -86,11 +80,6 @@ def relative_errors(scores: Sequence[RunScore]) -> list[RelativeError]:
     return found
 
 
-def band(scores: Sequence[RunScore]) -> str:
-    """Like `below 8 Hz`: the low-pass of both sides of the comparison in the validation band."""
-    return below(run.cutoff for run in scores)
-
-
 def error_words(errors: Sequence[PooledError]) -> str:
     """Like `2.1 Nm: 3.8 % of the effort used`."""
     return "; ".join(
@@ -130,13 +119,8 @@ def basis_words(scores: Sequence[RunScore]) -> str:
     return f"RMS {below(run.errors.cutoff for run in scores)}, pooled over {joints}, {where}"
 
 
-def joint_errors(scores: Sequence[RunScore]) -> tuple[PooledError | None, ...]:
+def joint_errors(runs: Sequence[BandErrors]) -> tuple[PooledError | None, ...]:
     """Error of each joint over runs; `None` of one that rests in all of them while others move."""
-    return joint_errors_of([run.errors for run in scores])
-
-
-def joint_errors_of(runs: Sequence[BandErrors]) -> tuple[PooledError | None, ...]:
-    """The same of the errors alone; none without runs."""
     own = (
         [replace(run, joints=(run.joints[number],)) for run in runs]
         for number in range(len(runs[0].joints) if runs else 0)
@@ -153,8 +137,8 @@ def worse_joints(scores: Sequence[RunScore], limit: float) -> tuple[str, ...]:
     if all(run.errors.at_rest for run in scores):
         return ()
     listed = []
-    own = joint_errors(scores)
-    logged = joint_errors_of(as_logged(run.errors for run in scores)) or own
+    own = joint_errors([run.errors for run in scores])
+    logged = joint_errors(as_logged(run.errors for run in scores)) or own
     for joint, *both in zip(scores[0].joints, own, logged, strict=True):
         error = max(
             (one for one in both if one is not None),
@@ -168,17 +152,12 @@ def worse_joints(scores: Sequence[RunScore], limit: float) -> tuple[str, ...]:
     return tuple(words for _, words in sorted(listed, reverse=True))
 
 
-def named(joints: Sequence[str]) -> str:
-    """The first ones by name, and the number of the others."""
-    more = f" and {len(joints) - MOST_NAMED_JOINTS} more" if len(joints) > MOST_NAMED_JOINTS else ""
-    return ", ".join(joints[:MOST_NAMED_JOINTS]) + more
-
-
 def without_percentage(scores: Sequence[RunScore]) -> list[str]:
     """Joints without a relative error: their measured effort is zero, or no number."""
+    errors = joint_errors([run.errors for run in scores])
     return [
         joint.joint
-        for joint, error in zip(scores[0].joints, joint_errors(scores), strict=True)
+        for joint, error in zip(scores[0].joints, errors, strict=True)
         if error is not None and not isfinite(error.percent_of_used)
     ]
 
@@ -186,8 +165,8 @@ def without_percentage(scores: Sequence[RunScore]) -> list[str]:
 def other_errors(scores: Sequence[RunScore]) -> str:
     """The relative errors in the validation band, as one sentence."""
     words = "; ".join(error.words for error in relative_errors(scores))
-    where = f"in logged units, in the validation band, {band(scores)}"
-    return f"Relative error {RATIO} {where}: {words}."
+    band = below(run.cutoff for run in scores)
+    return f"Relative error {RATIO} in logged units, in the validation band, {band}: {words}."
 
 
 def reference_words(joints: Sequence[JointError]) -> str:
@@ -212,20 +191,13 @@ def coverage_words(inside: float, unseen: bool) -> str:
 
 
 def scale_words(
-    identified: IdentifiedModel | None,
+    identified: IdentifiedModel,
     scores: Sequence[RunScore],
     unscaled: Sequence[RunScore] = (),
 ) -> str:
-    """By what measured efforts are divided before they are compared; empty without scales.
-
-    Args:
-        identified: The model.
-        scores: Its scores.
-        unscaled: Those of the model without scales on the same runs, if they are known.
-    """
-    if identified is None or identified.effort_scales is None or not scores:
+    """By what measured efforts are divided before they are compared; empty without scales."""
+    if identified.effort_scales is None or not scores:
         return ""
-    listed = identified.effort_scales.words
     without = ""
     if unscaled:
         pairs = list(zip(unscaled, scores, strict=True))
@@ -233,9 +205,9 @@ def scale_words(
         errors = error_words(pooled(one.errors for one in fresh))
         without = f'. Without scales (effort_scales = "off" in [estimation]): {errors}'
     return (
-        f"efforts divided by the estimated scale: {listed}; as logged: not divided by it. torque() "
-        "of the model predicts the divided efforts, effort() the logged ones"
-        f"{without}"
+        f"efforts divided by the estimated scale: {identified.effort_scales.words}; as logged: not "
+        "divided by it. torque() of the model predicts the divided efforts, effort() the logged "
+        f"ones{without}"
     )
 
 

@@ -6,9 +6,11 @@ import csv
 import io
 from dataclasses import fields
 from math import isfinite
-from typing import TYPE_CHECKING
 
-from steelyard.identify.comparison.estimators_page import CompareSection
+from rich.console import Console
+from rich.text import Text
+
+from steelyard.estimate.identified import IdentifiedModel
 from steelyard.identify.page.calibration_tables import (
     DrivesSection,
     EffortScalesSection,
@@ -20,12 +22,16 @@ from steelyard.identify.page.conditioning import (
     CorrelationsSection,
     UnseenSection,
 )
-from steelyard.identify.page.content import ReportContent
+from steelyard.identify.page.content import (
+    CheckSection,
+    QualitySection,
+    ReportContent,
+    SettingsSection,
+)
 from steelyard.identify.page.effort_figures import EffortSection, TorqueSplitSection
 from steelyard.identify.page.friction_sections import FrictionCurvesSection, FrictionSection
 from steelyard.identify.page.inertia_ellipsoids import EllipsoidsSection
 from steelyard.identify.page.link_inertias import BodiesSection, MassesSection
-from steelyard.identify.page.logs_and_settings import CheckSection, QualitySection, SettingsSection
 from steelyard.identify.page.parameter_table import (
     ParameterRow,
     ParametersSection,
@@ -40,13 +46,7 @@ from steelyard.identify.page.scatter_of_estimates import (
     SensitivitySection,
 )
 from steelyard.identify.page.verdict_section import VerdictSection
-from steelyard.report.page import Section, page_of, shown_sections
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from steelyard.estimate.identified import IdentifiedModel
-
+from steelyard.report.page import Section, render_sections
 
 SECTIONS: tuple[Section, ...] = (
     VerdictSection(),
@@ -72,7 +72,6 @@ SECTIONS: tuple[Section, ...] = (
     BootstrapSection(),
     RepeatedSection(),
     SensitivitySection(),
-    CompareSection(),
     CheckSection(),
     QualitySection(),
     SettingsSection(),
@@ -97,9 +96,8 @@ def sections_of(content: ReportContent) -> tuple[Section, ...]:
 
 def render(content: ReportContent) -> str:
     """The report as HTML text, to be written as UTF-8."""
-    version = None if content.identified is None else content.identified.provenance.version
-    shown = shown_sections(sections_of(content), content)
-    return page_of(content.title, content.robot, "identified", version, shown)
+    by = content.identified.provenance.version
+    return render_sections(sections_of(content), content, "identified", by)
 
 
 CSV_COLUMNS = tuple(field.name for field in fields(ParameterRow))
@@ -107,15 +105,7 @@ CSV_COLUMNS = tuple(field.name for field in fields(ParameterRow))
 
 
 def print_report(content: ReportContent, console: Console, verbose: bool = False) -> None:
-    """Print what the sections have for a terminal, and the notes.
-
-    Args:
-        content: The report.
-        console: Where to print.
-        verbose: Whether to print the details too.
-    """
-    from rich.text import Text
-
+    """Print what the sections have for a terminal, and the notes."""
     sections = sections_of(content)
     shown = [part for section in sections for part in section.printed(content)]
     if verbose:

@@ -1,15 +1,18 @@
 """The section with the verdict, the key figures and the errors of every joint and run."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from math import isnan
+from typing import Any
 
 import numpy as np
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
 
 from steelyard.base.arrays import Array
 from steelyard.check.findings_text import finding_dict
 from steelyard.estimate.scores.joint_errors import JointError, PooledError, as_logged, pooled
+from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.page.content import ReportContent
 from steelyard.identify.page.effort_figures import band_text
 from steelyard.identify.page.model_verdict import (
@@ -29,16 +32,9 @@ from steelyard.identify.page.score_words import (
     relative_errors,
     scale_words,
 )
-from steelyard.report.page import Numbers, Section, fill
+from steelyard.report.page import Numbers, Section
 from steelyard.report.tables import light_table
 from steelyard.report.words import COLOURS, NONE, percent, significant
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-    from rich.table import Table
-
-    from steelyard.estimate.scores.score import RunScore
-
 
 LEAST_FITTED_OVER_UNSEEN = 1.5
 """Error of fitted over unseen runs from which on it is explained."""
@@ -77,7 +73,13 @@ def _where(run: RunScore) -> str:
     count = int(np.searchsorted(total, LOCATED_SHARE * total[-1])) + 1
     if count > max(MOST_CONCENTRATED_SHARE * len(starts), 1.0):
         return f"in {run.run} residuals are spread over the whole time"
-    times = ", ".join(f"{a:.0f} to {b:.0f} s" for a, b in _merged(np.sort(starts[order[:count]])))
+    spans: list[list[float]] = []
+    for start in np.sort(starts[order[:count]]).tolist():
+        if spans and start - spans[-1][1] < 0.5 * RESIDUAL_WINDOW:
+            spans[-1][1] = start + RESIDUAL_WINDOW
+        else:
+            spans.append([start, start + RESIDUAL_WINDOW])
+    times = ", ".join(f"{a:.0f} to {b:.0f} s" for a, b in spans)
     return (
         f"in {run.run} {percent(100.0 * float(total[count - 1] / total[-1]))} of the squared "
         f"residuals lie in {percent(100.0 * count / len(starts))} of the time: {times}"
@@ -97,17 +99,6 @@ def _windows(run: RunScore) -> tuple[Array, Array]:
     return np.asarray(float(traces.t[0]) + RESIDUAL_WINDOW * np.arange(len(total))), total
 
 
-def _merged(starts: Array) -> list[tuple[float, float]]:
-    """Windows as intervals, neighbours as one."""
-    found: list[tuple[float, float]] = []
-    for start in starts.tolist():
-        if found and start - found[-1][1] < 0.5 * RESIDUAL_WINDOW:
-            found[-1] = (found[-1][0], start + RESIDUAL_WINDOW)
-        else:
-            found.append((start, start + RESIDUAL_WINDOW))
-    return found
-
-
 CAPTION = (
     "moving, all: relative error where the joint moves, and of the whole log; pooled: norms over "
     "all joints together; MAE: mean absolute error; zero, nominal: RMSE of predicting zero, and of "
@@ -120,17 +111,14 @@ MOST_OTHERS = 8
 """Runs whose errors in the validation band the page lists."""
 
 
-class VerdictSection(Section):
+class VerdictSection(Section, name="verdict", title="Verdict", template="verdict.html"):
     """Headline, key figures, and one table of joints per run."""
-
-    name: ClassVar[str] = "verdict"
-    title: ClassVar[str] = "Verdict"
 
     def numbers(self, content: ReportContent) -> Numbers:
         """Verdict, key figures and scores."""
         return {
             "verdict": verdict(content),
-            "usable": _usable(content),
+            "usable": "" if content.only_errors else ". ".join(usable(content.identified)),
             "fitted_larger": fitted_larger(content.fitted, content.scores),
             "facts": _facts(content),
             "runs": [_run(score) for score in content.scores if not score.repeats],
@@ -145,10 +133,6 @@ class VerdictSection(Section):
             "most_others": MOST_OTHERS,
         }
 
-    def show(self, numbers: Numbers) -> str:
-        """The numbers as safe HTML."""
-        return fill("verdict.html", numbers)
-
     def to_dict(self, content: ReportContent) -> dict[str, Any]:
         """Verdict, limitations, scores and notes."""
         return {
@@ -162,9 +146,6 @@ class VerdictSection(Section):
 
     def printed(self, content: ReportContent) -> Iterable[RenderableType]:
         """The verdict with its limitations, and the errors of every joint, or of every run."""
-        from rich.console import Group
-        from rich.text import Text
-
         judged = verdict(content)
         yield Group(
             Text(judged.line, style=f"bold {COLOURS[judged.level]}"),
@@ -174,20 +155,13 @@ class VerdictSection(Section):
         scores = content.scores or content.fitted
         if not scores:
             return
-        several = len(scores) > 1
         scales = scale_words(content.identified, scores, content.unscaled)
-        shown = (
-            _runs_table(scores, bool(content.scores))
-            if several
-            else joints_table(scores[0], bool(content.scores))
-        )
+        several, unseen = len(scores) > 1, bool(content.scores)
+        shown = _runs_table(scores, unseen) if several else joints_table(scores[0], unseen)
         yield Group(shown, Text(scales)) if scales else shown
 
     def detailed(self, content: ReportContent) -> Iterable[RenderableType]:
         """The errors of every joint in every run, in the fixed band and in that of the fit."""
-        from rich.console import Group
-        from rich.text import Text
-
         judged, unseen = verdict(content), bool(content.scores)
         for one in judged.limitations:
             if one.brief != one.text:
@@ -207,13 +181,6 @@ class VerdictSection(Section):
             yield Group(*parts)
 
 
-def _usable(content: ReportContent) -> str:
-    """What the parameters are good for, beside the error; empty of a validation alone."""
-    if content.identified is None or content.only_errors:
-        return ""
-    return ". ".join(usable(content.identified))
-
-
 def _facts(content: ReportContent) -> list[tuple[str, str]]:
     """Values and labels of the key figures."""
     facts = [
@@ -230,68 +197,47 @@ def _facts(content: ReportContent) -> list[tuple[str, str]]:
             )
             for error in errors
         ]
-    if content.identified is not None:
-        table = parameter_rows(content.identified)
-        well = sum(row.status in ("identified", "small effect") for row in table)
-        condition = significant(content.identified.estimate.condition_normalised, 2)
-        left = sum(row.status not in ("removed", "known") for row in table)
-        facts.append((f"{well} of {left}", "base parameters identified or of small effect"))
-        facts.append((condition, "normalised condition number"))
-    return facts
+    table = parameter_rows(content.identified)
+    well = sum(row.status in ("identified", "small effect") for row in table)
+    condition = significant(content.identified.estimate.condition_normalised, 2)
+    left = sum(row.status not in ("removed", "known") for row in table)
+    facts.append((f"{well} of {left}", "base parameters identified or of small effect"))
+    return [*facts, (condition, "normalised condition number")]
 
 
 def _run(score: RunScore) -> dict[str, Any]:
+    """A run as its template shows it; a joint that rests while others move has no level."""
+    errors, joints = pooled([score.errors]), score.errors.joints
+    figures = both_words(errors, pooled(as_logged([score.errors]))), limit_words(errors)
+    shown = []
+    for joint, logged in zip(joints, score.errors.as_logged or [None] * len(joints), strict=True):
+        share, other = joint.percent_of_used, None if logged is None else logged.percent_of_used
+        shown.append(
+            {
+                **vars(joint),
+                "share": share,
+                "of_limit": joint.percent_of_limit,
+                "level": level_of(share) if joint.counted else "none",
+                "bar": min(share, 100.0) if share == share else 0.0,
+                "as_logged": other,
+                "as_logged_level": level_of(other) if joint.counted else "none",
+            }
+        )
     return {
         "run": score.run,
         "repeats": score.repeats,
         "cutoff": score.cutoff,
         "band": score.errors.cutoff,
-        "figures": _figures(score),
+        "figures": "; ".join(filter(None, figures)),
         "basis": basis_words([score]),
-        "raised": reference_words(score.errors.joints),
-        "errors": [
-            _error(joint)
-            | {
-                "as_logged": logged,
-                "as_logged_level": level_of(logged) if joint.counted else "none",
-            }
-            for joint, logged in zip(score.errors.joints, _logged_shares(score), strict=True)
-        ],
+        "raised": reference_words(joints),
+        "errors": shown,
         "joints": score.joints,
-    }
-
-
-def _figures(score: RunScore) -> str:
-    """The errors over all joints of a run."""
-    errors = pooled([score.errors])
-    words = both_words(errors, pooled(as_logged([score.errors]))), limit_words(errors)
-    return "; ".join(part for part in words if part)
-
-
-def _logged_shares(score: RunScore) -> list[float | None]:
-    """The errors of the joints against efforts as logged [%]; `None` without estimated scales."""
-    if not score.errors.as_logged:
-        return [None] * len(score.errors.joints)
-    return [joint.percent_of_used for joint in score.errors.as_logged]
-
-
-def _error(joint: JointError) -> dict[str, Any]:
-    """A joint's error in the fixed band; one that rests while others move has no level."""
-    share = joint.percent_of_used
-    return {
-        **vars(joint),
-        "share": share,
-        "of_limit": joint.percent_of_limit,
-        "level": level_of(share) if joint.counted else "none",
-        "bar": min(share, 100.0) if share == share else 0.0,
     }
 
 
 def _runs_table(scores: Sequence[RunScore], unseen: bool) -> RenderableType:
     """One row per run: its error, and its worst joint."""
-    from rich.console import Group
-    from rich.text import Text
-
     title = f"{len(scores)} runs, {'not fitted' if unseen else 'fitted'} ({basis_words(scores)})"
     scaled = any(score.errors.as_logged for score in scores)
     logged = ["as logged"] if scaled else []
@@ -299,30 +245,19 @@ def _runs_table(scores: Sequence[RunScore], unseen: bool) -> RenderableType:
         ("run", "error", "of used", *logged, "of limit", "worst joint"), (0, 4 + len(logged))
     )
     for score in scores:
+        counted = [x for x in score.errors.joints if x.counted and not isnan(x.percent_of_used)]
+        worst = max(counted, key=lambda joint: joint.percent_of_used, default=None)
+        last = NONE if worst is None else f"{worst.joint} {percent(worst.percent_of_used)}"
         unscaled: Sequence[PooledError | None] = pooled(as_logged([score.errors]))
         errors = pooled([score.errors])
         for error, other in zip(errors, unscaled or [None] * len(errors), strict=True):
             name = f"{score.run} (repeats {score.repeats})" if score.repeats else score.run
-            _add(table, name, error, _worst(score), logged=other)
+            _add(table, name, error, last, logged=other)
     return Group(Text(title), table)
-
-
-def _worst(score: RunScore) -> str:
-    """The joint with the largest error relative to the effort it used."""
-    counted = [
-        j for j in score.errors.joints if j.counted and j.percent_of_used == j.percent_of_used
-    ]
-    if not counted:
-        return NONE
-    worst = max(counted, key=lambda joint: joint.percent_of_used)
-    return f"{worst.joint} {percent(worst.percent_of_used)}"
 
 
 def joints_table(score: RunScore, unseen: bool) -> RenderableType:
     """One row per joint: its error in the fixed band, beside what it used and its effort limit."""
-    from rich.console import Group
-    from rich.text import Text
-
     again = f"not fitted, repeats the motion of {score.repeats}" if score.repeats else "not fitted"
     where = "whole log" if score.errors.at_rest else "where each joint moves"
     basis = f"RMS below {score.errors.cutoff:g} Hz, {where}"
@@ -354,8 +289,6 @@ def _add(
     logged: JointError | PooledError | None = None,
 ) -> None:
     """A row: error with its unit, relative to what was used, as logged too, and to the limit."""
-    from rich.text import Text
-
     counted = not isinstance(error, JointError) or error.counted
     shares = [one.percent_of_used for one in (error, logged) if one is not None]
     styles = [COLOURS[level_of(share)] if counted else "dim" for share in shares]
@@ -370,9 +303,6 @@ def _add(
 
 def _fit_table(score: RunScore) -> RenderableType:
     """Errors in the validation band, between its title and the meaning of its columns."""
-    from rich.console import Group
-    from rich.text import Text
-
     headings = ("joint", "moving", "all", "RMSE", "MAE", "zero", "nominal", "unit")
     table = light_table(headings, (0, 7))
     for joint in score.joints:
