@@ -140,7 +140,7 @@ class Joint:
     Attributes:
         name: Unique in the mechanism.
         kind: `fixed`, `revolute`, `continuous` or `prismatic`; or with more than one degree of
-            freedom `floating`, `planar` or `ball`, which no robot keeps (`robot/free_joints.py`).
+            freedom `floating`, `planar` or `ball`, which no robot keeps (`joint_reduction.py`).
         parent: Name of the parent link.
         child: Name of the child link.
         placement: The joint's frame in the parent link's frame, at position zero.

@@ -1,7 +1,7 @@
 """Expansion of xacro files: macros, properties, conditions and includes become plain elements.
 
 As the program `xacro` 2 does it, but for what a file from a stranger must not do: see
-`expression` for expressions, `command` for `$(...)`. Files are only read.
+`xacro_expression` for `${...}`, `xacro_commands` for `$(...)`. Files are only read.
 """
 
 import re
