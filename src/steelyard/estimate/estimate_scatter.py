@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.base.arrays import Array, Parameters, frozen
+from steelyard.base.arrays import Array, Parameters, finite_json, frozen
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.estimate import Estimate, Estimator
@@ -87,17 +87,11 @@ def bootstrap(
 ) -> Bootstrap:
     """Estimate again and again from windows drawn with replacement, run by run.
 
-    Args:
-        estimator: What estimates.
-        information: The data; every window is a block.
-        draws: How often.
-        seed: Same seed, same draws.
-        progress: Told about every draw.
+    Every window of the information is a block; the same seed gives the same draws.
 
     Raises:
-        Stopped: `progress` requested a stop.
-        DataError: The data give no estimate, have a single window per run, or too few draws gave
-            an estimate.
+        DataError: The data give no estimate, have a single window per run, or too few draws
+            gave an estimate.
     """
     runs = information.windows_of_runs
     count, kept = len(information.windows), len(information.windows) - len(runs)
@@ -165,14 +159,12 @@ class RepeatedEstimates:
             dict(zip(estimate.parameters.names, estimate.std.tolist(), strict=True))
             for estimate in estimates.values()
         ]
-        return cls(
-            tuple(estimates),
-            tuple(units),
-            tuple(units.values()),
-            _table(values, units),
-            _table(stated, units),
-            population,
-        )
+        tables = [
+            frozen([[row.get(name, np.nan) for name in units] for row in numbers])
+            for numbers in (values, stated)
+        ]
+        names, texts = tuple(units), tuple(units.values())
+        return cls(tuple(estimates), names, texts, tables[0], tables[1], population)
 
     @property
     def count(self) -> Array:
@@ -222,8 +214,8 @@ class RepeatedEstimates:
                 "name": name,
                 "unit": unit,
                 "count": int(count),
-                **{key: _number(column[k]) for key, column in columns.items()},
-                "values": [_number(value) for value in self.values[:, k]],
+                **{key: finite_json(column[k]) for key, column in columns.items()},
+                "values": finite_json(self.values[:, k]),
             }
             for k, (name, unit, count) in enumerate(
                 zip(self.names, self.units, self.count, strict=True)
@@ -237,15 +229,6 @@ class RepeatedEstimates:
             "deviation": "population" if self.population else "sample",
             "parameters": self.rows(),
         }
-
-
-def _table(numbers: Sequence[Mapping[str, float]], names: Mapping[str, str]) -> Array:
-    """Numbers by estimation and name, NaN where there is none, shape `(N, p)`."""
-    return frozen([[row.get(name, np.nan) for name in names] for row in numbers])
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 FACTORS = (0.5, 0.71, 1.41, 2.0)

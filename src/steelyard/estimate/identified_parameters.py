@@ -133,12 +133,9 @@ turn, after which the posture of a revolute joint is the same."""
 
 @dataclass(frozen=True, eq=False)
 class FrictionCurve:
-    """Friction of one joint over speed.
+    """Friction of one joint over rising speeds, shape `(G,)` [rad/s; m/s].
 
-    Attributes:
-        speed: Rising, shape `(G,)` [rad/s; m/s].
-        effort: Friction of the model, shape `(G,)` [Nm; N].
-        half_width: Of its 95 % interval, shape `(G,)` [Nm; N].
+    Efforts of the model and half-widths of their 95 % intervals are of the same shape [Nm; N].
     """
 
     joint: str
@@ -153,13 +150,9 @@ def friction_curves(
     """The friction of every joint whose friction was identified.
 
     Joints of closed loops that do not close at their posture, or on the travel that friction with
-    memory needs, have no curve.
-
-    Args:
-        identified: The model.
-        postures: Positions of all independent joints, one row for each joint's curve, on which
-            only friction that depends on load depends, shape `(n, n)` [rad; m].
-        fastest: Largest speed of each curve, shape `(n,)` [rad/s; m/s].
+    memory needs, have no curve. Of the postures `(n, n)` [rad; m], one row for each joint's curve,
+    only friction that depends on load depends; `fastest` is the largest speed of each curve, `(n,)`
+    [rad/s; m/s].
     """
     names, covariance = _friction(identified)
     curves = []

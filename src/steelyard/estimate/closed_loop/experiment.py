@@ -104,11 +104,10 @@ class Measured:
 
 @dataclass(frozen=True, eq=False)
 class StartValues:
-    """Values with which simulations start.
+    """Values with which simulations start, of the columns that the data see, `(p,)`.
 
-    Attributes:
-        values: Values of the columns that the data see, shape `(p,)`.
-        widths: Speeds within which friction turns, shape `(n,)` [rad/s; m/s].
+    Friction turns within the widths of speed `(n,)` [rad/s; m/s]; notes say how they were come by,
+    where that is worth saying.
     """
 
     values: Array
@@ -120,10 +119,7 @@ class StartValues:
 class Experiment:
     """Measured stretches of runs, how they were controlled, and what their motion says by itself.
 
-    Attributes:
-        loops: How each was controlled.
-        information: What all of them say about the columns, efforts as joint torques.
-        notes: What was assumed, for people to read.
+    Efforts of the information are joint torques; notes say what was assumed.
     """
 
     regressor: Regressor
@@ -439,7 +435,5 @@ def _nominal(experiment: Experiment) -> Array | None:
 
 def _based(experiment: Experiment, standard: Mapping[str, float]) -> Array:
     """Base parameters that the data see, of standard ones."""
-    base = experiment.regressor.base
-    values = base.base_values([standard[name] for name in base.names])
-    named = dict(zip(base.base_names, values, strict=True))
-    return frozen([named[name] for name in experiment.start.parameters.names])
+    base, names = experiment.regressor.base, experiment.start.parameters.names
+    return frozen(base.values_of(names, [standard[name] for name in base.names]))

@@ -77,12 +77,9 @@ _TICKS_PER_EVENT = 500
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """White noise of one run.
+    """White noise of one run, as standard deviations per joint, shape `(n,)`.
 
-    Attributes:
-        position: Standard deviation per joint, shape `(n,)` [rad; m].
-        torque: Likewise [Nm; N].
-        size: Root mean square of the torque, likewise.
+    Of positions [rad; m] and torques [Nm; N]; `size` is the root mean square of the torque.
     """
 
     position: Array
@@ -102,12 +99,8 @@ Belief = tuple[Array, Array]
 class Slopes:
     """One step and its derivatives.
 
-    Attributes:
-        ends: Positions and velocities after it, shape `(2 n,)`.
-        motion: Derivatives by those before, shape `(2 n, 2 n)`.
-        effort: By the torques, shape `(2 n, n)`.
-        values: By the parameters, shape `(2 n, p)`.
-        least: Least pivot of the mass matrix.
+    Positions and velocities after it `(2 n,)`, their derivatives by those before `(2 n, 2 n)`, by
+    the torques `(2 n, n)` and by the parameters `(2 n, p)`, and the least pivot of the mass matrix.
     """
 
     ends: Array

@@ -1,8 +1,9 @@
 """The pass over runs: stretches of samples to information, by windows, on several threads."""
 
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import TypeVar
 
 import numpy as np
@@ -229,30 +230,18 @@ def cut_pieces(
     """Pieces of a run with the halo they need, from blocks of any size."""
     unit, halo = accumulator.decimation, max(accumulator.halo, 0)
     length = -(-max(1, min(longest, max(PIECE, HALOS * halo))) // unit) * unit
-    need = length + halo
-    buffered: list[Block] = []
-    for block in blocks:
-        if buffered and block.segment != buffered[0].segment:
-            yield from _pieces(buffered, name, length, need, last=True)
-            buffered = []
-        buffered.append(block)
-        if sum(len(b.t) for b in buffered) >= need:
-            rest = yield from _pieces(buffered, name, length, need, last=False)
-            buffered = [rest]
-    if buffered:
-        yield from _pieces(buffered, name, length, need, last=True)
-
-
-def _pieces(
-    buffered: list[Block], name: str, length: int, need: int, last: bool
-) -> Generator[Piece, None, Block]:
-    """The pieces that the buffered samples suffice for; returns the samples that are left."""
-    joined = buffered[0] if len(buffered) == 1 else Block.joined(buffered)
-    start = 0
-    while len(joined.t) - start >= need or (last and start < len(joined.t)):
-        yield _piece(joined.part(start, min(start + need, len(joined.t))), name, length)
-        start += length
-    return joined.part(start, len(joined.t))
+    need, buffered = length + halo, list[Block]()
+    for block in chain(blocks, [None]):
+        ended = block is None or (len(buffered) > 0 and block.segment != buffered[0].segment)
+        if buffered and (ended or sum(len(b.t) for b in buffered) >= need):
+            joined = buffered[0] if len(buffered) == 1 else Block.joined(buffered)
+            size, start = len(joined.t), 0
+            while size - start >= need or (ended and start < size):
+                yield _piece(joined.part(start, min(start + need, size)), name, length)
+                start += length
+            buffered = [] if ended else [joined.part(start, size)]
+        if block is not None:
+            buffered.append(block)
 
 
 def _piece(block: Block, name: str, length: int) -> Piece:

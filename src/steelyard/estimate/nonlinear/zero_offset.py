@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, finite_json, frozen
 from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Z95, Estimate
 from steelyard.estimate.information.information import Information
@@ -92,7 +92,7 @@ class ZeroOffsets:
             "joints": list(self.joints),
             "units": list(self.units),
             "values": self.values.tolist(),
-            "half_width": [h if np.isfinite(h) else None for h in self.half_width.tolist()],
+            "half_width": finite_json(self.half_width),
             "converged": self.converged,
         }
 

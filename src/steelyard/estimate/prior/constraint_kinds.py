@@ -1,6 +1,6 @@
 """Kinds of prior constraints on bodies and parameters, by their names in robot files."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, cast
 
@@ -339,34 +339,25 @@ def knowledge_of(model: Model, loaded: LoadedRobot, fastest: Array | None = None
             notes.append(f"the model has no '{absent}': prior constraints on it are ignored")
             continue
         mine = constraint.rows(ConstraintContext(model, where))
-        _refuse_own(mine, own_columns(model), where)
+        for name in own_columns(model):
+            if any(name in row.coefficients for row in mine):
+                raise ModelError(
+                    f"every run has a '{name}' of its own, which no prior constraint can act on",
+                    where=where,
+                    fix="remove the constraint, or remove per_run from the term",
+                )
         rows += mine
     lower, loosened = _loosened(known, rows)
     notes += [f"'{name}' may be below zero, as the robot file allows" for name in loosened]
     known = replace(known, lower=lower, rows=tuple(rows), notes=tuple(notes))
     refuse_contradictions(known)
-    return known if fastest is None else _with_curves(known, model, fastest, loosened)
-
-
-def _with_curves(
-    known: Knowledge, model: Model, fastest: Array, loosened: Sequence[str]
-) -> Knowledge:
-    """The same with friction bounded as a whole, where the user has not set a bound lower."""
+    if fastest is None:
+        return known
+    # friction is bounded as a whole where the user has not set a bound lower
     curves = tuple(
         row for row in friction_curves(model, fastest) if not set(loosened) & set(row.coefficients)
     )
     return replace(known, curves=curves, shaped=shaped(model, curves))
-
-
-def _refuse_own(rows: Sequence[Row], own: Sequence[str], where: str) -> None:
-    """Refuse a constraint on what every run has for itself."""
-    for name in own:
-        if any(name in row.coefficients for row in rows):
-            raise ModelError(
-                f"every run has a '{name}' of its own, which no prior constraint can act on",
-                where=where,
-                fix="remove the constraint, or remove per_run from the term",
-            )
 
 
 def constraint_of(table: Mapping[str, Any], where: str) -> PriorConstraint:
@@ -378,11 +369,9 @@ def _of_absent_law(constraint: PriorConstraint, model: Model) -> str | None:
     """The parameter of a friction law that the model lacks, if a constraint names one."""
     if not isinstance(constraint, Known | Tied):
         return None
-    names = (
-        (constraint.parameter, constraint.to)
-        if isinstance(constraint, Tied)
-        else (constraint.parameter,)
-    )
+    names = [constraint.parameter]
+    if isinstance(constraint, Tied):
+        names.append(constraint.to)
     absent = tuple(set(TERMS) - {term.law for term in model.terms})
     return next((name for name in names if name.startswith(absent)), None)
 

@@ -66,11 +66,9 @@ RANGES = 2.0 ** np.arange(-8.0, 3.0)
 
 @dataclass(frozen=True)
 class Coordinate:
-    """A coordinate whose friction is bounded as a whole.
+    """A coordinate whose friction is bounded as a whole, and the laws that act along it.
 
     Attributes:
-        axis: The coordinate.
-        laws: Those that act along it.
         top: Speed that the data reach, and a little more [rad/s; m/s].
         farthest: Speed up to which friction takes energy [rad/s; m/s].
     """
@@ -112,7 +110,9 @@ def _coordinates(model: Model, laws: Sequence[ActsOnAxes], fastest: Array) -> It
         mine = tuple(law for law in laws if axis in law.axes(model.robot))
         limit = float(np.abs(axis.row[:n]) @ np.where(axis.row[:n], limits[:n], 0.0))
         if any(law.dissipation == "together" for law in mine):
-            yield Coordinate(axis, mine, top, max(top, _believed(limit, top)))
+            # a limit that is much higher is a mere placeholder
+            believed = limit if limit <= FARTHEST * top / REACH else 0.0
+            yield Coordinate(axis, mine, top, max(top, believed))
 
 
 def _groups(found: Sequence[Coordinate]) -> list[list[Coordinate]]:
@@ -140,11 +140,6 @@ def shaped(model: Model, rows: Sequence[Row]) -> frozenset[str]:
         for p in term.parameters(model.robot)
         if p.name in bounded
     )
-
-
-def _believed(limit: float, top: float) -> float:
-    """A limit of speed; zero if it is a mere placeholder."""
-    return limit if limit <= FARTHEST * top / REACH else 0.0
 
 
 def _rows(group: Sequence[Coordinate], robot: Robot) -> list[list[Row]]:
