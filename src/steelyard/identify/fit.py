@@ -110,15 +110,7 @@ def fit(
 ) -> Fit:
     """Gains, friction laws, their fields, and last the parameters.
 
-    Args:
-        model: The model; without friction where that is to be chosen.
-        loaded_robot: What the robot file says.
-        runs: Runs without payload.
-        carrying: Runs with it, for the gains.
-        payload: What they carry.
-        origin: Inputs; what was decided here is added to its notes.
-        threads: Native threads.
-        progress: Told about every pass.
+    The arguments are those of `prepare_fit`; what was decided is added to the notes of the `origin`.
     """
     plain = method_of(loaded_robot).name
     if plain not in PLAIN_LEAST_SQUARES:

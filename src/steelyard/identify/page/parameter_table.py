@@ -265,15 +265,7 @@ def counts(table: Sequence[ParameterRow]) -> str:
 
 @dataclass(frozen=True)
 class TrueParameter:
-    """One base parameter with an interval.
-
-    Attributes:
-        name: Its name.
-        unit: Its unit.
-        truth: Value of the simulated robot.
-        value: Estimate.
-        half_width: Of the 95 % interval.
-    """
+    """A base parameter of a simulated robot with its estimate and its 95 % interval."""
 
     name: str
     unit: str
