@@ -110,7 +110,7 @@ def fit(
 ) -> Fit:
     """Gains, friction laws, their fields, and last the parameters.
 
-    The arguments are those of `prepare_fit`; what was decided is added to the notes of the `origin`.
+    Arguments are those of `prepare_fit`; what is decided is added to the notes of the `origin`.
     """
     plain = method_of(loaded_robot).name
     if plain not in PLAIN_LEAST_SQUARES:
