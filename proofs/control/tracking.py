@@ -33,8 +33,7 @@ from steelyard.simulate.plant import customary_drives
 from steelyard.simulate.track import TrackedRun, Tracking, tracking
 from steelyard.simulate.truth import Truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
-from steelyard.uses.control.joint_control import Cascade, Control
-from steelyard.uses.control.model_control import TorqueFeedforward
+from steelyard.uses.control.joint_control import Cascade, Control, TorqueFeedforward
 
 PICK = """kind = "pick_and_place"
 pick = { x = [0.9, 1.3], y = [-0.7, -0.3], z = [0.3, 0.6] }

@@ -8,9 +8,8 @@ from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.estimate.scores.residuals import ResidualTrace
 from steelyard.uses.contact.contact_events import ContactEvent, JointLoad
 from steelyard.uses.contact.contact_page import ContactContent
-from steelyard.uses.health.health_changes import changes_of
-from steelyard.uses.health.health_page import HealthContent
-from steelyard.uses.health.health_windows import QUANTITIES, Series
+from steelyard.uses.health.health import HealthContent
+from steelyard.uses.health.health_changes import QUANTITIES, Series, changes_of
 from steelyard.uses.payload.payload_changes import SlidingMass
 from steelyard.uses.payload.payload_events import Carried, Kind, PayloadEvent, PayloadEvents
 from steelyard.uses.wrench.wrench_along_run import WrenchEstimate

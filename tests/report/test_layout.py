@@ -26,7 +26,7 @@ from steelyard.identify.page.section_register import render
 from steelyard.report.page import TEMPLATES, page_of, render_sections
 from steelyard.simulate.tracking_sections import TRACK_SECTIONS
 from steelyard.uses.contact.contact_page import render_contact
-from steelyard.uses.health.health_page import render_health
+from steelyard.uses.health.health import render_health
 from steelyard.uses.payload.payload_page import render_payload_events
 from steelyard.uses.wrench.wrench_page import render_wrench
 

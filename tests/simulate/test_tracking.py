@@ -11,7 +11,7 @@ from steelyard.robot.robot import Robot
 from steelyard.simulate.plant import customary_drives
 from steelyard.simulate.track import Tracking, controllers_of, tracking
 from steelyard.simulate.truth import Truth, random_truth
-from steelyard.uses.control.model_control import control_of
+from steelyard.uses.control.joint_control import control_of
 
 
 def run(robot: Robot, truth: Truth, control: str, *models: tuple[str, Truth]) -> Tracking:

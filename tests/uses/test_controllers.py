@@ -9,10 +9,14 @@ from steelyard.base.motion import Motion
 from steelyard.model.laws.presliding import Dahl
 from steelyard.model.laws.rotor_inertia import RotorInertia
 from steelyard.model.model import ValuedModel
-from steelyard.uses.control.joint_control import PD, PID, Cascade, Control, ControlTask
-from steelyard.uses.control.model_control import (
+from steelyard.uses.control.joint_control import (
     CONTROLS,
+    PD,
+    PID,
+    Cascade,
     ComputedTorque,
+    Control,
+    ControlTask,
     TorqueFeedforward,
     control_of,
 )

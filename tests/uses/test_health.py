@@ -9,10 +9,11 @@ from steelyard.uses.health.health_changes import (
     ENOUGH_LOGS,
     LEAST_CHANGE,
     HealthChange,
+    HealthQuantity,
+    Series,
     changes_of,
     minutes,
 )
-from steelyard.uses.health.health_windows import HealthQuantity, Series
 
 NAMES = ("mon", "tue", "wed", "thu", "fri")
 

@@ -30,8 +30,7 @@ from steelyard.simulate.virtual_robot import (
     customary_sensors,
     write_run,
 )
-from steelyard.uses.control.joint_control import PD, Control
-from steelyard.uses.control.model_control import control_of
+from steelyard.uses.control.joint_control import PD, Control, control_of
 from steelyard.uses.control.model_torques import refuse_other_robot, refuse_unknown_gains
 
 RANDOM_PERIOD = 10.0

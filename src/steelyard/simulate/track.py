@@ -28,8 +28,7 @@ from steelyard.simulate.simulate import true_robot
 from steelyard.simulate.tracking_sections import TRACK_SECTIONS, TrackingContent
 from steelyard.simulate.truth import Truth
 from steelyard.simulate.virtual_robot import VirtualRobot
-from steelyard.uses.control.joint_control import PD, Control
-from steelyard.uses.control.model_control import ComputedTorque, control_of
+from steelyard.uses.control.joint_control import PD, ComputedTorque, Control, control_of
 from steelyard.uses.control.model_torques import (
     refuse_other_robot,
     refuse_unknown_gains,

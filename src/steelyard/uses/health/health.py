@@ -1,16 +1,19 @@
-"""What drifted in a robot, from logs of its operation: what `steelyard health` does."""
+"""What drifted in a robot, from logs of its operation: `steelyard health`, with its page."""
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from rich.console import Console
+from rich.text import Text
 
 from steelyard.base.arguments import checked
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, silent
+from steelyard.estimate.estimate import Z95
 from steelyard.estimate.friction.mixes import has_memory
 from steelyard.estimate.identified import IdentifiedModel, load_model
 from steelyard.estimate.information.gather import gather
@@ -18,7 +21,11 @@ from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
 from steelyard.identify.run_notes import notes_of
 from steelyard.identify.scores import processing_of
-from steelyard.report.result import Result
+from steelyard.report.figures import Figure, Group, Key, area, line
+from steelyard.report.page import figures, inspected_page, notes
+from steelyard.report.result import Result, print_verdict
+from steelyard.report.tables import PlainTable, Row, narrow_table
+from steelyard.report.words import NONE
 from steelyard.runs.named_logs import (
     log_files,
     paths_of,
@@ -26,14 +33,194 @@ from steelyard.runs.named_logs import (
     recording_of,
     refuse_overlaps,
 )
-from steelyard.uses.health.health_changes import HealthChange, changes_of
-from steelyard.uses.health.health_page import HealthContent, health_lines, render_health
-from steelyard.uses.health.health_windows import LEAST_WINDOW, MOST_WINDOWS_OF_LOG, series_of
+from steelyard.uses.health.health_changes import (
+    CLEAR_HALF_WIDTHS,
+    FALSE_DRIFT_LEVEL,
+    LEAST_CHANGE,
+    LEAST_WINDOW,
+    MOST_WINDOWS_OF_LOG,
+    QUANTITIES,
+    HealthChange,
+    Series,
+    changes_of,
+    series_of,
+)
 from steelyard.uses.other_efforts import refuse_other_efforts
 from steelyard.uses.payload.payload_of_runs import payload_words, unknown_payload
 
-if TYPE_CHECKING:
-    from rich.console import Console
+QUANTITY_HEADINGS = ("dry", "viscous", "offset", "effort scale")
+"""The quantities, as short as columns need them."""
+
+
+@dataclass(frozen=True, eq=False)
+class HealthContent:
+    """Everything that the page shows.
+
+    Attributes:
+        logs: Names of the logs, in the order of time.
+    """
+
+    robot: str
+    joints: Sequence[str]
+    logs: tuple[str, ...]
+    series: tuple[Series, ...]
+    changes: tuple[HealthChange, ...]
+    warnings: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def drifts(self) -> tuple[HealthChange, ...]:
+        """What is significant and large enough."""
+        return tuple(change for change in self.changes if change.matters)
+
+    @property
+    def unproven(self) -> tuple[HealthChange, ...]:
+        """What is large, but of too few windows to be significant."""
+        drifted = {(change.joint, change.quantity) for change in self.drifts}
+        return tuple(c for c in self.changes if c.unproven and (c.joint, c.quantity) not in drifted)
+
+    @property
+    def named(self) -> tuple[HealthChange, ...]:
+        """Drifts and unproven changes; of one within or over logs, not that it differs too."""
+        found = (*self.drifts, *self.unproven)
+        timed = {(c.joint, c.quantity) for c in found if c.shape != "differs"}
+        return tuple(c for c in found if c.shape != "differs" or (c.joint, c.quantity) not in timed)
+
+    @property
+    def headline(self) -> str:
+        """How much drifted."""
+        drifted, differ = ({c.joint for c in some} for some in (self.drifts, self.unproven))
+        logs = self.logs[0] if len(self.logs) == 1 else f"{len(self.logs)} logs"
+        if drifted:
+            return f"{len(drifted)} of {len(self.joints)} joints drifted in {logs}"
+        if differ:
+            return f"{len(differ)} of {len(self.joints)} joints differ in {logs}, drift not proven"
+        return f"No drift in {logs}"
+
+    @property
+    def limits(self) -> tuple[str, ...]:
+        """What qualifies the result."""
+        if not self.unproven:
+            return self.warnings
+        by: dict[str, dict[str, None]] = {}
+        for change in self.unproven:
+            by.setdefault(change.joint, {})[change.quantity] = None
+        logs = "one log" if len(self.logs) == 1 else f"these {len(self.logs)} logs"
+        joints = "; ".join(f"{joint} ({', '.join(what)})" for joint, what in by.items())
+        return (
+            f"{logs} cannot tell drift from an error of the model in other motions or from other "
+            f"efforts; beyond {CLEAR_HALF_WIDTHS:g} half-widths: {joints}. Give longer logs, or "
+            "several",
+            *self.warnings,
+        )
+
+    @property
+    def claim(self) -> str:
+        """What counts as a drift."""
+        return (
+            "A drift is significant (probability of any false one "
+            f"{100.0 * FALSE_DRIFT_LEVEL:.0f} %, "
+            f"{len(self.changes)} changes tested) and changes friction by "
+            f"{100.0 * LEAST_CHANGE['dry friction']:.0f} %, the effort scale by "
+            f"{100.0 * LEAST_CHANGE['effort scale']:.0f} % or an offset by "
+            f"{100.0 * LEAST_CHANGE['offset']:.0f} % of the joint's friction, at least."
+        )
+
+
+def drifts_table(content: HealthContent) -> PlainTable:
+    """One row per drift or unproven change."""
+    rows = [
+        Row((change.joint, change.quantity, change.text, change.when, chance(change.p)))
+        for change in content.named
+    ]
+    headings = ("joint", "what", "change ± 95 %", "when", "p")
+    return PlainTable("", "", headings, rows, (0, 1, 3))
+
+
+def chance(p: float) -> str:
+    """A probability for people to read."""
+    return "< 1e-6" if p < 1e-6 else f"{p:.1g}"
+
+
+def joints_table(content: HealthContent) -> PlainTable:
+    """One row per joint: the level in the last log against the model, marked where it drifted."""
+    marks = {(c.joint, c.quantity): " ?" for c in content.unproven}
+    marks |= {(c.joint, c.quantity): " !" for c in content.drifts}
+    levels = [c for c in content.changes if c.shape == "differs"]
+    places = [(c.joint, c.quantity) for c in levels]
+    last = {at: f"{c.text}{marks.get(at, '')}" for at, c in zip(places, levels, strict=True)}
+    rows = [
+        Row((joint, *(last.get((joint, quantity), NONE) for quantity in QUANTITIES)))
+        for joint in content.joints
+    ]
+    words = "Level in the last log relative to the model, with its 95 % interval; ! drift"
+    words += "; ? differs, drift not proven." if content.unproven else "."
+    return PlainTable("", words, ("joint", *QUANTITY_HEADINGS), rows)
+
+
+def health_lines(content: HealthContent, console: Console) -> None:
+    """Print what drifted, and one line per joint."""
+    print_verdict(console, content.headline, content.claim, content.limits)
+    if content.named:
+        console.print(narrow_table(drifts_table(content)))
+    table = joints_table(content)
+    console.print(Text(f"\n{table.words}"))
+    joints = narrow_table(table)
+    joints.columns[0].no_wrap = True
+    console.print(joints)
+
+
+def render_health(content: HealthContent) -> str:
+    """The page as HTML text, to be written as UTF-8."""
+    sections = (
+        figures(
+            "drift",
+            "Drift",
+            words=f"{content.headline}. {content.claim}",
+            tables=[drifts_table(content)] if content.named else (),
+        ),
+        notes("limits", "Limits of this result", content.limits),
+        figures("joints", "Joints", tables=[joints_table(content)]),
+        figures(
+            "windows",
+            "Changes over time",
+            legend=[Key("--measured", "windows"), Key("--interval", "95 % interval", "area")],
+            groups=_groups(content),
+            note="Change from the model of every window; logs follow each other without the time "
+            f"between them. Lines are interrupted between logs: {', '.join(content.logs)}.",
+        ),
+        notes("notes", "Notes", content.notes, folded=True),
+    )
+    return inspected_page(f"{content.robot}: health", content.robot, sections)
+
+
+def _groups(content: HealthContent) -> list[Group]:
+    found = []
+    for joint in content.joints:
+        mine = [one for one in content.series if one.joint == joint]
+        drifts = [change for change in content.named if change.joint == joint]
+        words = "; ".join(f"{change.quantity} {change.text}" for change in drifts)
+        if mine:
+            found.append(Group([_figure(one) for one in mine], joint, words or "no drift"))
+    return found
+
+
+def _figure(one: Series) -> Figure:
+    """Windows of one quantity, the logs one after another."""
+    factor, unit = (1.0, one.unit) if one.unit else (100.0, "%")
+    traces, start = [], 0.0
+    for _, times, values, stds in one.by_log():
+        t = (start + times) / 60.0
+        value, half = factor * values, factor * Z95 * stds
+        traces += [
+            area("95 %", t, value - half, value + half, "--interval"),
+            line("window", t, value, "--measured", mode="lines+markers", marker={"size": 4}),
+        ]
+        start += float(times.max())
+    label = f"Change of the {one.quantity} of {one.joint} over time"
+    return Figure(
+        one.quantity, label, "time in logs [min]", f"change [{unit}]", traces, {"showlegend": False}
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -85,7 +272,7 @@ class Health(Result):
             "notes": list(content.notes),
         }
 
-    def show(self, console: "Console") -> None:
+    def show(self, console: Console) -> None:
         """Print what drifted, and one line per joint."""
         health_lines(self.content, console)
 
