@@ -45,11 +45,8 @@ LOSS_PROBABILITY, DIRECTION_LOSS_PROBABILITY = 0.9, 0.95
 """Probability with which a loss over the parts must be one, by Student's distribution; and that to
 any of the many laws of direction."""
 
-PerJoint = Callable[[tuple[Term, ...]], list[tuple[tuple[Term, ...], Array]]]
-"""Mixes whose fields are of each joint, beside the laws that follow, with their errors."""
-
-Plausible = Callable[[tuple[Term, ...], tuple[Term, ...]], tuple[Term, ...]]
-"""Laws beside those kept, of the joints that they are plausible of."""
+Mix = tuple[Term, ...]
+"""Friction laws that act together."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +64,7 @@ class MixScore:
     """
 
     name: str
-    terms: tuple[Term, ...]
+    terms: Mix
     error: float
     gain: float
     spread: float
@@ -84,7 +81,7 @@ class FrictionChoice:
         left_out: What was left out in turn: `run` or `stretch`.
     """
 
-    terms: tuple[Term, ...]
+    terms: Mix
     table: tuple[MixScore, ...]
     left_out: str
 
@@ -206,15 +203,19 @@ def refuse_listed(model: Model) -> None:
 
 
 def _staged(
-    stages: Sequence[Sequence[tuple[Term, ...]]],
-    errors: Callable[[tuple[Term, ...]], Array | None],
+    stages: Sequence[Sequence[Mix]],
+    errors: Callable[[Mix], Array | None],
     left_out: str,
-    per_joint: PerJoint = lambda following: [],
-    plausible: Plausible = lambda kept, laws: laws,
+    per_joint: Callable[[Mix], list[tuple[Mix, Array]]] = lambda following: [],
+    plausible: Callable[[Mix, Mix], Mix] = lambda kept, laws: laws,
 ) -> FrictionChoice:
-    """The best law of direction; then the simplest mix of each stage."""
-    table: list[tuple[tuple[Term, ...], Array]] = []
-    kept: tuple[Term, ...] = ()
+    """The best law of direction; then the simplest mix of each stage.
+
+    `per_joint` gives mixes whose fields are of each joint, beside the laws that follow, with their
+    errors; `plausible` the laws beside those kept, of the joints that they are plausible of.
+    """
+    table: list[tuple[Mix, Array]] = []
+    kept: Mix = ()
     following = stages[1][0]
     for number, stage in enumerate(stages):
         # viscous friction is there from the start: direction alone would be judged by its lack
@@ -234,7 +235,7 @@ def _staged(
     return FrictionChoice(kept, tuple(rows), left_out)
 
 
-def _least(found: Sequence[tuple[tuple[Term, ...], Array]]) -> tuple[Term, ...]:
+def _least(found: Sequence[tuple[Mix, Array]]) -> Mix:
     """The mix of least error, or one before it that is next to as good.
 
     The first is preferred if chance explains what it loses to each of the others.
@@ -245,7 +246,7 @@ def _least(found: Sequence[tuple[tuple[Term, ...], Array]]) -> tuple[Term, ...]:
     return next(mix for mix, error in found if (error - best).mean() <= LEAST_GAIN_PER_PARAMETER)
 
 
-def _simplest(found: Sequence[tuple[tuple[Term, ...], Array]]) -> tuple[Term, ...]:
+def _simplest(found: Sequence[tuple[Mix, Array]]) -> Mix:
     """The first mix of a stage that is not worse than the best, nor than the first of all.
 
     What is added to the first must gain more than chance explains.

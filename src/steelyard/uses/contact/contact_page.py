@@ -246,15 +246,20 @@ def render_contact(content: ContactContent) -> str:
 
 
 def _figure(content: ContactContent, j: int) -> Figure:
-    trace = content.trace
-    at = _largest(np.abs(trace.residual[j]), MOST_POINTS_OF_RESIDUAL)
+    trace, thresholds, size = content.trace, content.thresholds, np.abs(content.trace.residual[j])
+    step = max(1, -(-len(size) // MOST_POINTS_OF_RESIDUAL))
+    starts = np.arange(0, len(size), step)  # of each stretch the largest residual is drawn
+    at = np.array([a + int(np.argmax(size[a : a + step])) for a in starts], dtype=np.intp)
     t, residual = trace.t[at], trace.residual[j, at]
-    low, high = (bound[at] for bound in _allowed(content, j))
+    # residuals that are no contact; zero where none is known
+    level = np.nan_to_num(thresholds.at(trace.ranges(thresholds.edges))[j, at])
+    mean = residual - trace.changes(thresholds.edges)[j, at]
+    change = thresholds.changes[j]
+    low, high = np.fmax(-level, mean - change), np.fmin(level, mean + change)
     inside = np.zeros(len(t), dtype=bool)
     for event in content.events:
         if any(load.joint == content.joints[j] for load in event.joints):
             inside |= (t >= event.start) & (t <= event.end)
-    touched = np.where(inside, residual, np.nan)
     return Figure(
         content.joints[j],
         f"Residual of {content.joints[j]} over time, with thresholds",
@@ -263,23 +268,7 @@ def _figure(content: ContactContent, j: int) -> Figure:
         [
             area("within the thresholds", t, low, high, "--rest"),
             line("residual", t, residual, "--measured", width=1.2),
-            line("contact", t, touched, "--vermillion", width=2.5),
+            line("contact", t, np.where(inside, residual, np.nan), "--vermillion", width=2.5),
         ],
         {"showlegend": False},
     )
-
-
-def _allowed(content: ContactContent, j: int) -> tuple[Array, Array]:
-    """Residuals of a joint that are no contact, least and greatest; zero where none is known."""
-    trace, thresholds = content.trace, content.thresholds
-    level = np.nan_to_num(thresholds.at(trace.ranges(thresholds.edges))[j])
-    mean = trace.residual[j] - trace.changes(thresholds.edges)[j]
-    change = thresholds.changes[j]
-    return np.fmax(-level, mean - change), np.fmin(level, mean + change)
-
-
-def _largest(size: Array, most: int) -> Array:
-    """Indices of at most so many samples: the largest of each of as many stretches."""
-    step = max(1, -(-len(size) // most))
-    starts = np.arange(0, len(size), step)
-    return np.array([a + int(np.argmax(size[a : a + step])) for a in starts], dtype=np.intp)

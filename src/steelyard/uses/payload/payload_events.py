@@ -32,7 +32,6 @@ from steelyard.uses.payload.payload_of_runs import (
     NOTHING_KNOWN,
     fitted_case,
     gain_share,
-    refuse_uncertainties,
     refuse_unexplained_case,
     weighed,
 )
@@ -173,8 +172,7 @@ def find_payload_events(
         ModelError: There is no such frame, or it does not move.
         DataError: The run is too short, or the data see nothing of a payload.
     """
-    share = gain_share(identified, gain)
-    refuse_uncertainties(drift, share)
+    share = gain_share(identified, gain, drift)
     carries = carrier(identified.model.robot, frame)
     samples = samples.scaled(identified.signals.gains, identified.model.robot.effort_units)
     found = _changes(identified, samples, carries, drift)

@@ -115,14 +115,13 @@ def identify_payload(
         ModelError: There is no such frame, or it does not move.
         DataError: The runs were gathered with another model, or see nothing of the payload.
     """
-    share = gain_share(identified, gain)
     if not loaded:
         raise DataError(
             "there is no run with the payload",
             where="identification of a payload",
             fix="give at least one log of the loaded robot",
         )
-    refuse_uncertainties(drift, share)
+    share = gain_share(identified, gain, drift)
     refuse_foreign(identified.model, (*unloaded, *loaded))
     carries = carrier(identified.model.robot, frame)
     gains, units = identified.signals.gains, identified.model.robot.effort_units
@@ -162,19 +161,14 @@ def refuse_unexplained_case(identified: IdentifiedModel, case: LoadCase, fit: Ca
     refuse_unexplained(residual, measured, runs, LEAST_FITTED, " with any payload")
 
 
-def gain_share(identified: IdentifiedModel, stated: float | None) -> float:
-    """Relative standard deviation of each gain.
+def gain_share(identified: IdentifiedModel, stated: float | None, drift: float) -> float:
+    """Relative standard deviation of each gain, checked with that of friction.
 
     Efforts of motors are currents times a constant, whatever their unit.
     """
-    if stated is not None:
-        return stated
     of_motors = identified.signals.effort_kind in MOTOR_KINDS
-    return GAIN_RELATIVE_STD if of_motors and identified.effort_scales is None else 0.0
-
-
-def refuse_uncertainties(drift: float, gain: float) -> None:
-    """Relative uncertainties of friction and gains are not negative."""
+    usual = GAIN_RELATIVE_STD if of_motors and identified.effort_scales is None else 0.0
+    gain = usual if stated is None else stated
     if not drift >= 0.0:
         raise DataError(
             f"the drift of friction is {drift:g}",
@@ -187,6 +181,7 @@ def refuse_uncertainties(drift: float, gain: float) -> None:
             where="identification of a payload",
             fix="give 0 for exact gains, or a share such as 0.02",
         )
+    return gain
 
 
 CERTAIN_PAYLOAD_STD = 3.0

@@ -310,22 +310,18 @@ def estimated_wrench(
         report_progress(progress, "estimating the wrench", done, length)
         found = method(efforts)
         done += len(t) * efforts.step
-        parts.append(
-            (
-                t,
-                found.values,
-                _half_width(found.covariance),
-                _force_half_width(found),
-                efforts.torque,
-                _half_width(efforts.covariance),
-                np.linalg.eigvalsh(found.learned[:, known][:, :, known])[:, 0],
-                found.learned,
-                condition_numbers(efforts.jacobian),
-            )
-        )
-    t, wrench, half, force_half, torque, torque_half, least, learned, condition = (
-        np.concatenate(some) for some in zip(*parts, strict=True)
-    )
+        part = {
+            "t": t,
+            "wrench": found.values,
+            "half_width": _half_width(found.covariance),
+            "force_half_width": _force_half_width(found),
+            "torque": efforts.torque,
+            "torque_half_width": _half_width(efforts.covariance),
+            "least_data_share": np.linalg.eigvalsh(found.learned[:, known][:, :, known])[:, 0],
+            "learned": found.learned,
+            "condition": condition_numbers(efforts.jacobian),
+        }
+        parts.append(part)
     return WrenchEstimate(
         run=run.name,
         frame=place.name,
@@ -336,15 +332,7 @@ def estimated_wrench(
         bandwidth=chosen,
         joints=identified.joints,
         units=identified.robot.effort_units,
-        t=t,
-        wrench=wrench,
-        half_width=half,
-        force_half_width=force_half,
-        torque=torque,
-        torque_half_width=torque_half,
-        least_data_share=least,
-        learned=learned,
-        condition=condition,
+        **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]},
     )
 
 
