@@ -1,10 +1,12 @@
 """The one error root with its fix lines, help for misspelt names, and optional packages."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+Named = TypeVar("Named")
 
 
 class SteelyardError(Exception):
@@ -94,6 +96,18 @@ def advice(name: str, names: Iterable[str], what: str, most: int = 12) -> str:
     if near := nearest(name, known):
         return "did you mean " + " or ".join(f"'{n}'" for n in near) + "?"
     return listing(known, what, most, like=name)
+
+
+def named(name: str, known: Mapping[str, Named], what: str, plural: str, where: str) -> Named:
+    """The one of a name.
+
+    Raises:
+        ModelError: There is none; its advice lists the others.
+    """
+    if name not in known:
+        wrong = f"there is no {what} '{name}'"
+        raise ModelError(wrong, where=where, fix=advice(name, known, plural))
+    return known[name]
 
 
 def listing(names: Iterable[str], what: str, most: int = 12, like: str = "") -> str:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import DataError, ModelError, advice
+from steelyard.base.errors import DataError, ModelError, named
 from steelyard.estimate.information.base_parameters import BaseMap
 from steelyard.estimate.information.information import Information, Window, packed
 from steelyard.estimate.information.regressor import Layout
@@ -144,13 +144,8 @@ def carrier(robot: Robot, name: str | None = None) -> Frame:
     frames = links | {frame.name: frame for frame in robot.frames}
     if name is None:
         return links[robot.bodies[-1].name]
-    if name not in frames:
-        raise ModelError(
-            f"there is no frame '{name}'",
-            where=f"robot '{robot.name}'",
-            fix=advice(name, frames, "frames"),
-        )
-    frame, wrong, which = frames[name], "", ""
+    frame = named(name, frames, "frame", "frames", f"robot '{robot.name}'")
+    wrong, which = "", ""
     if frame.body < 0:
         wrong, which = "is fixed to the base: a payload there loads no joint", "frame that moves"
     elif robot.bodies[frame.body].massless:

@@ -6,7 +6,7 @@ from functools import partial
 from math import isfinite
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.base.errors import DataError, ModelError, advice
+from steelyard.base.errors import DataError, ModelError, named
 from steelyard.estimate.estimate import Estimate, Removed
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
@@ -50,26 +50,15 @@ RULES: dict[type[StoppingRule], Callable[[float], StoppingRule] | None] = {
 def criterion_of(name: str) -> Criterion:
     """The criterion of a name."""
     known = {criterion.name: criterion for criterion in CRITERIA}
-    if name not in known:
-        raise ModelError(
-            f"there is no criterion '{name}'",
-            where="--criterion",
-            fix=advice(name, known, "criteria"),
-        )
-    return known[name]
+    return named(name, known, "criterion", "criteria", "--criterion")
 
 
 def rule_of(text: str) -> StoppingRule:
     """The stopping rule of a text such as `bic` or `tolerance=5`."""
     name, equals, number = text.partition("=")
     known = {rule.name: rule for rule in RULES}
-    if name not in known:
-        raise ModelError(
-            f"there is no stopping rule '{name}'",
-            where="--stop",
-            fix=advice(name, known, "stopping rules"),
-        )
-    kind, make = known[name], RULES[known[name]]
+    kind = named(name, known, "stopping rule", "stopping rules", "--stop")
+    make = RULES[kind]
     if make is None and equals:
         raise ModelError(
             f"stopping rule '{name}' takes no number", where="--stop", fix=f"--stop {name}"

@@ -25,10 +25,10 @@ from steelyard.estimate.scores.residuals import (
     supported_rate,
 )
 from steelyard.identify.run_notes import left_out, notes_of
-from steelyard.identify.scores import fitted_before, processing_of
+from steelyard.identify.scores import fitted_before, runs_for
 from steelyard.identify.validation_data import holds_fitted_rows
 from steelyard.report.result import Result
-from steelyard.runs.named_logs import log_files, paths_of, prepared, recording_of, refuse_overlaps
+from steelyard.runs.named_logs import log_files, paths_of, refuse_overlaps
 from steelyard.runs.run import Run
 from steelyard.uses.contact.contact_events import (
     ContactEvent,
@@ -130,11 +130,8 @@ def contact(
     identified = load_model(model)
     inspected, given = log_files([str(log)]), log_files(paths_of(calibrate))
     refuse_overlaps(given, inspected)
-    processing, signals = processing_of(identified), identified.signals
-    (run,), free = (
-        prepared([recording_of(one, signals) for one in some], processing, progress, at_rest=True)
-        for some in (inspected, given)
-    )
+    (run,) = runs_for(identified, inspected, progress, at_rest=True)
+    free = runs_for(identified, given, progress, at_rest=True)
     fitted = [
         fitted_before(identified, one) or holds_fitted_rows(identified, other)
         for one, other in zip(given, free, strict=True)

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.base.errors import ModelError, advice
+from steelyard.base.errors import ModelError, advice, named
 from steelyard.base.motion import Motion
 from steelyard.model.model import ValuedModel
 from steelyard.model.quantity import TORQUE
@@ -330,13 +330,7 @@ def control_of(text: str, model: ValuedModel | None = None) -> Control:
     """
     name, *given = text.split(",")
     kinds = {kind.kind: kind for kind in CONTROLS}
-    if name not in kinds:
-        raise ModelError(
-            f"there is no controller '{name}'",
-            where="--control",
-            fix=advice(name, kinds, "controllers"),
-        )
-    kind = kinds[name]
+    kind = named(name, kinds, "controller", "controllers", "--control")
     gains = dict(_gain(one, kind, text) for one in given)
     if not kind.needs_model:
         control: Control = kind(**gains)

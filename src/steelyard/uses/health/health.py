@@ -20,7 +20,7 @@ from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
 from steelyard.identify.run_notes import notes_of
-from steelyard.identify.scores import processing_of
+from steelyard.identify.scores import runs_for
 from steelyard.report.figures import Figure, Group, Key, area, line
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.result import Result, print_verdict
@@ -29,8 +29,6 @@ from steelyard.report.words import NONE
 from steelyard.runs.named_logs import (
     log_files,
     paths_of,
-    prepared,
-    recording_of,
     refuse_overlaps,
 )
 from steelyard.uses.health.health_changes import (
@@ -303,8 +301,7 @@ def health(
     identified = load_model(model)
     files = log_files(paths_of(logs, least=1))
     refuse_overlaps(files, [])
-    recordings = [recording_of(log, identified.signals) for log in files]
-    runs = prepared(recordings, processing_of(identified), progress)
+    runs = runs_for(identified, files, progress, at_rest=False)
     cutoff = residual_cutoff(identified, runs)
     sigma = np.asarray(identified.estimate.sigma)
     regressor, rests = base_regressor(identified.model), has_memory(identified.model.terms)

@@ -19,13 +19,11 @@ from steelyard.estimate.payload.load_case import carrier
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
 from steelyard.identify.run_notes import dropped
-from steelyard.identify.scores import fitted_before, processing_of
+from steelyard.identify.scores import fitted_before, runs_for
 from steelyard.runs.named_logs import (
     LogArgument,
     log_files,
     paths_of,
-    prepared,
-    recording_of,
     refuse_overlaps,
 )
 from steelyard.runs.run import Run
@@ -98,19 +96,18 @@ class PayloadTask:
             )
         return tuple(found)
 
-    def _runs(self, logs: Sequence[LogArgument], progress: Progress) -> list[Run]:
+    def _runs(self, logs: Sequence[LogArgument], progress: Progress) -> tuple[Run, ...]:
         """Runs whose efforts contain gravity and friction as those of the model.
 
         Raises:
             LogError: They do not.
         """
         identified = self.identified
-        recordings = [recording_of(log, identified.signals) for log in logs]
-        runs = prepared(recordings, processing_of(identified), progress)
+        runs = runs_for(identified, logs, progress, at_rest=False)
         cutoff, sigma = residual_cutoff(identified, runs), np.asarray(identified.estimate.sigma)
         for run in runs:
             refuse_without(residual_trace(identified, run, cutoff), sigma, identified.joints)
-        return list(runs)
+        return runs
 
 
 def payload_inputs(

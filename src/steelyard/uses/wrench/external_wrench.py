@@ -21,10 +21,10 @@ from steelyard.estimate.external.effort_to_wrench import (
 from steelyard.estimate.external.observer_program import Axes, moved_frame
 from steelyard.estimate.identified import IdentifiedModel, load_model
 from steelyard.identify.run_notes import left_out, notes_of
-from steelyard.identify.scores import fitted_before, processing_of
+from steelyard.identify.scores import fitted_before, runs_for
 from steelyard.identify.validation_data import holds_fitted_rows
 from steelyard.report.result import Result
-from steelyard.runs.named_logs import log_files, prepared, recording_of
+from steelyard.runs.named_logs import log_files
 from steelyard.uses.control.model_torques import refuse_unknown_gains
 from steelyard.uses.wrench.wrench_along_run import (
     COMPONENTS,
@@ -195,8 +195,7 @@ def external_wrench(
     else:
         chosen = (Weighted if method == "weighted" else InverseJacobian)(expected)
     (file,) = log_files([str(log)])
-    recording = recording_of(file, identified.signals)
-    (run,) = prepared([recording], processing_of(identified), progress, at_rest=True)
+    (run,) = runs_for(identified, [file], progress, at_rest=True)
     estimate = estimated_wrench(
         identified,
         run,
