@@ -230,7 +230,11 @@ def _reweighted(problem: Bilinear, rho: Array) -> Solution:
     solution = Solution(problem.linear(rho, weights), rho, weights)
     for _ in range(ROUNDS):
         solution = _descended(problem, solution)
-        freedom = np.maximum(counts - _used(problem, solution), 1.0)
+        covariance, used = inverse(problem.normal(solution)[0]), np.empty(problem.n)
+        for row in range(problem.n):  # degrees of freedom that the fit takes from each row
+            alone = replace(solution, weights=solution.weights * (np.arange(problem.n) == row))
+            used[row] = np.sum(problem.normal(alone)[0] * covariance)
+        freedom = np.maximum(counts - used, 1.0)
         updated = freedom / np.maximum(problem.squares(solution), floor)
         change = np.abs(updated / solution.weights - 1.0).max()
         solution = replace(solution, weights=updated)
@@ -260,15 +264,3 @@ def _descended(problem: Bilinear, solution: Solution) -> Solution:
         if fall <= TOLERANCE * cost:
             break
     return solution
-
-
-def _used(problem: Bilinear, solution: Solution) -> Array:
-    """Degrees of freedom that the fit takes from each row."""
-    matrix, _ = problem.normal(solution)
-    covariance, used = inverse(matrix), np.empty(problem.n)
-    for row in range(problem.n):
-        alone = np.zeros(problem.n)
-        alone[row] = solution.weights[row]
-        part, _ = problem.normal(replace(solution, weights=alone))
-        used[row] = np.sum(part * covariance)
-    return used

@@ -77,36 +77,37 @@ def calibrate(
     kind: Kind = "runs"
     chosen = runs_left_out(runs, information)[:MOST_RUNS_LEFT_OUT]
     if len(chosen) < FEWEST_STRETCHES:
-        kind, information = "stretches", _shorter(identified, runs, threads, progress)
+        kind, model = "stretches", identified.model
+        information = information_from(  # in windows shorter than a stretch
+            runs,
+            rests=has_memory(model.terms),
+            longest=max(run.duration for run in runs) / (PER_STRETCH * FOLDS),
+            threads=threads,
+            progress=progress,
+        )(base_regressor(model))
         chosen = stretches_left_out(runs, information)
     found, cutoff = [], residual_cutoff(identified, runs)
     for number, one in enumerate(chosen):
         report_progress(progress, "calibrating bands", number, len(chosen))
-        errors = _errors(identified, runs, information, estimator, one, cutoff)
-        found += [] if errors is None else [errors]
+        left_out = _errors(identified, runs, information, estimator, one, cutoff)
+        found += [] if left_out is None else [left_out]
     if len(found) < FEWEST_STRETCHES:
         return None
-    calibration = _calibration(kind, found)
+    errors, speed, moving = (
+        np.concatenate([getattr(part, name) for part in found], axis=1)
+        for name in ("errors", "speed", "moving")
+    )
+    worth = np.concatenate([np.full(part.errors.shape[1], part.worth) for part in found])
+    edges = np.sqrt(np.mean(np.square(speed), axis=1))[:, None] * EDGES
+    at = bins(speed, moving, edges)
+    factors = [_factors(*row, worth) for row in zip(np.abs(errors), at, strict=True)]
+    correlation = correlation_of(errors, worth)
+    calibration = Calibration(kind, len(found), edges, np.array(factors), correlation=correlation)
     usual = rest_speed_of(identified.robot.n, calibration, identified.processing.rest_speed)
     rest_speed = rest_speed_of_runs([run.rest_speed for run in runs], usual)
     meet = np.maximum(np.column_stack([rest_speed, calibration.edges]), rest_speed[:, None])
-    peaks = [errors.trace.peaks(meet, cutoff) for errors in found]
+    peaks = [part.trace.peaks(meet, cutoff) for part in found]
     return replace(calibration, peaks=reduce(add, peaks))
-
-
-def _shorter(
-    identified: IdentifiedModel, runs: Sequence[Run], threads: int, progress: Progress
-) -> Information:
-    """What the runs say, in windows shorter than a stretch."""
-    model, longest = identified.model, max(run.duration for run in runs)
-    information_of = information_from(
-        runs,
-        rests=has_memory(model.terms),
-        longest=longest / (PER_STRETCH * FOLDS),
-        threads=threads,
-        progress=progress,
-    )
-    return information_of(base_regressor(model))
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,20 +167,6 @@ def _errors(
     duration = one.span[1] - one.span[0]
     worth = min(1.0, 2.0 * band * duration / max(len(traces.t), 1))
     return _Errors(errors.T, traces.speed.T, traces.moving.T, worth, trace.without(blind))
-
-
-def _calibration(kind: Kind, found: Sequence[_Errors]) -> Calibration:
-    """Quantiles of the errors by joint and speed, and their correlation."""
-    errors = np.concatenate([part.errors for part in found], axis=1)
-    speed = np.concatenate([part.speed for part in found], axis=1)
-    moving = np.concatenate([part.moving for part in found], axis=1)
-    worth = np.concatenate([np.full(part.errors.shape[1], part.worth) for part in found])
-    typical = np.sqrt(np.mean(np.square(speed), axis=1))
-    edges = typical[:, None] * EDGES
-    at = bins(speed, moving, edges)
-    factors = [_factors(*row, worth) for row in zip(np.abs(errors), at, strict=True)]
-    correlation = correlation_of(errors, worth)
-    return Calibration(kind, len(found), edges, np.array(factors), correlation=correlation)
 
 
 def correlation_of(errors: Array, worth: Array) -> Array:

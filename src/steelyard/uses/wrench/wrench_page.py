@@ -247,7 +247,7 @@ def wrench_lines(content: WrenchContent, console: Console) -> None:
 def render_wrench(content: WrenchContent) -> str:
     """The page as HTML text, to be written as UTF-8."""
     found = content.estimate
-    torques = [_torque(found, j) for j in range(len(found.joints))]
+    components, least, torques = _figures(found)
     sections = (
         figures(
             "wrench",
@@ -260,14 +260,14 @@ def render_wrench(content: WrenchContent) -> str:
             "over-time",
             "Wrench over time",
             legend=[Key("--measured", "estimate"), Key("--interval", "95 % interval", "area")],
-            groups=[Group([_component(found, k) for k in range(6)], columns="one")],
+            groups=[Group(components, columns="one")],
         ),
         figures(
             "observability",
             "Observability",
             words="Share of the expected variance that the log removes, in the direction where it "
             f"removes least; below {OBSERVABLE:g} that direction counts as not observable.",
-            groups=[Group([_least_data_share(found)], columns="one")],
+            groups=[Group([least], columns="one")],
         ),
         figures(
             "torques",
@@ -284,37 +284,28 @@ def render_wrench(content: WrenchContent) -> str:
     return inspected_page(title, content.robot, sections)
 
 
-def _component(found: WrenchEstimate, k: int) -> Figure:
+def _figures(found: WrenchEstimate) -> tuple[list[Figure], Figure, list[Figure]]:
+    """Components of the wrench, the least observable direction, and external torques over time."""
     at = evenly(len(found.t), MOST_POINTS_OF_WRENCH)
-    t, own, half = found.t[at], found.wrench[at, k], found.half_width[at, k]
-    traces = [
-        area("95 % interval", t, own - half, own + half, "--interval"),
-        line("estimate", t, own, "--measured", width=1.5),
-    ]
-    kind = COMPONENTS[k].split()[0]
-    return _figure(COMPONENTS[k].capitalize(), f"{kind} [{UNITS[k]}]", traces)
-
-
-def _least_data_share(found: WrenchEstimate) -> Figure:
-    at = evenly(len(found.t), MOST_POINTS_OF_WRENCH)
-    t = found.t[at]
+    t, components, torques = found.t[at], [], []
+    for k, (name, unit) in enumerate(zip(COMPONENTS, UNITS, strict=True)):
+        own, half = found.wrench[at, k], found.half_width[at, k]
+        interval = area("95 % interval", t, own - half, own + half, "--interval")
+        estimate = line("estimate", t, own, "--measured", width=1.5)
+        y = f"{name.split()[0]} [{unit}]"
+        components.append(_figure(name.capitalize(), y, [interval, estimate]))
+    for j, (joint, unit) in enumerate(zip(found.joints, found.units, strict=True)):
+        half = found.torque_half_width[at, j]
+        interval = area("95 % interval of the model's error", t, -half, half, "--interval")
+        estimate = line("external torque", t, found.torque[at, j], "--measured", width=1.2)
+        torques.append(_figure(joint, f"effort [{unit}]", [interval, estimate]))
     limit = line("limit", t, np.full(len(t), OBSERVABLE), "--vermillion", width=1, dash="dash")
-    own = line("share", t, found.least_data_share[at], "--measured", width=1.5)
-    return _figure("Least observable direction", "share", [own, limit], {"range": [0, 1]})
+    share = line("share", t, found.least_data_share[at], "--measured", width=1.5)
+    yaxis = {"range": [0, 1]}
+    least = _figure("Least observable direction", "share", [share, limit], yaxis=yaxis)
+    return components, least, torques
 
 
-def _torque(found: WrenchEstimate, j: int) -> Figure:
-    at = evenly(len(found.t), MOST_POINTS_OF_WRENCH)
-    t, half = found.t[at], found.torque_half_width[at, j]
-    traces = [
-        area("95 % interval of the model's error", t, -half, half, "--interval"),
-        line("external torque", t, found.torque[at, j], "--measured", width=1.2),
-    ]
-    return _figure(found.joints[j], f"effort [{found.units[j]}]", traces)
-
-
-def _figure(
-    title: str, y: str, traces: list[Traced], yaxis: dict[str, list[int]] | None = None
-) -> Figure:
-    layout = {"showlegend": False, **({} if yaxis is None else {"yaxis": yaxis})}
-    return Figure(title, f"{title} over time", "time [s]", y, traces, layout, height=220)
+def _figure(title: str, y: str, traces: list[Traced], **layout: object) -> Figure:
+    more = {"showlegend": False, **layout}
+    return Figure(title, f"{title} over time", "time [s]", y, traces, more, height=220)
