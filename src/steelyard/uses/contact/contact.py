@@ -143,16 +143,23 @@ def contact(
     sigma = np.asarray(identified.estimate.sigma)
     suspected: tuple[SuspectedContact, ...] = ()
     if given:
-        traces = []
+        traces, rest_speeds = [], []
         for other in unseen:
             free_trace = residual_trace(identified, other, cutoff)
             refuse_other_efforts(free_trace, sigma, identified.joints)
             carried = _carried(identified, other)
             if carried is None:
-                traces.append((other, free_trace))
+                traces.append(free_trace)
+                rest_speeds.append(other.rest_speed)
             else:
                 notes.append(f"left out of the calibration: {carried}")
-        peaks, suspected = _calibrated(identified, traces, cutoff, own, notes)
+        if not traces:
+            raise DataError(
+                f"no calibration log is left: {'; '.join(notes)}",
+                where="--calibrate",
+                fix="give logs of other motion without contact, or leave --calibrate out",
+            )
+        peaks, suspected = peaks_of_free_motion(identified, traces, rest_speeds, cutoff, own)
         source = f"{len(traces)} calibration {'log' if len(traces) == 1 else 'logs'}"
     elif own is not None:
         peaks, source = own, left_out_words(identified)
@@ -222,33 +229,27 @@ def left_out_words(identified: IdentifiedModel) -> str:
     return f"{calibration.count} {what} that were left out when the model was identified"
 
 
-def _calibrated(
+def peaks_of_free_motion(
     identified: IdentifiedModel,
-    free: Sequence[tuple[Run, ResidualTrace]],
+    traces: Sequence[ResidualTrace],
+    rest_speeds: Sequence[Array],
     cutoff: float,
-    own: ResidualPeaks | None,
-    notes: Sequence[str],
+    known: ResidualPeaks | None,
 ) -> tuple[ResidualPeaks, tuple[SuspectedContact, ...]]:
-    """Largest residuals of calibration runs, and what was left out of them."""
-    if not free:
-        raise DataError(
-            f"no calibration log is left: {'; '.join(notes)}",
-            where="--calibrate",
-            fix="give logs of other motion without contact, or leave --calibrate out",
-        )
-    traces = [trace for _, trace in free]
-    usual = rest_speed_of(
-        identified.robot.n, identified.calibration, identified.processing.rest_speed
-    )
-    rest = rest_speed_of_runs([run.rest_speed for run, _ in free], usual)
-    edges = edges_of(rest, traces) if own is None else own.edges
+    """Largest residuals of calibration runs, and what was left out of them.
+
+    The model's own ranges of speed are used if it has some. Those of runs otherwise, whose joints
+    rest up to `rest_speeds`, shape `(n,)` each [rad/s; m/s]; infinite for the usual ones. Runs are
+    compared with what is `known` of others.
+    """
+    calibration = identified.calibration
+    if calibration is not None and calibration.peaks is not None:
+        edges = calibration.peaks.edges
+    else:
+        usual = rest_speed_of(identified.robot.n, calibration, identified.processing.rest_speed)
+        rest = rest_speed_of_runs(rest_speeds, usual)
+        speeds = np.concatenate([trace.slowest for trace in traces], axis=1)
+        typical = np.sqrt(np.mean(np.square(speeds), axis=1))
+        edges = np.maximum(np.column_stack([rest, np.outer(typical, EDGES)]), rest[:, None])
     robot, sigma = identified.model.robot, np.asarray(identified.estimate.sigma)
-    return without_contact(traces, edges, cutoff, robot, sigma, own)
-
-
-def edges_of(rest: Array, traces: Sequence[ResidualTrace]) -> Array:
-    """Ranges of speed of runs, where the model has none, from rest speeds `(n,)` [rad/s; m/s]."""
-    speeds = np.concatenate([trace.slowest for trace in traces], axis=1)
-    typical = np.sqrt(np.mean(np.square(speeds), axis=1))
-    edges = np.column_stack([rest, np.outer(typical, EDGES)])
-    return np.asarray(np.maximum(edges, rest[:, None]))
+    return without_contact(traces, edges, cutoff, robot, sigma, known)

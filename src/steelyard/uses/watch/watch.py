@@ -10,13 +10,11 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.estimate.effort_uncertainty import rest_speed_of
 from steelyard.estimate.external.observer import PER_PERIOD
 from steelyard.estimate.external.residual_peaks import (
     HOLD,
     SETTLED,
     ContactThresholds,
-    ResidualPeaks,
 )
 from steelyard.estimate.friction.mixes import has_memory
 from steelyard.estimate.identified import IdentifiedModel, load_model
@@ -37,12 +35,11 @@ from steelyard.runs.prepare import prepare
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.sample_stream import SampleStream
 from steelyard.uses.contact.contact import (
-    edges_of,
     fitted_note,
     left_out_words,
+    peaks_of_free_motion,
     thresholds_of,
 )
-from steelyard.uses.contact.contact_events import without_contact
 from steelyard.uses.payload.payload_events import PayloadEvents, find_payload_events
 from steelyard.uses.watch.stream_output import StreamFiles
 from steelyard.uses.watch.watcher import (
@@ -119,7 +116,7 @@ def start_watch(
     thresholds: ContactThresholds | None = None
     notes: list[str]
     if given:
-        thresholds, notes = _calibrated(identified, given, cutoff, own, rate, progress)
+        thresholds, notes = _calibrated(identified, given, cutoff, rate, progress)
     elif own is not None and own.cutoff == cutoff:
         thresholds = thresholds_of(identified, own, rate)
         notes = [
@@ -214,7 +211,6 @@ def _calibrated(
     identified: IdentifiedModel,
     logs: Sequence[LogArgument],
     cutoff: float,
-    own: ResidualPeaks | None,
     rate: float | None,
     progress: Progress,
 ) -> tuple[ContactThresholds, list[str]]:
@@ -230,12 +226,8 @@ def _calibrated(
     for number, log in enumerate(unseen):
         report_progress(progress, "calibrating thresholds", number, len(unseen))
         traces.append(stream_trace(identified, log, cutoff))
-    rest = rest_speed_of(
-        identified.robot.n, identified.calibration, identified.processing.rest_speed
-    )
-    edges = edges_of(rest, traces) if own is None else own.edges
-    robot, sigma = identified.robot, np.asarray(identified.estimate.sigma)
-    peaks, suspected = without_contact(traces, edges, cutoff, robot, sigma)
+    usual = [np.full(identified.robot.n, np.inf)]
+    peaks, suspected = peaks_of_free_motion(identified, traces, usual, cutoff, None)
     thresholds = thresholds_of(identified, peaks, rate)
     count = f"{len(unseen)} calibration {'log' if len(unseen) == 1 else 'logs'}"
     return thresholds, [
