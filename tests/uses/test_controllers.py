@@ -35,7 +35,7 @@ def test_every_controller_pushes_towards_the_motion_and_is_by_its_name(
     control = made(kind, valued)
     found = control_of(kind.kind, valued if kind.needs_model else None)
     assert type(found) is kind
-    there, behind = (control.start(task).torque(0, task.motion.q[0] - shift, task.motion.dq[0])
+    there, behind = (control.start(task)(0, task.motion.q[0] - shift, task.motion.dq[0])
                      for shift in (0.0, 0.01))  # fmt: skip
     assert np.all(behind > there)
     if not kind.needs_model:
@@ -44,10 +44,10 @@ def test_every_controller_pushes_towards_the_motion_and_is_by_its_name(
 
 def test_pd_takes_given_gains_or_those_of_a_natural_frequency(task: ControlTask) -> None:
     q, dq = task.motion.q[5] - 0.1, task.motion.dq[5] + 0.2
-    found = PD(100.0, 5.0).start(task).torque(5, q, dq)
+    found = PD(100.0, 5.0).start(task)(5, q, dq)
     np.testing.assert_allclose(found, task.inertia * (100.0 * 0.1 - 5.0 * 0.2))
     # 60 rad/s is below 20 Hz: the coupling decides
-    found = PD().start(task).torque(5, q, dq)
+    found = PD().start(task)(5, q, dq)
     np.testing.assert_allclose(found, task.inertia * (60.0**2 * 0.1 - 120.0 * 0.2))
 
 
@@ -55,11 +55,11 @@ def test_pid_integrates_up_to_the_limits(task: ControlTask) -> None:
     loop, alone = PID(100.0, 5.0, 400.0).start(task), PD(100.0, 5.0).start(task)
     for k in range(4):
         q, dq = task.motion.q[k] - 0.1, task.motion.dq[k]
-        integral = loop.torque(k, q, dq) - alone.torque(k, q, dq)
+        integral = loop(k, q, dq) - alone(k, q, dq)
         np.testing.assert_allclose(integral, task.inertia * 400.0 * 0.1 * TICK * (k + 1))
     for k in range(4, 200):
         q, dq = task.motion.q[k] - 0.1, task.motion.dq[k]
-        integral = loop.torque(k, q, dq) - alone.torque(k, q, dq)
+        integral = loop(k, q, dq) - alone(k, q, dq)
     np.testing.assert_allclose(integral, task.limits)
 
 
@@ -69,10 +69,10 @@ def test_cascade_is_a_position_loop_around_a_speed_loop(task: ControlTask) -> No
         q, dq = task.motion.q[k] - 0.01, task.motion.dq[k] + 0.05
         error = 20.0 * 0.01 - 0.05
         expected = 50.0 * task.inertia * (error + (k + 1) * TICK * error / 0.02)
-        np.testing.assert_allclose(loop.torque(k, q, dq), expected)
+        np.testing.assert_allclose(loop(k, q, dq), expected)
     for k in range(3, 250):
         q, dq = task.motion.q[k] - 0.01, task.motion.dq[k] + 0.05
-        found = loop.torque(k, q, dq)
+        found = loop(k, q, dq)
     np.testing.assert_allclose(found, 50.0 * task.inertia * error + task.limits)
 
 
@@ -85,9 +85,9 @@ def test_computed_torque_on_the_motion_is_the_torque_of_the_model(
         for friction in (True, False)
     )
     for k in (3, 150):
-        own = full.torque(k, motion.q[k], motion.dq[k])
+        own = full(k, motion.q[k], motion.dq[k])
         np.testing.assert_allclose(own, valued.torque(motion)[k], rtol=1e-9)
-        rest = own - printed.torque(k, motion.q[k], motion.dq[k])
+        rest = own - printed(k, motion.q[k], motion.dq[k])
         np.testing.assert_allclose(rest, friction_torque(valued, motion)[k], rtol=1e-9)
 
 
@@ -96,8 +96,8 @@ def test_feedback_of_computed_torque_goes_through_the_mass_matrix(
 ) -> None:
     q, dq = task.motion.q[7], task.motion.dq
     off = np.linspace(-0.01, 0.02, len(q))
-    pushed = ComputedTorque(valued, 300.0, 5.0).start(task).torque(7, q - off, dq[7])
-    pulled = ComputedTorque(valued, 100.0, 5.0).start(task).torque(7, q - off, dq[7])
+    pushed = ComputedTorque(valued, 300.0, 5.0).start(task)(7, q - off, dq[7])
+    pulled = ComputedTorque(valued, 100.0, 5.0).start(task)(7, q - off, dq[7])
     np.testing.assert_allclose(
         pushed - pulled, valued.mass_matrix(q - off) @ (200.0 * off), rtol=1e-8
     )
@@ -108,8 +108,8 @@ def test_feedforward_adds_the_models_torque_to_any_controller(
 ) -> None:
     q, dq = task.motion.q[9] - 0.01, task.motion.dq[9]
     for inner in (PD(), PID(), Cascade()):
-        ahead = TorqueFeedforward(inner, valued).start(task).torque(9, q, dq)
-        alone = inner.start(task).torque(9, q, dq)
+        ahead = TorqueFeedforward(inner, valued).start(task)(9, q, dq)
+        alone = inner.start(task)(9, q, dq)
         np.testing.assert_allclose(ahead - alone, valued.torque(task.motion)[9], rtol=1e-9)
     assert isinstance(control_of("cascade", valued), TorqueFeedforward)
 
@@ -120,7 +120,7 @@ def test_late_values_are_compared_with_the_motion_as_late(task: ControlTask) -> 
     )
     late = ControlTask(task.motion, shifted, TICK, task.inertia, 60.0, task.limits)
     for control in (PD(), PID(), Cascade()):
-        found = control.start(late).torque(5, task.motion.q[3], task.motion.dq[3])
+        found = control.start(late)(5, task.motion.q[3], task.motion.dq[3])
         np.testing.assert_array_equal(found, 0.0)
 
 
@@ -129,7 +129,7 @@ def test_friction_with_memory_is_that_of_the_whole_desired_motion(task: ControlT
     loop = ComputedTorque(valued).start(task)
     expected = valued.torque(task.motion)
     for k in (0, 40, 41, 299):
-        own = loop.torque(k, task.motion.q[k], task.motion.dq[k])
+        own = loop(k, task.motion.q[k], task.motion.dq[k])
         np.testing.assert_allclose(own, expected[k], rtol=1e-9)
 
 

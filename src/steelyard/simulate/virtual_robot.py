@@ -180,13 +180,13 @@ class VirtualRobot:
         drives = DrivesInUse(self.drives, _TICK, q[0])
         before = tau = np.zeros(self.robot.n)
         for k in range(settling):
-            before = tau = drives.actuate(loop.torque(k, *drives.sense(q[0], dq[0])))
+            before = tau = drives.actuate(loop(k, *drives.sense(q[0], dq[0])))
             q[0], dq[0] = self._plant.step(tau, _TICK)
         for k in range(ticks):
             if k % _TICKS_PER_EVENT == 0:
                 report_progress(self._progress, "simulation", t[k], float(t[-1]))
             seen, speed = drives.sense(q[k] + felt[k], dq[k])
-            held[k] = tau = drives.actuate(loop.torque(settling + k, seen, speed))
+            held[k] = tau = drives.actuate(loop(settling + k, seen, speed))
             command[k] = drives.command
             friction[k] = self._plant.motor_friction()
             if pushed is not None and self._frame is not None and self.wrench is not None:

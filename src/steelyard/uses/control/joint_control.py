@@ -1,5 +1,6 @@
 r"""Joint controllers: PD, PID, cascade, torque feedforward and computed torque control."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from math import isfinite, pi, sqrt
 from typing import Any, ClassVar, Protocol
@@ -46,18 +47,10 @@ class ControlTask:
         object.__setattr__(self, "limits", frozen(self.limits, shape))
 
 
-class ControlLoop(Protocol):
-    """A controller at work; it may have state."""
-
-    def torque(self, k: int, q: Array, dq: Array) -> Array:
-        """Commanded joint torques at tick `k`, shape `(n,)` [Nm; N].
-
-        Args:
-            k: Number of the tick; ticks come one after another.
-            q: Positions that the loop sees, shape `(n,)` [rad; m].
-            dq: Velocities that it sees, likewise.
-        """
-        ...
+ControlLoop = Callable[[int, Array, Array], Array]
+"""A controller at work, which may have state: commanded joint torques `(n,)` [Nm; N] at a tick, of
+its number, and of positions [rad; m] and velocities that the loop sees; ticks come one after
+another."""
 
 
 class Control(Protocol):
@@ -93,31 +86,22 @@ class PD:
     kp: float | None = None
     kd: float | None = None
 
-    def start(self, task: ControlTask) -> "PDLoop":
-        """A loop at its first tick."""
-        omega = natural_frequency(self.kp, task)
-        stiffness = omega**2 if self.kp is None else self.kp
-        damping = 2.0 * omega if self.kd is None else self.kd
-        return PDLoop(task, stiffness * task.inertia, damping * task.inertia)
+    def start(self, task: ControlTask) -> ControlLoop:
+        """A loop at its first tick; it has no state."""
+        omega, goal = natural_frequency(self.kp, task), task.compared
+        stiffness = (omega**2 if self.kp is None else self.kp) * task.inertia
+        damping = (2.0 * omega if self.kd is None else self.kd) * task.inertia
+        desired, rates = goal.q, goal.dq
+
+        def torque(k: int, q: Array, dq: Array) -> Array:
+            return np.asarray(stiffness * (desired[k] - q) + damping * (rates[k] - dq))
+
+        return torque
 
 
 def natural_frequency(kp: float | None, task: ControlTask) -> float:
     """Natural frequency of a stiffness per inertia, or the default one [rad/s]."""
     return min(2.0 * pi * BANDWIDTH, task.fastest) if kp is None else sqrt(kp)
-
-
-class PDLoop:
-    """PD control at work; it has no state."""
-
-    def __init__(self, task: ControlTask, stiffness: Array, damping: Array) -> None:
-        """Gains of shape `(n,)` [Nm/rad; N/m] and [Nm s/rad; N s/m]."""
-        self._q, self._dq = task.compared.q, task.compared.dq
-        self._stiffness, self._damping = stiffness, damping
-
-    def torque(self, k: int, q: Array, dq: Array) -> Array:
-        """Commanded joint torques at tick `k`, shape `(n,)`."""
-        error, rate = self._q[k] - q, self._dq[k] - dq
-        return np.asarray(self._stiffness * error + self._damping * rate)
 
 
 _INTEGRAL_FREQUENCY_SHARE = 0.2
@@ -140,27 +124,18 @@ class PID:
     kd: float | None = None
     ki: float | None = None
 
-    def start(self, task: ControlTask) -> "PIDLoop":
-        """A loop at its first tick."""
+    def start(self, task: ControlTask) -> ControlLoop:
+        """A loop at its first tick; its state is the integral part of the torque."""
         omega = natural_frequency(self.kp, task)
         ki = _INTEGRAL_FREQUENCY_SHARE * omega**3 if self.ki is None else self.ki
-        return PIDLoop(task, PD(self.kp, self.kd).start(task), ki * task.inertia)
+        proportional, desired = PD(self.kp, self.kd).start(task), task.compared.q
+        step, limits, integral = ki * task.inertia * task.tick, task.limits, 0.0 * task.inertia
 
+        def torque(k: int, q: Array, dq: Array) -> Array:
+            np.clip(integral + step * (desired[k] - q), -limits, limits, out=integral)
+            return np.asarray(proportional(k, q, dq) + integral)
 
-class PIDLoop:
-    """PID control at work; its state is the integral part of the torque."""
-
-    def __init__(self, task: ControlTask, proportional: PDLoop, integral_gain: Array) -> None:
-        """An integral gain of shape `(n,)` [Nm/(rad s); N/(m s)]."""
-        self._proportional, self._q = proportional, task.compared.q
-        self._step, self._limits = integral_gain * task.tick, task.limits
-        self._integral = np.zeros_like(task.inertia)
-
-    def torque(self, k: int, q: Array, dq: Array) -> Array:
-        """Commanded joint torques at tick `k`, shape `(n,)`."""
-        integral = self._integral + self._step * (self._q[k] - q)
-        self._integral = np.clip(integral, -self._limits, self._limits)
-        return np.asarray(self._proportional.torque(k, q, dq) + self._integral)
+        return torque
 
 
 POSITION_GAIN, SPEED_GAIN, INTEGRAL_TIME = 30.0, 150.0, 0.03
@@ -187,27 +162,18 @@ class Cascade:
     ks: float | None = None
     tn: float = INTEGRAL_TIME
 
-    def start(self, task: ControlTask) -> "CascadeLoop":
-        """A loop at its first tick."""
+    def start(self, task: ControlTask) -> ControlLoop:
+        """A loop at its first tick; its state is the integral part of the torque."""
         ks = min(SPEED_GAIN, 2.0 * task.fastest) if self.ks is None else self.ks
-        return CascadeLoop(task, self.kv, ks * task.inertia, self.tn)
+        gain, goal, kv, limits = ks * task.inertia, task.compared, self.kv, task.limits
+        step, integral = gain * (task.tick / self.tn), 0.0 * task.inertia
 
+        def torque(k: int, q: Array, dq: Array) -> Array:
+            error = goal.dq[k] + kv * (goal.q[k] - q) - dq
+            np.clip(integral + step * error, -limits, limits, out=integral)
+            return np.asarray(gain * error + integral)
 
-class CascadeLoop:
-    """Cascade control at work; its state is the integral part of the torque."""
-
-    def __init__(self, task: ControlTask, kv: float, speed_gain: Array, tn: float) -> None:
-        """A speed gain of shape `(n,)` [Nm s/rad; N s/m]."""
-        self._motion, self._kv, self._ks = task.compared, kv, speed_gain
-        self._step, self._limits = speed_gain * (task.tick / tn), task.limits
-        self._integral = np.zeros_like(task.inertia)
-
-    def torque(self, k: int, q: Array, dq: Array) -> Array:
-        """Commanded joint torques at tick `k`, shape `(n,)`."""
-        speed = self._motion.dq[k] + self._kv * (self._motion.q[k] - q)
-        error = speed - dq
-        self._integral = np.clip(self._integral + self._step * error, -self._limits, self._limits)
-        return np.asarray(self._ks * error + self._integral)
+        return torque
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,21 +190,11 @@ class TorqueFeedforward:
     model: ValuedModel
     smoothing: float = SIGN_SMOOTHING
 
-    def start(self, task: ControlTask) -> "TorqueFeedforwardLoop":
+    def start(self, task: ControlTask) -> ControlLoop:
         """A loop at its first tick."""
-        torque = feedforward_torque(self.model, task.motion, self.smoothing)
-        return TorqueFeedforwardLoop(self.inner.start(task), torque)
-
-
-class TorqueFeedforwardLoop:
-    """A controller at work, with the torques to be added, shape `(N, n)`."""
-
-    def __init__(self, inner: ControlLoop, torque: Array) -> None:
-        self._inner, self._torque = inner, torque
-
-    def torque(self, k: int, q: Array, dq: Array) -> Array:
-        """Commanded joint torques at tick `k`, shape `(n,)`."""
-        return np.asarray(self._inner.torque(k, q, dq) + self._torque[k])
+        ahead = feedforward_torque(self.model, task.motion, self.smoothing)
+        inner = self.inner.start(task)
+        return lambda k, q, dq: np.asarray(inner(k, q, dq) + ahead[k])
 
 
 FRICTIONLESS = replace(
@@ -275,29 +231,21 @@ class ComputedTorque:
     kv: float = 40.0
     friction: bool = True
 
-    def start(self, task: ControlTask) -> "ComputedTorqueLoop":
+    def start(self, task: ControlTask) -> ControlLoop:
         """A loop at its first tick."""
         refuse_indefinite(self.model, task.motion)
-        return ComputedTorqueLoop(self, task)
+        goal, ddq, stepper = task.compared, task.motion.ddq, self.model.start()
+        friction = np.zeros_like(ddq)
+        if self.friction:
+            friction = friction_torque(self.model, task.motion)
 
+        def torque(k: int, q: Array, dq: Array) -> Array:
+            feedback = self.kv * (goal.dq[k] - dq) + self.kp * (goal.q[k] - q)
+            return np.asarray(
+                stepper.evaluate(FRICTIONLESS, q, dq, ddq[k] + feedback) + friction[k]
+            )
 
-class ComputedTorqueLoop:
-    """Computed torque control at work."""
-
-    def __init__(self, control: ComputedTorque, task: ControlTask) -> None:
-        self._compared, self._ddq = task.compared, task.motion.ddq
-        self._kp, self._kv = control.kp, control.kv
-        self._stepper = control.model.start()
-        self._friction = np.zeros_like(self._ddq)
-        if control.friction:
-            self._friction = friction_torque(control.model, task.motion)
-
-    def torque(self, k: int, q: Array, dq: Array) -> Array:
-        """Commanded joint torques at tick `k`, shape `(n,)`."""
-        goal = self._compared
-        feedback = self._kv * (goal.dq[k] - dq) + self._kp * (goal.q[k] - q)
-        torque = self._stepper.evaluate(FRICTIONLESS, q, dq, self._ddq[k] + feedback)
-        return np.asarray(torque + self._friction[k])
+        return torque
 
 
 def refuse_indefinite(model: ValuedModel, motion: Motion) -> None:
