@@ -146,6 +146,11 @@ class ContactStream:
         """Whether there is a contact now."""
         return bool(self._loads)
 
+    @property
+    def held(self) -> bool:
+        """Whether a residual that exceeded its threshold has not been released."""
+        return not np.isnan(self._released).all()
+
     def step(
         self,
         t: float,
@@ -221,15 +226,15 @@ def contacts_in(
     signal = np.stack([trace.residual, changes])
     levels = thresholds.at(trace.ranges(thresholds.edges))
     limits = np.stack([levels, np.broadcast_to(thresholds.changes[:, None], changes.shape)])
-    least = np.min(limits, axis=2, where=np.isfinite(limits), initial=np.inf, keepdims=True)
-    possible = np.any(np.abs(signal) >= RELEASE * least, axis=(0, 1))
-    possible[1:] |= possible[:-1].copy()  # a release is seen at the sample after the last one
     gaps = np.diff(trace.t, prepend=trace.t[:1]) > 2.0 * trace.step
-    stream, found = ContactStream(robot, sigma), list[ContactStart | ContactEvent]()
-    for k in np.flatnonzero(possible):
-        t, gap = float(trace.t[k]), bool(gaps[k])
-        known = (t, t + ONSET)
-        found += stream.step(t, signal[..., k], limits[..., k], (t, t), known=known, gap=gap)
+    stream, found, k = ContactStream(robot, sigma), list[ContactStart | ContactEvent](), 0
+    for begin in np.flatnonzero(np.any(np.abs(signal) > limits, axis=(0, 1))).tolist():
+        k = max(k, begin)
+        while k == begin or (stream.held and k < len(trace.t)):
+            t, gap = float(trace.t[k]), bool(gaps[k])
+            known = (t, t + ONSET)
+            found += stream.step(t, signal[..., k], limits[..., k], (t, t), known=known, gap=gap)
+            k += 1
     found += [stream.ended()] if stream.active else []
     return tuple(event for event in found if isinstance(event, ContactEvent))
 
