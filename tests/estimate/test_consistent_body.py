@@ -8,8 +8,8 @@ from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Z95
 from steelyard.robot.rigid_body import Inertia
 from steelyard.uses.payload.payload_body import (
+    ConsistentBody,
     PayloadKnowledge,
-    PossibleBody,
     SolidShape,
     consistent_body,
     refuse_contradiction,
@@ -31,7 +31,7 @@ def drawn(seed: int) -> Array:
     return TRUTH.ten + STD * np.random.default_rng(seed).normal(size=10)
 
 
-def found(free: Array, known: PayloadKnowledge = NOTHING, std: Array = STD) -> PossibleBody:
+def found(free: Array, known: PayloadKnowledge = NOTHING, std: Array = STD) -> ConsistentBody:
     by_data = np.diag(np.where(np.isinf(std), np.nan, std**2))
     return consistent_body(free, np.diag(std**-2.0), by_data, np.zeros((10, 10)), known)
 
