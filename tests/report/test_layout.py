@@ -26,7 +26,7 @@ from steelyard.identify.page.section_register import render
 from steelyard.report.page import TEMPLATES, page_of, render_sections
 from steelyard.simulate.tracking_sections import TRACK_SECTIONS
 from steelyard.uses.contact.contact_page import render_contact
-from steelyard.uses.health.health import render_health
+from steelyard.uses.health.health import Health
 from steelyard.uses.payload.payload_page import render_payload_events
 from steelyard.uses.wrench.wrench_page import render_wrench
 
@@ -67,7 +67,7 @@ def pages(
         "contact": render_contact(contact_content()),
         "wrench": render_wrench(wrench_content()),
         "payload": render_payload_events([payload_events()], "arm"),
-        "health": render_health(health_content()),
+        "health": Health(health_content()).report(),
     }
 
 

@@ -156,42 +156,6 @@ def joints_table(content: HealthContent) -> PlainTable:
     return PlainTable("", words, ("joint", *QUANTITY_HEADINGS), rows)
 
 
-def health_lines(content: HealthContent, console: Console) -> None:
-    """Print what drifted, and one line per joint."""
-    print_verdict(console, content.headline, content.claim, content.limits)
-    if content.named:
-        console.print(narrow_table(drifts_table(content)))
-    table = joints_table(content)
-    console.print(Text(f"\n{table.words}"))
-    joints = narrow_table(table)
-    joints.columns[0].no_wrap = True
-    console.print(joints)
-
-
-def render_health(content: HealthContent) -> str:
-    """The page as HTML text, to be written as UTF-8."""
-    sections = (
-        figures(
-            "drift",
-            "Drift",
-            words=f"{content.headline}. {content.claim}",
-            tables=[drifts_table(content)] if content.named else (),
-        ),
-        notes("limits", "Limits of this result", content.limits),
-        figures("joints", "Joints", tables=[joints_table(content)]),
-        figures(
-            "windows",
-            "Changes over time",
-            legend=[Key("--measured", "windows"), Key("--interval", "95 % interval", "area")],
-            groups=_groups(content),
-            note="Change from the model of every window; logs follow each other without the time "
-            f"between them. Lines are interrupted between logs: {', '.join(content.logs)}.",
-        ),
-        notes("notes", "Notes", content.notes, folded=True),
-    )
-    return inspected_page(f"{content.robot}: health", content.robot, sections)
-
-
 def _groups(content: HealthContent) -> list[Group]:
     found = []
     for joint in content.joints:
@@ -244,7 +208,27 @@ class Health(Result):
 
     def report(self) -> str:
         """The report as one self-contained HTML page."""
-        return render_health(self.content)
+        content = self.content
+        sections = (
+            figures(
+                "drift",
+                "Drift",
+                words=f"{content.headline}. {content.claim}",
+                tables=[drifts_table(content)] if content.named else (),
+            ),
+            notes("limits", "Limits of this result", content.limits),
+            figures("joints", "Joints", tables=[joints_table(content)]),
+            figures(
+                "windows",
+                "Changes over time",
+                legend=[Key("--measured", "windows"), Key("--interval", "95 % interval", "area")],
+                groups=_groups(content),
+                note="Change from the model of every window; logs follow each other without the "
+                f"time between them. Lines are interrupted between logs: {', '.join(content.logs)}.",
+            ),
+            notes("notes", "Notes", content.notes, folded=True),
+        )
+        return inspected_page(f"{content.robot}: health", content.robot, sections)
 
     def to_dict(self) -> dict[str, Any]:
         """What drifted, what was tested, and the values of all windows as JSON values."""
@@ -272,7 +256,15 @@ class Health(Result):
 
     def show(self, console: Console) -> None:
         """Print what drifted, and one line per joint."""
-        health_lines(self.content, console)
+        content = self.content
+        print_verdict(console, content.headline, content.claim, content.limits)
+        if content.named:
+            console.print(narrow_table(drifts_table(content)))
+        table = joints_table(content)
+        console.print(Text(f"\n{table.words}"))
+        joints = narrow_table(table)
+        joints.columns[0].no_wrap = True
+        console.print(joints)
 
 
 @checked()
