@@ -224,7 +224,8 @@ class Health(Result):
                 legend=[Key("--measured", "windows"), Key("--interval", "95 % interval", "area")],
                 groups=_groups(content),
                 note="Change from the model of every window; logs follow each other without the "
-                f"time between them. Lines are interrupted between logs: {', '.join(content.logs)}.",
+                "time between them. Lines are interrupted between logs: "
+                f"{', '.join(content.logs)}.",
             ),
             notes("notes", "Notes", content.notes, folded=True),
         )
