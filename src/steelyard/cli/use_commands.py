@@ -19,10 +19,10 @@ from steelyard.cli.derived_command import from_function
 
 if TYPE_CHECKING:
     from steelyard.estimate.payload.payload_estimate import PayloadEstimate
-    from steelyard.uses.contact.contact import Contacts
+    from steelyard.uses.contact.contact_page import Contacts
     from steelyard.uses.control.feedforward_torques import FeedforwardTorques
     from steelyard.uses.health.health import Health
-    from steelyard.uses.wrench.external_wrench import ExternalWrench
+    from steelyard.uses.wrench.wrench_page import ExternalWrench
 
 XYZ = {"type": tuple[float, float, float] | None, "metavar": "X Y Z"}
 

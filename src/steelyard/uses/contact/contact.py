@@ -1,9 +1,9 @@
 """Contact in a log, without a force sensor: what `steelyard contact` does."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,11 +27,9 @@ from steelyard.estimate.scores.residuals import (
 from steelyard.identify.run_notes import left_out, notes_of
 from steelyard.identify.scores import fitted_before, runs_for
 from steelyard.identify.validation_data import holds_fitted_rows
-from steelyard.report.result import Result
 from steelyard.runs.named_logs import log_files, paths_of, refuse_overlaps
 from steelyard.runs.run import Run
 from steelyard.uses.contact.contact_events import (
-    ContactEvent,
     SuspectedContact,
     contacts_in,
     without_contact,
@@ -39,64 +37,13 @@ from steelyard.uses.contact.contact_events import (
 from steelyard.uses.contact.contact_page import (
     LEAST_LASTING_SHARE,
     ContactContent,
-    contact_lines,
-    render_contact,
+    Contacts,
 )
 from steelyard.uses.other_efforts import refuse_other_efforts
 from steelyard.uses.payload.payload_of_runs import payload_words, unknown_payload
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Contacts(Result):
-    """Contacts in a log.
-
-    Attributes:
-        content: All that the page shows.
-    """
-
-    content: ContactContent
-    json_name = "contact.json"
-
-    @property
-    def events(self) -> tuple[ContactEvent, ...]:
-        """The contacts, in the order of time."""
-        return self.content.events
-
-    @property
-    def thresholds(self) -> ContactThresholds:
-        """Residuals that a contact must exceed; small, and evaluable sample by sample."""
-        return self.content.thresholds
-
-    def report(self) -> str:
-        """The report as one self-contained HTML page."""
-        return render_contact(self.content)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Events, thresholds and what they rest on as JSON values."""
-        content = self.content
-        return {
-            "log": content.trace.run,
-            "duration_s": content.trace.duration,
-            "events": [event.to_dict() for event in content.events],
-            "thresholds": content.thresholds.to_dict(),
-            "calibration": {
-                "from": content.source,
-                "minutes": content.thresholds.duration / 60.0,
-                "suspected_contact": [
-                    {"log": one.run, **one.event.to_dict()} for one in content.suspected
-                ],
-            },
-            "joints": list(content.joints),
-            "payload": content.carried,
-            "notes": list(content.notes),
-        }
-
-    def show(self, console: "Console") -> None:
-        """Print the events and what the thresholds rest on."""
-        contact_lines(self.content, console)
+    pass
 
 
 @checked(rate=1e-9)

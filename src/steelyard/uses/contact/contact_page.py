@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.text import Text
@@ -11,7 +11,7 @@ from rich.text import Text
 from steelyard.estimate.external.residual_peaks import RANGES
 from steelyard.report.figures import Figure, Group, Key, area, line
 from steelyard.report.page import figures, inspected_page, notes
-from steelyard.report.result import print_verdict
+from steelyard.report.result import Result, print_verdict
 from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE, signed, significant
 
@@ -188,22 +188,6 @@ def thresholds_table(content: ContactContent, *, relative: bool) -> PlainTable:
     return PlainTable("", words, THRESHOLD_HEADINGS, rows, (0, 1))
 
 
-def contact_lines(content: ContactContent, console: Console) -> None:
-    """Print the events and what the thresholds rest on."""
-    warnings, events = content.warnings, events_table(content)
-    print_verdict(console, content.headline, content.claim, warnings)
-    if content.events:
-        console.print(narrow_table(events, TERMINAL_COLUMNS))
-        if events.words:
-            console.print(Text(events.words))
-    if warnings or content.events:
-        console.print()
-    console.print(Text("Thresholds"))
-    console.print(narrow_table(thresholds_table(content, relative=False)))
-    for words in _footnotes(content.thresholds):
-        console.print(Text(words))
-
-
 def _footnotes(thresholds: ContactThresholds) -> Iterator[str]:
     """What signs in the table of thresholds mean."""
     if not all(map(all, thresholds.own)):
@@ -213,36 +197,6 @@ def _footnotes(thresholds: ContactThresholds) -> Iterator[str]:
             "no change is tested (too little rest in the calibration): of pushes at rest, only "
             "those beyond the threshold of rest are found; logs with rest help (--calibrate)"
         )
-
-
-def render_contact(content: ContactContent) -> str:
-    """The page as HTML text, to be written as UTF-8."""
-    joints = [_figure(content, j) for j in range(len(content.joints))]
-    sections = (
-        figures(
-            "contacts",
-            "Contacts",
-            words=f"{content.headline}. {content.claim}",
-            tables=[events_table(content)] if content.events else (),
-        ),
-        notes("notes", "Limits of this result", content.warnings),
-        figures(
-            "residuals",
-            "Residuals and thresholds over time",
-            legend=[
-                Key("--measured", "residual"),
-                Key("--rest", "within the thresholds", "area"),
-                Key("--vermillion", "contact", "line"),
-            ],
-            groups=[Group(joints, columns="one")],
-            note=f"At most {MOST_POINTS_OF_RESIDUAL} points a line: the largest residual of each "
-            "interval.",
-        ),
-        figures("thresholds", "Thresholds", tables=[thresholds_table(content, relative=True)]),
-        notes("details", "Notes", content.details, folded=True),
-    )
-    title = f"{content.robot}: contacts in {content.trace.run}"
-    return inspected_page(title, content.robot, sections)
 
 
 def _figure(content: ContactContent, j: int) -> Figure:
@@ -272,3 +226,91 @@ def _figure(content: ContactContent, j: int) -> Figure:
         ],
         {"showlegend": False},
     )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Contacts(Result):
+    """Contacts in a log.
+
+    Attributes:
+        content: All that the page shows.
+    """
+
+    content: ContactContent
+    json_name = "contact.json"
+
+    @property
+    def events(self) -> tuple[ContactEvent, ...]:
+        """The contacts, in the order of time."""
+        return self.content.events
+
+    @property
+    def thresholds(self) -> ContactThresholds:
+        """Residuals that a contact must exceed; small, and evaluable sample by sample."""
+        return self.content.thresholds
+
+    def report(self) -> str:
+        """The report as one self-contained HTML page."""
+        content = self.content
+        joints = [_figure(content, j) for j in range(len(content.joints))]
+        sections = (
+            figures(
+                "contacts",
+                "Contacts",
+                words=f"{content.headline}. {content.claim}",
+                tables=[events_table(content)] if content.events else (),
+            ),
+            notes("notes", "Limits of this result", content.warnings),
+            figures(
+                "residuals",
+                "Residuals and thresholds over time",
+                legend=[
+                    Key("--measured", "residual"),
+                    Key("--rest", "within the thresholds", "area"),
+                    Key("--vermillion", "contact", "line"),
+                ],
+                groups=[Group(joints, columns="one")],
+                note=f"At most {MOST_POINTS_OF_RESIDUAL} points a line: the largest residual of "
+                "each interval.",
+            ),
+            figures("thresholds", "Thresholds", tables=[thresholds_table(content, relative=True)]),
+            notes("details", "Notes", content.details, folded=True),
+        )
+        title = f"{content.robot}: contacts in {content.trace.run}"
+        return inspected_page(title, content.robot, sections)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Events, thresholds and what they rest on as JSON values."""
+        content = self.content
+        return {
+            "log": content.trace.run,
+            "duration_s": content.trace.duration,
+            "events": [event.to_dict() for event in content.events],
+            "thresholds": content.thresholds.to_dict(),
+            "calibration": {
+                "from": content.source,
+                "minutes": content.thresholds.duration / 60.0,
+                "suspected_contact": [
+                    {"log": one.run, **one.event.to_dict()} for one in content.suspected
+                ],
+            },
+            "joints": list(content.joints),
+            "payload": content.carried,
+            "notes": list(content.notes),
+        }
+
+    def show(self, console: Console) -> None:
+        """Print the events and what the thresholds rest on."""
+        content = self.content
+        warnings, events = content.warnings, events_table(content)
+        print_verdict(console, content.headline, content.claim, warnings)
+        if content.events:
+            console.print(narrow_table(events, TERMINAL_COLUMNS))
+            if events.words:
+                console.print(Text(events.words))
+        if warnings or content.events:
+            console.print()
+        console.print(Text("Thresholds"))
+        console.print(narrow_table(thresholds_table(content, relative=False)))
+        for words in _footnotes(content.thresholds):
+            console.print(Text(words))
