@@ -172,7 +172,7 @@ def known(clean: Clean) -> Clean:
     found = ranking(Case(loaded, (evidence,), clean.reference), evidence)
     if found is None:
         raise ValueError(f"{clean.name} holds no motion")
-    late = delay_fit(found.likelihood, found.likelihood.declared)
+    late = delay_fit(found.declared.reading)
     delay = 0.0 if late is None else late.value
     return replace(clean, delay=delay, misfits=found.declared.misfits)
 

@@ -20,7 +20,7 @@ from proofs.support.coverage_cases import ROWS, Case, Row, case_of, robot_file
 from steelyard.base.arrays import Array
 from steelyard.base.progress import silent
 from steelyard.check.fitted.fitted_case import FittedCase
-from steelyard.check.fitted.model_error import ModelError
+from steelyard.check.fitted.model_error import model_error_check
 from steelyard.check.signals.velocity_agreement import one_sided_differences
 from steelyard.estimate.consistent.program import Program
 from steelyard.estimate.estimate import Z95
@@ -71,7 +71,9 @@ def covered(row: Row, seed: int) -> tuple[float, float, float]:
     share = predicted.coverage_percent
     named = float("nan")
     if seed < CHECKED:
-        named = 100.0 * (differenced(case) or bool(ModelError()(FittedCase(model, found.runs))))
+        named = 100.0 * (
+            differenced(case) or bool(model_error_check(FittedCase(model, found.runs)))
+        )
     return 100.0 * float(inside.mean()), float("nan") if share is None else share, named
 
 

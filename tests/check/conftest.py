@@ -22,8 +22,7 @@ from steelyard.check.decision.checks import (
     PAYLOAD,
     POSITION_SIGN,
 )
-from steelyard.check.examine import Diagnosis, examine
-from steelyard.check.register import Check
+from steelyard.check.examine import Check, Diagnosis, examine
 from steelyard.estimate.identified import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor

@@ -8,7 +8,12 @@ import pytest
 from steelyard.base.errors import DataError
 from steelyard.check.finding import Severity
 from steelyard.check.fitted.fitted_case import FittedCase
-from steelyard.check.fitted.implausible import AbsurdBodies, absurdities, heaviest, refuse_absurd
+from steelyard.check.fitted.implausible import (
+    absurd_bodies_check,
+    absurdities,
+    heaviest,
+    refuse_absurd,
+)
 from steelyard.estimate.consistent.consistent import Consistent
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
@@ -54,10 +59,10 @@ def test_efforts_in_millinewton_metres_are_absurd(arm):
 
 def test_reversed_efforts_give_an_estimate_and_their_reason(arm):
     model = identified(arm, -1.0)
-    (finding,) = AbsurdBodies()(FittedCase(model, fitted=(None,)))
+    (finding,) = absurd_bodies_check(FittedCase(model, fitted=(None,)))
     assert finding.severity == Severity.WRONG
     assert "friction of all joints is negative: efforts have the wrong sign" in finding.says
-    assert AbsurdBodies()(FittedCase(model)) == ()
+    assert absurd_bodies_check(FittedCase(model)) == ()
 
 
 def test_a_link_of_tungsten_is_the_heaviest(arm):

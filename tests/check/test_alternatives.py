@@ -17,7 +17,7 @@ def test_torques_in_thousandths_are_offered_their_gain(
     arm: Arm, factor: float, offered: bool
 ) -> None:
     reading = SimpleNamespace(effort_scale=np.full(3, factor))
-    hypothesis = cast(Any, SimpleNamespace(cause="effort kind", interpretation=reading))
+    hypothesis = cast(Any, SimpleNamespace(cause="effort kind", reading=reading))
     says = unwritten_number_advice(arm.case(arm.table), hypothesis, sure=True).says
     assert says.startswith("if efforts are in mNm, write gain = 0.001") == offered
     assert "gains and masses cannot be identified together" in says
@@ -44,7 +44,7 @@ def test_the_unit_in_the_names_of_currents_is_proposed_where_it_is_the_factor(
     assert case.loaded.signals is not None
     scaled = factor * case.loaded.signals.effort_scale
     reading = SimpleNamespace(effort_scale=scaled)
-    hypothesis = cast(Any, SimpleNamespace(cause="gain", interpretation=reading))
+    hypothesis = cast(Any, SimpleNamespace(cause="gain", reading=reading))
     found = unwritten_number_advice(case, hypothesis, sure=True)
     wanted = (Edit(("signals", "effort", "unit"), proposed),) if proposed else ()
     assert found.edits == wanted

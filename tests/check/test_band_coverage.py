@@ -6,7 +6,7 @@ from typing import Any, cast
 import numpy as np
 
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.fitted.post_fit import BandCoverage
+from steelyard.check.fitted.post_fit import band_coverage_check
 
 
 def score(run: str, *shares: float, at_rest: bool = False) -> Any:
@@ -22,7 +22,7 @@ def score(run: str, *shares: float, at_rest: bool = False) -> Any:
 
 
 def found(*scores: Any) -> tuple[Finding, ...]:
-    return BandCoverage()(cast(Any, SimpleNamespace(unseen_scores=scores)))
+    return band_coverage_check(cast(Any, SimpleNamespace(unseen_scores=scores)))
 
 
 def test_bands_that_hold_enough_say_nothing() -> None:

@@ -7,7 +7,7 @@ import pytest
 from check.fitted import case, demo_arm, log
 from steelyard.check.finding import Severity
 from steelyard.check.fitted.fitted_case import FittedCase
-from steelyard.check.fitted.gear_side import BelowNominal
+from steelyard.check.fitted.gear_side import below_nominal_check
 from steelyard.estimate.scores.score import score
 from steelyard.simulate.truth import random_truth
 
@@ -38,15 +38,15 @@ def loads(scored: FittedCase) -> list[float]:
 
 def test_a_joint_with_load_is_named(scored: FittedCase) -> None:
     most = loads(scored).index(max(loads(scored)))
-    (finding,) = BelowNominal()(worse(scored, most, 2.0))
+    (finding,) = below_nominal_check(worse(scored, most, 2.0))
     assert finding.severity == Severity.DOUBTFUL and "nominal model" in finding.says
     assert finding.joints == (scored.fitted_scores[0].joints[most].joint,)
-    assert BelowNominal()(worse(scored, most, 1.1)) == ()
+    assert below_nominal_check(worse(scored, most, 1.1)) == ()
 
 
 def test_a_joint_without_load_is_not(scored: FittedCase) -> None:
     least = loads(scored).index(min(loads(scored)))
-    assert BelowNominal()(worse(scored, least, 3.0)) == ()
+    assert below_nominal_check(worse(scored, least, 3.0)) == ()
 
 
 def test_rotor_inertias_at_zero_point_to_sensors_behind_the_gears(scored: FittedCase) -> None:
@@ -56,5 +56,5 @@ def test_rotor_inertias_at_zero_point_to_sensors_behind_the_gears(scored: Fitted
     rotors = tuple(name for name in names if name.startswith("rotor_inertia."))
     estimate = replace(plain.identified.estimate, at_bound=rotors)
     case = replace(plain, identified=replace(plain.identified, estimate=estimate))
-    (finding,) = BelowNominal()(case)
+    (finding,) = below_nominal_check(case)
     assert finding.fix is not None and 'kind = "link_torque"' in finding.fix.says

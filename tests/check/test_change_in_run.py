@@ -9,9 +9,8 @@ import pytest
 from check.conftest import Arm
 from steelyard.base.arrays import Array
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.fitted.change_in_run import ChangeInRun
+from steelyard.check.fitted.change_in_run import change_in_run_check, scale_drifts
 from steelyard.check.fitted.fitted_case import FittedCase
-from steelyard.check.fitted.within_run import scale_drifts
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.nonlinear.fields import information_from
 from steelyard.robot.rigid_body import Inertia
@@ -27,9 +26,9 @@ def found(arm: Arm, table: Array, *, fitted: bool = True) -> tuple[Finding, ...]
     signals = arm.reference.signals
     run = prepare(Recording(LogInMemory(Path("log"), arm.columns, table), signals), Processing())
     if not fitted:
-        return ChangeInRun()(FittedCase(arm.reference, unseen=(run,)))
+        return change_in_run_check(FittedCase(arm.reference, unseen=(run,)))
     information = information_from([run])(base_regressor(arm.reference.model))
-    return ChangeInRun()(FittedCase(arm.reference, fitted=(run,), information=information))
+    return change_in_run_check(FittedCase(arm.reference, fitted=(run,), information=information))
 
 
 def with_load(arm: Arm, mass: float) -> Array:

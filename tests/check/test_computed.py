@@ -6,7 +6,7 @@ import pytest
 from check.conftest import Arm
 from steelyard.base.arrays import Array
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.signals.measured import ComputedEfforts, noise_levels
+from steelyard.check.signals.measured import computed_efforts_check, noise_levels
 
 STEP = 2.0 * np.pi / 2**17
 
@@ -24,7 +24,7 @@ def found(arm: Arm, table: Array, steps: float = STEP) -> Finding:
     if steps:
         q = arm.at("q{}_rad")
         table[:, q] = np.round(table[:, q] / steps) * steps
-    (finding,) = ComputedEfforts()(arm.case(table))
+    (finding,) = computed_efforts_check(arm.case(table))
     return finding
 
 

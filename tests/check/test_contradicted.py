@@ -18,13 +18,11 @@ def test_a_delay_must_be_likely_and_leave_clearly_less(
     gain: float, misfits: tuple[float, float], expected: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def bodies(likelihood: float, misfits: tuple[float, float]) -> SimpleNamespace:
-        score = SimpleNamespace(
-            misfits=np.array(misfits), log_likelihood_with=lambda floor, most: likelihood
-        )
+        score = SimpleNamespace(misfits=np.array(misfits), sharp=likelihood)
         return SimpleNamespace(score=score)
 
     before, after = object(), object()
     found = {before: bodies(0.0, (1.0, 1.0)), after: bodies(gain, misfits)}
-    monkeypatch.setattr(support, "possible", lambda likelihood, reading: found[reading])
-    winner = SimpleNamespace(cause="effort delay", interpretation=after)
-    assert contradicted(cast(Any, None), cast(Any, before), cast(Any, winner)) is expected
+    monkeypatch.setattr(support, "consistent_bodies", lambda reading: found[reading])
+    winner = SimpleNamespace(cause="effort delay", reading=after)
+    assert contradicted(cast(Any, before), cast(Any, winner)) == expected

@@ -73,7 +73,7 @@ def test_the_unit_of_currents_is_corrected_before_gains(arm, declared, unit, siz
     found = examine(case, checks=MODEL_BASED)
     assert wrong(found) == ["effort unit"]
     assert edits(found) == {"signals.effort.unit": unit}
-    (one,) = gains_of_controller(case, "gain")
+    (one,) = gains_of_controller(case)
     assert one.severity is Severity.WRONG
     assert [edit.value for edit in one.fix.edits] == [unit]
 
@@ -105,7 +105,7 @@ def test_without_targets_or_currents_there_are_none(arm, kind):
 def test_declared_gains_are_compared_with_the_controllers(arm, factor, severity):
     given = [factor * float(GAINS[0]), float(GAINS[1]), float(GAINS[2])]
     text = edited(in_amperes(arm), [Edit(("signals", "effort", "gain"), given)])
-    found = gains_of_controller(case_with_targets(arm, text), "gain")
+    found = gains_of_controller(case_with_targets(arm, text))
     (one,) = found
     assert one.severity is severity
     if severity is Severity.OK:
@@ -122,7 +122,7 @@ def test_gains_that_all_targets_confirm_are_ok(arm, monkeypatch):
     case = case_with_targets(arm, in_amperes(arm))
     gains = ControllerGains(("a", "b"), np.array(GAINS), 0.001 * np.array(GAINS))
     monkeypatch.setattr(gains_left, "controller_gains", lambda case: gains)
-    (one,) = gains_left.gains_of_controller(case, "gain")
+    (one,) = gains_left.gains_of_controller(case)
     assert (
         one.severity is Severity.OK and one.answered and "confirm the gains (a over b" in one.says
     )

@@ -65,7 +65,7 @@ def test_a_joint_with_hardly_any_friction_raises_no_alarm(massless: Arm) -> None
     noise = 0.03 * torque.std(axis=0) * rng.standard_normal(torque.shape)
     for signs in (np.ones(3), np.array([1.0, -1.0, 1.0])):
         table[:, massless.at(TAU)] = (torque + noise) * signs
-        assert friction_signs(massless.case(table, known=False), "effort sign") == ()
+        assert friction_signs(massless.case(table, known=False)) == ()
 
 
 def test_a_negative_gain_that_is_declared_is_counted_in(massless: Arm) -> None:
@@ -73,6 +73,6 @@ def test_a_negative_gain_that_is_declared_is_counted_in(massless: Arm) -> None:
     gain = f'unit = "Nm"\ngain = {signs.tolist()}'
     text = massless.text.replace('unit = "Nm"', gain)
     turned = massless.case(with_signs(massless, signs), text, known=False)
-    assert friction_signs(turned, "effort sign") == ()
-    (found,) = friction_signs(massless.case(massless.table, text, known=False), "effort sign")
+    assert friction_signs(turned) == ()
+    (found,) = friction_signs(massless.case(massless.table, text, known=False))
     assert set(found.joints) <= {massless.robot.joint_names[k] for k in (1, 2)}

@@ -15,7 +15,12 @@ from steelyard.check.examine import Diagnosis
 from steelyard.check.finding import Severity
 from steelyard.check.findings_page import CheckContent
 from steelyard.check.fitted.fitted_case import FittedCase
-from steelyard.check.fitted.gear_side import SEPARABLE_ROTORS, GearSide, RotorsAtZero, rotors_of
+from steelyard.check.fitted.gear_side import (
+    SEPARABLE_ROTORS,
+    gear_side_check,
+    rotors_at_zero_check,
+    rotors_of,
+)
 from steelyard.check.subject import Subject, case_of
 from steelyard.cli.log_commands import hints
 from steelyard.robot.file.robot_file import load_robot
@@ -41,7 +46,7 @@ def case(folder: Path, rotors: float, *changes: tuple[str, str]) -> Case:
 
 
 def test_rotors_in_the_torques_decide(tmp_path: Path) -> None:
-    (finding,) = GearSide()(case(tmp_path, 1.0))
+    (finding,) = gear_side_check(case(tmp_path, 1.0))
     assert finding.answered and finding.severity == Severity.OK and finding.fix is None
     assert finding.says == (
         f"torques contain those of the rotors: 4 of 4 {SEPARABLE_ROTORS} are significantly positive"
@@ -49,7 +54,7 @@ def test_rotors_in_the_torques_decide(tmp_path: Path) -> None:
 
 
 def test_without_them_the_question_is_open(tmp_path: Path) -> None:
-    (finding,) = GearSide()(case(tmp_path, 0.0))
+    (finding,) = gear_side_check(case(tmp_path, 0.0))
     assert not finding.answered and finding.severity == Severity.OK
     assert finding.figure == f"0 of 4 {SEPARABLE_ROTORS} are significantly positive"
     assert 'kind = "link_torque" without rotor_inertia' in finding.says
@@ -64,7 +69,7 @@ def test_without_them_the_question_is_open(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", ["joint_torque", "link_torque"])
 def test_models_without_rotors_ask_nothing(kind: str, tmp_path: Path) -> None:
     changes = (('"rotor_inertia", ', ""), ('"joint_torque"', f'"{kind}"'))
-    assert GearSide()(case(tmp_path, 0.0, *changes)) == ()
+    assert gear_side_check(case(tmp_path, 0.0, *changes)) == ()
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +88,7 @@ def at_bound(fitted: FittedCase, count: int) -> FittedCase:
 
 
 def test_rotors_at_zero_are_a_remark_with_what_to_change(fitted: FittedCase) -> None:
-    (finding,) = RotorsAtZero()(at_bound(fitted, 2))
+    (finding,) = rotors_at_zero_check(at_bound(fitted, 2))
     assert finding.headline and finding.severity == Severity.OK
     assert finding.says.startswith(f"2 of 4 {SEPARABLE_ROTORS} are zero")
     assert finding.joints == ("elbow", "forearm_roll")
@@ -91,9 +96,9 @@ def test_rotors_at_zero_are_a_remark_with_what_to_change(fitted: FittedCase) -> 
 
 
 def test_one_rotor_at_zero_is_no_reason(fitted: FittedCase) -> None:
-    assert RotorsAtZero()(at_bound(fitted, 1)) == ()
-    assert RotorsAtZero()(replace(at_bound(fitted, 4), fitted=())) == ()
+    assert rotors_at_zero_check(at_bound(fitted, 1)) == ()
+    assert rotors_at_zero_check(replace(at_bound(fitted, 4), fitted=())) == ()
     signals = replace(fitted.identified.signals, effort_kind="motor_torque")
     case = at_bound(fitted, 4)
     motors = replace(case, identified=replace(case.identified, signals=signals))
-    assert RotorsAtZero()(motors) == ()
+    assert rotors_at_zero_check(motors) == ()

@@ -13,13 +13,12 @@ from steelyard.base.progress import silent
 from steelyard.check.case import Case
 from steelyard.check.decision import joint_zeros
 from steelyard.check.decision.checks import JOINT_ZEROS
-from steelyard.check.decision.joint_zeros import JointZeros, turned_joints
+from steelyard.check.decision.joint_zeros import joint_zeros_check, turned_joints
 from steelyard.check.decision.ranking import ranking
 from steelyard.check.examine import examine
 from steelyard.check.finding import Severity
-from steelyard.check.fitted.zero_offsets import zeros_without_effect
 from steelyard.check.hypotheses import position_columns as by_zero
-from steelyard.check.hypotheses.position_columns import zero_offsets
+from steelyard.check.hypotheses.position_columns import zero_offsets, zeros_without_effect
 from steelyard.check.subject import Subject, case_of
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.toml_edits import edited
@@ -38,7 +37,7 @@ def case(folder: Path, offset: tuple[float, ...], line: str = "") -> Case:
 
 
 def test_an_offset_is_doubtful_with_the_line_that_corrects_it(tmp_path: Path) -> None:
-    (finding,) = JointZeros()(case(tmp_path, (0.0, 0.2, 0.0, 0.0, 0.0, 0.0)))
+    (finding,) = joint_zeros_check(case(tmp_path, (0.0, 0.2, 0.0, 0.0, 0.0, 0.0)))
     assert finding.severity == Severity.DOUBTFUL and finding.joints == ("shoulder_lift",)
     assert finding.fix is not None
     (edit,) = finding.fix.edits
@@ -48,7 +47,7 @@ def test_an_offset_is_doubtful_with_the_line_that_corrects_it(tmp_path: Path) ->
 
 @pytest.mark.slow
 def test_zeros_that_are_quarter_turns_away_are_doubtful(tmp_path: Path) -> None:
-    (finding,) = JointZeros()(case(tmp_path, (0.0, 0.5 * np.pi, -0.5 * np.pi, 0.0, 0.0, 0.0)))
+    (finding,) = joint_zeros_check(case(tmp_path, (0.0, 0.5 * np.pi, -0.5 * np.pi, 0.0, 0.0, 0.0)))
     assert finding.severity == Severity.DOUBTFUL and finding.joints == ("shoulder_lift", "elbow")
     assert "of the model file: shoulder_lift +90°, elbow -90° (error on" in finding.says
     assert finding.fix is not None
@@ -90,7 +89,7 @@ def test_nominal_masses_are_silent_where_no_joint_is_turned(tmp_path: Path) -> N
 
 def test_with_that_line_no_offset_stands_out(tmp_path: Path) -> None:
     line = "position_offset = [0.0, 0.2, 0.0, 0.0, 0.0, 0.0]"
-    (finding,) = JointZeros()(case(tmp_path, (0.0, 0.2, 0.0, 0.0, 0.0, 0.0), line))
+    (finding,) = joint_zeros_check(case(tmp_path, (0.0, 0.2, 0.0, 0.0, 0.0, 0.0), line))
     assert (
         finding.severity == Severity.OK
         and finding.answered
@@ -107,7 +106,7 @@ def test_a_reference_finds_the_joint_and_its_offset(arm, joint: int, offset: flo
     table[:, arm.at("q{}_rad")[joint]] += offset
     found = examine(arm.case(table), checks=(*MODEL_BASED, JOINT_ZEROS))
     (finding,) = [f for f in found.findings if f.severity]
-    assert finding.check == JointZeros.name and finding.severity == Severity.WRONG
+    assert finding.check == joint_zeros_check.name and finding.severity == Severity.WRONG
     assert finding.joints == (arm.robot.joint_names[joint],)
     (edit,) = found.edits
     assert edit.path == ("signals", "position_offset")
@@ -123,7 +122,7 @@ def test_the_interval_of_an_offset_holds_it(arm) -> None:
     case = arm.case(table)
     found = ranking(case, case.logs[0])
     assert found is not None
-    zero = zero_offsets(found.likelihood, found.likelihood.declared)[1]
+    zero = zero_offsets(found.declared.reading)[1]
     assert 0.0 < zero.std < 0.02 and abs(zero.value + 0.15) < 2.0 * zero.std
     assert zero.words.startswith("shoulder_lift -0.1")
 
@@ -135,7 +134,7 @@ def test_joints_that_cannot_be_told_apart_are_named_together(
     table[:, arm.at("q{}_rad")[1]] += 0.15
     (finding,) = JOINT_ZEROS(arm.case(table))
     assert "(or of" not in finding.says
-    monkeypatch.setattr(by_zero, "CLOSE_ZEROS", 1e6)
+    monkeypatch.setattr(by_zero, "CLOSE_HYPOTHESES", 1e6)
     (finding,) = JOINT_ZEROS(arm.case(table))
     assert "zero offset of shoulder_lift -0.1" in finding.says
     assert "(or of elbow " in finding.says
@@ -183,7 +182,7 @@ def test_first_joints_along_gravity_and_last_ones_have_no_identifiable_zero(arm)
 
 
 def test_what_is_to_be_identified_is_not_reported(tmp_path: Path) -> None:
-    assert JointZeros()(case(tmp_path, (0.0,) * 6, 'position_offset = "identify"')) == ()
+    assert joint_zeros_check(case(tmp_path, (0.0,) * 6, 'position_offset = "identify"')) == ()
 
 
 def test_unknown_gains_leave_the_question_open(tmp_path: Path) -> None:
@@ -192,12 +191,12 @@ def test_unknown_gains_leave_the_question_open(tmp_path: Path) -> None:
     signals = replace(log.recording.signals, unknown_gains=(False,) * 5 + (True,))
     unknown = replace(log, recording=replace(log.recording, signals=signals))
     case_of_unknown = replace(given, logs=(unknown,))
-    (finding,) = JointZeros()(case_of_unknown)
+    (finding,) = joint_zeros_check(case_of_unknown)
     assert finding.check == "joint zeros" and not finding.answered and not finding.severity
     assert finding.says == 'not tested by a fit while gains are unknown (gain = "identify")'
     terms = tuple(t for t in given.loaded.terms if t.description != "rigid_body")
     bodiless = replace(given.loaded, terms=terms)
-    assert JointZeros()(replace(case_of_unknown, loaded=bodiless)) == ()
+    assert joint_zeros_check(replace(case_of_unknown, loaded=bodiless)) == ()
 
 
 @pytest.mark.slow
@@ -206,7 +205,7 @@ def test_an_offset_that_other_errors_explain_as_well_is_open(
 ) -> None:
     found = joint_zeros.ranked_causes
     monkeypatch.setattr(joint_zeros, "ranked_causes", lambda *a: replace(found(*a), blamed=()))
-    (finding,) = JointZeros()(case(tmp_path, (0.0, 0.2, 0.0, 0.0, 0.0, 0.0)))
+    (finding,) = joint_zeros_check(case(tmp_path, (0.0, 0.2, 0.0, 0.0, 0.0, 0.0)))
     assert finding.severity == Severity.OK and not finding.answered
     assert "zero offset of shoulder_lift 0.2022 ± 0.00" in finding.says
     assert "undecided" in finding.says
@@ -221,7 +220,7 @@ def test_where_no_offset_is_identifiable_the_question_is_open(
         "estimated_offsets",
         lambda *a: replace(offsets := found(*a), std=np.full_like(offsets.std, np.nan)),
     )
-    (finding,) = JointZeros()(case(tmp_path, (0.0,) * 6))
+    (finding,) = joint_zeros_check(case(tmp_path, (0.0,) * 6))
     assert finding.severity == Severity.OK and not finding.answered
     assert finding.says.startswith("not identifiable")
 
@@ -237,7 +236,7 @@ def test_an_inner_joint_that_is_not_identifiable_leaves_the_question_open(
         return replace(offsets, std=np.where(elbow, np.nan, offsets.std))
 
     monkeypatch.setattr(joint_zeros, "estimated_offsets", without_elbow)
-    (finding,) = JointZeros()(case(tmp_path, (0.0,) * 6))
+    (finding,) = joint_zeros_check(case(tmp_path, (0.0,) * 6))
     assert finding.severity == Severity.OK and not finding.answered
     assert finding.says.startswith("no significant zero offset of shoulder_lift, ")
     assert "not identifiable: shoulder_turn, elbow, flange_roll; a model from" in finding.says

@@ -8,7 +8,7 @@ import pytest
 
 from steelyard.base.arrays import Parameters
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.fitted.implausible import LoadFriction
+from steelyard.check.fitted.implausible import load_friction_check
 
 
 def found(*values: float, std: float = 0.1, fitted: bool = True) -> tuple[Finding, ...]:
@@ -18,7 +18,7 @@ def found(*values: float, std: float = 0.1, fitted: bool = True) -> tuple[Findin
     estimate = SimpleNamespace(parameters=parameters, std=np.full(len(names), std))
     identified = SimpleNamespace(estimate=estimate)
     case = SimpleNamespace(identified=identified, fitted=(None,) if fitted else ())
-    return LoadFriction()(cast(Any, case))
+    return load_friction_check(cast(Any, case))
 
 
 def test_friction_as_of_gears_is_not_named() -> None:

@@ -52,9 +52,7 @@ def test_turned_efforts_come_first_where_turned_positions_fit_as_well(arm: Arm) 
         hypotheses["all positions have the opposite sign"],
     )
     even = replace(positions, score=efforts.score, cost=efforts.cost - 0.2)
-    assert efforts_first(now.interpretation, (even, now, efforts)) == (efforts, even, now)
+    assert efforts_first(now.reading, (even, now, efforts)) == (efforts, even, now)
     ahead = replace(even, cost=efforts.cost - 5.0)
-    assert efforts_first(now.interpretation, (ahead, efforts)) == (ahead, efforts)
-    assert mirrors(now.interpretation, efforts, positions) and not mirrors(
-        now.interpretation, positions, efforts
-    )
+    assert efforts_first(now.reading, (ahead, efforts)) == (ahead, efforts)
+    assert mirrors(now.reading, efforts, positions) and not mirrors(now.reading, positions, efforts)

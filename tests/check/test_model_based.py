@@ -10,15 +10,14 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from steelyard.check.case import knowledge_of
-from steelyard.check.decision.checks import MOUNTING, PAYLOAD
-from steelyard.check.decision.findings import UNKNOWN_BODIES
+from steelyard.check.decision.checks import MOUNTING, PAYLOAD, UNKNOWN_BODIES
 from steelyard.check.decision.ranking import COMPARING_PHASE
 from steelyard.check.decision.verdict import judge_log
 from steelyard.check.examine import Diagnosis, examine
 from steelyard.check.finding import Edit, Finding, Fix, Severity
 from steelyard.check.hypotheses.nuisance import fit_nuisances, shared_fit
-from steelyard.check.identifiability import Identifiability
-from steelyard.check.several_logs import FrictionDrift, edits_that_serve_all_logs
+from steelyard.check.identifiability import identifiability_check
+from steelyard.check.several_logs import edits_that_serve_all_logs, friction_drift_check
 from steelyard.estimate.effort_uncertainty import KnownScales
 from steelyard.robot.file.toml_edits import edited
 from steelyard.robot.rigid_body import Inertia
@@ -292,29 +291,29 @@ def test_friction_of_another_day(arm):
     case = arm.case(arm.table)
     alike = type(case)(case.loaded, (case.logs[0], tables[0]), case.reference)
     apart = type(case)(case.loaded, (case.logs[0], tables[1]), None)
-    assert FrictionDrift()(case) == ()
-    assert [f.severity for f in FrictionDrift()(alike)] == [Severity.OK]
-    assert [f.severity for f in FrictionDrift()(apart)] == [Severity.DOUBTFUL]
+    assert friction_drift_check(case) == ()
+    assert [f.severity for f in friction_drift_check(alike)] == [Severity.OK]
+    assert [f.severity for f in friction_drift_check(apart)] == [Severity.DOUBTFUL]
 
 
 def test_what_a_log_shows(arm):
-    found = Identifiability()(arm.case(arm.table))
+    found = identifiability_check(arm.case(arm.table))
     assert [f.severity for f in found] == [Severity.OK]
     table = arm.table.copy()
     table[:, arm.at(Q)[0]] = table[0, arm.at(Q)[0]]
     table[:, arm.at(DQ)[0]] = 0.0
-    (found,) = Identifiability()(arm.case(table))
+    (found,) = identifiability_check(arm.case(table))
     assert found.severity == Severity.DOUBTFUL
     assert "shoulder_turn" in found.fix.says
 
 
 def test_what_a_log_shows_is_stated_of_the_friction_that_was_assumed(arm):
     text = arm.text.replace('"coulomb", "viscous", "offset"]', '"offset"]\nfriction = "auto"')
-    (found,) = Identifiability()(arm.case(arm.table, text, known=False))
+    (found,) = identifiability_check(arm.case(arm.table, text, known=False))
     assert "base parameters (of the model with Coulomb and viscous friction) identifiable" in (
         found.says
     )
-    (found,) = Identifiability()(arm.case(arm.table, text))
+    (found,) = identifiability_check(arm.case(arm.table, text))
     assert "base parameters identifiable" in found.says
 
 

@@ -14,7 +14,7 @@ from steelyard.base.arrays import Array
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.fitted import model_error
 from steelyard.check.fitted.causes import Cause, LeftOutGain
-from steelyard.check.fitted.model_error import ModelError
+from steelyard.check.fitted.model_error import model_error_check
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.nonlinear.fields import information_from
@@ -44,7 +44,7 @@ def found(
     truth = random_truth(loaded.robot if robot is None else robot, 1, terms=terms)
     for seed, path in enumerate(paths, start=1):
         log(path, truth, seed, offset)
-    return ModelError()(case(loaded, paths))
+    return model_error_check(case(loaded, paths))
 
 
 def with_body(robot: Robot, index: int, **fields: Any) -> Robot:
@@ -163,7 +163,7 @@ def test_a_term_that_predicts_other_motion_worse_is_not_recommended(
         pulled = [pl.col(f"tau{k}_Nm") + stiffness * pl.col(f"q{k}_rad") for k in range(1, 7)]
         table.with_columns(pulled).write_parquet(path)
     fitted = case(loaded, paths)
-    (finding,) = ModelError()(fitted)
+    (finding,) = model_error_check(fitted)
     assert "a spring (term spring) would explain most" in finding.brief
     gain = fitted.tested[0][1]
     assert gain is not None and gain.after > gain.before
@@ -171,7 +171,7 @@ def test_a_term_that_predicts_other_motion_worse_is_not_recommended(
     assert finding.brief.endswith(f": not confirmed on left-out motion (error {larger})")
     assert "Add it" not in finding.brief and finding.fix is None
     run = fitted.fitted[0]
-    (once,) = ModelError()(replace(fitted, fitted=(run, run)))
+    (once,) = model_error_check(replace(fitted, fitted=(run, run)))
     assert once.brief.endswith("not tested on left-out motion, the logs are too short")
 
 

@@ -11,7 +11,7 @@ from steelyard.base.progress import silent
 from steelyard.check.examine import Diagnosis, examine
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.findings_text import check_headline
-from steelyard.check.signals.movement import MovingBase, of_base
+from steelyard.check.signals.movement import moving_base_check, of_base
 from steelyard.check.subject import case_of, subject_of
 from steelyard.cli.app import app
 from steelyard.runs.named_logs import log_files
@@ -43,7 +43,7 @@ def logged(folder: Path, free: str, **more: Array) -> tuple[Path, Path]:
 def found(model: Path, log: Path) -> tuple[Finding, ...]:
     files = log_files([str(log)])
     case, _ = case_of(subject_of(str(model), files[0]), files, None, silent)
-    return examine(case, checks=[MovingBase()]).findings
+    return examine(case, checks=[moving_base_check]).findings
 
 
 def test_a_base_that_floats_in_the_model_is_reported_as_assumed_at_rest(tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ def test_findings_hold_what_their_explanations_were_compared_with(arm, known):
 def test_slopes_of_the_direction_of_gravity(arm):
     case = arm.case(arm.table, known=False)
     ranked = ranking(case, case.logs[0])
-    left = _DirectionResidual(ranked.likelihood, ranked.declared.interpretation)
+    left = _DirectionResidual(ranked.declared.reading)
     at = np.array([0.3, -0.8, 0.4])
     steps = 1e-5 * np.eye(3)
     squares = [np.sum(np.square([left(at + h), left(at - h)]), axis=1) for h in steps]
@@ -75,7 +75,7 @@ def test_a_clean_log_is_not_refused_for_wrong_masses(arm, factor):
         assert "links are" in doubtful.says and "efforts are off" in doubtful.says
     case = arm.case(arm.table, known=False)
     ranked = ranking(case, case.logs[0])
-    bodies = consistent_bodies(ranked.likelihood, ranked.declared.interpretation)
+    bodies = consistent_bodies(ranked.declared.reading)
     assert bodies.scale * factor == pytest.approx(1.0, rel=0.3)
     assert bodies.percent < 4.0 < ranked.declared.percent
 
@@ -178,11 +178,11 @@ def test_an_order_that_rests_the_joint_in_motion_is_no_explanation(arm):
         table[:, np.array(arm.at(pattern))[still]] = value
     table[:, arm.at(TAU)] *= -40.0
     case = arm.case(table, known=False)
-    likelihood = ranking(case, case.logs[0]).likelihood
+    declared = ranking(case, case.logs[0]).declared.reading
     for order in ((2, 1, 0),):
-        assert keeps_evidence(likelihood, likelihood.declared.changed(position=order))
-    assert not keeps_evidence(likelihood, likelihood.declared.changed(position=(1, 0, 2)))
-    assert not keeps_evidence(likelihood, likelihood.declared.changed(effort=(0, 2, 1)))
+        assert keeps_evidence(declared.changed(position=order))
+    assert not keeps_evidence(declared.changed(position=(1, 0, 2)))
+    assert not keeps_evidence(declared.changed(effort=(0, 2, 1)))
     found = arm.examined(table, known=False)
     assert "joint order" not in wrong(found)
     assert not {"signals.position", "signals.effort.columns"} & set(edits(found))
@@ -216,10 +216,9 @@ def test_an_order_of_positions_or_of_efforts_is_written_with_a_margin_only(arm, 
     decision = judge_log(case, case.logs[0])
     ((hypothesis, severity),) = decision.winners
     assert hypothesis.fixed and severity == Severity.WRONG
-    likelihood = decision.ranking.likelihood
-    assert support._unrivalled(likelihood, [(hypothesis, severity)]) == [(hypothesis, severity)]
+    assert support._unrivalled([(hypothesis, severity)]) == [(hypothesis, severity)]
     monkeypatch.setattr(support, "SUPPORT_MARGIN", 1e9)
-    ((hypothesis, severity),) = support._unrivalled(likelihood, [(hypothesis, severity)])
+    ((hypothesis, severity),) = support._unrivalled([(hypothesis, severity)])
     assert not hypothesis.fixed and severity == Severity.DOUBTFUL
     assert (
         "efforts in the order" in hypothesis.says and "columns of positions are" in hypothesis.says
@@ -228,7 +227,7 @@ def test_an_order_of_positions_or_of_efforts_is_written_with_a_margin_only(arm, 
 
 def test_the_mirror_of_an_order_pairs_the_same_columns(arm):
     case = arm.case(arm.table, known=False)
-    before = ranking(case, case.logs[0]).declared.interpretation
+    before = ranking(case, case.logs[0]).declared.reading
     moved = before.changed(position=(1, 2, 0))
     for after in (moved, before.changed(effort=(1, 2, 0))):
         mirror = support._mirror(before, after)
@@ -370,11 +369,7 @@ def test_a_misfit_hides_faults_unless_other_link_inertias_explain_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     bodies = None if free is None else SimpleNamespace(percent=free)
-    monkeypatch.setattr(decidable, "possible", lambda *_: bodies)
-    likelihood = SimpleNamespace(
-        knowledge=SimpleNamespace(identified=identified),
-        score=lambda _: SimpleNamespace(percent=np.array([misfit])),
-    )
-    ranking = SimpleNamespace(likelihood=likelihood, declared=SimpleNamespace(interpretation=None))
-    decision = cast(Any, SimpleNamespace(ranking=ranking, winners=()))
+    monkeypatch.setattr(decidable, "consistent_bodies", lambda _: bodies)
+    reading = SimpleNamespace(knowledge=SimpleNamespace(identified=identified), percent=misfit)
+    decision = cast(Any, SimpleNamespace(last=SimpleNamespace(reading=reading)))
     assert decidable.misfit_hides(decision) == hides

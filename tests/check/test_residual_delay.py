@@ -35,9 +35,9 @@ def test_a_short_delay_is_found_without_a_reference(arm: Arm, delay: float) -> N
 
 
 def test_efforts_in_time_and_lags_that_differ_are_no_delay(arm: Arm) -> None:
-    assert residual_delay(arm.case(arm.table, known=False), "effort delay") is None
+    assert residual_delay(arm.case(arm.table, known=False)) is None
     lags = np.array([0.002, 0.011, 0.03])
-    assert residual_delay(arm.case(late(arm, lags), known=False), "effort delay") is None
+    assert residual_delay(arm.case(late(arm, lags), known=False)) is None
 
 
 def test_presliding_friction_explains_its_own_lag_and_no_delay(arm: Arm) -> None:
@@ -61,7 +61,7 @@ def test_presliding_friction_explains_its_own_lag_and_no_delay(arm: Arm) -> None
 
 def test_a_declared_delay_is_counted_in(arm: Arm) -> None:
     text = arm.text.replace('unit = "Nm"', 'unit = "Nm"\ndelay = 0.01')
-    finding = residual_delay(arm.case(late(arm, np.full(3, 0.014)), text, known=False), "x")
+    finding = residual_delay(arm.case(late(arm, np.full(3, 0.014)), text, known=False))
     assert finding is not None and finding.fix is not None
     assert finding.fix.edits[0].value == pytest.approx(0.014, abs=3e-4)
 
@@ -70,6 +70,6 @@ def test_a_log_with_a_gap_is_not_used(arm: Arm) -> None:
     table = late(arm, np.full(3, 0.012))
     t = table[:, 0]
     whole = arm.case(table, known=False)
-    assert residual_delay(whole, "effort delay") is not None
+    assert residual_delay(whole) is not None
     gap = np.abs(t - 0.5 * (t[0] + t[-1])) < 0.15
-    assert residual_delay(arm.case(table[~gap], known=False), "effort delay") is None
+    assert residual_delay(arm.case(table[~gap], known=False)) is None

@@ -11,7 +11,7 @@ from check.fitted import case, demo_arm, log
 from steelyard.base.arrays import Parameters, frozen
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.fitted.fitted_case import FittedCase
-from steelyard.check.fitted.runs_disagree import LastLink, RunsDisagree
+from steelyard.check.fitted.runs_disagree import last_link_check, runs_disagree_check
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.robot.file.robot_file import LoadedRobot
@@ -38,7 +38,7 @@ def found(loaded: LoadedRobot, folder: Path, *truths: Truth) -> tuple[Finding, .
     paths = [folder / f"run{seed}.parquet" for seed in range(1, len(truths) + 1)]
     for seed, (path, truth) in enumerate(zip(paths, truths, strict=True), start=1):
         log(path, truth, seed)
-    return RunsDisagree()(case(loaded, paths))
+    return runs_disagree_check(case(loaded, paths))
 
 
 def test_runs_of_one_robot_agree_whatever_its_friction(loaded: LoadedRobot, tmp_path: Path) -> None:
@@ -79,7 +79,7 @@ def weighed(loaded: LoadedRobot, *masses: float, learned: float = 0.9) -> tuple[
     model = cast(IdentifiedModel, type("Model", (), {})())
     object.__setattr__(model, "estimate", estimate)
     object.__setattr__(model, "model", type("Model", (), {"robot": loaded.robot})())
-    return LastLink()(FittedCase(model, (cast(Run, None),)))
+    return last_link_check(FittedCase(model, (cast(Run, None),)))
 
 
 def test_a_last_link_that_is_much_heavier_than_the_file_says(loaded: LoadedRobot) -> None:

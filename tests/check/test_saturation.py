@@ -8,7 +8,7 @@ import pytest
 from check.test_signals import case_of, sound
 from steelyard.base.arrays import Array
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.signals.sensor_limits import Saturation
+from steelyard.check.signals.sensor_limits import saturation_check
 
 SLOW = 2.0 * np.pi * 0.1 * np.arange(4000) / 100.0
 WAVES = {
@@ -24,7 +24,7 @@ def finding_of(folder: Path, effort: Array) -> Finding:
     table = np.resize(sound(), (len(effort), 10))
     table[:, 0] = 0.01 * np.arange(len(effort))
     table[:, 9] = effort
-    (finding,) = Saturation()(case_of(folder, table))
+    (finding,) = saturation_check(case_of(folder, table))
     return finding
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.fitted.causes import Cause, LeftOutGain
-from steelyard.check.fitted.post_fit import ScaledEfforts
+from steelyard.check.fitted.post_fit import scaled_efforts_check
 from steelyard.estimate.nonlinear.effort_scales import Scales
 
 Tested = tuple[Cause, LeftOutGain]
@@ -26,7 +26,7 @@ def found(values: Scales, *tested: Tested) -> Finding:
         joints=("a", "b"), found=values, half_width=1.96 * values.std * values.values
     )
     case = SimpleNamespace(scales=scales, tested=tested)
-    (finding,) = ScaledEfforts()(cast(Any, case))
+    (finding,) = scaled_efforts_check(cast(Any, case))
     return finding
 
 

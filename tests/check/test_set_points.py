@@ -8,7 +8,7 @@ import pytest
 from check.conftest import Arm
 from steelyard.base.arrays import Array
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.signals.measured import SetPoints
+from steelyard.check.signals.measured import set_points_check
 from steelyard.robot.init.column_names import Column
 
 STEP = 2.0 * np.pi / 2**20
@@ -19,7 +19,7 @@ def found(arm: Arm, table: Array, steps: float = STEP) -> Finding:
     if steps:
         q = arm.at("q{}_rad")
         table[:, q] = np.round(table[:, q] / steps) * steps
-    (finding,) = SetPoints()(arm.case(table))
+    (finding,) = set_points_check(arm.case(table))
     return finding
 
 
@@ -54,7 +54,7 @@ def test_columns_that_are_called_set_points_are_doubtful_with_those_to_take(arm:
     columns = arm.columns
     renamed = tuple(c.replace("q", "q_des") if c.startswith("q") else c for c in columns)
     text = arm.text.replace('"q{}_rad"', '"q_des{}_rad"')
-    (finding,) = SetPoints()(replace(arm, columns=renamed).case(arm.table, text))
+    (finding,) = set_points_check(replace(arm, columns=renamed).case(arm.table, text))
     assert finding.severity == Severity.DOUBTFUL
     assert finding.says == (
         "position column 'q_des1_rad' and 2 more: commanded by their names, not measured"
@@ -62,5 +62,5 @@ def test_columns_that_are_called_set_points_are_doubtful_with_those_to_take(arm:
     assert finding.fix is not None and "this log has" not in finding.fix.says
     both = (*renamed, *(c for c in columns if c.startswith("q")))
     table = np.column_stack([arm.table, arm.table[:, arm.at("q{}_rad")]])
-    (finding,) = SetPoints()(replace(arm, columns=both).case(table, text))
+    (finding,) = set_points_check(replace(arm, columns=both).case(table, text))
     assert finding.fix is not None and finding.fix.says.endswith("; this log has 'q{}_rad' too")

@@ -12,16 +12,19 @@ import pytest
 
 from steelyard.base.arrays import Array
 from steelyard.check.case import Case, Evidence
-from steelyard.check.examine import Diagnosis, examine
+from steelyard.check.examine import CHECKS, Diagnosis, examine
 from steelyard.check.finding import Finding, Severity, percent_of
-from steelyard.check.register import CHECKS
-from steelyard.check.signals.movement import Excitation, Rests
-from steelyard.check.signals.position import Position
-from steelyard.check.signals.rows import CorruptRows, RepeatedRows
-from steelyard.check.signals.sensor_limits import Noise, OneSignedEfforts, Saturation
-from steelyard.check.signals.time_stamps import Clock
+from steelyard.check.signals.movement import excitation_check, rests_check
+from steelyard.check.signals.position import position_check
+from steelyard.check.signals.rows import corrupt_rows_check, repeated_rows_check
+from steelyard.check.signals.sensor_limits import (
+    noise_check,
+    saturation_check,
+    signed_efforts_check,
+)
+from steelyard.check.signals.time_stamps import clock_check
 from steelyard.check.signals.units import JointFacts, _named, unit_reading
-from steelyard.check.signals.velocity import Velocity
+from steelyard.check.signals.velocity import velocity_check
 from steelyard.logs.log import Cut, Log, Numbered
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import ROW, VELOCITY_UNITS
@@ -31,16 +34,16 @@ from steelyard.runs.processing import Processing
 from steelyard.runs.recording import LogInMemory, Recording
 
 OWN = (
-    Clock(),
-    CorruptRows(),
-    RepeatedRows(),
-    Noise(),
-    Saturation(),
-    OneSignedEfforts(),
-    Rests(),
-    Excitation(),
-    Position(),
-    Velocity(),
+    clock_check,
+    corrupt_rows_check,
+    repeated_rows_check,
+    noise_check,
+    saturation_check,
+    signed_efforts_check,
+    rests_check,
+    excitation_check,
+    position_check,
+    velocity_check,
 )
 ROBOT = """[robot]
 name = "invented"
@@ -429,7 +432,7 @@ def test_exchanged_headers_of_position_and_velocity_are_seen_in_the_values(tmp_p
 def test_the_lag_of_velocities_that_are_left_out_is_a_fact(tmp_path: Path) -> None:
     text = ROBOT.replace('velocity = "dq{}"\n', "")
     case = case_of(tmp_path, late(sound()), text, guesses=True)
-    (found,) = Velocity()(case)
+    (found,) = velocity_check(case)
     assert found.severity == Severity.OK
     assert "left out" in found.says
     assert "late" in found.says
@@ -474,7 +477,7 @@ def test_velocities_that_are_differences_of_positions_are_doubtful(
     else:
         rows = slice(-1) if kind == "forward" else slice(1, None)
         table[rows, DQ] = slope
-    (found,) = Velocity()(case_of(tmp_path, table))
+    (found,) = velocity_check(case_of(tmp_path, table))
     differ = "differences of successive positions" in found.says
     assert (found.severity, differ) == (
         (Severity.OK, False) if kind == "central" else (Severity.DOUBTFUL, True)
@@ -501,7 +504,7 @@ def test_every_order_of_the_velocities_is_found(tmp_path: Path) -> None:
         order = rng.permutation(3)
         table = sound(seed=seed)
         table[:, DQ] = table[:, DQ][:, order]
-        (found,) = Velocity()(case_of(tmp_path, table))
+        (found,) = velocity_check(case_of(tmp_path, table))
         edits = () if found.fix is None else found.fix.edits
         wanted = [f"dq{k + 1}" for k in np.argsort(order)]
         proposed = edits[0].value if edits else ["dq1", "dq2", "dq3"]
@@ -531,7 +534,7 @@ def test_motor_side_positions_are_recognised(tmp_path: Path) -> None:
     assert loaded.signals is not None
     log = LogInMemory(tmp_path / "run.csv", columns, table)
     evidence = Evidence(Recording(log, loaded.signals), Processing(), "run")
-    (found,) = Position()(Case(loaded, (evidence,)))
+    (found,) = position_check(Case(loaded, (evidence,)))
     assert found.severity == Severity.WRONG
     assert "appear to be those of motors" in found.says
     assert found.fix is not None
@@ -545,14 +548,14 @@ def test_motor_side_positions_are_recognised(tmp_path: Path) -> None:
     loaded = load_robot(path)
     assert loaded.signals is not None
     evidence = Evidence(Recording(log, loaded.signals), Processing(), "run")
-    (found,) = Position()(Case(loaded, (evidence,)))
+    (found,) = position_check(Case(loaded, (evidence,)))
     assert found.severity == Severity.OK
     assert "motor-side signals, ratios 100 100 100" in found.says
     path.write_text(geared.replace("[100, 100, 100]", "[1, 1, 1]"))
     loaded = load_robot(path)
     assert loaded.signals is not None
     evidence = Evidence(Recording(log, loaded.signals), Processing(), "run")
-    (found,) = Position()(Case(loaded, (evidence,)))
+    (found,) = position_check(Case(loaded, (evidence,)))
     assert found.severity == Severity.DOUBTFUL
     assert found.fix is not None and not found.fix.edits
     assert "gear ratios" in found.fix.says
@@ -561,7 +564,7 @@ def test_motor_side_positions_are_recognised(tmp_path: Path) -> None:
 def test_positions_outside_their_limits_are_doubtful(tmp_path: Path) -> None:
     table = sound()
     table[:, 2] += 2.5
-    (found,) = Position()(case_of(tmp_path, table))
+    (found,) = position_check(case_of(tmp_path, table))
     assert found.severity == Severity.DOUBTFUL
     assert found.joints == ("joint_2",)
     assert found.fix is not None
@@ -569,9 +572,9 @@ def test_positions_outside_their_limits_are_doubtful(tmp_path: Path) -> None:
     assert "the model file is of another robot" in found.fix.says
     assert found.says == "joint_2 is outside its limits; positions in rad"
     table[:, 3] += 2.5
-    (found,) = Position()(case_of(tmp_path, table))
+    (found,) = position_check(case_of(tmp_path, table))
     assert found.says == "joint_2, joint_3 are outside their limits; positions in rad"
-    (found,) = Position()(case_of(tmp_path, sound()))
+    (found,) = position_check(case_of(tmp_path, sound()))
     assert found.says == "positions in rad, within the joints' limits"
 
 
@@ -620,10 +623,10 @@ def test_joints_may_move_in_different_logs(tmp_path: Path) -> None:
     first, second = sound(), sound()
     first[:, [1, 4]], second[:, [2, 3, 5, 6]] = 0.5, 0.5
     a, b = case_of(tmp_path, first), case_of(tmp_path, second)
-    found = Excitation()(Case(a.loaded, (*a.logs, *b.logs)))
+    found = excitation_check(Case(a.loaded, (*a.logs, *b.logs)))
     assert [f.severity for f in found] == [Severity.OK] * 3
     assert found[-1].says == "every joint moves"
-    found = Excitation()(Case(a.loaded, (*a.logs, *a.logs)))
+    found = excitation_check(Case(a.loaded, (*a.logs, *a.logs)))
     assert found[-1].severity == Severity.DOUBTFUL
     assert found[-1].joints == ("joint_1",)
 
@@ -632,7 +635,7 @@ def test_joints_may_move_in_different_logs(tmp_path: Path) -> None:
 def test_short_logs_do_no_harm(tmp_path: Path, rows: int) -> None:
     if rows == 0:
         table = np.zeros((0, 10))
-        assert Velocity()(case_of(tmp_path, table)) == ()
+        assert velocity_check(case_of(tmp_path, table)) == ()
         return
     found = diagnosis(tmp_path, sound()[:rows])
     assert found.severity == Severity.WRONG
@@ -672,7 +675,7 @@ def test_other_effort_columns_are_named(tmp_path: Path) -> None:
     case = case_of(tmp_path, table)
     (evidence,) = case.logs
     recording = replace(evidence.recording, log=LogInMemory(Path("log"), names, wide))
-    (finding,) = Noise()(replace(case, logs=(replace(evidence, recording=recording),)))
+    (finding,) = noise_check(replace(case, logs=(replace(evidence, recording=recording),)))
     assert finding.severity == WRONG and finding.joints == ("joint_2",)
     assert finding.fix is not None and finding.fix.says.endswith("has 'current{}_A' too")
 

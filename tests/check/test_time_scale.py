@@ -5,7 +5,7 @@ import pytest
 
 from check.conftest import Arm
 from steelyard.check.finding import Finding, Severity
-from steelyard.check.signals.time_stamps import Clock
+from steelyard.check.signals.time_stamps import clock_check
 
 WITHOUT = ('velocity = "dq{}_rad_s"\n', "")
 
@@ -14,7 +14,7 @@ def found(arm: Arm, scale: float, *, velocities: bool = False) -> list[Finding]:
     table = arm.table.copy()
     table[:, 0] *= scale
     text = arm.text if velocities else arm.text.replace(*WITHOUT)
-    return [f for f in Clock()(arm.case(table, text, known=False)) if f.severity]
+    return [f for f in clock_check(arm.case(table, text, known=False)) if f.severity]
 
 
 @pytest.mark.parametrize("scale", [0.5, 0.93, 1.06, 2.0])
@@ -44,7 +44,7 @@ def test_one_joint_alone_tells_nothing(arm: Arm) -> None:
     table[:, arm.at("q{}_rad")[1:]] = table[0, arm.at("q{}_rad")[1:]]
     table[:, arm.at("tau{}_Nm")[1:]] += 1e-3 * np.sin(table[:, :1])
     case = arm.case(table, arm.text.replace(*WITHOUT), known=False)
-    assert all(f.severity == Severity.OK for f in Clock()(case))
+    assert all(f.severity == Severity.OK for f in clock_check(case))
 
 
 def test_efforts_that_no_clock_explains_have_none(arm: Arm) -> None:
@@ -52,4 +52,4 @@ def test_efforts_that_no_clock_explains_have_none(arm: Arm) -> None:
     q, dq = arm.motion.q, arm.motion.dq
     table[:, arm.at("tau{}_Nm")] = 20.0 * np.cos(q) + 3.0 * dq + 2.0 * np.sin(3.0 * q)
     case = arm.case(table, arm.text.replace(*WITHOUT), known=False)
-    assert all(f.severity == Severity.OK for f in Clock()(case))
+    assert all(f.severity == Severity.OK for f in clock_check(case))

@@ -15,9 +15,9 @@ from steelyard.base.progress import silent
 from steelyard.check.case import Case
 from steelyard.check.check import CheckResult
 from steelyard.check.decision.transmission import (
-    TransmissionCheck,
     missing_coupling,
     other_gears,
+    transmission_check,
     with_gears,
 )
 from steelyard.check.decision.verdict import judge_log
@@ -72,7 +72,7 @@ unit = "Nm"
 
 
 def test_the_gears_of_the_log_are_not_doubted(folder: Path) -> None:
-    (finding,) = TransmissionCheck()(case_with(folder, RATIOS, COUPLING))
+    (finding,) = transmission_check(case_with(folder, RATIOS, COUPLING))
     assert finding.severity == Severity.OK and finding.answered, finding
 
 
@@ -85,7 +85,7 @@ def test_a_wrong_sign_is_found_as_one_of_positions_and_efforts(folder: Path) -> 
 
 
 def test_a_missing_coupling_is_found(folder: Path) -> None:
-    (finding,) = TransmissionCheck()(case_with(folder, RATIOS, ""))
+    (finding,) = transmission_check(case_with(folder, RATIOS, ""))
     assert finding.severity == Severity.DOUBTFUL, finding
     assert finding.says.startswith("a coupling of motor_3 with the joint before")
     best, declared = (float(x) for x in re.findall(r"([\d.]+) %", finding.says))
@@ -127,11 +127,11 @@ def test_the_declared_gears_have_the_misfit_of_the_other_checks(folder: Path) ->
     case = case_with(folder, RATIOS, "")
     decision = judge_log(case, case.logs[0])
     assert decision is not None
-    likelihood, declared = decision.ranking.likelihood, decision.ranking.declared
+    likelihood, declared = decision.likelihood, decision.declared
     assert likelihood.signals.effort_map is None and likelihood.gears is not None
     same = with_gears(likelihood, likelihood.gears.matrix)
     assert same.signals.effort_map is not None
-    misfits = same.score(declared.interpretation).misfits[0]
+    misfits = declared.reading.on(same).score.misfits
     np.testing.assert_allclose(misfits, declared.misfits, rtol=1e-3)
 
 

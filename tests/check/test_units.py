@@ -21,9 +21,9 @@ from check.test_signals import (
 from steelyard.base.arrays import Array
 from steelyard.check.examine import examine
 from steelyard.check.finding import Severity
-from steelyard.check.signals.position import Position
-from steelyard.check.signals.time_stamps import Clock
-from steelyard.check.signals.velocity import Velocity
+from steelyard.check.signals.position import position_check
+from steelyard.check.signals.time_stamps import clock_check
+from steelyard.check.signals.velocity import velocity_check
 
 LIMITS = re.compile(r"\[robot.limits\]\n(joint_.*\n)+")
 UNLIMITED = LIMITS.sub("", ROBOT)
@@ -43,7 +43,7 @@ def units_found(
 ) -> tuple[Severity, dict[str, Any]]:
     """The worst severity on positions and velocities, and the changes that are proposed."""
     case = case_of(folder, table, text, columns=columns)
-    found = examine(case, checks=(Clock(), Position(), Velocity()))
+    found = examine(case, checks=(clock_check, position_check, velocity_check))
     return found.severity, {edit.path[-1]: edit.value for edit in found.edits}
 
 
@@ -131,7 +131,7 @@ def test_joints_that_rest_have_the_units_of_the_one_that_moves(
 def test_units_are_the_same_for_all_joints_where_two_readings_fit_alike(tmp_path: Path) -> None:
     text = LEFT_OUT.replace('position = "q{}"', 'position = "q{}"\nposition_unit = "deg"')
     case = case_of(tmp_path, sound(), text, guesses=True)
-    found = examine(case, checks=(Clock(), Position(), Velocity()))
+    found = examine(case, checks=(clock_check, position_check, velocity_check))
     assert all(isinstance(edit.value, str) for edit in found.edits)
     mixed = text.replace('"deg"', '["rad", "deg", "rad"]')
     assert units_found(tmp_path, scaled(2, DEGREES)(sound()), mixed) == (Severity.OK, {})

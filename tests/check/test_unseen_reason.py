@@ -10,7 +10,7 @@ from steelyard.base.arrays import Array
 from steelyard.check.finding import Finding, Severity
 from steelyard.check.fitted import unseen_reason
 from steelyard.check.fitted.post_fit import FittedCase, examine_fit
-from steelyard.check.fitted.unseen_reason import UnseenReason, _one_file, excess_error
+from steelyard.check.fitted.unseen_reason import _one_file, excess_error, unseen_reason_check
 from steelyard.estimate.scores.score import score
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.robot.rigid_body import Inertia
@@ -52,7 +52,7 @@ def test_a_load_is_named_with_its_mass(arm, mass):
         f"most likely reason of the error: the arm carries a payload of about {mass:.2g} kg"
         in found.says
     )
-    assert found.check == UnseenReason.name and found.log == "log"
+    assert found.check == unseen_reason_check.name and found.log == "log"
     assert found.fix is not None and found.fix.command == "steelyard payload MODEL LOG"
 
 
@@ -139,7 +139,7 @@ def test_a_log_in_which_joints_rest_is_not_judged_by_their_friction(arm):
     errors = replace(plain.errors, at_rest=True)
     still = replace(plain, joints=tuple(far), errors=errors)
     case = FittedCase(model, unseen=(run,), unseen_scores=(still,))
-    assert excess_error(model, still) > 2.0 and UnseenReason()(case) == ()
+    assert excess_error(model, still) > 2.0 and unseen_reason_check(case) == ()
 
 
 def test_what_explains_nothing_is_no_reason_however_bad_the_fit(arm, monkeypatch):

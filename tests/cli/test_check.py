@@ -15,7 +15,6 @@ from browser import Tab, look
 from cli.conftest import Command
 from cli.mistakes import LOG, ROBOT
 from cli.river_files import edited
-from steelyard.check import register as diagnosis_register
 from steelyard.check.case import Case
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace
 from steelyard.cli.app import expanded
@@ -67,14 +66,13 @@ class Slow:
 
 @pytest.fixture
 def slow(monkeypatch: pytest.MonkeyPatch) -> Slow:
-    """Stubs instead of the register's checks."""
+    """Stubs instead of the checks."""
     return asking(monkeypatch, Severity.WRONG)
 
 
 def asking(monkeypatch: pytest.MonkeyPatch, severity: Severity) -> Slow:
     slow = Slow()
-    for module in (sys.modules["steelyard.check.examine"], diagnosis_register):
-        monkeypatch.setattr(module, "CHECKS", (Unit(severity), slow))
+    monkeypatch.setattr(sys.modules["steelyard.check.examine"], "CHECKS", (Unit(severity), slow))
     return slow
 
 

@@ -11,8 +11,7 @@ import pytest
 
 from cli.conftest import Command
 from cli.river_files import edited
-from steelyard.check.examine import CORRECTED_BY_FIX, MOTION_CHECKS_NAME, NOT_RUN
-from steelyard.check.register import CHECKS, OF_MOTION
+from steelyard.check.examine import CHECKS, CORRECTED_BY_FIX, MOTION_CHECKS_NAME, NOT_RUN, OF_MOTION
 from steelyard.robot.file.robot_file import load_robot
 
 CURRENTS = (

@@ -9,7 +9,7 @@ import pytest
 from steelyard.base.arrays import Parameters
 from steelyard.check.examine import Diagnosis
 from steelyard.check.finding import Finding, Fix, Severity
-from steelyard.check.fitted.gear_side import RotorsAtZero
+from steelyard.check.fitted.gear_side import rotors_at_zero_check
 from steelyard.identify.page.content import ReportContent
 from steelyard.identify.page.model_verdict import (
     fix_commands,
@@ -54,7 +54,7 @@ def test_friction_is_to_be_chosen_where_residuals_are_no_noise_and_it_was_not(us
 
 def test_rotor_inertias_at_zero_propose_sensors_behind_the_gears(usual):
     fix = Fix("if so, other sensors")
-    zero = Finding(RotorsAtZero.name, "", Severity.OK, "rotors", "", fix=fix, headline=True)
+    zero = Finding(rotors_at_zero_check.name, "", Severity.OK, "rotors", "", fix=fix, headline=True)
     steps = next_steps(replace(usual, limitations=(zero,)), "arm.toml", MODEL)
     edit = 'kind = "link_torque" in arm.toml, no rotor_inertia in terms'
     assert steps[0] == ("", f"if sensors are on the link side: {edit}")

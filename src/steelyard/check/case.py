@@ -1,6 +1,6 @@
-"""A robot, logs of it, and what is known of the robot before the logs are checked."""
+"""A robot, logs of it, what is known of the robot, and checks that look at these."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -10,6 +10,7 @@ from steelyard.base.arrays import Array, Parameters
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.motion import Motion
 from steelyard.base.progress import Progress, silent
+from steelyard.check.finding import Finding
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.estimate.payload.load_case import carrier
 from steelyard.logs.log import Log, RowRange
@@ -225,8 +226,59 @@ class Case:
         """Names of the joints, in the order of the columns."""
         return self.loaded.robot.joint_names
 
+    @cached_property
+    def knowledge(self) -> Knowledge | None:
+        """What is known of the robot; a reference of other joints is not used."""
+        of_others = self.reference and self.reference.model.robot.joint_names != self.joints
+        return knowledge_of(None if of_others else self.reference, self.loaded.robot)
+
     def listed(self, joints: Sequence[int]) -> str:
         """Names of joints in a sentence, given by number; of three or more that are all, none."""
         if len(joints) > 2 and len(joints) == len(self.joints):
             return f"all {len(joints)} joints"
         return ", ".join(self.joints[j] for j in joints)
+
+
+@dataclass(frozen=True)
+class CaseCheck:
+    """One thing that may be wrong with logs.
+
+    Attributes:
+        name: One word or two, as users see it: `clock`.
+        question: The question in a few words: "Is the clock regular?".
+        look: The findings, without the check's name; none where it does not apply.
+        quick: Whether `identify` runs it before the fit.
+    """
+
+    name: str
+    question: str
+    look: Callable[[Case], Iterable[Finding]]
+    quick: bool
+
+    def __call__(self, case: Case) -> tuple[Finding, ...]:
+        """One finding per log, or one for all logs together."""
+        return tuple(found.by(self.name) for found in self.look(case))
+
+
+def case_check(
+    name: str, question: str, *, quick: bool = True
+) -> Callable[[Callable[[Case], Iterable[Finding]]], CaseCheck]:
+    """The check that a function makes of all logs together."""
+    return lambda look: CaseCheck(name, question, look, quick)
+
+
+def log_check(
+    name: str,
+    question: str,
+    logs: Callable[[Case], Iterable[Evidence]] = lambda case: case.logs,
+) -> Callable[[Callable[[Case, Evidence], Finding | None]], CaseCheck]:
+    """The quick check that a function makes of one log after the other; `None` for no finding."""
+
+    def check(look: Callable[[Case, Evidence], Finding | None]) -> CaseCheck:
+        def found(case: Case) -> Iterable[Finding]:
+            pairs = ((evidence, look(case, evidence)) for evidence in logs(case))
+            return (replace(one, log=evidence.name) for evidence, one in pairs if one is not None)
+
+        return CaseCheck(name, question, found, True)
+
+    return check

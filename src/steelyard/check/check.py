@@ -1,7 +1,7 @@
 """What is wrong with logs, or with the robot file: what `steelyard check` does."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,18 +11,231 @@ from rich.padding import Padding
 from rich.text import Text
 
 from steelyard.base.arguments import checked
+from steelyard.base.errors import ModelError, OutputError
+from steelyard.base.files import whole_file
 from steelyard.base.progress import Progress, silent
-from steelyard.check import register
+from steelyard.check import examine
 from steelyard.check.examine import Diagnosis
+from steelyard.check.finding import Edit, Finding, Severity
 from steelyard.check.findings_page import CheckContent, render_check
-from steelyard.check.findings_text import check_headline, diagnosis_dict, tally
+from steelyard.check.findings_text import (
+    check_headline,
+    diagnosis_dict,
+    edit_dict,
+    place_of_finding,
+    tally,
+)
 from steelyard.check.findings_text import print_findings as show_findings
-from steelyard.check.fix import CorrectedFile, correct_robot_file, target_of
-from steelyard.check.subject import diagnosed, refuse_foreign, subject_of
+from steelyard.check.subject import Subject, diagnosed, refuse_foreign, subject_of
 from steelyard.estimate.estimators import method_of
 from steelyard.estimate.identified import IdentifiedModel, load_model
 from steelyard.report.result import Result
-from steelyard.runs.named_logs import log_files, paths_of
+from steelyard.robot.file.toml import tomllib
+from steelyard.robot.file.toml_edits import edited, lines_of
+from steelyard.robot.init.template import path_from
+from steelyard.robot.models.xacro import stem_of
+from steelyard.runs.named_logs import LogArgument, log_files, paths_of
+
+MOST_CHECK_ROUNDS = 4
+"""Checks at most: one thing that is wrong can hide another."""
+REFINED_KEY = ("signals", "effort", "delay")
+"""The key that may change again: residuals show a delay more exactly once most of it is out."""
+
+
+@dataclass(frozen=True, eq=False)
+class AppliedEdit:
+    """An edit that was made, and the finding that proposed it."""
+
+    edit: Edit
+    finding: Finding
+
+    @property
+    def line(self) -> str:
+        """Table and key, and the new value."""
+        return " ".join(lines_of([self.edit]).split("\n"))
+
+    @property
+    def cause(self) -> str:
+        """What was found."""
+        where = f", {place_of_finding(self.finding)}" if place_of_finding(self.finding) else ""
+        return f"{self.finding.check}{where}: {self.finding.says}"
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectedFile:
+    """A corrected robot file.
+
+    Attributes:
+        subject: The file; written only if there are changes.
+        changes: What was changed, in this order.
+        diagnosis: What is found with it.
+        reasons: Why nothing is written, where there is no change.
+    """
+
+    subject: Subject
+    changes: tuple[AppliedEdit, ...]
+    diagnosis: Diagnosis
+    reasons: tuple[str, ...] = ()
+
+    def save(self) -> Path:
+        """Write the robot file; where nothing was changed there is none to write.
+
+        Raises:
+            OutputError: Nothing was changed, or it cannot be written.
+        """
+        if not self.changes:
+            raise OutputError(
+                "nothing was changed, so there is no robot file to write",
+                where=str(self.subject.path),
+                fix="save only where `fixed.changes` has any",
+            )
+        with whole_file(self.subject.path) as part:
+            part.write_text(self.subject.text, encoding="utf-8")
+        return self.subject.path
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        return {
+            "robot_file": str(self.subject.path) if self.changes else None,
+            "reasons": list(self.reasons),
+            "changes": [
+                {**edit_dict(c.edit), "check": c.finding.check, "says": c.finding.says}
+                for c in self.changes
+            ],
+            **diagnosis_dict(self.diagnosis),
+        }
+
+
+def target_of(robot: str, named: str) -> Path:
+    """The robot file to write; without a name one beside the robot's.
+
+    Raises:
+        OutputError: It is there already, or its folder is not.
+    """
+    path = Path(robot)
+    folder = path.parent if path.suffix.lower() == ".toml" else Path()
+    target = Path(named) if named else folder / f"{stem_of(robot)}-fixed.toml"
+    if target.exists():
+        raise OutputError(
+            "the robot file to write exists already",
+            where=str(target),
+            fix="name another one behind --fix, or remove it",
+        )
+    if not target.parent.is_dir():
+        raise OutputError(
+            "the new robot file cannot be written: there is no such folder",
+            where=str(target),
+            fix="make the folder, or name another file behind --fix",
+        )
+    return target
+
+
+def correct_robot_file(
+    subject: Subject,
+    target: Path,
+    diagnosis: Diagnosis,
+    files: Sequence[LogArgument],
+    reference: IdentifiedModel | None,
+    progress: Progress,
+    *,
+    quick: bool,
+) -> CorrectedFile:
+    """Apply the proposed edits and check again, as long as more are proposed.
+
+    Nothing is written with which the check finds wrong what it found ok, or as much as before, or
+    with which it answers fewer questions, unless what it was changed for is beyond doubt.
+    """
+    changes: list[AppliedEdit] = []
+    new, first = subject, diagnosis
+    for _ in range(MOST_CHECK_ROUNDS):
+        text = new.text if changes else _moved(subject, target)
+        proposed = [c for c in _proposed(diagnosis, changes) if edited(text, [c.edit]) != text]
+        if not proposed:
+            break
+        anew = {change.edit.path for change in proposed}
+        changes = [c for c in changes if c.edit.path not in anew] + proposed
+        new = _loaded(new, edited(text, [change.edit for change in proposed]), target)
+        diagnosis = diagnosed(new, files, reference, progress, quick=quick)
+    worse = sorted(_wrong(diagnosis) & {f.check for f in first.findings if _fine(f)})
+    lines = "; ".join(c.line for c in changes)
+    if changes and (worse or _wrong(diagnosis) == _wrong(first) != set()):
+        names = ", ".join(worse or sorted(_wrong(first)))
+        return CorrectedFile(subject, (), first, (f"with {lines} the check finds {names} wrong",))
+    before, after = _confirmed(first), _confirmed(diagnosis)
+    if any(c.finding.severity < Severity.WRONG for c in changes) and len(after) < len(before):
+        names = ", ".join(sorted(before - after))
+        why = f"with {lines} the check can no longer confirm what was ok before: {names}"
+        return CorrectedFile(subject, (), first, (why,))
+    return CorrectedFile(new, tuple(changes), diagnosis, () if changes else _unwritten(first))
+
+
+def _wrong(diagnosis: Diagnosis) -> set[str]:
+    return {f.check for f in diagnosis.findings if f.severity == Severity.WRONG}
+
+
+def _confirmed(diagnosis: Diagnosis) -> set[str]:
+    """Checks that are answered, in all logs, and not doubtful."""
+    every = {f.check for f in diagnosis.findings}
+    return every - {f.check for f in diagnosis.findings if not _fine(f)}
+
+
+def _fine(finding: Finding) -> bool:
+    return finding.answered and finding.severity == Severity.OK
+
+
+def _unwritten(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Why what is not ok has no line in a new robot file, once per check."""
+    reasons = {}
+    for finding in diagnosis.findings:
+        if not finding.severity:
+            continue
+        if finding.fix is None or not finding.fix.edits:
+            why = "no line of the robot file is known to correct it"
+        elif finding.severity < diagnosis.severity:
+            why = f"its lines are not written before what is {diagnosis.severity.word} is corrected"
+        else:
+            why = "the robot file states this already"
+        reasons[finding.check] = f"{finding.check}: {why}"
+    return tuple(reasons.values())
+
+
+def _loaded(subject: Subject, text: str, target: Path) -> Subject:
+    try:
+        return subject.changed(text, target)
+    except ModelError as error:
+        raise ModelError(
+            f"the findings give no valid robot file: {error.wrong}",
+            where=error.where,
+            fix=f"change the file by hand, as the check without --fix says; {error.fix}",
+        ) from None
+
+
+def _proposed(diagnosis: Diagnosis, changes: Sequence[AppliedEdit]) -> list[AppliedEdit]:
+    """The edits of keys not changed before, refined, or taken out again; with the worst finding."""
+    before = {change.edit.path for change in changes} - {REFINED_KEY}
+    found = []
+    for edit in diagnosis.edits:
+        if edit.path not in before or edit.value is None:
+            asking = [
+                f
+                for f in diagnosis.findings
+                if f.fix and edit.path in (e.path for e in f.fix.edits)
+            ]
+            found.append(AppliedEdit(edit, max(asking, key=lambda finding: finding.severity)))
+    return found
+
+
+def _moved(subject: Subject, target: Path) -> str:
+    """The text with the path of its model as seen from the new file's folder."""
+    here, there = subject.path.absolute().parent, target.absolute().parent
+    if here == there:
+        return subject.text
+    robot = tomllib.loads(subject.text)["robot"]
+    for key in ("urdf", "mjcf"):
+        model = robot.get(key)
+        if model is not None and not model.startswith("${") and not Path(model).is_absolute():
+            return edited(subject.text, [Edit(("robot", key), path_from(there, here / model))])
+    return subject.text
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -144,7 +357,7 @@ def check(
         tuple(file.text for file in files),
         named,
         diagnosis,
-        {check.name: check.question for check in register.CHECKS},
+        {check.name: check.question for check in examine.CHECKS},
         subject.notes,
     )
     return CheckResult(content, corrected)

@@ -1,27 +1,85 @@
-"""All checks put to a case."""
+"""All checks in the order in which they are run and shown, put to a case."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from steelyard.base.progress import report_progress
-from steelyard.check.case import Case
+from steelyard.check.case import Case, CaseCheck
 from steelyard.check.decision.checks import (
+    EFFORT_DELAY,
     EFFORT_KIND,
     EFFORT_SIGN,
     EFFORT_UNIT,
     GAIN,
     JOINT_ORDER,
+    JOINT_ZEROS,
     MOUNTING,
     PAYLOAD,
     POSITION_SIGN,
+    HypothesisCheck,
 )
-from steelyard.check.decision.transmission import TransmissionCheck
+from steelyard.check.decision.joint_zeros import joint_zeros_check
+from steelyard.check.decision.transmission import transmission_check
 from steelyard.check.finding import Edit, Finding, Severity
-from steelyard.check.register import CHECKS, OF_MOTION, Check
-from steelyard.check.several_logs import edits_that_serve_all_logs
-from steelyard.check.signals.measured import SetPoints, measured_instead
-from steelyard.check.signals.position import Position
-from steelyard.check.signals.time_stamps import Clock, out_of_order
+from steelyard.check.fitted.gear_side import gear_side_check
+from steelyard.check.identifiability import identifiability_check
+from steelyard.check.several_logs import edits_that_serve_all_logs, friction_drift_check
+from steelyard.check.signals.measured import (
+    computed_efforts_check,
+    measured_instead,
+    set_points_check,
+)
+from steelyard.check.signals.movement import excitation_check, moving_base_check, rests_check
+from steelyard.check.signals.position import position_check
+from steelyard.check.signals.rows import corrupt_rows_check, repeated_rows_check
+from steelyard.check.signals.sensor_limits import (
+    noise_check,
+    saturation_check,
+    signed_efforts_check,
+)
+from steelyard.check.signals.time_stamps import clock_check, out_of_order
+from steelyard.check.signals.velocity import velocity_check
+
+Check = CaseCheck | HypothesisCheck
+"""What has a name, a question, says whether it is quick, and gives findings on a case."""
+
+OF_SIGNALS: tuple[Check, ...] = (
+    clock_check,
+    corrupt_rows_check,
+    repeated_rows_check,
+    noise_check,
+    set_points_check,
+    computed_efforts_check,
+    saturation_check,
+    signed_efforts_check,
+    rests_check,
+    excitation_check,
+    position_check,
+    velocity_check,
+)
+"""Checks of the signals by themselves; those that differentiate know the unit of time."""
+
+OF_MOTION: tuple[Check, ...] = (
+    JOINT_ORDER,
+    POSITION_SIGN,
+    EFFORT_SIGN,
+    EFFORT_UNIT,
+    EFFORT_KIND,
+    transmission_check,
+    gear_side_check,
+    GAIN,
+    EFFORT_DELAY,
+    JOINT_ZEROS,
+    joint_zeros_check,
+    MOUNTING,
+    moving_base_check,
+    PAYLOAD,
+    friction_drift_check,
+    identifiability_check,
+)
+"""Checks that compare efforts with a model: by velocities and accelerations, in true seconds."""
+
+CHECKS = (*OF_SIGNALS, *OF_MOTION)
 
 BASIC_CHECKS = (JOINT_ORDER, POSITION_SIGN, EFFORT_SIGN, EFFORT_UNIT, EFFORT_KIND, MOUNTING)
 """Checks without whose answers nobody knows whether the robot file describes the log."""
@@ -29,7 +87,7 @@ BASIC_CHECKS = (JOINT_ORDER, POSITION_SIGN, EFFORT_SIGN, EFFORT_UNIT, EFFORT_KIN
 SEVERAL_OPEN = 3
 """Basic questions from which on a large misfit that leaves them open is doubtful."""
 
-DECIDING_CHECKS = (JOINT_ORDER.name, TransmissionCheck.name, GAIN.name, PAYLOAD.name)
+DECIDING_CHECKS = (JOINT_ORDER.name, transmission_check.name, GAIN.name, PAYLOAD.name)
 """Checks of facts that decide which model is identified; `SEVERAL_OPEN` open: no log is ok."""
 
 
@@ -88,7 +146,7 @@ MOTION_CHECKS_NAME = "efforts"
 OTHER_CHECKS_NAME = "other checks"
 """All checks but that of the clock together, where they are not made."""
 ORDER_FIRST = "not run: the rows must be in the order of time"
-PREMISE_CHECKS = (Clock.name, Position.name)
+PREMISE_CHECKS = (clock_check.name, position_check.name)
 """Checks without which accelerations are unknown: where one is wrong, `OF_MOTION` is not asked."""
 NOT_RUN = "the checks that compare efforts with a model are not run: correct the {} first"
 CORRECTED_BY_FIX = ", or --fix corrects it and checks again"
@@ -107,7 +165,7 @@ def examine(case: Case, *, quick: bool = False, checks: Sequence[Check] | None =
         Stopped: The case's `progress` requested a stop.
     """
     selected = [s for s in (CHECKS if checks is None else checks) if s.quick or not quick]
-    clock = [check for check in selected if isinstance(check, Clock)]
+    clock = [check for check in selected if check is clock_check]
     first = [check for check in selected if check not in OF_MOTION and check not in clock]
     rest = [check for check in selected if check in OF_MOTION]
     findings = _asked(case, clock, 0, len(selected))
@@ -149,7 +207,7 @@ def _asked(case: Case, checks: Sequence[Check], done: int, of: int) -> list[Find
 def _not_run(case: Case, findings: Sequence[Finding]) -> Iterator[Finding]:
     """That checks are not made, for every log whose clock, positions or efforts are others."""
     wrong = [f for f in findings if f.check in PREMISE_CHECKS and f.severity == Severity.WRONG]
-    targets = [f for f in findings if f.check == SetPoints.name and f.severity]
+    targets = [f for f in findings if f.check == set_points_check.name and f.severity]
     for evidence in case.logs:
         mine = [f for f in wrong if f.log in ("", evidence.name)]
         if measured_instead(evidence):

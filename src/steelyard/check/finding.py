@@ -1,9 +1,9 @@
 """What a check found: a severity, evidence with a picture, and an edit of the robot file."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 
@@ -103,7 +103,7 @@ class ComparedHypothesis:
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """One severity of one check.
+    """What one check found.
 
     Attributes:
         check: Name of the check.
@@ -137,6 +137,54 @@ class Finding:
     headline: bool = False
     brief: str = ""
 
+    @classmethod
+    def of(
+        cls,
+        severity: Severity,
+        says: str,
+        figure: str = "",
+        *more: Any,
+        log: str = "",
+        **named: Any,
+    ) -> Self:
+        """A finding without the name of its check, which the check itself fills in."""
+        return cls("", log, severity, says, figure, *more, **named)
+
+    @classmethod
+    def ok(cls, says: str, figure: str = "", *more: Any, **named: Any) -> Self:
+        """One that is ok, or open."""
+        return cls.of(Severity.OK, says, figure, *more, **named)
+
+    @classmethod
+    def doubtful(cls, says: str, figure: str = "", *more: Any, **named: Any) -> Self:
+        """One that is doubtful."""
+        return cls.of(Severity.DOUBTFUL, says, figure, *more, **named)
+
+    @classmethod
+    def doubtful_if(
+        cls,
+        bad: bool,
+        says: str,
+        figure: str,
+        fix: Fix,
+        *,
+        joints: Sequence[str] = (),
+        **named: Any,
+    ) -> Self:
+        """One that is doubtful, with what to do about which joints, or else ok."""
+        if not bad:
+            return cls.ok(says, figure, **named)
+        return cls.doubtful(says, figure, tuple(joints), fix, **named)
+
+    @classmethod
+    def wrong(cls, says: str, figure: str = "", *more: Any, **named: Any) -> Self:
+        """One that is wrong."""
+        return cls.of(Severity.WRONG, says, figure, *more, **named)
+
+    def by(self, check: str) -> Self:
+        """The finding of a check."""
+        return replace(self, check=check)
+
 
 def percent_of(share: float) -> str:
     """A share in percent, like `0.52 %`, `below 0.01 %` or `100 %`."""
@@ -152,8 +200,7 @@ TRACE_POINTS = 2000
 
 def trace(name: str, x: Array, y: Array, kind: Literal["line", "points", "bars"] = "line") -> Trace:
     """A trace of at most `TRACE_POINTS` points."""
-    stride = -(-len(x) // TRACE_POINTS)
-    step = max(1, stride)
+    step = max(1, -(-len(x) // TRACE_POINTS))
     return Trace(name, np.array(x[::step], dtype=np.float64), np.array(y[::step]), kind)
 
 

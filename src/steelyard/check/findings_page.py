@@ -43,24 +43,14 @@ LEAST_NUMBER_IN_DOUBLE_PRECISION = 1e5
 def findings_of(
     diagnosis: Diagnosis, budget: int = MOST_POINTS_OF_CHECK_PAGE, *, fine: bool = True
 ) -> Numbers:
-    """What the template shows: the worst findings first, then those that are ok.
-
-    Args:
-        diagnosis: What was found.
-        budget: Most points of all pictures.
-        fine: Whether those that are ok have their pictures too.
-    """
+    """What the template shows: the worst findings first, then those that are ok."""
     found = [one for group in groups(diagnosis) for one in group.findings]
     found.sort(key=lambda finding: -finding.severity)
     left, shown = budget, []
     for finding in found:
         picture = finding.picture if fine or finding.severity else None
-        points = (
-            0
-            if picture is None
-            else sum(min(len(t.x), MOST_POINTS_OF_EVIDENCE_LINE) for t in picture.traces)
-        )
-        left -= points
+        traces = () if picture is None else picture.traces
+        left -= sum(min(len(t.x), MOST_POINTS_OF_EVIDENCE_LINE) for t in traces)
         shown.append(
             _finding_numbers(finding, drawn=picture is not None and left >= 0)
             | {"still": _reason_it_is_ok(finding, diagnosis)}
@@ -113,8 +103,7 @@ def _reason_it_is_ok(finding: Finding, diagnosis: Diagnosis) -> str:
         )
     return (
         f"{misfit}; a hypothesis with more free parameters nearly always fits better, and is "
-        f"accepted only "
-        "where its gain is statistically significant and large enough to matter."
+        "accepted only where its gain is statistically significant and large enough to matter."
     )
 
 
@@ -139,16 +128,9 @@ def _trace(trace: Trace) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class CheckContent:
-    """Everything that the page shows.
+    """Everything that the page shows: what was given, what was found, and what was assumed.
 
-    Attributes:
-        robot: The robot's name.
-        file: The robot file or model that was given.
-        logs: The logs as they were given.
-        model: The model they were compared with, if one was given.
-        diagnosis: What was found.
-        asks: The question of each check, by name.
-        notes: What was assumed.
+    `asks` has the question of each check by its name.
     """
 
     robot: str

@@ -33,13 +33,7 @@ LEVEL_OF_SEVERITY: dict[str, Level] = {"ok": "good", "doubtful": "fair", "wrong"
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """All findings of one check with one severity.
-
-    Attributes:
-        check: The check's name.
-        severity: How bad they are.
-        findings: At least one.
-    """
+    """All findings of one check with one severity, at least one."""
 
     check: str
     severity: Severity
@@ -61,9 +55,8 @@ def by_edits(findings: Iterable[Finding]) -> tuple[tuple[Finding, ...], ...]:
     found: dict[object, list[Finding]] = {}
     for finding in findings:
         edits = () if finding.fix is None else finding.fix.edits
-        found.setdefault((finding.check, edit_lines(edits)) if edits else id(finding), []).append(
-            finding
-        )
+        key = (finding.check, edit_lines(edits)) if edits else id(finding)
+        found.setdefault(key, []).append(finding)
     return tuple(map(tuple, found.values()))
 
 
@@ -88,23 +81,17 @@ def check_headline(diagnosis: Diagnosis) -> str:
         return "No check applies"
     if diagnosis.inconclusive:
         return f"Inconclusive: {open_words(diagnosis)}"
-    if worst == 0:
-        every, left = len(words_of(diagnosis)), diagnosis.open_checks
-        verdict = "Ok: no error was found"
-        if diagnosis.model_open:
-            verdict = (
-                f"Open: the logs do not decide {', '.join(left)} ({len(left)} of "
-                f"{count(every, 'check')}); no error was found"
-            )
-        elif left:
-            verdict = (
-                f"Ok, but {len(left)} of {count(every, 'check')} could not be decided: "
-                f"{', '.join(left)}"
-            )
-        beside = dict.fromkeys(f.says for f in diagnosis.findings if f.headline)
-        return "; ".join((verdict, *beside))
-    names = [f.check for f in diagnosis.findings if f.severity == worst]
-    return f"{worst.word.capitalize()}: {', '.join(dict.fromkeys(names))}"
+    if worst:
+        names = [f.check for f in diagnosis.findings if f.severity == worst]
+        return f"{worst.word.capitalize()}: {', '.join(dict.fromkeys(names))}"
+    every, left = count(len(words_of(diagnosis)), "check"), diagnosis.open_checks
+    listed, verdict = ", ".join(left), "Ok: no error was found"
+    if diagnosis.model_open:
+        of = f"{len(left)} of {every}"
+        verdict = f"Open: the logs do not decide {listed} ({of}); no error was found"
+    elif left:
+        verdict = f"Ok, but {len(left)} of {every} could not be decided: {listed}"
+    return "; ".join((verdict, *dict.fromkeys(f.says for f in diagnosis.findings if f.headline)))
 
 
 def open_words(diagnosis: Diagnosis) -> str:
@@ -158,7 +145,22 @@ def place_of_finding(finding: Finding) -> str:
 
 def finding_dict(finding: Finding) -> dict[str, Any]:
     """As JSON values; without the picture."""
-    fix = finding.fix
+    fix = None
+    if finding.fix is not None:
+        edits = finding.fix.edits
+        fix = {
+            "says": finding.fix.says,
+            "edits": [edit_dict(edit) for edit in edits],
+            "lines": edit_lines(edits),
+        }
+    hypotheses = [
+        {
+            "says": one.says,
+            "misfit_percent": one.misfit if isfinite(one.misfit) else None,
+            "log_likelihood": one.log_likelihood if isfinite(one.log_likelihood) else None,
+        }
+        for one in finding.hypotheses
+    ]
     return {
         "check": finding.check,
         "log": finding.log,
@@ -167,21 +169,8 @@ def finding_dict(finding: Finding) -> dict[str, Any]:
         "figure": finding.figure,
         "answered": finding.answered,
         "joints": list(finding.joints),
-        "fix": None
-        if fix is None
-        else {
-            "says": fix.says,
-            "edits": [edit_dict(edit) for edit in fix.edits],
-            "lines": edit_lines(fix.edits),
-        },
-        "hypotheses": [
-            {
-                "says": one.says,
-                "misfit_percent": _number(one.misfit),
-                "log_likelihood": _number(one.log_likelihood),
-            }
-            for one in finding.hypotheses
-        ],
+        "fix": fix,
+        "hypotheses": hypotheses,
     }
 
 
@@ -199,10 +188,6 @@ def diagnosis_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "findings": [finding_dict(finding) for finding in diagnosis.findings],
         "edits": [edit_dict(edit) for edit in diagnosis.edits],
     }
-
-
-def _number(value: float) -> float | None:
-    return float(value) if isfinite(value) else None
 
 
 MOST_SHOWN_FINDINGS = 3
@@ -224,14 +209,7 @@ MOST_NAMED_LOGS = 4
 def print_findings(
     diagnosis: Diagnosis, console: Console, *, fine: bool = True, verbose: bool = False
 ) -> None:
-    """Print the findings, the worst last, then what to do and the verdict.
-
-    Args:
-        diagnosis: What was found.
-        fine: Whether to print those that are ok.
-        verbose: Whether to print each of these, not the names alone of those without a `brief`.
-        console: Where to print.
-    """
+    """Print the findings, the worst last, then what to do and the verdict."""
     from rich.padding import Padding
     from rich.text import Text
 
@@ -259,16 +237,15 @@ def print_findings(
 def print_notes(diagnosis: Diagnosis) -> tuple[str, ...]:
     """The findings that are not ok, one sentence per check."""
     sentences = []
-    for group in groups(diagnosis):
-        if group.severity:
-            first = group.findings[0]
-            more = _others(group, 1)
-            where = f"{place_of_finding(first)}: " if place_of_finding(first) else ""
-            sentences.append(
-                f"check, {group.check}: {where}{first.says} ({first.figure})"
-                + (MASS_ERROR_NOTE if group.check == PAYLOAD_CHECK and first.nominal else "")
-                + (f"; {more}" if more else "")
-            )
+    for group in (group for group in groups(diagnosis) if group.severity):
+        first, more, where = group.findings[0], _others(group, 1), ""
+        if place_of_finding(first):
+            where = f"{place_of_finding(first)}: "
+        sentences.append(
+            f"check, {group.check}: {where}{first.says} ({first.figure})"
+            + (MASS_ERROR_NOTE if group.check == PAYLOAD_CHECK and first.nominal else "")
+            + (f"; {more}" if more else "")
+        )
     return tuple(sentences)
 
 
@@ -281,14 +258,11 @@ def _table(shown: Sequence[Group], verbose: bool) -> Table:
     table.add_column(max_width=18)
     table.add_column(ratio=1)
     before = None
-    passed = (
-        [] if verbose else [group for group in shown if group.word == "ok" and not _brief(group)]
-    )
+    passed = [group for group in shown if not verbose and group.word == "ok" and not _brief(group)]
     if passed:
         names = ", ".join(group.check for group in passed)
-        table.add_row(
-            Text("ok", style=f"bold {COLOURS['good']}"), count(len(passed), "check"), names
-        )
+        word = Text("ok", style=f"bold {COLOURS['good']}")
+        table.add_row(word, count(len(passed), "check"), names)
         before = passed[0].severity
     for group in (group for group in shown if group not in passed):
         alike = _open_alike(shown, group)
@@ -314,12 +288,9 @@ def _brief(group: Group) -> str:
     said = [finding for finding in group.findings if finding.brief]
     if len(group.findings) == 1:
         return "".join(finding.brief for finding in said)
-    more = (
-        [f"and {len(said) - MOST_SHOWN_FINDINGS} more logs"]
-        if len(said) > MOST_SHOWN_FINDINGS
-        else []
-    )
-    return "; ".join([*(f"{f.log}: {f.brief}" for f in said[:MOST_SHOWN_FINDINGS]), *more])
+    briefs = [f"{f.log}: {f.brief}" for f in said[:MOST_SHOWN_FINDINGS]]
+    more = len(said) - MOST_SHOWN_FINDINGS
+    return "; ".join([*briefs, *[f"and {more} more logs"] * (more > 0)])
 
 
 def _open_alike(shown: Sequence[Group], group: Group) -> list[Group]:

@@ -1,15 +1,14 @@
 """What the logs together can identify, what they cannot, and which motion would help."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import reduce
 from operator import add
-from typing import ClassVar
 
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case import Case
-from steelyard.check.finding import Finding, Fix, Severity
-from steelyard.estimate.estimate import Estimate, Unidentifiable
+from steelyard.check.case import Case, Evidence, case_check
+from steelyard.check.finding import Finding, Fix
+from steelyard.estimate.estimate import Unidentifiable
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
@@ -31,45 +30,34 @@ HELPFUL_MOTION = {
 """What shows mass and first moments of a body; other parameters, what their laws say."""
 
 
-class Identifiability:
-    """Parameters that no log shows."""
-
-    name: ClassVar[str] = "identifiability"
-    question: ClassVar[str] = "What can be identified from these logs?"
-    quick: ClassVar[bool] = False
-
-    def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding for all logs together; none where no run can be made of them."""
-        runs = clean_runs(case)
-        if not runs:
-            return ()
-        try:
-            model = customary_model(case)
-            regressor = base_regressor(model)
-            estimate = WeightedLeastSquares()(reduce(add, [gather(regressor, r) for r in runs]))
-        except SteelyardError as error:
-            says = f"undecided: {error.wrong}"
-            fix = Fix(error.fix)
-            return (Finding(self.name, "", Severity.DOUBTFUL, says, "none", fix=fix),)
-        left_open = case.loaded.friction and (
-            case.reference is None or model is not case.reference.model
-        )
-        of = " (of the model with Coulomb and viscous friction)" if left_open else ""
-        return (_finding(self.name, estimate, of),)
-
-
-def _finding(name: str, estimate: Estimate, of: str) -> Finding:
+@case_check("identifiability", "What can be identified from these logs?", quick=False)
+def identifiability_check(case: Case) -> Iterable[Finding]:
+    """Parameters that no log shows; nothing where no run can be made of the logs."""
+    runs = clean_runs(case)
+    if not runs:
+        return
+    try:
+        model = customary_model(case)
+        regressor = base_regressor(model)
+        estimate = WeightedLeastSquares()(reduce(add, [gather(regressor, r) for r in runs]))
+    except SteelyardError as error:
+        yield Finding.doubtful(f"undecided: {error.wrong}", "none", fix=Fix(error.fix))
+        return
+    left_open = case.loaded.friction and (
+        case.reference is None or model is not case.reference.model
+    )
+    of = " (of the model with Coulomb and viscous friction)" if left_open else ""
     seen, blind = len(estimate.parameters.names), estimate.blind
     whole = seen + len(blind)
     says = f"the motion makes {seen} of {whole} base parameters{of} identifiable"
-    if blind:
-        listed = ", ".join(b.name for b in blind[:SHOWN_PARAMETERS])
-        says += f"; not {listed}" + (" and more" if len(blind) > SHOWN_PARAMETERS else "")
     figure = f"{seen} of {whole}, condition number {estimate.condition_normalised:.3g} (normalised)"
     if not blind:
         says += "; how accurately they are identified depends on the noise"
-        return Finding(name, "", Severity.OK, says, figure)
-    return Finding(name, "", Severity.DOUBTFUL, says, figure, fix=Fix(_advice(blind)))
+        yield Finding.ok(says, figure)
+        return
+    listed = ", ".join(b.name for b in blind[:SHOWN_PARAMETERS])
+    says += f"; not {listed}" + (" and more" if len(blind) > SHOWN_PARAMETERS else "")
+    yield Finding.doubtful(says, figure, fix=Fix(_advice(blind)))
 
 
 def _advice(blind: Sequence[Unidentifiable]) -> str:
@@ -83,8 +71,7 @@ def _advice(blind: Sequence[Unidentifiable]) -> str:
 
 def clean_runs(case: Case) -> list[Run]:
     """Clean runs of the logs, with common cut-offs; logs that cannot be read are left out."""
-    found = [(e, e.run) for e in case.logs]
-    runs = [(e, run) for e, run in found if isinstance(run, Run)]
+    runs = [(e, e.run) for e in case.logs if isinstance(e.run, Run)]
     if not runs:
         return []
     motion = max(run.motion_cutoff for _, run in runs)
@@ -101,13 +88,20 @@ def clean_runs(case: Case) -> list[Run]:
     return common
 
 
-def longest_run(case: Case) -> Run | None:
-    """The clean run of the longest log that can be read; `None` without one."""
-    runs = [(e.run.duration, k) for k, e in enumerate(case.logs) if isinstance(e.run, Run)]
+def longest_run(case: Case, of: Callable[[Evidence], bool] = bool) -> tuple[Evidence, Run] | None:
+    """The log with the longest clean run of those that something holds for, and that run.
+
+    Raises:
+        SteelyardError: The run cannot be made with these cut-offs.
+    """
+    runs = [
+        (e.run.duration, k) for k, e in enumerate(case.logs) if isinstance(e.run, Run) and of(e)
+    ]
     if not runs:
         return None
-    (run,) = clean_runs(replace(case, logs=(case.logs[max(runs)[1]],)))
-    return run
+    evidence = case.logs[max(runs)[1]]
+    (run,) = clean_runs(replace(case, logs=(evidence,)))
+    return evidence, run
 
 
 def customary_model(case: Case) -> Model:

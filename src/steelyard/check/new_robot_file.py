@@ -55,15 +55,7 @@ def known_from_logs(
     guess: Guess,
     gears: Gears | None,
 ) -> Known:
-    """Gains from the controller's own targets, and whether friction laws can be chosen.
-
-    Args:
-        loaded: The model, for the weight that each joint carries.
-        moving: Joints that are identified.
-        logs: The logs.
-        guess: Their columns.
-        gears: Gears between motors and joints, if the guess is of motors.
-    """
+    """Gains from the controller's own targets, and whether friction laws can be chosen."""
     if guess.motor_side and gears is None:
         return Known(friction="the gear ratios are unknown")
     signals = _signals(guess, moving, gears)
@@ -141,7 +133,6 @@ def _source(gains: ControllerGains, names: Sequence[str]) -> str:
     pairs = zip(names, gains.values, gains.half_widths, gains.known, strict=True)
     shown = ", ".join(f"{name} {g:.4g} ± {w:.2g}" for name, g, w, known in pairs if known)
     return (
-        "the controller's target torque over its target current "
-        f"({gains.columns[0]} over {gains.columns[1]}, ..., friction fitted beside it; "
-        f"95 %): {shown}"
+        f"the controller's target torque over its target current ({gains.columns[0]} over "
+        f"{gains.columns[1]}, ..., friction fitted beside it; 95 %): {shown}"
     )

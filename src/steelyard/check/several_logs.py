@@ -1,18 +1,19 @@
 """Several logs of one robot: edits that contradict each other, and friction that differs."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from itertools import combinations
 from numbers import Real
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.check.case import Case, Evidence
+from steelyard.check.case import Case, Evidence, case_check
 from steelyard.check.decision.verdict import judge_log
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace
-from steelyard.check.hypotheses.likelihood import LEAST_SAMPLE_COUNT, Likelihood
+from steelyard.check.hypotheses.likelihood import Likelihood
+from steelyard.check.hypotheses.nuisance import LEAST_SAMPLE_COUNT
 
 SHARED_DIGITS = 4
 DIFFERENT_FACTORS = 3.0
@@ -49,9 +50,7 @@ def edits_that_serve_all_logs(findings: Sequence[Finding]) -> tuple[Finding, ...
 def _against(found: Sequence[Finding], findings: Sequence[Finding]) -> str:
     """Why the other logs speak against what one suggests; empty if none does.
 
-    Args:
-        found: Of one check.
-        findings: Of all suspicions: a log with which nothing else is wrong agrees as it is.
+    A log with which nothing else is wrong agrees with the robot file as it is.
     """
     fine = [f.log for f in found if f.severity == Severity.OK and f.answered and f.log]
     others = {log: [f.check for f in findings if f.severity and f.log == log] for log in fine}
@@ -155,88 +154,66 @@ RELIABLE_MISFIT = 0.2
 """Misfit of a joint above which its friction is not reliable."""
 
 
-class FrictionDrift:
-    """Friction and offsets that differ from log to log."""
-
-    name: ClassVar[str] = "drift"
-    question: ClassVar[str] = "Is friction the same in all logs?"
-    quick: ClassVar[bool] = False
-
-    def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding for all logs together; none for a single log."""
-        found = [(e, level) for e in case.logs if (level := _friction_level(case, e)) is not None]
-        if len(found) < 2:
-            return ()
-        levels = np.array([level.friction for _, level in found])
-        reliable = np.all([level.reliable for _, level in found], axis=0)
-        if not reliable.any():
-            return ()
-        spread = np.where(
-            reliable, np.ptp(levels, axis=0) / np.maximum(levels.mean(axis=0), 1e-12), 0
+@case_check("drift", "Is friction the same in all logs?", quick=False)
+def friction_drift_check(case: Case) -> Iterable[Finding]:
+    """Friction and offsets that differ between several logs."""
+    found = [(e, level) for e in case.logs if (level := _friction_level(case, e)) is not None]
+    if len(found) < 2:
+        return ()
+    levels = np.array([level for _, (level, _) in found])
+    reliable = np.all([known for _, (_, known) in found], axis=0)
+    if not reliable.any():
+        return ()
+    mean = np.maximum(levels.mean(axis=0), 1e-12)
+    spread = np.where(reliable, np.ptp(levels, axis=0) / mean, 0)
+    worst = int(np.argmax(spread))
+    much = tuple(case.joints[j] for j in np.flatnonzero(spread > DIFFERENT_FRICTION))
+    names = [e.name for e, _ in found]
+    says = (
+        f"friction differs from log to log by up to {100.0 * spread[worst]:.0f} % of its mean "
+        f"('{case.joints[worst]}': least in {names[int(np.argmin(levels[:, worst]))]}, most in "
+        f"{names[int(np.argmax(levels[:, worst]))]})"
+    )
+    fix = Fix(
+        'estimate it per log: {law = "offset", per_run = true} and likewise friction '
+        "under [model] terms, or identify from logs of one day"
+    )
+    logs = np.arange(1.0, len(levels) + 1.0)
+    traces = [
+        Trace(name, logs, 100.0 * level / own, "points")
+        for name, level, own in zip(case.joints, levels.T, mean, strict=True)
+    ]
+    return [
+        Finding.doubtful_if(
+            bool(much),
+            says,
+            f"{100.0 * spread[worst]:.0f} %, at most {100.0 * DIFFERENT_FRICTION:.0f} % allowed",
+            fix,
+            joints=much,
+            picture=Picture("log", "friction over its mean [%]", tuple(traces)),
         )
-        worst = int(np.argmax(spread))
-        much = tuple(case.joints[j] for j in np.flatnonzero(spread > DIFFERENT_FRICTION))
-        names = [e.name for e, _ in found]
-        says = (
-            f"friction differs from log to log by up to {100.0 * spread[worst]:.0f} % of its mean "
-            f"('{case.joints[worst]}': least in {names[int(np.argmin(levels[:, worst]))]}, most in "
-            f"{names[int(np.argmax(levels[:, worst]))]})"
-        )
-        fix = Fix(
-            'estimate it per log: {law = "offset", per_run = true} and likewise friction '
-            "under [model] terms, or identify from logs of one day"
-        )
-        return (
-            Finding(
-                self.name,
-                "",
-                Severity.DOUBTFUL if much else Severity.OK,
-                says,
-                f"{100.0 * spread[worst]:.0f} %, at most {100.0 * DIFFERENT_FRICTION:.0f} % "
-                "allowed",
-                much,
-                fix if much else None,
-                _friction_picture(case, levels),
-            ),
-        )
+    ]
 
 
-@dataclass(frozen=True, eq=False)
-class _FrictionLevel:
-    """Friction of every joint at half of its speed, and where it is reliable, each `(n,)`."""
+def _friction_level(case: Case, evidence: Evidence) -> tuple[Array, Array] | None:
+    """Friction of every joint at half of its speed, and where it is reliable, each `(n,)`.
 
-    friction: Array
-    reliable: Array
-
-
-def _friction_level(case: Case, evidence: Evidence) -> _FrictionLevel | None:
-    """Friction in one log, in base units of the effort; `None` where something else is wrong."""
+    In base units of the effort; `None` where something else is wrong with the log.
+    """
     decision = judge_log(case, evidence)
     if decision is None or decision.winners:
         return None
-    likelihood = decision.ranking.likelihood
-    score = with_unbounded_friction(likelihood).score(likelihood.declared)
-    c, v, _, _ = score.nuisances[0].T
-    speed = np.quantile(
-        np.abs(likelihood.driven(likelihood.motion(likelihood.declared)[1])), 0.98, axis=1
-    )
+    log = with_unbounded_friction(decision.likelihood)
+    score = log.declared.score
+    c, v, _, _ = score.nuisances.T
+    speed = np.quantile(np.abs(log.driven(log.declared.motion()[1])), 0.98, axis=1)
     friction = c + 0.5 * v * speed
-    reliable = (score.counts[0] >= LEAST_SAMPLE_COUNT) & (score.misfits[0] < RELIABLE_MISFIT)
-    return _FrictionLevel(friction, reliable & (friction > LEAST_FRICTION_SHARE * likelihood.size))
+    reliable = (score.counts >= LEAST_SAMPLE_COUNT) & (score.misfits < RELIABLE_MISFIT)
+    return friction, reliable & (friction > LEAST_FRICTION_SHARE * log.size)
 
 
 def with_unbounded_friction(likelihood: Likelihood) -> Likelihood:
-    """The likelihood with friction unbounded."""
+    """The log with friction and offsets unbounded."""
     lower, upper = (x.copy() for x in likelihood.bounds)
     lower[:, :3], upper[:, :3] = -np.inf, np.inf
     return replace(likelihood, bounds=(lower, upper))
-
-
-def _friction_picture(case: Case, levels: Array) -> Picture:
-    logs = np.arange(1.0, len(levels) + 1.0)
-    mean = np.maximum(levels.mean(axis=0), 1e-12)
-    traces = [
-        Trace(name, logs, 100.0 * levels[:, j] / mean[j], "points")
-        for j, name in enumerate(case.joints)
-    ]
-    return Picture("log", "friction over its mean [%]", tuple(traces))

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
+from textwrap import indent
 from typing import Any
 
 from steelyard.base.errors import DataError, LogError, ModelError
@@ -114,10 +115,10 @@ def case_of(
 ) -> tuple[Case, tuple[Finding, ...]]:
     """The case, and a finding for every log that cannot be read."""
     signals, wanted = subject.signals, processing_of_robot(subject.loaded)
-    evidence, unread = [], []
-    cuts = [parse_log_argument(file.text)[1].text for file in files]
+    evidence: list[Evidence] = []
+    unread: list[Finding] = []
     names = distinct_names(
-        [(f"{file.path.stem}{cut}", file.path) for file, cut in zip(files, cuts, strict=True)]
+        [(f"{f.path.stem}{parse_log_argument(f.text)[1].text}", f.path) for f in files]
     )
     for number, (name, file) in enumerate(zip(names, files, strict=True)):
         report_progress(progress, "reading logs", number, len(files))
@@ -126,9 +127,13 @@ def case_of(
             _refuse_empty(one)
             evidence.append(one)
         except LogError as error:
-            unread.append(_unreadable(name, error))
-    case = Case(subject.loaded, tuple(evidence), reference, _guesses(signals, evidence), progress)
-    return case, tuple(unread)
+            fix = Fix(error.fix)
+            unread.append(Finding.wrong(error.wrong, error.where, fix=fix, log=name))
+    guesses = {}
+    if signals.velocity is None and evidence:
+        guesses["velocity"] = velocities_beside(signals.position, evidence[0].log.columns)
+    case = Case(subject.loaded, tuple(evidence), reference, guesses, progress)
+    return case, tuple(finding.by(READING_CHECK) for finding in unread)
 
 
 def _refuse_empty(evidence: Evidence) -> None:
@@ -139,13 +144,11 @@ def _refuse_empty(evidence: Evidence) -> None:
     """
     recording = evidence.recording
     start = recording.cut.seconds[0]
-    if isfinite(start) and 0.0 < time_span(recording)[0] < start:
+    late = isfinite(start) and 0.0 < time_span(recording)[0] < start
+    if late or (len(evidence.rows[0]) == 0 and recording.cut.text):
         raise no_row(recording)
-    if len(evidence.rows[0]) > 0:
-        return
-    if recording.cut.text:
-        raise no_row(recording)
-    raise LogError("the log has no rows", where=recording.where, fix="record or copy it again")
+    if len(evidence.rows[0]) == 0:
+        raise LogError("the log has no rows", where=recording.where, fix="record or copy it again")
 
 
 def diagnosed(
@@ -160,10 +163,10 @@ def diagnosed(
     case, unread = case_of(subject, files, reference, progress)
     found = examine(case, quick=quick).findings if case.logs else ()
     data = tomllib.loads(subject.text)
-    return Diagnosis((*unread, *(_needed(finding, data) for finding in found)))
+    return Diagnosis((*unread, *(_with_needed_edits(finding, data) for finding in found)))
 
 
-def _needed(finding: Finding, data: Mapping[str, Any]) -> Finding:
+def _with_needed_edits(finding: Finding, data: Mapping[str, Any]) -> Finding:
     """The finding without edits that take out what the robot file does not have."""
     if finding.fix is None:
         return finding
@@ -178,20 +181,6 @@ def _given(data: Any, path: Sequence[str]) -> bool:
             return False
         data = data[name]
     return True
-
-
-def _unreadable(name: str, error: LogError) -> Finding:
-    return Finding(
-        READING_CHECK, name, Severity.WRONG, error.wrong, error.where, (), Fix(error.fix)
-    )
-
-
-def _guesses(signals: Signals, evidence: Sequence[Evidence]) -> Mapping[str, tuple[str, ...]]:
-    """Velocity columns that are there, but not declared."""
-    if signals.velocity is not None or not evidence:
-        return {}
-    velocity = velocities_beside(signals.position, evidence[0].log.columns)
-    return {"velocity": velocity} if velocity else {}
 
 
 def refuse_foreign(reference: IdentifiedModel, loaded: LoadedRobot, where: str) -> None:
@@ -221,7 +210,8 @@ def prechecked(
     text = robot_text(path) if path.suffix.lower() == ".toml" else ""
     diagnosis = diagnosed(Subject(path, text, loaded), files, None, progress, quick=True)
     mendable = [f for f in diagnosis.findings if f.fix is not None and f.fix.edits]
-    _refuse(Diagnosis(tuple(mendable)), robot)
+    if error := refusal(Diagnosis(tuple(mendable)), robot):
+        raise error
     return diagnosis
 
 
@@ -231,36 +221,25 @@ def notes_of_precheck(diagnosis: Diagnosis, robot: str) -> tuple[str, ...]:
     Raises:
         DataError: Something is wrong.
     """
-    _refuse(diagnosis, robot)
+    if error := refusal(diagnosis, robot):
+        raise error
     return print_notes(diagnosis)
 
 
-def _refuse(diagnosis: Diagnosis, robot: str) -> None:
-    error = refusal(diagnosis, robot)
-    if error is not None:
-        raise error
-
-
 def refusal(diagnosis: Diagnosis, robot: str) -> DataError | None:
-    """Why an identification stops at what is wrong; `None` if nothing is.
-
-    Args:
-        diagnosis: What was found.
-        robot: The robot file's name, for the advice.
-    """
+    """Why an identification stops at what is wrong; `None` if nothing is."""
     wrong = [f for f in diagnosis.findings if f.severity == Severity.WRONG]
     if not wrong:
         return None
     places = [
         f"{place_of_finding(f)} ({f.figure})" if place_of_finding(f) else f.figure for f in wrong
     ]
-    fixes = [f.fix for f in wrong if f.fix is not None]
     edits = Diagnosis(tuple(wrong)).edits
-    advice = "; ".join(dict.fromkeys(fix.says for fix in fixes)) or "examine the log"
+    advice = "; ".join(dict.fromkeys(f.fix.says for f in wrong if f.fix)) or "examine the log"
     if edits:
-        advice += f":\n\n{_indented(edit_lines(edits))}\n\n  " + (
-            f"`steelyard check {robot} LOG... --fix` writes a robot file with these lines; "
-        )
+        lines = indent(edit_lines(edits), "    ")
+        advice += f":\n\n{lines}\n\n  `steelyard check {robot} LOG... --fix` writes a robot file "
+        advice += "with these lines; "
     else:
         advice += f"; `steelyard check {robot} LOG...` shows the evidence; "
     return DataError(
@@ -269,7 +248,3 @@ def refusal(diagnosis: Diagnosis, robot: str) -> DataError | None:
         where="; ".join(dict.fromkeys(places)),
         fix=f"{advice}--no-check continues anyway",
     )
-
-
-def _indented(text: str) -> str:
-    return "\n".join(f"    {line}" if line else "" for line in text.split("\n"))

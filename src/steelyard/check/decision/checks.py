@@ -1,21 +1,271 @@
-"""The checks whose question a hypothesis about the robot file answers, as one table."""
+"""The checks whose question a hypothesis about the robot file answers, and their findings."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from steelyard.check.case import Case
-from steelyard.check.decision.decidable import least_mass, zero_bounds
-from steelyard.check.decision.findings import agreement_sentence, findings
-from steelyard.check.decision.gain_sources import gains_left, gains_of_controller
+from steelyard.check.case import Case, Evidence
+from steelyard.check.decision.decidable import misfit_hides, undecided, zero_bounds
+from steelyard.check.decision.edits import confirmed, edits_of, velocity_edits
+from steelyard.check.decision.gain_sources import (
+    gains_left,
+    gains_of_controller,
+    unwritten_number_advice,
+)
 from steelyard.check.decision.joint_zeros import quarter_turns
-from steelyard.check.decision.ranking import known_of
-from steelyard.check.decision.verdict import LogVerdict, judge_log, last_winner
-from steelyard.check.finding import Finding, Fix, Severity
-from steelyard.check.hypotheses.friction_evidence import friction_signs, residual_delay
+from steelyard.check.decision.ranking import HOPELESS_MISFIT
+from steelyard.check.decision.support import bodies_that_explain, friction_alone_explains
+from steelyard.check.decision.verdict import CLEAN, ROUGH_MISFIT, LogVerdict, judge_log, least_mass
+from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Picture, Severity, Trace
+from steelyard.check.hypotheses.bodies import consistent_bodies
+from steelyard.check.hypotheses.friction_evidence import (
+    friction_alone,
+    friction_signs,
+    residual_delay,
+)
 from steelyard.check.hypotheses.likelihood import Hypothesis
 from steelyard.check.hypotheses.position_columns import ZERO_CAUSE
+from steelyard.check.signals.overview import cached_per_log
+
+EMPTY_MISFIT = 0.5
+"""Typical misfit of a reading that predicts next to nothing."""
+SHOWN_HYPOTHESES = 6
+"""Hypotheses that are shown."""
+PICTURE_POINTS = 1500
+WHOLE_PERCENT_MISFIT = 100.0
+"""Misfit from which on no decimals are printed [%]."""
+LARGEST_PRINTED_MISFIT = 1000.0
+"""Misfit beyond which the number says no more [%]."""
+UNEXPLAINED_CHECK = "effort kind"
+"""The check that says so where nothing explains the efforts."""
+NO_HYPOTHESIS = (
+    "no single hypothesis explains these efforts: check columns, kind, unit, gains, and locked "
+    "joints with their positions, or the model file is of another robot; a model from runs "
+    "known to be correct (--model) allows more conclusions"
+)
+OF_NOMINAL = (
+    ", with the masses of the model file, which may be wrong: take the ratio from the data sheet, "
+    "or give a model from runs known to be correct (--model)"
+)
+UNKNOWN_BODIES = "undecided: the robot's model gives no masses; give --model"
+
+
+@cached_per_log
+def edits(case: Case, evidence: Evidence) -> tuple[Edit, ...]:
+    """All edits that correct the robot file for one log; none if they do not do so together."""
+    decision = judge_log(case, evidence)
+    if decision is None or not decision.written:
+        return ()
+    last = decision.written[-1].reading
+    causes = dict.fromkeys(hypothesis.cause for hypothesis in decision.written)
+    found = [e for c in causes for e in edits_of(c, last, case.loaded)]
+    found += velocity_edits(evidence, last)
+    whole = tuple({edit.path: edit for edit in found}.values())
+    return whole if confirmed(case, evidence, whole, decision) else ()
+
+
+def findings(
+    case: Case, cause: str, fine: Callable[[LogVerdict], str], advice: str
+) -> tuple[Finding, ...]:
+    """One finding per log that can be tried; one for all if nothing is known of the robot."""
+    if case.knowledge is None:
+        return (Finding.ok(UNKNOWN_BODIES, "no masses, no reference", answered=False),)
+    judged = [(evidence, judge_log(case, evidence)) for evidence in case.logs]
+    return tuple(
+        replace(_of_log(case, evidence, decision, cause, fine, advice), log=evidence.name)
+        for evidence, decision in judged
+        if decision is not None and not decision.of_other_check
+    )
+
+
+def _of_log(
+    case: Case,
+    evidence: Evidence,
+    decision: LogVerdict,
+    cause: str,
+    fine: Callable[[LogVerdict], str],
+    advice: str,
+) -> Finding:
+    shown, nominal = hypotheses(decision, cause), not decision.likelihood.knowledge.identified
+    mine = [(number, w) for number, w in enumerate(decision.winners) if w[0].cause == cause]
+    if not mine:
+        unexplained = cause == UNEXPLAINED_CHECK and nothing_explains(decision)
+        unclear = undecided(decision, cause) if has_finding(decision) else ""
+        answered = has_finding(decision) and not unclear
+        return Finding.of(
+            Severity.DOUBTFUL if unexplained else Severity.OK,
+            unclear or fine(decision),
+            _worst(case, decision) if unexplained else value_text(decision, cause),
+            fix=Fix(NO_HYPOTHESIS) if unexplained else None,
+            hypotheses=shown,
+            nominal=nominal,
+            answered=answered,
+            hidden=not answered and misfit_hides(decision),
+        )
+    number, (hypothesis, severity) = mine[-1]
+    before = decision.winners[number - 1][0] if number else decision.declared
+    known, rise = _known(decision), ""
+    if hypothesis.compared is None:
+        then, gain = (
+            before.reading.percent,
+            hypothesis.log_likelihood - before.reading.log_likelihood,
+        )
+        rise = f", log-likelihood rises by {gain:.0f}" * (gain > 0.0)
+    else:
+        known, then = hypothesis.compared
+    fix, severity = _fix(case, evidence, decision, hypothesis, severity, advice)
+    return Finding.of(
+        severity,
+        f"{hypothesis.says}: misfit of {known} {_percent(hypothesis.percent)}, "
+        f"{'without' if number and hypothesis.compared is None else 'as declared'} "
+        f"{_percent(then)}",
+        f"misfit {_percent(then)} falls to {_percent(hypothesis.percent)}{rise}",
+        tuple(case.joints[j] for j in hypothesis.joints),
+        fix,
+        picture(decision, before, hypothesis),
+        shown,
+        nominal,
+        answered=bool(severity),
+    )
+
+
+def _fix(
+    case: Case,
+    evidence: Evidence,
+    decision: LogVerdict,
+    hypothesis: Hypothesis,
+    severity: Severity,
+    advice: str,
+) -> tuple[Fix | None, Severity]:
+    """The advice with its edits, which the first finding of a log carries for the velocities."""
+    if not severity:
+        return None, severity
+    if not hypothesis.fixed and np.any(hypothesis.reading.ratios != 1.0):
+        return Fix(f"{hypothesis.says}{OF_NOMINAL}"), severity
+    if not hypothesis.fixed:
+        return unwritten_number_advice(case, hypothesis, sure=severity is Severity.WRONG), severity
+    wanted = edits_of(hypothesis.cause, decision.written[-1].reading, case.loaded)
+    whole = edits(case, evidence)
+    if wanted and not whole:
+        says = f"{hypothesis.says}; no line of the robot file corrects it: examine the log"
+        return Fix(says), Severity.DOUBTFUL
+    paths = {edit.path for edit in wanted}
+    if hypothesis.cause in ("joint order", "position sign"):
+        paths |= {("signals", "velocity"), ("signals", "velocity_sign")}
+    mine = tuple(edit for edit in whole if edit.path in paths)
+    return Fix(f"{hypothesis.says}: {advice}", mine, bool(mine)), severity
+
+
+def hypotheses(decision: LogVerdict, cause: str) -> tuple[ComparedHypothesis, ...]:
+    """The likeliest hypotheses, with the declared reading and this cause's own best one."""
+    first, declared = decision.rounds[0], decision.declared
+    mine = [r for r in first if r.cause == cause][:2]
+    shown = {id(r): r for r in (*first[: SHOWN_HYPOTHESES - 2], declared, *mine)}
+    ordered = sorted(shown.values(), key=lambda r: -r.log_likelihood)
+    top = ordered[0].log_likelihood
+    return tuple(
+        ComparedHypothesis(r.says, r.percent, r.log_likelihood - top, r is declared)
+        for r in ordered
+    )
+
+
+def _worst(case: Case, decision: LogVerdict) -> str:
+    """The joint that disagrees most."""
+    misfits = decision.declared.misfits
+    joint = int(np.argmax(misfits))
+    return (
+        f"misfit of {case.joints[joint]} {_percent(100.0 * misfits[joint])}, at most 90 % allowed"
+    )
+
+
+def _percent(value: float) -> str:
+    if value >= LARGEST_PRINTED_MISFIT:
+        return f"more than {LARGEST_PRINTED_MISFIT:.0f} %"
+    return f"{value:.1f} %" if value < WHOLE_PERCENT_MISFIT else f"{value:.0f} %"
+
+
+def value_text(decision: LogVerdict, cause: str) -> str:
+    """The misfit, and that of the next best explanation of this kind."""
+    mine = next((r for r in decision.rounds[0] if r.cause == cause), None)
+    text = f"misfit {decision.declared.percent:.1f} %"
+    if mine is None:
+        return text
+    return f"{text}; best alternative of this check ({mine.says}): {mine.percent:.1f} %"
+
+
+def picture(decision: LogVerdict, before: Hypothesis, after: Hypothesis) -> Picture:
+    """Effort of the joint that gains most: measured, and as it should be."""
+    joint = int(np.argmax(before.misfits / np.maximum(after.misfits, 1e-3)))
+    t, e, wrong = before.reading.compared(joint)
+    _, corrected, right = after.reading.compared(joint)
+    step = max(1, len(t) // PICTURE_POINTS)
+    name = decision.likelihood.names[joint]
+    traces = [Trace("measured", t[::step], e[::step]), Trace(before.says, t[::step], wrong[::step])]
+    if not np.allclose(corrected, e):
+        traces.append(Trace("measured, corrected", t[::step], corrected[::step]))
+    traces.append(Trace(after.says, t[::step], right[::step]))
+    return Picture("time [s]", f"effort of '{name}'", tuple(traces))
+
+
+def _unclear(decision: LogVerdict) -> str:
+    """Why nothing explains a log."""
+    reading = decision.declared.reading
+    bodies = bodies_that_explain(reading)
+    if bodies is not None:
+        return (
+            "with other link inertias than the model file's the misfit is "
+            f"{_percent(bodies.percent)}"
+        )
+    bodies = consistent_bodies(reading)
+    if bodies is None or not friction_alone_explains(reading, bodies):
+        return "no hypothesis is clearly better"
+    alone = float(friction_alone(reading).percent)
+    return (
+        f"the efforts contain hardly any rigid-body torque: the misfit is {_percent(alone)} with "
+        f"friction alone, {_percent(bodies.percent)} with free link inertias"
+    )
+
+
+def _known(decision: LogVerdict) -> str:
+    identified = decision.likelihood.knowledge.identified
+    return "the reference" if identified else "the nominal model"
+
+
+def has_finding(decision: LogVerdict) -> bool:
+    """Whether there is a finding about a log."""
+    close = decision.likelihood.knowledge.identified or decision.declared.percent <= ROUGH_MISFIT
+    return bool(decision.winners) or (decision.explained and close)
+
+
+def nothing_explains(decision: LogVerdict) -> bool:
+    """Whether nothing that was tried explains the efforts, not even roughly."""
+    declared = decision.declared
+    seen = declared.score.counts > 0.0
+    worst = float(np.max(declared.misfits[seen], initial=0.0))
+    if has_finding(decision) or (
+        worst <= HOPELESS_MISFIT and declared.percent <= 100.0 * EMPTY_MISFIT
+    ):
+        return False
+    return declared.reading.knowledge.identified or bodies_that_explain(declared.reading) is None
+
+
+def agreement_sentence(decision: LogVerdict, what: str) -> str:
+    """The sentence where nothing is wrong, or where nothing can be concluded."""
+    if not has_finding(decision):
+        much = _percent(decision.declared.percent)
+        why = f"undecided: {_known(decision)} has a misfit of {much} and "
+        if decision.likelihood.knowledge.identified:
+            return f"{why}no hypothesis is clearly better"
+        return f"{why}{_unclear(decision)}; give --model"
+    percent = decision.last.reading.percent
+    once = ""
+    if decision.winners:
+        written = all(hypothesis.fixed for hypothesis, _ in decision.winners)
+        once = ", once the rest is corrected" if written else ", if the rest is as stated"
+    high = "" if percent <= CLEAN else "high "
+    return f"{what} ({high}misfit of {_known(decision)}: {percent:.1f} %{once})"
+
 
 Findings = tuple[Finding, ...]
 
@@ -43,7 +293,8 @@ class HypothesisCheck:
     def __call__(self, case: Case) -> Findings:
         """One finding per log that moves; one for all if nothing is known of the robot."""
         found = findings(case, self.name, self._fine, self.advice)
-        return found if self.completed is None else self.completed(case, self.name, found)
+        found = found if self.completed is None else self.completed(case, self.name, found)
+        return tuple(finding.by(self.name) for finding in found)
 
     def _fine(self, decision: LogVerdict) -> str:
         return (
@@ -55,47 +306,39 @@ class HypothesisCheck:
 
 def _signs_of_friction(case: Case, name: str, found: Findings) -> Findings:
     """Without masses, what friction determines."""
-    return (friction_signs(case, name) if known_of(case) is None else ()) or found
+    return (friction_signs(case) if case.knowledge is None else ()) or found
 
 
 def _gains_not_found(case: Case, name: str, found: Findings) -> Findings:
     """Where neither unit nor gain is wrong, what the controller and the logs say of gains."""
-    judged = [(evidence.name, judge_log(case, evidence)) for evidence in case.logs]
     winners = [
-        (log, decision, hypothesis)
-        for log, decision in judged
-        if decision is not None
+        (log.name, decision.declared.reading, hypothesis)
+        for log in case.logs
+        if (decision := judge_log(case, log)) is not None
         for hypothesis, _ in decision.winners
     ]
     if any(hypothesis.cause == EFFORT_UNIT.name for _, _, hypothesis in winners):
         return found
-    controller = gains_of_controller(case, name)
+    controller = gains_of_controller(case)
     if controller and not any(f.severity for f in controller):
-        mine = [winner for winner in winners if winner[2].cause == name]
-        factors = [(log, _common_factor(decision, won)) for log, decision, won in mine]
-        other = tuple(_other_links(name, log, x) for log, x in factors if x is not None)
+        mine = [
+            (log, declared.effort_scale / hypothesis.reading.effort_scale)
+            for log, declared, hypothesis in winners
+            if hypothesis.cause == name
+        ]
+        other = tuple(_other_links(log, x[0]) for log, x in mine if np.allclose(x, x[0]))
         if other:
             return other
     if any(f.severity for f in found):
         return found
     if any(f.severity for f in controller):
         return controller
-    return gains_left(case, name) or controller or found
+    return gains_left(case) or controller or found
 
 
-def _common_factor(decision: LogVerdict, hypothesis: Hypothesis) -> float | None:
-    """Efforts as declared over those of a hypothesis; `None` if it differs from joint to joint."""
-    declared = decision.ranking.declared.interpretation.effort_scale
-    factors = declared / hypothesis.interpretation.effort_scale
-    return float(factors[0]) if np.allclose(factors, factors[0]) else None
-
-
-def _other_links(name: str, log: str, factor: float) -> Finding:
+def _other_links(log: str, factor: float) -> Finding:
     """Efforts that are not those of the model file's links, though the gains are confirmed."""
-    return Finding(
-        name,
-        log,
-        Severity.DOUBTFUL,
+    return Finding.doubtful(
         f"the controller's targets confirm the gains, but efforts are {factor:.2g} times those of "
         "the links in the model file: it is of another robot, or the arm carries a payload",
         f"efforts over those of the model file: {factor:.3g}",
@@ -103,22 +346,23 @@ def _other_links(name: str, log: str, factor: float) -> Finding:
             "compare the masses of the model file with the robot; if they are right, weigh the "
             "payload (steelyard payload)"
         ),
+        log=log,
     )
 
 
 def _short_delays(case: Case, name: str, found: Findings) -> Findings:
     """A delay in the residuals of a fit, unless one is known or another cause comes first."""
-    judged = [judge_log(case, evidence) for evidence in case.logs]
+    judged = (judge_log(case, evidence) for evidence in case.logs)
     winners = [winner for decision in judged if decision is not None for winner in decision.winners]
     if any(hypothesis.cause == name or how is Severity.WRONG for hypothesis, how in winners):
         return found
-    late = residual_delay(case, name)
+    late = residual_delay(case)
     return found if late is None else (late, *(f for f in found if f.log))
 
 
 def _of_reference(case: Case, name: str, found: Findings) -> Findings:
     """Zeros of an open chain that are not to be identified; quarter turns without a reference."""
-    known = known_of(case)
+    known = case.knowledge
     if known is None or not known.identified or known.robot.passive:
         return tuple(quarter_turns(case))
     open_ = [e.name for e in case.logs if any(e.recording.signals.unknown_offsets)]
@@ -126,25 +370,23 @@ def _of_reference(case: Case, name: str, found: Findings) -> Findings:
 
 
 def _fine_gains(decision: LogVerdict) -> str:
-    if any(decision.ranking.likelihood.signals.unknown_gains):
+    if any(decision.likelihood.signals.unknown_gains):
         return "gains are identified, so they are not compared with the model file"
     return agreement_sentence(decision, "gains and gear ratios are right")
 
 
 def _no_load(decision: LogVerdict) -> str:
-    likelihood = decision.ranking.likelihood
-    if likelihood.knowledge.identified:
+    knowledge = decision.likelihood.knowledge
+    if knowledge.identified:
         return agreement_sentence(decision, "the arm carries no payload")
-    mass = least_mass(likelihood)
-    return agreement_sentence(
-        decision, f"no payload of {mass:.2g} kg or more, if the model file's masses are right"
-    )
+    what = f"no payload of {least_mass(knowledge):.2g} kg or more"
+    return agreement_sentence(decision, f"{what}, if the model file's masses are right")
 
 
 def _same_zeros(decision: LogVerdict) -> str:
-    likelihood, same = decision.ranking.likelihood, "joint zeros are those of the reference"
-    if likelihood.knowledge.identified:
-        same += f", {zero_bounds(likelihood, last_winner(decision).interpretation)}"
+    same = "joint zeros are those of the reference"
+    if decision.likelihood.knowledge.identified:
+        same += f", {zero_bounds(decision.last.reading)}"
     return agreement_sentence(decision, same)
 
 

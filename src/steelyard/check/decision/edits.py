@@ -1,6 +1,6 @@
-r"""Edits of the robot file that follow from an interpretation, tried before they are proposed.
+r"""Edits of the robot file that follow from a reading, tried before they are proposed.
 
-Along the factor's logarithm $x$ the log-likelihood of an interpretation is a parabola near its top,
+Along the factor's logarithm $x$ the log-likelihood of a reading is a parabola near its top,
 so that $\sigma_x^{-2} = -\mathrm d^2 \log L / \mathrm d x^2$, with the likelihood's honest number
 of samples and what the model leaves for noise.
 """
@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError, SteelyardError
@@ -18,14 +17,15 @@ from steelyard.check.case import Case, Evidence
 from steelyard.check.decision.verdict import LogVerdict
 from steelyard.check.finding import Edit
 from steelyard.check.hypotheses.effort_columns import PERCENT
-from steelyard.check.hypotheses.excerpt import Interpretation, excerpt_of
-from steelyard.check.hypotheses.likelihood import Likelihood, likelihood_of
+from steelyard.check.hypotheses.excerpt import excerpt_of
+from steelyard.check.hypotheses.likelihood import Likelihood, Reading, likelihood_of
 from steelyard.check.hypotheses.position_columns import ZERO_CAUSE
 from steelyard.check.hypotheses.surroundings import refined_gravity
 from steelyard.robot.file.efforts import MOTOR_KINDS
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot_file
 from steelyard.robot.file.sections import Gain
+from steelyard.robot.file.signals import Signals
 
 ACCURACY_STEP = 0.03
 """By how much the factor is changed either way, relative."""
@@ -33,39 +33,26 @@ LEAST_FACTOR_STD = 1e-3
 """Least standard deviation that is stated, relative."""
 
 
-def spread_of(likelihood: Likelihood, interpretation: Interpretation) -> float:
-    """Largest relative standard deviation of an interpretation's fitted gains and gear ratios.
+def spread_of(reading: Reading) -> float:
+    """Largest relative standard deviation of a reading's fitted gains and gear ratios.
 
-    Args:
-        likelihood: The log.
-        interpretation: How it is read, with the fitted factors.
-
-    Returns:
-        Zero where nothing differs from what is declared, infinity where the log does not show it.
+    Zero where nothing differs from what is declared, infinity where the log does not show it.
     """
-    gains = interpretation.effort_scale / likelihood.declared.effort_scale
-    kinds = (("ratios", interpretation.ratios != 1.0), ("gains", np.abs(gains) != 1.0))
-    found = [
-        _spread(likelihood, interpretation, kind, np.arange(len(gains)) == joint)
-        for kind, changed in kinds
-        for joint in np.flatnonzero(changed)
-    ]
-    return max(found, default=0.0)
+    gains = reading.effort_scale / reading.likelihood.declared.effort_scale
+    n, found = len(gains), [0.0]
+    for j in range(n):
+        steps = (-ACCURACY_STEP, 0.0, ACCURACY_STEP)
+        factors = [np.where(np.arange(n) == j, np.exp(step), 1.0) for step in steps]
+        if reading.ratios[j] != 1.0:
+            found.append(_spread([reading.changed(ratios=reading.ratios * f) for f in factors]))
+        if abs(gains[j]) != 1.0:
+            found.append(_spread([reading.with_factors(f) for f in factors]))
+    return max(found)
 
 
-def _spread(
-    likelihood: Likelihood, interpretation: Interpretation, kind: str, joint: NDArray[np.bool_]
-) -> float:
-    likelihoods = []
-    for step in (-ACCURACY_STEP, 0.0, ACCURACY_STEP):
-        factors = np.where(joint, np.exp(step), 1.0)
-        changed = (
-            interpretation.changed(ratios=interpretation.ratios * factors)
-            if kind == "ratios"
-            else interpretation.with_factors(factors)
-        )
-        likelihoods.append(float(likelihood.score(changed).log_likelihood[0]))
-    bend = (2.0 * likelihoods[1] - likelihoods[0] - likelihoods[2]) / ACCURACY_STEP**2
+def _spread(readings: Sequence[Reading]) -> float:
+    low, middle, high = (reading.log_likelihood for reading in readings)
+    bend = (2.0 * middle - low - high) / ACCURACY_STEP**2
     return max(LEAST_FACTOR_STD, float(bend**-0.5)) if bend > 0.0 else float("inf")
 
 
@@ -76,58 +63,47 @@ WHOLE_RATIO_DISTANCE = 0.01
 EFFORT_KEY = ("signals", "effort")
 
 
-def edits_of(
-    cause: str, likelihood: Likelihood, interpretation: Interpretation, loaded: LoadedRobot
-) -> tuple[Edit, ...]:
-    """The edits that one cause needs; all causes' edits together make the interpretation."""
-    before, s = likelihood.declared, likelihood.signals
+def edits_of(cause: str, reading: Reading, loaded: LoadedRobot) -> tuple[Edit, ...]:
+    """The edits that one cause needs; all causes' edits together make the reading."""
+    before, s = reading.likelihood.declared, reading.likelihood.signals
     if cause == "joint order":
-        return _orders(before, interpretation, s.position, s.effort)
+        found = []
+        if reading.position != before.position:
+            found.append(Edit(("signals", "position"), [s.position[k] for k in reading.position]))
+        if reading.effort != before.effort:
+            found.append(Edit((*EFFORT_KEY, "columns"), [s.effort[k] for k in reading.effort]))
+        return tuple(found)
     if cause == "position sign":
-        if np.array_equal(np.sign(interpretation.position_scale), np.sign(before.position_scale)):
+        if np.array_equal(np.sign(reading.position_scale), np.sign(before.position_scale)):
             return ()
-        signs = [int(x) for x in np.sign(interpretation.position_scale)]
+        signs = [int(x) for x in np.sign(reading.position_scale)]
         return (Edit(("signals", "position_sign"), signs),)
     if cause == "effort delay":
-        return (Edit((*EFFORT_KEY, "delay"), round(interpretation.delay, 4)),)
+        return (Edit((*EFFORT_KEY, "delay"), round(reading.delay, 4)),)
     if cause == "mounting":
-        refined = refined_gravity(likelihood, interpretation)
-        gravity = [round(float(x), 4) + 0.0 for x in refined]
+        gravity = [round(float(x), 4) + 0.0 for x in refined_gravity(reading)]
         return (Edit(("robot", "gravity"), gravity), Edit(("robot", "mounting"), None))
     if cause == ZERO_CAUSE:
-        return zero_edits(likelihood, interpretation)
+        return zero_edits(reading)
     if cause in ("effort sign", "effort unit", "effort kind", "gain"):
-        return _effort(cause, likelihood, interpretation, loaded)
+        return _effort(cause, reading, loaded)
     return ()
 
 
-def zero_edits(likelihood: Likelihood, interpretation: Interpretation) -> tuple[Edit, ...]:
+def zero_edits(reading: Reading) -> tuple[Edit, ...]:
     """Zero offsets of all joints."""
-    given = likelihood.signals.position_offset
-    zeros = np.zeros(likelihood.signals.n) if given is None else given
-    if interpretation.zeros is not None:
-        zeros = zeros + interpretation.zeros
+    given = reading.likelihood.signals.position_offset
+    zeros = np.zeros(len(reading.position)) if given is None else given
+    if reading.zeros is not None:
+        zeros = zeros + reading.zeros
     return (Edit(("signals", "position_offset"), [round(float(x), 4) + 0.0 for x in zeros]),)
 
 
-def _orders(
-    before: Interpretation, after: Interpretation, position: Sequence[str], effort: Sequence[str]
-) -> tuple[Edit, ...]:
-    found = []
-    if after.position != before.position:
-        found.append(Edit(("signals", "position"), [position[k] for k in after.position]))
-    if after.effort != before.effort:
-        found.append(Edit((*EFFORT_KEY, "columns"), [effort[k] for k in after.effort]))
-    return tuple(found)
-
-
-def _effort(
-    cause: str, likelihood: Likelihood, after: Interpretation, loaded: LoadedRobot
-) -> tuple[Edit, ...]:
+def _effort(cause: str, after: Reading, loaded: LoadedRobot) -> tuple[Edit, ...]:
     """Kind, unit and gain of the efforts."""
-    before, s = likelihood.declared, likelihood.signals
+    before, s = after.likelihood.declared, after.likelihood.signals
     if np.any(after.ratios != 1.0):
-        return _ratios(likelihood, after, loaded)
+        return _ratios(after, loaded)
     factors = after.effort_scale / before.effort_scale
     kinds = (
         () if after.kind in (before.kind, PERCENT) else (Edit((*EFFORT_KEY, "kind"), after.kind),)
@@ -136,12 +112,10 @@ def _effort(
         if before.kind in MOTOR_KINDS or "A" in s.effort_units:
             return (Edit(("robot", "gravity"), [0.0, 0.0, 0.0]),)
         return kinds
-    gains = file_gains(likelihood, loaded) * factors
-    gain = (
-        Edit(
-            (*EFFORT_KEY, "gain"), _entries(likelihood, gains), _accuracy(cause, likelihood, after)
-        ),
-    )
+    gains = file_gains(after.likelihood, loaded) * factors
+    # of a gain that was fitted; signs and units are exact
+    spread = spread_of(after) if cause == "gain" else 0.0
+    gain = (Edit((*EFFORT_KEY, "gain"), _entries(s, gains), spread),)
     if after.kind == PERCENT:
         kind = Edit((*EFFORT_KEY, "kind"), "motor_torque")
         return (kind, Edit((*EFFORT_KEY, "unit"), "%"), *gain)
@@ -152,22 +126,22 @@ def _effort(
         one = units[0] if len(set(units)) == 1 else units
         return (*kinds, Edit((*EFFORT_KEY, "unit"), one), Edit((*EFFORT_KEY, "gain"), None))
     if set(s.effort_units) == {"A"} and np.allclose(np.abs(factors), np.abs(factors[0])):
-        scale = float(np.abs(after.effort_scale[0]))
-        unit = {1.0: "A", 1e-3: "mA"}.get(round(scale, 9))
+        unit = {1.0: "A", 1e-3: "mA"}.get(round(float(np.abs(after.effort_scale[0])), 9))
         if unit is not None and abs(factors[0]) != 1.0:
             edits = (Edit((*EFFORT_KEY, "unit"), unit),)
-            signed = Edit((*EFFORT_KEY, "gain"), _entries(likelihood, gains / np.abs(factors)))
+            signed = Edit((*EFFORT_KEY, "gain"), _entries(s, gains / np.abs(factors)))
             return edits if np.all(factors > 0.0) else (*edits, signed)
     return gain
 
 
-def _entries(likelihood: Likelihood, gains: Array) -> list[Gain]:
+def _entries(signals: Signals, gains: Array) -> list[Gain]:
     """The gains as the robot file states them; those that are to be identified stay so."""
-    unknown = likelihood.signals.unknown_gains or (False,) * len(gains)
-    return ["identify" if left else x for x, left in zip(rounded(gains), unknown, strict=True)]
+    unknown = signals.unknown_gains or (False,) * len(gains)
+    rounded = (float(f"{x:.{FITTED_DIGITS}g}") for x in gains)
+    return ["identify" if left else x for x, left in zip(rounded, unknown, strict=True)]
 
 
-def _ratios(likelihood: Likelihood, after: Interpretation, loaded: LoadedRobot) -> tuple[Edit, ...]:
+def _ratios(after: Reading, loaded: LoadedRobot) -> tuple[Edit, ...]:
     """Gear ratios: whole numbers where one is near."""
     gears = loaded.robot.transmission
     if gears is None:
@@ -177,12 +151,7 @@ def _ratios(likelihood: Likelihood, after: Interpretation, loaded: LoadedRobot) 
         value = float(f"{ratio * factor:.{FITTED_DIGITS}g}") if factor != 1.0 else float(ratio)
         whole = float(round(value))
         found.append(whole if abs(value - whole) <= WHOLE_RATIO_DISTANCE * abs(value) else value)
-    return (Edit(("robot", "transmission", "ratios"), found, spread_of(likelihood, after)),)
-
-
-def _accuracy(cause: str, likelihood: Likelihood, after: Interpretation) -> float:
-    """Of a gain that was fitted; signs and units are exact."""
-    return spread_of(likelihood, after) if cause == "gain" else 0.0
+    return (Edit(("robot", "transmission", "ratios"), found, spread_of(after)),)
 
 
 def file_gains(likelihood: Likelihood, loaded: LoadedRobot) -> Array:
@@ -201,64 +170,47 @@ def file_gains(likelihood: Likelihood, loaded: LoadedRobot) -> Array:
     return likelihood.gains
 
 
-def rounded(values: Array) -> list[float]:
-    """To the digits that a fit is worth."""
-    return [float(f"{x:.{FITTED_DIGITS}g}") for x in values]
-
-
 SAME_VELOCITY_CORRELATION = 0.8
 """Correlation from which on a velocity belongs to a position."""
 
 
-def velocity_edits(
-    evidence: Evidence, likelihood: Likelihood, interpretation: Interpretation
-) -> tuple[Edit, ...]:
-    """What declared velocities need beside positions of an interpretation; nothing without any."""
-    before, s = likelihood.declared, evidence.recording.signals
-    moved = interpretation.position != before.position
-    turned = not np.array_equal(
-        np.sign(interpretation.position_scale), np.sign(before.position_scale)
-    )
+def velocity_edits(evidence: Evidence, reading: Reading) -> tuple[Edit, ...]:
+    """What declared velocities need beside positions of a reading; nothing without any."""
+    before, s = reading.likelihood.declared, evidence.recording.signals
+    moved = reading.position != before.position
+    turned = not np.array_equal(np.sign(reading.position_scale), np.sign(before.position_scale))
     logged = evidence.samples.dq
     if not (moved or turned) or s.velocity is None or logged is None or s.velocity_scale is None:
         return ()
     from scipy.optimize import linear_sum_assignment
 
-    table = _velocity_correlations(evidence.samples.t, logged, likelihood, interpretation)
-    order = [int(c) for c in linear_sum_assignment(-np.abs(table) - 1e-6 * np.eye(len(table)))[1]]
-    correlated = np.abs(table[np.arange(len(table)), order]) >= SAME_VELOCITY_CORRELATION
-    order = [c if correlated[j] else interpretation.position[j] for j, c in enumerate(order)]
-    if sorted(order) != list(range(len(order))):
+    table = _velocity_correlations(evidence.samples.t, logged, reading)
+    n, own_place = len(table), np.arange(len(table))
+    order = [int(c) for c in linear_sum_assignment(-np.abs(table) - 1e-6 * np.eye(n))[1]]
+    correlated = np.abs(table[own_place, order]) >= SAME_VELOCITY_CORRELATION
+    order = [c if correlated[j] else reading.position[j] for j, c in enumerate(order)]
+    if sorted(order) != list(range(n)):
         return ()
     found = []
-    if order != list(range(len(order))):
+    if order != list(range(n)):
         found.append(Edit(("signals", "velocity"), [s.velocity[c] for c in order]))
     own = np.sign(s.velocity_scale)
-    signs = np.where(correlated, np.sign(table[np.arange(len(table)), order]), 1.0) * own[order]
+    signs = np.where(correlated, np.sign(table[own_place, order]), 1.0) * own[order]
     if not np.array_equal(signs, own):
         found.append(Edit(("signals", "velocity_sign"), [int(x) for x in signs]))
     return tuple(found)
 
 
-def _velocity_correlations(
-    t: Array, dq: Array, likelihood: Likelihood, interpretation: Interpretation
-) -> Array:
-    """Of every joint's derivative of position with every velocity as declared, `(n, n)`.
-
-    Args:
-        t: Time of the log's rows, shape `(N,)` [s].
-        dq: Their velocities, shape `(N, n)`.
-        likelihood: The log.
-        interpretation: How its positions are read.
-    """
-    x = likelihood.excerpt
+def _velocity_correlations(t: Array, dq: Array, reading: Reading) -> Array:
+    """Of each joint's derivative of position with each velocity of the log's rows, `(n, n)`."""
+    x, signals = reading.likelihood.excerpt, reading.likelihood.signals
     good = np.isfinite(t) & np.isfinite(dq).all(axis=1)
     t, dq = t[good], np.clip(dq[good], -1e3, 1e3)
     order = np.argsort(t, kind="stable")
     logged = np.array([np.interp(x.t + x.origin, t[order], column[order]) for column in dq.T])
-    if likelihood.signals.position_map is not None:
-        logged = np.asarray(np.linalg.solve(likelihood.signals.position_map, logged))
-    derived = interpretation.position_scale[:, None] * x.dz[list(interpretation.position)]
+    if signals.position_map is not None:
+        logged = np.asarray(np.linalg.solve(signals.position_map, logged))
+    derived = reading.position_scale[:, None] * x.dz[list(reading.position)]
     size = np.outer(np.linalg.norm(derived, axis=1), np.linalg.norm(logged, axis=1))
     return np.asarray(derived @ logged.T / np.maximum(size, 1e-300))
 
@@ -297,7 +249,7 @@ def _same_misfit(evidence: Evidence, decision: LogVerdict, corrected: LoadedRobo
     signals = corrected.signals
     if signals is None:
         return False
-    likelihood, last = decision.ranking.likelihood, decision.written[-1]
+    likelihood, last = decision.likelihood, decision.written[-1]
     recording = replace(evidence.recording, signals=signals)
     excerpt = excerpt_of(recording, evidence.processing, likelihood.excerpt.cutoff)
     if excerpt is None:
@@ -307,9 +259,5 @@ def _same_misfit(evidence: Evidence, decision: LogVerdict, corrected: LoadedRobo
     again = likelihood_of(
         excerpt, signals, likelihood.knowledge, corrected.robot, gains, likelihood.scales
     )
-    score = again.score(again.declared.changed(payload=last.interpretation.payload))
-    return (
-        float(score.percent[0])
-        <= CLOSE_MISFIT_FACTOR * float(likelihood.score(last.interpretation).percent[0])
-        + ROUNDING_SLACK
-    )
+    reading = again.declared.changed(payload=last.reading.payload)
+    return reading.percent <= CLOSE_MISFIT_FACTOR * last.reading.percent + ROUNDING_SLACK

@@ -80,43 +80,37 @@ def controller_gains(case: Case) -> ControllerGains | None:
 
 
 def gains_of_logs(logs: Sequence[Evidence], joints: int) -> ControllerGains | None:
-    """Gains from all logs that have both targets; `None` where none is known.
-
-    Args:
-        logs: The logs.
-        joints: Number of joints.
-    """
+    """Gains from all logs that have both targets; `None` where none is known."""
     parts, names = [], ("", "")
     for evidence in logs:
-        found = _target_columns(evidence)
-        if found is None:
+        columns = _target_columns(evidence)
+        if not columns:
             continue
-        pair = [_excerpt_of_targets(evidence, columns) for columns in found]
-        if pair[0] is not None and pair[1] is not None:
-            parts.append(_joints(evidence, pair[0], pair[1]))
-            names = found[0][0], found[1][0]
+        torque, current = (_excerpt_of_targets(evidence, group) for group in columns)
+        if torque is not None and current is not None:
+            parts.append(_target_rows(evidence, torque, current))
+            names = columns[0][0], columns[1][0]
     if not parts:
         return None
-    per_joint = [[part[j] for part in parts] for j in range(joints)]
-    fits = np.array([_gain(np.concatenate(rows, axis=1)) for rows in per_joint])
+    rows = [np.concatenate([part[j] for part in parts], axis=1) for j in range(joints)]
+    fits = np.array([_gain(one) for one in rows])
     gains = ControllerGains(names, fits[:, 0], fits[:, 1])
     return gains if gains.known.any() else None
 
 
-def _target_columns(evidence: Evidence) -> tuple[tuple[str, ...], tuple[str, ...]] | None:
-    """Columns of target torque and target current, one per joint."""
-    signals = evidence.recording.signals
+def _target_columns(evidence: Evidence) -> list[tuple[str, ...]]:
+    """Columns of target torque and of target current, one per joint; none without both."""
+    signals, found = evidence.recording.signals, []
     if set(signals.effort_units) != {"A"} or signals.effort_map is not None:
-        return None
+        return []
     named = [Column(name) for name in evidence.log.columns]
     targets = [column for column in named if TARGET_WORDS & set(column.words)]
-    found = []
     for words in (TORQUE_WORDS, CURRENT_WORDS):
         groups = by_number(signals.n, [c for c in targets if words & set(c.words)])
         if not groups:
-            return None
+            return []
         found.append(tuple(column.name for column in groups[0]))
-    return found[0], found[1]
+    return found
 
 
 def _excerpt_of_targets(evidence: Evidence, columns: Sequence[str]) -> Excerpt | None:
@@ -126,13 +120,12 @@ def _excerpt_of_targets(evidence: Evidence, columns: Sequence[str]) -> Excerpt |
     return excerpt_of(replace(evidence.recording, signals=changed), evidence.processing)
 
 
-def _joints(evidence: Evidence, torque: Excerpt, current: Excerpt) -> list[Array]:
+def _target_rows(evidence: Evidence, torque: Excerpt, current: Excerpt) -> list[Array]:
     """Per joint target torque, target current [A], speed and acceleration, shape `(4, N)`."""
-    scale = evidence.recording.signals.position_scale[:, None]
-    dq, ddq = scale * torque.dz, scale * torque.ddz
-    current_e = current.e * evidence.recording.signals.effort_scale[:, None]
+    signals = evidence.recording.signals
+    dq, ddq = (signals.position_scale[:, None] * x for x in (torque.dz, torque.ddz))
     fastest = np.quantile(np.abs(dq), 0.98, axis=1)
-    rows = np.stack((torque.e, current_e, dq, ddq), axis=1)
+    rows = np.stack((torque.e, current.e * signals.effort_scale[:, None], dq, ddq), axis=1)
     return [rows[j][:, np.abs(dq[j]) > REST_SPEED * fastest[j]] for j in range(len(rows))]
 
 
@@ -176,33 +169,30 @@ CAUSES_THAT_SCALE = ("gain", "effort kind", "effort unit")
 def unwritten_number_advice(case: Case, hypothesis: Hypothesis, *, sure: bool) -> Fix:
     """What to do about an explanation whose numbers are not written.
 
-    Args:
-        case: What there is.
-        hypothesis: The explanation.
-        sure: Whether it is beyond doubt that efforts are wrong.
+    `sure` says whether it is beyond doubt that efforts are wrong.
     """
+    if hypothesis.cause in CAUSES_THAT_SCALE:
+        if unit := _of_names(case, hypothesis):
+            return unit
+        gains = controller_gains(case) if hypothesis.cause == "gain" else None
+        if gains is not None:
+            return _of_controller(case, gains)
+        return Fix(_of_thousandths(case, hypothesis) + _listed_sources(case, sure=sure))
+    other = (
+        "the link inertias differ from the model file: the log alone cannot decide; examine both, "
+        "or give a model from runs known to be correct (--model)"
+    )
     if hypothesis.cause == "mounting":
-        return Fix(
-            f"{hypothesis.says}, or an external force acts on the arm (a cable, a balancer), or "
-            "lengths and axes differ from the model file: this log alone cannot decide"
+        other = (
+            "an external force acts on the arm (a cable, a balancer), or lengths and axes differ "
+            "from the model file: this log alone cannot decide"
         )
     if hypothesis.cause == "payload":
-        return Fix(
-            f"{hypothesis.says}, or the link inertias differ from the model file: identify it with "
-            "steelyard payload, against a model from runs known to be correct, or give that "
-            "here (--model)"
+        other = (
+            "the link inertias differ from the model file: identify it with steelyard payload, "
+            "against a model from runs known to be correct, or give that here (--model)"
         )
-    if hypothesis.cause not in CAUSES_THAT_SCALE:
-        return Fix(
-            f"{hypothesis.says}, or the link inertias differ from the model file: the log alone "
-            "cannot decide; examine both, or give a model from runs known to be correct (--model)"
-        )
-    if unit := _of_names(case, hypothesis):
-        return unit
-    gains = controller_gains(case) if hypothesis.cause == "gain" else None
-    if gains is not None:
-        return _of_controller(case, gains)
-    return Fix(_of_thousandths(case, hypothesis) + _listed_sources(case, sure=sure))
+    return Fix(f"{hypothesis.says}, or {other}")
 
 
 def _of_names(case: Case, hypothesis: Hypothesis) -> Fix | None:
@@ -213,7 +203,7 @@ def _of_names(case: Case, hypothesis: Hypothesis) -> Fix | None:
     units = {stated_current(Column(name)) for name in signals.effort}
     if len(units) != 1 or not (unit := units.pop()):
         return None
-    factors = np.abs(hypothesis.interpretation.effort_scale / signals.effort_scale)
+    factors = np.abs(hypothesis.reading.effort_scale / signals.effort_scale)
     wanted = CURRENT_UNITS[unit] / np.abs(signals.effort_scale)
     if np.any(wanted == 1.0) or np.any(np.abs(np.log(factors / wanted)) > np.log(NEAR_A_THOUSAND)):
         return None
@@ -228,7 +218,7 @@ def _of_thousandths(case: Case, hypothesis: Hypothesis) -> str:
     signals = case.loaded.signals
     if signals is None or "A" in signals.effort_units:
         return ""
-    factors = hypothesis.interpretation.effort_scale / signals.effort_scale
+    factors = hypothesis.reading.effort_scale / signals.effort_scale
     if np.any((factors < 1e-3 / NEAR_A_THOUSAND) | (factors > 1e-3 * NEAR_A_THOUSAND)):
         return ""
     return "if efforts are in mNm, write gain = 0.001 under [signals.effort]; otherwise "
@@ -262,14 +252,12 @@ def _listed_sources(case: Case, *, sure: bool) -> str:
     one = f"[{', '.join(entries)}]"
     return (
         "gains and masses cannot be identified together from this log, and no number is written. "
-        "In this order: "
-        "(1) take gains from the controller's own target torque over its target current, or from "
-        "the data sheet (torque constant times gear ratio); "
+        "In this order: (1) take gains from the controller's own target torque over its target "
+        "current, or from the data sheet (torque constant times gear ratio); "
         '(2) write kind = "motor_current", unit = "A", gain = "identify" under [signals.effort] '
         f"and run `steelyard identify {robot} {log} --loaded LOADED_LOG --payload-mass KG` with a "
-        "log that carries a known mass; "
-        f"(3) without its mass, write gain = {one}, and run the same without --payload-mass: "
-        "results are then up to one scale"
+        f"log that carries a known mass; (3) without its mass, write gain = {one}, and run the "
+        "same without --payload-mass: results are then up to one scale"
     ) + ("" if sure else GO_ON)
 
 
@@ -282,13 +270,8 @@ DOUBTFUL_GAIN_FACTOR, WRONG_GAIN_FACTOR = 1.15, 1.4
 """Factor from a controller's own gain from which on a declared one is doubtful, and wrong."""
 
 
-def gains_left(case: Case, name: str) -> tuple[Finding, ...]:
-    """One doubtful finding for all logs where they do not show the gains that are left to them.
-
-    Args:
-        case: Robot and logs.
-        name: Name of the check.
-    """
+def gains_left(case: Case) -> tuple[Finding, ...]:
+    """One doubtful finding for all logs where they do not show the gains that are left to them."""
     signals = case.loaded.signals
     if signals is None or not any(signals.unknown_gains):
         return ()
@@ -306,19 +289,14 @@ def gains_left(case: Case, name: str) -> tuple[Finding, ...]:
         says = f"the gains are not identifiable from these logs alone: {error.wrong}"
         figure = f"{len(unknown)} of {len(pairs)} gains to be identified"
         fix = Fix(SOURCES_OF_GAINS.format("one joint or more" if not known else listed))
-        return (Finding(name, "", Severity.DOUBTFUL, says, figure, unknown, fix),)
+        return (Finding.doubtful(says, figure, unknown, fix),)
     except SteelyardError:
         return ()
     return ()
 
 
-def gains_of_controller(case: Case, name: str) -> tuple[Finding, ...]:
-    """Declared gains beside target torque over target current, of all logs; none without targets.
-
-    Args:
-        case: Robot and logs.
-        name: Name of the check.
-    """
+def gains_of_controller(case: Case) -> tuple[Finding, ...]:
+    """Declared gains beside target torque over target current; nothing without targets."""
     signals, found = case.loaded.signals, controller_gains(case)
     if signals is None or found is None:
         return ()
@@ -335,7 +313,7 @@ def gains_of_controller(case: Case, name: str) -> tuple[Finding, ...]:
         says = f"by the controller's targets ({source}) efforts are in {unit}"
         figure = f"gains are {np.median(ratios[both]):.4g} times the declared ones"
         fix = Fix("declare the unit of the columns", (Edit(("signals", "effort", "unit"), unit),))
-        return (Finding(name, "", Severity.WRONG, says, figure, fix=fix),)
+        return (Finding.wrong(says, figure, fix=fix),)
     figure = (
         f"gains differ from the controller's by {100.0 * (factor.max() - 1.0):.2g} % or less, "
         f"at most {100.0 * (DOUBTFUL_GAIN_FACTOR - 1.0):.0f} % allowed"
@@ -345,7 +323,7 @@ def gains_of_controller(case: Case, name: str) -> tuple[Finding, ...]:
         says = f"the controller's targets confirm {what} ({source})"
         if left := ", ".join(case.joints[j] for j in np.flatnonzero(~found.known)):
             says = f"undecided for {left}; {says} of the other joints"
-        return (Finding(name, "", Severity.OK, says, figure, answered=not left),)
+        return (Finding.ok(says, figure, answered=not left),)
     listed = ", ".join(
         f"{case.joints[j]} {values[j]:.4g} ± {found.half_widths[j]:.2g}, declared {declared[j]:.4g}"
         for j in joints
@@ -363,7 +341,7 @@ def gains_of_controller(case: Case, name: str) -> tuple[Finding, ...]:
         (Edit(("signals", "effort", "gain"), entries),),
     )
     named = tuple(case.joints[j] for j in joints)
-    return (Finding(name, "", severity, says, figure, named, fix),)
+    return (Finding.of(severity, says, figure, named, fix),)
 
 
 def _other_unit(ratio: float, scale: float) -> str:

@@ -1,23 +1,32 @@
-"""Do joints count their positions from where the model file says, or quarter turns away?
+r"""Do joints count their positions from where the model file says, or quarter turns away?
+
+Controllers and model files often count joints from postures that are 90 or 180 degrees apart. Such
+offsets are far beyond the reach of derivatives, and look like wrong lengths: the offset of one
+joint turns the link behind it, and an opposite one of the next joint turns the others back. The
+joints are therefore read with quarter turns, of one joint or of neighbours, one after another as
+long as weighted least squares fits better, by $-2 \log L = \sum_j N_j \log \sigma_j^2$. Motion
+that is left out then decides.
 
 A fit cannot always tell which of two joints is turned, as parameters of the links change with it:
 the nominal masses can. They are asked only where they agree badly with a log as declared, and no
 other hypothesis explains it.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import ClassVar
+from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import SteelyardError
-from steelyard.check.case import Case, Evidence
+from steelyard.base.errors import DataError, SteelyardError
+from steelyard.check.case import Case, Evidence, case_check
 from steelyard.check.decision.decidable import UNKNOWN_GAINS
-from steelyard.check.decision.ranking import DECISIVE_GAIN, known_of
-from steelyard.check.decision.verdict import CLEAN, STRIKING, LogVerdict, judge_log, last_winner
-from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Severity
+from steelyard.check.decision.ranking import DECISIVE_GAIN
+from steelyard.check.decision.verdict import CLEAN, STRIKING, LogVerdict, judge_log
+from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix
+from steelyard.check.fitted.causes import WORTH_A_SEARCH, LeftOutGain, LeftOutParts
 from steelyard.check.fitted.fitted_case import (
     RankedCauses,
     can_be_ranked,
@@ -25,67 +34,208 @@ from steelyard.check.fitted.fitted_case import (
     ranked_causes,
     worst_residual_words,
 )
-from steelyard.check.fitted.zero_offsets import (
-    IF_CONFIRMED,
-    TurnedJoints,
-    estimated_offsets,
-    far_offsets,
-    offset_line,
-    offset_words,
-    quarter_turns_of_joints,
-    turned_zeros,
-    zeros_without_effect,
-)
-from steelyard.check.hypotheses.likelihood import LikelihoodScore
-from steelyard.check.hypotheses.position_columns import ZERO_CAUSE, with_moved_zero
+from steelyard.check.hypotheses.likelihood import Reading
+from steelyard.check.hypotheses.position_columns import ZERO_CAUSE, zeros_without_effect
 from steelyard.check.identifiability import clean_runs, customary_model
 from steelyard.estimate.friction.mixes import has_memory
-from steelyard.estimate.information.regressor import base_regressor
+from steelyard.estimate.information.base_parameters import base_parameters
+from steelyard.estimate.information.regressor import Regressor, base_regressor
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
 from steelyard.estimate.least_squares.normal_equations import own_columns
 from steelyard.estimate.nonlinear.fields import information_from
-from steelyard.estimate.nonlinear.zero_offset import ZeroOffsets
+from steelyard.estimate.nonlinear.zero_offset import ZeroOffsets, find_offsets, with_offsets
 from steelyard.model.model import Model
 from steelyard.robot.robot import Robot
 from steelyard.runs.run import Run
 
+CLEAR_OFFSET = 4.0
+"""Standard deviations from what is given at which a zero offset is written as a number."""
 
-class JointZeros:
-    """Zero offsets that explain the residuals of a fit better than anything else."""
 
-    name: ClassVar[str] = ZERO_CAUSE
-    question: ClassVar[str] = "Are the joint zeros those of the model file?"
-    quick: ClassVar[bool] = False
+def estimated_offsets(model: Model, runs: Sequence[Run]) -> ZeroOffsets | None:
+    """Zero offsets of all joints, from those that the runs are read with; `None` of too few data.
 
-    def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding for all logs together; none where no run or no open chain is there.
+    The robot is an open chain.
+    """
+    given, rests = runs[0].recording.signals.position_offset, has_memory(model.terms)
+    start = np.zeros(model.robot.n) if given is None else given
+    try:
+        return find_offsets(
+            model,
+            lambda offsets: information_from(with_offsets(runs, offsets), rests=rests),
+            start,
+            [True] * model.robot.n,
+        )
+    except DataError:
+        return None
 
-        None with a reference either, where the hypothesis check of this name decides.
-        """
-        signals = case.logs[0].recording.signals if case.logs else None
-        if signals is None or any(signals.unknown_offsets):
+
+def far_offsets(offsets: ZeroOffsets) -> NDArray[np.bool_]:
+    """Which offsets differ clearly from those that were given, shape `(n,)`."""
+    spread = np.nan_to_num(offsets.std, nan=np.inf)
+    return np.asarray(
+        (np.abs(offsets.values - offsets.start) > CLEAR_OFFSET * spread) & offsets.converged
+    )
+
+
+def offset_words(offsets: ZeroOffsets, chosen: NDArray[np.bool_]) -> str:
+    """Like `zero offset of elbow 0.4992 ± 0.0008 rad`."""
+    parts = [
+        f"{offsets.joints[k]} {offsets.values[k]:.4f} ± {offsets.half_width[k]:.4f} "
+        f"{offsets.units[k]}"
+        for k in np.flatnonzero(chosen)
+    ]
+    return f"zero offset of {', '.join(parts)}"
+
+
+def offset_line(offsets: ZeroOffsets, chosen: NDArray[np.bool_]) -> Fix:
+    """The line of the robot file that corrects offsets; others stay as they are given."""
+    values = [
+        round(float(value), 4) if far else float(start)
+        for value, start, far in zip(offsets.values, offsets.start, chosen, strict=True)
+    ]
+    says = f'Set position_offset = {values} in [signals], or position_offset = "identify"'
+    return Fix(says, (Edit(("signals", "position_offset"), values),))
+
+
+TurnedJoints = tuple[tuple[int, float], ...]
+"""Joints by their indices, and by how much each is turned [rad]."""
+
+TRIED_TURNS = (0.5 * np.pi, -0.5 * np.pi, np.pi)
+"""Offsets of a joint that are tried [rad]."""
+
+CLEAR_TURN_FALL = 40.0
+r"""Fall of $-2 \log L$ that another turned joint must be worth: by chance one of 18 turns is worth
+15 once in a hundred fits, and residuals that are alike for longer than the filter count more."""
+
+NO_TURN_EFFECT = 1e-3
+"""Change of it up to which the zero of a joint has no effect: as about the direction of gravity."""
+
+IF_CONFIRMED = (
+    "if the robot's zeros confirm it; otherwise the origin or the axis of the next joint is turned "
+    "by as much in the model file: correct it there"
+)
+"""What else has the effect of a turned zero, for people to read."""
+
+MOST_TURN_SAMPLES = 20_000
+"""Samples that are looked at: every turn of every joint is a pass over them."""
+
+
+def turned_zeros(model: Model, sigma: Array, runs: Sequence[Run]) -> Finding | None:
+    """Quarter turns of joints that explain residuals and predict left-out motion better.
+
+    Args:
+        model: The fitted model, an open chain.
+        sigma: Standard deviations of the fit's residuals, shape `(n,)`.
+        runs: The fitted runs.
+    """
+    some, regressor = first_parts_of_runs(runs, MOST_TURN_SAMPLES), base_regressor(model)
+    given = some[0].recording.signals.position_offset
+    start = np.zeros(model.robot.n) if given is None else given
+    try:
+        found = _search_turns(regressor, some, start)
+        turned = tuple((int(k), float((found - start)[k])) for k in np.flatnonzero(found != start))
+        if not turned:
+            return None
+        parts = [
+            LeftOutParts.of(model, regressor, sigma, with_offsets(some, offsets))
+            for offsets in (start, found)
+        ]
+        plain, errors = (part.errors(base_parameters(model).base_names) for part in parts)
+        gain = LeftOutGain.of(plain, errors, parts[0].left_out, WORTH_A_SEARCH)
+    except DataError:
+        return None
+    if not gain.confirmed:
+        return None
+    values = [round(value, 4) for value in found.tolist()]
+    return Finding.doubtful(
+        f"joint zeros other than those of the model file: {turn_words(model.robot, turned)} (error "
+        f"on left-out motion {gain.before:.2g} %, with these zeros {gain.after:.2g} %)",
+        joints=tuple(model.robot.joint_names[k] for k, _ in turned),
+        fix=Fix(
+            f"Set position_offset = {values} in [signals], {IF_CONFIRMED}",
+            (Edit(("signals", "position_offset"), values),),
+        ),
+    )
+
+
+def turn_words(robot: Robot, turned: TurnedJoints) -> str:
+    """Like `elbow +90°`."""
+    return ", ".join(f"{robot.joint_names[k]} {np.rad2deg(turn):+.0f}°" for k, turn in turned)
+
+
+def _search_turns(regressor: Regressor, runs: Sequence[Run], start: Array) -> Array:
+    """Offsets with the best fit; each joint is turned once at most, alone or with the next one."""
+    units = [coordinate.unit for coordinate in regressor.model.robot.coordinates]
+    left = [k for k, unit in enumerate(units) if unit == "rad"]
+    offsets, least = start, _turn_misfit(regressor, runs, start)
+    while left:
+        tried: dict[TurnedJoints, float] = {}
+        for joints in (1, 2):
+            for turned in quarter_turns_of_joints(left, joints):
+                tried[turned] = _turn_misfit(regressor, runs, _turned_by(offsets, turned))
+            moved = {
+                k for ((k, _), *_), found in tried.items() if abs(found - least) > NO_TURN_EFFECT
+            }
+            left = [k for k in left if k in moved]
+        if not tried or min(tried.values()) > least - CLEAR_TURN_FALL:
+            break
+        best = min(tried, key=lambda turned: tried[turned])
+        left = [k for k in left if k not in dict(best)]
+        offsets, least = _turned_by(offsets, best), tried[best]
+    return offsets
+
+
+def quarter_turns_of_joints(left: Sequence[int], joints: int) -> Iterator[TurnedJoints]:
+    """Turns of every joint alone, or of neighbours such that later links keep their orientation."""
+    if joints == 1:
+        yield from (((k, turn),) for k in left for turn in TRIED_TURNS)
+        return
+    for k in (k for k in left if k + 1 in left):
+        for turn, other in product(TRIED_TURNS, TRIED_TURNS):
+            if abs(turn) == abs(other):
+                yield (k, turn), (k + 1, other)
+
+
+def _turned_by(offsets: Array, turned: TurnedJoints) -> Array:
+    found = offsets.copy()
+    for joint, turn in turned:
+        found[joint] += turn
+    return found
+
+
+def _turn_misfit(regressor: Regressor, runs: Sequence[Run], offsets: Array) -> float:
+    r"""$-2 \log L$ of weighted least squares, but for a constant."""
+    model = regressor.model
+    read = information_from(with_offsets(runs, offsets), rests=has_memory(model.terms))
+    information = read(regressor)
+    fit = WeightedLeastSquares(per_run=own_columns(model)).fit(information)
+    return float(information.n_samples @ np.log(fit.variances))
+
+
+@case_check(ZERO_CAUSE, "Are the joint zeros those of the model file?", quick=False)
+def joint_zeros_check(case: Case) -> Iterable[Finding]:
+    """Zero offsets that explain the residuals of a fit better than anything else.
+
+    Nothing without runs of an open chain, and with a reference, where a hypothesis check decides.
+    """
+    signals, known = case.logs[0].recording.signals if case.logs else None, case.knowledge
+    if signals is None or any(signals.unknown_offsets) or (known is not None and known.identified):
+        return ()
+    try:
+        runs, model = clean_runs(case), customary_model(case)
+        if not runs or not can_be_ranked(model):
             return ()
-        known = known_of(case)
-        if known is not None and known.identified:
-            return ()
-        try:
-            runs, model = clean_runs(case), customary_model(case)
-            if not runs or not can_be_ranked(model):
-                return ()
-            if any(signals.unknown_gains):
-                says = UNKNOWN_GAINS[ZERO_CAUSE]
-                return (Finding(self.name, "", Severity.OK, says, "", answered=False),)
-            return (_zeros_found(model, first_parts_of_runs(runs)),)
-        except SteelyardError as error:
-            says = f"not estimated: {error.wrong}"
-            return (Finding(self.name, "", Severity.OK, says, "", answered=False),)
+        if any(signals.unknown_gains):
+            return (Finding.ok(UNKNOWN_GAINS[ZERO_CAUSE], answered=False),)
+        return (_zeros_found(model, first_parts_of_runs(runs)),)
+    except SteelyardError as error:
+        return (Finding.ok(f"not estimated: {error.wrong}", answered=False),)
 
 
 def _zeros_found(model: Model, runs: tuple[Run, ...]) -> Finding:
-    information_of = information_from(runs, rests=has_memory(model.terms))
-    estimate = WeightedLeastSquares(per_run=own_columns(model))(
-        information_of(base_regressor(model))
-    )
+    information = information_from(runs, rests=has_memory(model.terms))(base_regressor(model))
+    estimate = WeightedLeastSquares(per_run=own_columns(model))(information)
     ranked = ranked_causes(model, estimate, runs)
     found = _zeros_by_derivatives(model.robot, ranked, estimated_offsets(model, runs))
     if found.severity or not ranked.of_geometry:
@@ -93,16 +243,7 @@ def _zeros_found(model: Model, runs: tuple[Run, ...]) -> Finding:
     turned = turned_zeros(model, estimate.sigma, runs)
     if turned is None:
         return found
-    figure = worst_residual_words(ranked.beside)
-    return Finding(
-        JointZeros.name,
-        "",
-        Severity.DOUBTFUL,
-        turned.says,
-        figure,
-        joints=turned.joints,
-        fix=turned.fix,
-    )
+    return replace(turned, figure=worst_residual_words(ranked.beside))
 
 
 def _zeros_by_derivatives(
@@ -110,30 +251,29 @@ def _zeros_by_derivatives(
 ) -> Finding:
     """What offsets within reach of derivatives say."""
     if offsets is None:
-        says = "not estimated: too few samples"
-        return Finding(JointZeros.name, "", Severity.OK, says, "", answered=False)
+        return Finding.ok("not estimated: too few samples", answered=False)
     far, known = far_offsets(offsets), np.isfinite(offsets.std)
     if not known.any():
         says = "not identifiable from these data: the zero offset of every joint"
-        return Finding(JointZeros.name, "", Severity.OK, says, "", answered=False)
+        return Finding.ok(says, answered=False)
+    identified, left = (
+        ", ".join(j for j, sure in zip(offsets.joints, known, strict=True) if sure == wanted)
+        for wanted in (True, False)
+    )
+    hidden = f"; not identifiable: {left}" if left else ""
+    figure = f"{offset_words(offsets, known)}{hidden}"
     if not far.any():
-        says = f"no significant zero offset{_of(offsets)}{_hidden_zeros(offsets)}"
+        says = "no significant zero offset" + (f" of {identified}{hidden}" if left else "")
         answered = bool(np.all(known | zeros_without_effect(robot)))
         says += "" if answered else "; a model from runs known to be correct (--model) tests more"
-        return Finding(
-            JointZeros.name, "", Severity.OK, says, _value_text(offsets), answered=answered
-        )
+        return Finding.ok(says, figure, answered=answered)
     if not ranked.blamed or ranked.blamed[0].kind != "zero_offset":
         says = (
             f"{offset_words(offsets, far)} is undecided: other model errors explain as much; "
-            "compare "
-            f"the zeros with the robot{_hidden_zeros(offsets)}"
+            f"compare the zeros with the robot{hidden}"
         )
-        return Finding(JointZeros.name, "", Severity.OK, says, _value_text(offsets), answered=False)
-    return Finding(
-        JointZeros.name,
-        "",
-        Severity.DOUBTFUL,
+        return Finding.ok(says, figure, answered=False)
+    return Finding.doubtful(
         f"{offset_words(offsets, far)} explains the residuals of a fit best",
         f"{100.0 * ranked.blamed[0].chi2 / ranked.total:.2g} % of chi², "
         f"{worst_residual_words(ranked.beside)}",
@@ -142,37 +282,18 @@ def _zeros_by_derivatives(
     )
 
 
-def _value_text(offsets: ZeroOffsets) -> str:
-    """All offsets with their intervals, and those that these data do not identify."""
-    return f"{offset_words(offsets, np.isfinite(offsets.std))}{_hidden_zeros(offsets)}"
-
-
-def _of(offsets: ZeroOffsets) -> str:
-    """Of which joints this holds, if not of all."""
-    known = np.isfinite(offsets.std)
-    identified = [joint for joint, sure in zip(offsets.joints, known, strict=True) if sure]
-    return "" if known.all() else f" of {', '.join(identified)}"
-
-
-def _hidden_zeros(offsets: ZeroOffsets) -> str:
-    """Joints whose offsets these data do not identify; empty if there are none."""
-    known = np.isfinite(offsets.std)
-    left = [joint for joint, sure in zip(offsets.joints, known, strict=True) if not sure]
-    return f"; not identifiable: {', '.join(left)}" if left else ""
-
-
 TURNED_MISFIT_FALL = 2.0
 """Factor by which the misfit must fall: on logs of five sound robots it falls by 1.02."""
 
 
 def quarter_turns(case: Case) -> Iterator[Finding]:
     """A doubtful finding per log that the nominal model explains with turned zeros alone."""
-    known = known_of(case)
+    known = case.knowledge
     if known is None or known.identified or known.robot.passive:
         return
     for evidence in case.logs:
         decision = judge_log(case, evidence)
-        if decision is None or decision.alien or decision.winners:
+        if decision is None or decision.of_other_check or decision.winners:
             continue
         if not any(evidence.recording.signals.unknown_offsets):
             yield from _quarter_turn_found(case, evidence, decision)
@@ -185,65 +306,43 @@ def turned_joints(findings: Sequence[Finding]) -> tuple[Finding, ...]:
 
 
 def _quarter_turn_found(case: Case, evidence: Evidence, decision: LogVerdict) -> Iterator[Finding]:
-    now, scores = _turned_scores(decision)
-    if not scores:
+    now, robot = decision.last.reading, case.loaded.robot
+    units = [coordinate.unit for coordinate in now.knowledge.robot.coordinates]
+    turning = [k for k, unit in enumerate(units) if unit == "rad"]
+    tried: dict[TurnedJoints, Reading] = {}
+    for turned in (x for joints in (1, 2) for x in quarter_turns_of_joints(turning, joints)):
+        tried[turned] = now
+        for joint, turn in turned:
+            tried[turned] = tried[turned].with_zero(joint, turn)
+    if not tried:
         return
-    near = _best_turns(scores)
+    near = _best_turns({turned: reading.log_likelihood for turned, reading in tried.items()})
     best = near[0]
-    before, after = float(now.percent[0]), float(scores[best].percent[0])
-    rise = _likely_turns(scores[best]) - _likely_turns(now)
+    before, after = now.percent, tried[best].percent
+    rise = tried[best].log_likelihood - now.log_likelihood
     if rise < STRIKING or after > min(CLEAN, before / TURNED_MISFIT_FALL):
         return
-    words = " or ".join(_turn_words(case, turned) for turned in near)
-    yield Finding(
-        ZERO_CAUSE,
-        evidence.name,
-        Severity.DOUBTFUL,
+    words = " or ".join(turn_words(robot, turned) for turned in near)
+    yield Finding.doubtful(
         f"joint zeros other than those of the model file: {words}: misfit of the nominal model "
         f"{after:.1f} %, as declared {before:.1f} %",
         f"misfit {before:.1f} % falls to {after:.1f} %, log-likelihood {rise:+.0f}",
         tuple(case.joints[k] for k, _ in best),
         _turn_fix(evidence, best, alone=len(near) == 1),
         hypotheses=(
-            ComparedHypothesis(_turn_words(case, best), after, 0.0),
+            ComparedHypothesis(turn_words(robot, best), after, 0.0),
             ComparedHypothesis("as declared", before, -rise, declared=True),
         ),
         nominal=True,
+        log=evidence.name,
     )
 
 
-def _turned_scores(
-    decision: LogVerdict,
-) -> tuple[LikelihoodScore, dict[TurnedJoints, LikelihoodScore]]:
-    """The score as declared, and those of turned zeros of one joint or of neighbours."""
-    likelihood, declared = decision.ranking.likelihood, last_winner(decision).interpretation
-    units = [coordinate.unit for coordinate in likelihood.knowledge.robot.coordinates]
-    turning = [k for k, unit in enumerate(units) if unit == "rad"]
-    found = {}
-    for turned in (x for joints in (1, 2) for x in quarter_turns_of_joints(turning, joints)):
-        other = declared
-        for joint, turn in turned:
-            other = with_moved_zero(other, joint, turn)
-        found[turned] = likelihood.score(other)
-    return likelihood.score(declared), found
-
-
-def _best_turns(scores: dict[TurnedJoints, LikelihoodScore]) -> list[TurnedJoints]:
+def _best_turns(likelihoods: dict[TurnedJoints, float]) -> list[TurnedJoints]:
     """Turns that fit about as well as any, the best first; none with a joint more than it needs."""
-    least = max(map(_likely_turns, scores.values())) - DECISIVE_GAIN
-    near = sorted(
-        (x for x in scores if _likely_turns(scores[x]) > least),
-        key=lambda x: -_likely_turns(scores[x]),
-    )
+    least = max(likelihoods.values()) - DECISIVE_GAIN
+    near = sorted((x for x in likelihoods if likelihoods[x] > least), key=lambda x: -likelihoods[x])
     return [x for x in near if not any(set(y) < set(x) for y in near)]
-
-
-def _likely_turns(score: LikelihoodScore) -> float:
-    return float(score.log_likelihood[0])
-
-
-def _turn_words(case: Case, turned: TurnedJoints) -> str:
-    return ", ".join(f"{case.joints[k]} {np.rad2deg(turn):+.0f}°" for k, turn in turned)
 
 
 def _turn_fix(evidence: Evidence, turned: TurnedJoints, *, alone: bool) -> Fix:

@@ -1,14 +1,13 @@
-"""One ranking of all explanations of a log, so that one fault raises one alarm."""
+"""Readings of a log, ranked: all explanations at once, so that one fault raises one alarm."""
 
 from dataclasses import dataclass, replace
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.progress import report_progress
-from steelyard.check.case import Case, Evidence, Knowledge, knowledge_of
+from steelyard.check.case import Case, Evidence
 from steelyard.check.hypotheses.bodies import efforts_first, link_hypotheses
 from steelyard.check.hypotheses.effort_columns import (
     PERCENT,
@@ -16,13 +15,13 @@ from steelyard.check.hypotheses.effort_columns import (
     best_factors,
     effort_hypotheses,
 )
-from steelyard.check.hypotheses.excerpt import Interpretation, excerpt_of
+from steelyard.check.hypotheses.excerpt import excerpt_of
 from steelyard.check.hypotheses.likelihood import (
     AS_DECLARED,
     Hypothesis,
     Likelihood,
+    Reading,
     likelihood_of,
-    one_of,
 )
 from steelyard.check.hypotheses.position_columns import (
     deep_hypotheses,
@@ -35,7 +34,7 @@ from steelyard.check.signals.overview import cached_per_log
 from steelyard.estimate.identified import IdentifiedModel
 
 BAD_JOINT_MISFIT = {True: 0.12, False: 0.5}
-"""Misfit of a joint from which on an interpretation is bad, with a reference and without."""
+"""Misfit of a joint from which on a reading is bad, with a reference and without."""
 EXPECTED_MISFIT_FACTOR = 3.0
 """The same over what the reference's own residuals come to."""
 HOPELESS_MISFIT = 0.9
@@ -48,7 +47,7 @@ FITTING_MISFIT = 8.0
 READINGS = ("joint order", "position sign", "effort sign", "effort unit", "mounting")
 """Causes that free gains hide."""
 SUSPECT_GAIN = 10.0
-"""What a hypothesis must gain for the others to be looked at where the interpretation is fine."""
+"""What a hypothesis must gain for the others to be looked at where the reading is fine."""
 CAUSES_OF_OTHER_CHECKS = ("position unit", "clock")
 """Causes that other checks report; what they leave is looked at once they are corrected."""
 COMPARING_PHASE = "comparing explanations: order, signs, units, gains, mounting"
@@ -62,19 +61,22 @@ class Ranking:
     """Explanations of one log.
 
     Attributes:
-        likelihood: The log.
-        declared: As the robot file reads it.
+        declared: As the robot file reads the log.
         rounds: Per round all hypotheses, the likeliest first; a round starts from the winner of the
             one before, and the last one's winner is what it started from, or agrees.
     """
 
-    likelihood: Likelihood
     declared: Hypothesis
     rounds: tuple[tuple[Hypothesis, ...], ...]
 
     @property
+    def likelihood(self) -> Likelihood:
+        """The log."""
+        return self.declared.reading.likelihood
+
+    @property
     def chain(self) -> tuple[Hypothesis, ...]:
-        """The winners, without the declared interpretation."""
+        """The winners, without the declared reading."""
         winners = [hypotheses[0] for hypotheses in self.rounds]
         return tuple(dict.fromkeys(w for w in winners if w.cause))
 
@@ -83,8 +85,7 @@ class Ranking:
 def ranking(case: Case, evidence: Evidence) -> Ranking | None:
     """The ranking of one log; `None` without motion, or if nothing is known of the robot."""
     signals = evidence.recording.signals
-    knowledge = known_of(case)
-    gains = _gains(case, evidence)
+    knowledge, gains = case.knowledge, _gains(case, evidence)
     if knowledge is None or gains is None:
         return None
     cutoff = None if case.reference is None else case.reference.cutoffs.matched
@@ -95,28 +96,20 @@ def ranking(case: Case, evidence: Evidence) -> Ranking | None:
     likelihood = likelihood_of(excerpt, signals, knowledge, case.loaded.robot, gains, scales)
     if any(signals.unknown_gains) and not knowledge.identified:
         likelihood = _with_free_gains(likelihood, _others(likelihood, case.reference))
-    number = case.logs.index(evidence)
-    report_progress(case.progress, COMPARING_PHASE, number, len(case.logs), evidence.name)
-    found = ranked(likelihood, _others(likelihood, case.reference))
-    report_progress(case.progress, COMPARING_PHASE, number + 1, len(case.logs), evidence.name)
-    return found if np.any(found.declared.score.counts > 0.0) else None
-
-
-_KNOWLEDGE: WeakKeyDictionary[Case, Knowledge | None] = WeakKeyDictionary()
-
-
-def known_of(case: Case) -> Knowledge | None:
-    """What is known of the robot; a reference of other joints is not used."""
-    if case not in _KNOWLEDGE:
-        _KNOWLEDGE[case] = _known(case)
-    return _KNOWLEDGE[case]
-
-
-def _known(case: Case) -> Knowledge | None:
-    reference = case.reference
-    if reference is not None and reference.model.robot.joint_names != case.joints:
-        reference = None
-    return knowledge_of(reference, case.loaded.robot)
+    number, of = case.logs.index(evidence), len(case.logs)
+    report_progress(case.progress, COMPARING_PHASE, number, of, evidence.name)
+    others = _others(likelihood, case.reference)
+    first = now = _as_declared(likelihood)
+    rounds = []
+    for _ in range(FAULT_ROUNDS):
+        rounds.append(_rivals(now, others))
+        best = rounds[-1][0]
+        gain = best.log_likelihood - now.log_likelihood
+        if gain < DECISIVE_GAIN or best.cause in CAUSES_OF_OTHER_CHECKS or not has_bad_joint(best):
+            break
+        now = best
+    report_progress(case.progress, COMPARING_PHASE, number + 1, of, evidence.name)
+    return Ranking(first, tuple(rounds)) if np.any(first.score.counts > 0.0) else None
 
 
 def _gains(case: Case, evidence: Evidence) -> Array | None:
@@ -156,40 +149,34 @@ def _with_free_gains(likelihood: Likelihood, others: tuple[OtherEffort, ...]) ->
     """
     declared = likelihood.declared
     size, unknown = np.linalg.norm(declared.gravity), np.asarray(likelihood.signals.unknown_gains)
-    free = _with_best_gains(likelihood, declared, np.ones_like(unknown))
-    least = float(free.score(declared).log_likelihood[0]) + DECISIVE_GAIN
-    if (
-        not has_bad_joint(free, _as_declared(free))
-        and float(free.score(declared).percent[0]) <= FITTING_MISFIT
-    ):
+    free = _with_best_gains(declared, np.ones_like(unknown))
+    now = _as_declared(free)
+    if not has_bad_joint(now) and now.percent <= FITTING_MISFIT:
         return free
-    given = _with_best_gains(likelihood, declared, unknown)
-    hypotheses = _rivals(given, _as_declared(given), others)
+    least = now.log_likelihood + DECISIVE_GAIN
+    given = _with_best_gains(declared, unknown)
+    hypotheses = _rivals(_as_declared(given), others)
     best = max((h.log_likelihood for h in hypotheses if h.cause in READINGS), default=-np.inf)
     if best > least:
         free, least = given, best
     for axis in (*np.eye(3), *-np.eye(3)):
         turned = declared.changed(gravity=size * axis)
-        other = _with_best_gains(likelihood, turned, unknown)
-        agreement = float(other.score(turned).log_likelihood[0])
+        other = _with_best_gains(turned, unknown)
+        agreement = turned.on(other).log_likelihood
         if agreement > least and not np.allclose(turned.gravity, declared.gravity):
             free, least = other, agreement
     return free
 
 
 def _as_declared(likelihood: Likelihood) -> Hypothesis:
-    score = one_of(likelihood.score(likelihood.declared), 0)
-    return Hypothesis("", AS_DECLARED, likelihood.declared, 0.0, (), score)
+    declared = likelihood.declared
+    return Hypothesis("", AS_DECLARED, declared, 0.0, (), declared.score)
 
 
-def _with_best_gains(
-    likelihood: Likelihood, interpretation: Interpretation, which: NDArray[np.bool_]
-) -> Likelihood:
-    """The log with those gains of some joints at which an interpretation agrees best."""
-    sums = likelihood.sums([interpretation])
-    scale = interpretation.effort_scale
-    best = best_factors(likelihood, sums, list(interpretation.effort), scale)
-    return replace(likelihood, gains=likelihood.gains * np.where(which, best, 1.0))
+def _with_best_gains(reading: Reading, which: NDArray[np.bool_]) -> Likelihood:
+    """The log with those gains of some joints at which a reading agrees best."""
+    log = reading.likelihood
+    return replace(log, gains=log.gains * np.where(which, best_factors(reading), 1.0))
 
 
 def _others(likelihood: Likelihood, reference: IdentifiedModel | None) -> tuple[OtherEffort, ...]:
@@ -214,84 +201,58 @@ def _others(likelihood: Likelihood, reference: IdentifiedModel | None) -> tuple[
     return tuple(found)
 
 
-def ranked(likelihood: Likelihood, others: tuple[OtherEffort, ...]) -> Ranking:
-    """Rank all explanations, and those of what the best of them leaves."""
-    first = _as_declared(likelihood)
-    now, rounds = first, []
-    for _ in range(FAULT_ROUNDS):
-        hypotheses = _rivals(likelihood, now, others)
-        rounds.append(hypotheses)
-        gain = hypotheses[0].log_likelihood - now.log_likelihood
-        if (
-            gain < DECISIVE_GAIN
-            or hypotheses[0].cause in CAUSES_OF_OTHER_CHECKS
-            or not has_bad_joint(likelihood, hypotheses[0])
-        ):
-            break
-        now = hypotheses[0]
-    return Ranking(likelihood, first, tuple(rounds))
-
-
-def _rivals(
-    likelihood: Likelihood, now: Hypothesis, others: tuple[OtherEffort, ...]
-) -> tuple[Hypothesis, ...]:
-    """Everything that one change of an interpretation can explain, the likeliest first."""
-    found, identified = [now], likelihood.knowledge.identified
-    if has_bad_joint(likelihood, now) or identified or now.percent > LOOSE_MISFIT:
-        found += effort_hypotheses(
-            likelihood, now.interpretation, likelihood.sums([now.interpretation]), others
-        )
-    found += world_hypotheses(likelihood, now.interpretation)
+def _rivals(now: Hypothesis, others: tuple[OtherEffort, ...]) -> tuple[Hypothesis, ...]:
+    """Everything that one change of a reading can explain, the likeliest first."""
+    reading, identified, bad = now.reading, now.reading.knowledge.identified, has_bad_joint(now)
+    found = [now]
+    if bad or identified or now.percent > LOOSE_MISFIT:
+        found += effort_hypotheses(reading, others)
+    found += world_hypotheses(reading)
     if identified:
-        found += zero_hypotheses(likelihood, now.interpretation)
-    if has_bad_joint(likelihood, now) and not identified:
-        found += link_hypotheses(likelihood, now.interpretation)
+        found += zero_hypotheses(reading)
+    elif bad:
+        found += link_hypotheses(reading)
     found.sort(key=_unlikely)
-    gain = found[0].log_likelihood - now.log_likelihood
-    if has_bad_joint(likelihood, now) or (identified and gain > SUSPECT_GAIN):
-        found += position_hypotheses(likelihood, now.interpretation)
-        found += ratio_hypotheses(likelihood, now.interpretation)
+    if bad or (identified and found[0].log_likelihood - now.log_likelihood > SUSPECT_GAIN):
+        found += position_hypotheses(reading)
+        found += ratio_hypotheses(reading)
         found.sort(key=_unlikely)
-    if has_bad_joint(likelihood, found[0]):
-        found += deep_hypotheses(likelihood, now.interpretation)
+    if has_bad_joint(found[0]):
+        found += deep_hypotheses(reading)
         found.sort(key=_unlikely)
-    return efforts_first(now.interpretation, found)
+    return efforts_first(reading, found)
 
 
 def _unlikely(hypothesis: Hypothesis) -> float:
     return -hypothesis.log_likelihood
 
 
-def misfit_limits(likelihood: Likelihood) -> Array:
-    """Misfit of each joint from which on an interpretation is bad, shape `(n,)`."""
-    least = np.full(likelihood.signals.n, BAD_JOINT_MISFIT[likelihood.knowledge.identified])
-    sigma = likelihood.knowledge.sigma
-    if sigma is None:
+def _misfit_limits(log: Likelihood) -> Array:
+    """Misfit of each joint from which on a reading is bad, shape `(n,)`."""
+    least = np.full(log.signals.n, BAD_JOINT_MISFIT[log.knowledge.identified])
+    if log.knowledge.sigma is None:
         return least
-    logged = np.abs(likelihood.into_logged(likelihood.declared)) @ sigma
-    size = np.maximum(likelihood.size, 1e-300)
-    return np.asarray(
-        np.maximum(least, np.minimum(EXPECTED_MISFIT_FACTOR * logged / size, HOPELESS_MISFIT))
-    )
+    logged = np.abs(log.declared.into_logged()) @ log.knowledge.sigma
+    expected = EXPECTED_MISFIT_FACTOR * logged / np.maximum(log.size, 1e-300)
+    return np.asarray(np.maximum(least, np.minimum(expected, HOPELESS_MISFIT)))
 
 
-def has_bad_joint(likelihood: Likelihood, hypothesis: Hypothesis) -> bool:
+def has_bad_joint(hypothesis: Hypothesis) -> bool:
     """Whether a joint disagrees more than friction and a rough model explain.
 
     An effort that is smaller than it should be, such as one without gravity, may disagree by as
     many newton metres.
     """
-    if not disagrees(likelihood, hypothesis):
+    if not disagrees(hypothesis):
         return False
-    interpretation = hypothesis.interpretation
-    e = likelihood.excerpt.e[list(interpretation.effort)] * interpretation.effort_scale[:, None]
+    reading, log = hypothesis.reading, hypothesis.reading.likelihood
+    e = log.excerpt.e[list(reading.effort)] * reading.effort_scale[:, None]
     rms = np.maximum(np.sqrt(np.mean(np.square(e), axis=1)), 1e-300)
-    allowed = misfit_limits(likelihood) * np.maximum(likelihood.size / rms, 1.0)
+    allowed = _misfit_limits(log) * np.maximum(log.size / rms, 1.0)
     return bool(np.any((hypothesis.misfits > allowed) & (hypothesis.score.counts > 0.0)))
 
 
-def disagrees(likelihood: Likelihood, hypothesis: Hypothesis) -> bool:
+def disagrees(hypothesis: Hypothesis) -> bool:
     """Whether a joint disagrees, relative to its effort, however small that is."""
-    return bool(
-        np.any((hypothesis.misfits > misfit_limits(likelihood)) & (hypothesis.score.counts > 0.0))
-    )
+    above = hypothesis.misfits > _misfit_limits(hypothesis.reading.likelihood)
+    return bool(np.any(above & (hypothesis.score.counts > 0.0)))

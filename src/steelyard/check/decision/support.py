@@ -20,20 +20,16 @@ from steelyard.check.hypotheses.bodies import (
     with_mirror,
 )
 from steelyard.check.hypotheses.effort_columns import combined_hypotheses, unit_hypotheses
-from steelyard.check.hypotheses.excerpt import Interpretation
 from steelyard.check.hypotheses.friction_evidence import friction_alone
 from steelyard.check.hypotheses.likelihood import (
+    CLOSE_HYPOTHESES,
     FITTED_NUMBER_COST,
-    MISFIT_FLOOR,
     Hypothesis,
     Likelihood,
-    one_of,
+    Reading,
 )
-from steelyard.check.hypotheses.surroundings import (
-    SHARP_DELAY_FLOOR,
-    axis_near,
-    mounting_hypotheses,
-)
+from steelyard.check.hypotheses.nuisance import MISFIT_FLOOR
+from steelyard.check.hypotheses.surroundings import axis_near, mounting_hypotheses
 
 SUPPORT_MARGIN, SUPPORT_FALL = 60.0, 2.0
 """Log-likelihood that bodies of the log's own must gain, and the factor by which the misfit of some
@@ -55,28 +51,20 @@ UNCONCERNED_CHANGE = 0.1
 THOUSAND_TOLERANCE = 2.5
 """Factor up to which links may differ from a model file's, and gains from the declared ones, for
 efforts to be in a unit that is a thousand times the declared one, or a thousandth of it."""
-CLOSE_SUPPORT = 3.0
-"""Log-likelihood within which two explanations agree equally well."""
 
 
-def contradicted(likelihood: Likelihood, before: Interpretation, winner: Hypothesis) -> bool:
+def contradicted(before: Reading, winner: Hypothesis) -> bool:
     """Whether the data, whatever the bodies weigh, speak for an explanation."""
-    then, now = (
-        consistent_bodies(likelihood, before),
-        consistent_bodies(likelihood, winner.interpretation),
-    )
+    then, now = consistent_bodies(before), consistent_bodies(winner.reading)
     if then is None or now is None:
         return False
     if winner.cause == "effort delay":
-        gain = now.score.log_likelihood_with(
-            SHARP_DELAY_FLOOR, np.inf
-        ) - then.score.log_likelihood_with(SHARP_DELAY_FLOOR, np.inf)
-        return bool(gain > LATE_MARGIN and _fall(now, then) >= LATE_FALL)
+        return now.score.sharp - then.score.sharp > LATE_MARGIN and _fall(now, then) >= LATE_FALL
     return fits_clearly_better(now, then, winner.cost)
 
 
 def fits_clearly_better(now: ConsistentBodies, then: ConsistentBodies, cost: float) -> bool:
-    """Whether one interpretation fits bodies of the log's own clearly better than another."""
+    """Whether one reading fits bodies of the log's own clearly better than another."""
     gain = float(now.score.log_likelihood - then.score.log_likelihood) - cost
     return gain >= SUPPORT_MARGIN and _fall(now, then) >= SUPPORT_FALL
 
@@ -89,67 +77,55 @@ def _fall(now: ConsistentBodies, then: ConsistentBodies) -> float:
 def supported(
     likelihood: Likelihood, winners: Sequence[tuple[Hypothesis, Severity]]
 ) -> tuple[tuple[Hypothesis, Severity], ...]:
-    """What holds of a log, from what a nominal model suggests and what the data support.
-
-    Args:
-        likelihood: The log.
-        winners: What the nominal model suggests, in the order in which it was found.
-    """
+    """What holds of a log, from what a nominal model suggests and what the data support."""
     kept: list[tuple[Hypothesis, Severity]] = []
-    interpretation, rescaled = likelihood.declared, False
+    reading, rescaled = likelihood.declared, False
     for hypothesis, severity in winners:
-        thousand = _as_thousand(likelihood, interpretation, hypothesis)
+        thousand = _as_thousand(reading, hypothesis)
         if thousand is not None:
             kept.append((thousand, severity))
-            interpretation = thousand.interpretation
+            reading = thousand.reading
             break
-        if hypothesis.cause == "payload" or contradicted(likelihood, interpretation, hypothesis):
-            fixed = hypothesis.fixed and not _fitted(interpretation, hypothesis)
+        if hypothesis.cause == "payload" or contradicted(reading, hypothesis):
+            fixed = hypothesis.fixed and not _fitted(reading, hypothesis)
             kept.append((replace(hypothesis, fixed=fixed), severity))
-        elif _only_factor(interpretation, hypothesis):
-            rescaled = rescaled or not _of_unit(likelihood, interpretation, hypothesis)
+        elif _only_factor(reading, hypothesis):
+            rescaled = rescaled or not _of_unit(reading, hypothesis)
             if rescaled:
                 break
             kept.append((hypothesis, severity))
         else:
             kept.append((replace(hypothesis, fixed=False), Severity.DOUBTFUL))
             break
-        interpretation = hypothesis.interpretation
-    whole = _combined(likelihood, interpretation)
+        reading = hypothesis.reading
+    whole = _combined(reading)
     if whole:
         kept = [*(kept if whole[0][0].cause == "mounting" else ()), *whole]
-        interpretation = whole[-1][0].interpretation
-    kept = [
-        (with_mirror(likelihood, likelihood.declared, r), j)
-        for r, j in _unrivalled(likelihood, kept)
-    ]
-    scale = _scale(likelihood, interpretation, rescaled)
+        reading = whole[-1][0].reading
+    kept = [(with_mirror(r), severity) for r, severity in _unrivalled(kept)]
+    scale = _scale(reading, rescaled)
     return (*kept, scale) if scale is not None else tuple(kept)
 
 
-def _unrivalled(
-    likelihood: Likelihood, kept: list[tuple[Hypothesis, Severity]]
-) -> list[tuple[Hypothesis, Severity]]:
+def _unrivalled(kept: list[tuple[Hypothesis, Severity]]) -> list[tuple[Hypothesis, Severity]]:
     """Nothing is written where positions in another order do as well as efforts, or the reverse."""
-    before = likelihood.declared
     for number, (hypothesis, _) in enumerate(kept):
-        after = hypothesis.interpretation
+        before, after = hypothesis.reading.likelihood.declared, hypothesis.reading
         alone = (after.position == before.position) != (after.effort == before.effort)
         if hypothesis.cause != "joint order" or not hypothesis.fixed or not alone:
             continue
         mirror = _mirror(before, after)
-        mine, other = consistent_bodies(likelihood, after), consistent_bodies(likelihood, mirror)
+        mine, other = consistent_bodies(after), consistent_bodies(mirror)
         if mine is None or other is None:
             continue
         if float(mine.score.log_likelihood - other.score.log_likelihood) < SUPPORT_MARGIN:
-            order = _order_of(likelihood, mirror)
-            says = f"{hypothesis.says}, or {order}: this log alone cannot decide"
+            says = f"{hypothesis.says}, or {_order_of(mirror)}: this log alone cannot decide"
             kept[number] = replace(hypothesis, says=says), Severity.DOUBTFUL
             return [(replace(r, fixed=False), Severity.DOUBTFUL) for r, _ in kept]
     return kept
 
 
-def _mirror(before: Interpretation, after: Interpretation) -> Interpretation:
+def _mirror(before: Reading, after: Reading) -> Reading:
     """The same pairs of positions and efforts, as an order of the others."""
     n = range(len(after.position))
     if after.effort == before.effort:
@@ -159,14 +135,15 @@ def _mirror(before: Interpretation, after: Interpretation) -> Interpretation:
     return after.changed(position=position, effort=before.effort)
 
 
-def _order_of(likelihood: Likelihood, interpretation: Interpretation) -> str:
+def _order_of(reading: Reading) -> str:
     """The order of the columns in a few words."""
-    if interpretation.position == likelihood.declared.position:
-        return f"efforts in the order {', '.join(str(k + 1) for k in interpretation.effort)}"
-    names = likelihood.knowledge.robot.joint_names
-    if interpretation.effort == interpretation.position:
-        return f"the columns are in the order {_inverse(names, interpretation.position)}"
-    return f"the columns of positions are those of {_inverse(names, interpretation.position)}"
+    if reading.position == reading.likelihood.declared.position:
+        return f"efforts in the order {', '.join(str(k + 1) for k in reading.effort)}"
+    names = reading.likelihood.names
+    listed = ", ".join(f"'{names[reading.position.index(k)]}'" for k in range(len(names)))
+    if reading.effort == reading.position:
+        return f"the columns are in the order {listed}"
+    return f"the columns of positions are those of {listed}"
 
 
 def _worst_joint_misfit(bodies: ConsistentBodies, before: ConsistentBodies | None = None) -> float:
@@ -181,105 +158,76 @@ def _worst_joint_misfit(bodies: ConsistentBodies, before: ConsistentBodies | Non
     return 100.0 * float(np.max(bodies.score.misfits[seen], initial=0.0))
 
 
-def _nominal_gain(likelihood: Likelihood, before: Interpretation, found: Hypothesis) -> float:
-    """Rise of the log-likelihood of the nominal model from one interpretation to another."""
-    then, now = (likelihood.score(x) for x in (before, found.interpretation))
-    return float(now.log_likelihood[0] - then.log_likelihood[0])
-
-
-def _only_factor(interpretation: Interpretation, hypothesis: Hypothesis) -> bool:
+def _only_factor(reading: Reading, hypothesis: Hypothesis) -> bool:
     """Whether an explanation does nothing but multiply efforts by positive factors."""
-    after = hypothesis.interpretation
-    factors = after.effort_scale / interpretation.effort_scale
+    after = hypothesis.reading
+    factors = after.effort_scale / reading.effort_scale
     return bool(
         np.all(factors > 0.0)
-        and (after.position, after.effort) == (interpretation.position, interpretation.effort)
-        and np.array_equal(after.gravity, interpretation.gravity)
-        and np.array_equal(after.position_scale, interpretation.position_scale)
-        and (after.delay, after.time) == (interpretation.delay, interpretation.time)
-        and np.array_equal(after.ratios, interpretation.ratios)
+        and (after.position, after.effort) == (reading.position, reading.effort)
+        and np.array_equal(after.gravity, reading.gravity)
+        and np.array_equal(after.position_scale, reading.position_scale)
+        and (after.delay, after.time) == (reading.delay, reading.time)
+        and np.array_equal(after.ratios, reading.ratios)
     )
 
 
-def _fitted(interpretation: Interpretation, hypothesis: Hypothesis) -> bool:
+def _fitted(reading: Reading, hypothesis: Hypothesis) -> bool:
     """Whether an explanation's gains or ratios are those at which a nominal model agrees best."""
-    ratios = not np.array_equal(hypothesis.interpretation.ratios, interpretation.ratios)
-    return hypothesis.cost >= FITTED_NUMBER_COST and (
-        ratios or _only_factor(interpretation, hypothesis)
-    )
+    ratios = not np.array_equal(hypothesis.reading.ratios, reading.ratios)
+    return hypothesis.cost >= FITTED_NUMBER_COST and (ratios or _only_factor(reading, hypothesis))
 
 
-def _of_unit(
-    likelihood: Likelihood, interpretation: Interpretation, hypothesis: Hypothesis
-) -> bool:
+def _of_unit(reading: Reading, hypothesis: Hypothesis) -> bool:
     """Whether a known factor, not a fitted one, brings bodies from absurd masses to likely ones."""
-    then, now = (
-        consistent_bodies(likelihood, interpretation),
-        consistent_bodies(likelihood, hypothesis.interpretation),
-    )
-    known = not _fitted(interpretation, hypothesis)
-    return known and then is not None and now is not None and _far(then) and not _far(now)
+    if _fitted(reading, hypothesis):
+        return False
+    then, now = consistent_bodies(reading), consistent_bodies(hypothesis.reading)
+    return then is not None and now is not None and _far(then) and not _far(now)
 
 
-def _as_thousand(
-    likelihood: Likelihood, interpretation: Interpretation, hypothesis: Hypothesis
-) -> Hypothesis | None:
+def _as_thousand(reading: Reading, hypothesis: Hypothesis) -> Hypothesis | None:
     """The unit that a fitted factor is near, if it leaves likely masses; `None` otherwise."""
-    factors = hypothesis.interpretation.effort_scale / interpretation.effort_scale
-    if not _fitted(interpretation, hypothesis):
+    if not _fitted(reading, hypothesis):
         return None
-    unit = _thousand(likelihood, interpretation, factors)
-    return unit if unit and _of_unit(likelihood, interpretation, unit) else None
+    unit = _thousand(reading, hypothesis.reading.effort_scale / reading.effort_scale)
+    return unit if unit and _of_unit(reading, unit) else None
 
 
-def _thousand(
-    likelihood: Likelihood, interpretation: Interpretation, factors: Array
-) -> Hypothesis | None:
+def _thousand(reading: Reading, factors: Array) -> Hypothesis | None:
     """Efforts in the unit that factors on them are near; `None` if there is none.
 
     Torques are a thousand times the declared ones. Currents are in A or mA: for all joints one,
     though fitted gains of some joints may be far from it.
     """
     wanted, fitted = 1e3, factors
-    if "A" in likelihood.signals.effort_units and np.any(factors != 1.0):
-        wanted = 1e3 if np.max(np.abs(interpretation.effort_scale)) < 1.0 else 1e-3
+    if "A" in reading.likelihood.signals.effort_units and np.any(factors != 1.0):
+        wanted = 1e3 if np.max(np.abs(reading.effort_scale)) < 1.0 else 1e-3
         fitted = np.array([np.median(factors[factors != 1.0])])
     if not np.all((fitted > wanted / THOUSAND_TOLERANCE) & (fitted < wanted * THOUSAND_TOLERANCE)):
         return None
-    hypotheses = unit_hypotheses(likelihood, interpretation, likelihood.sums([interpretation]))
-    return next(
-        r
-        for r in hypotheses
-        if np.allclose(r.interpretation.effort_scale, wanted * interpretation.effort_scale)
-    )
+    scale = wanted * reading.effort_scale
+    return next(r for r in unit_hypotheses(reading) if np.allclose(r.reading.effort_scale, scale))
 
 
 def _far(found: ConsistentBodies) -> bool:
     return max(found.scale, 1.0 / found.scale) > HEAVIEST_FACTOR
 
 
-def _combined(
-    likelihood: Likelihood, interpretation: Interpretation
-) -> tuple[tuple[Hypothesis, Severity], ...]:
+def _combined(reading: Reading) -> tuple[tuple[Hypothesis, Severity], ...]:
     """Order and signs of all columns, or gravity, if the data speak for another than is declared.
 
     So much is changed at once that the misfit must fall in the typical joint, or be small in all.
-
-    Args:
-        likelihood: The log.
-        interpretation: As it is read so far; orders and signs are searched from the declared
-        interpretation.
+    Orders and signs are searched from the declared reading, gravity from the given one.
     """
-    now, own = (
-        consistent_bodies(likelihood, interpretation),
-        consistent_bodies(likelihood, likelihood.declared),
-    )
+    likelihood = reading.likelihood
+    now, own = consistent_bodies(reading), consistent_bodies(likelihood.declared)
     if now is None or own is None:
         return ()
     poor = now.percent > POOR_BODIES_MISFIT or _worst_joint_misfit(now) > ROUGH_BODIES_MISFIT
     found = combined_hypotheses(likelihood) if poor else []
     fair = now.percent > FAIR_BODIES_MISFIT or _worst_joint_misfit(now) > POOR_BODIES_MISFIT
-    found += mounting_hypotheses(likelihood, interpretation) if fair else []
+    found += mounting_hypotheses(reading) if fair else []
     if not found:
         return ()
     found.sort(key=lambda pair: -pair[0].log_likelihood)
@@ -287,20 +235,17 @@ def _combined(
     if not fits_clearly_better(bodies, now, best.cost):
         return ()
     worst = _worst_joint_misfit(bodies)
-    if best.cause and _nominal_gain(likelihood, interpretation, best) > SUPPORT_MARGIN:
+    if best.cause and best.reading.log_likelihood - reading.log_likelihood > SUPPORT_MARGIN:
         worst = _worst_joint_misfit(bodies, now)
     if bodies.percent > ROUGH_BODIES_MISFIT or (
         SUPPORT_FALL * bodies.percent > now.percent and worst > POOR_BODIES_MISFIT
     ):
         return ()
-    near = [r for r, _ in found[1:] if r.log_likelihood > best.log_likelihood - CLOSE_SUPPORT]
+    near = [r for r, _ in found[1:] if r.log_likelihood > best.log_likelihood - CLOSE_HYPOTHESES]
     sure = not near and bodies.percent <= _enough(best)
     severity = Severity.WRONG if sure else Severity.DOUBTFUL
     compared = "free link inertias", (now if best.cause else own).percent
-    return tuple(
-        (replace(part, fixed=sure, compared=compared), severity)
-        for part in _parts(likelihood, best)
-    )
+    return tuple((replace(r, fixed=sure, compared=compared), severity) for r in _parts(best))
 
 
 def _enough(hypothesis: Hypothesis) -> float:
@@ -310,94 +255,62 @@ def _enough(hypothesis: Hypothesis) -> float:
     """
     if hypothesis.cause != "mounting":
         return ROUGH_BODIES_MISFIT
-    gravity = hypothesis.interpretation.gravity
-    return (
-        FAIR_BODIES_MISFIT
-        if axis_near(gravity / np.linalg.norm(gravity)) is None
-        else POOR_BODIES_MISFIT
-    )
+    gravity = hypothesis.reading.gravity
+    alone = axis_near(gravity / np.linalg.norm(gravity)) is None
+    return FAIR_BODIES_MISFIT if alone else POOR_BODIES_MISFIT
 
 
-def _parts(likelihood: Likelihood, best: Hypothesis) -> Iterator[Hypothesis]:
-    """One explanation per cause, all of the same interpretation."""
+def _parts(best: Hypothesis) -> Iterator[Hypothesis]:
+    """One explanation per cause, all of the same reading."""
     names, before, after = (
-        likelihood.knowledge.robot.joint_names,
-        likelihood.declared,
-        best.interpretation,
+        best.reading.likelihood.names,
+        best.reading.likelihood.declared,
+        best.reading,
     )
     if best.cause:
         yield best
         return
     if (after.position, after.effort) != (before.position, before.effort):
-        says = _order_of(likelihood, after)
-        yield replace(best, cause="joint order", says=says)
-    for cause, says, then, now in (
-        (
-            "position sign",
-            "position of {} has the opposite sign",
-            before.position_scale,
-            after.position_scale,
-        ),
-        (
-            "effort sign",
-            "effort of {} has the opposite sign",
-            before.effort_scale,
-            after.effort_scale,
-        ),
-    ):
-        turned = np.flatnonzero(np.sign(then) != np.sign(now))
-        if len(turned):
-            who = ", ".join(f"'{names[j]}'" for j in turned)
-            who = "all joints" if len(turned) == len(names) > 1 else who
-            joints = tuple(int(j) for j in turned)
-            yield replace(best, cause=cause, says=says.format(who), joints=joints)
+        yield replace(best, cause="joint order", says=_order_of(after))
+    for what in ("position", "effort"):
+        then, now = (np.sign(getattr(reading, f"{what}_scale")) for reading in (before, after))
+        joints = tuple(np.flatnonzero(then != now).tolist())
+        if joints:
+            who = ", ".join(f"'{names[j]}'" for j in joints)
+            who = "all joints" if len(joints) == len(names) > 1 else who
+            says = f"{what} of {who} has the opposite sign"
+            yield replace(best, cause=f"{what} sign", says=says, joints=joints)
 
 
-def _inverse(names: Sequence[str], order: Sequence[int]) -> str:
-    """Which joint every column belongs to, in the order of the columns."""
-    return ", ".join(f"'{names[list(order).index(k)]}'" for k in range(len(order)))
-
-
-def bodies_that_explain(
-    likelihood: Likelihood, interpretation: Interpretation
-) -> ConsistentBodies | None:
+def bodies_that_explain(reading: Reading) -> ConsistentBodies | None:
     """Bodies of the log's own that explain a log; `None` where they do not, or hardly show."""
-    found = consistent_bodies(likelihood, interpretation)
+    found = consistent_bodies(reading)
     if (
         found is None
         or found.percent > POOR_BODIES_MISFIT
         or _worst_joint_misfit(found) > ROUGH_BODIES_MISFIT
     ):
         return None
-    return None if friction_alone_explains(likelihood, interpretation, found) else found
+    return None if friction_alone_explains(reading, found) else found
 
 
-def friction_alone_explains(
-    likelihood: Likelihood, interpretation: Interpretation, found: ConsistentBodies
-) -> bool:
+def friction_alone_explains(reading: Reading, found: ConsistentBodies) -> bool:
     """Whether friction alone fits a log about as well as with bodies: their size is open then."""
-    alone = ConsistentBodies(friction_alone(likelihood, interpretation), 0.0)
+    alone = ConsistentBodies(friction_alone(reading), 0.0)
     return not fits_clearly_better(found, alone, 0.0)
 
 
-def _scale(
-    likelihood: Likelihood, interpretation: Interpretation, rescaled: bool
-) -> tuple[Hypothesis, Severity] | None:
+def _scale(reading: Reading, rescaled: bool) -> tuple[Hypothesis, Severity] | None:
     """A factor on all efforts, or bodies lighter or heavier than the nominal ones.
 
     Beyond `HEAVIEST_FACTOR` something is wrong with the efforts, if the factor makes the nominal
     model agree clearly better; below, only where the nominal model calls for it. There is no
     finding where friction alone fits as well as bodies.
-
-    Args:
-        likelihood: The log.
-        interpretation: What the data support.
-        rescaled: Whether the nominal model speaks for other gains.
     """
-    found = consistent_bodies(likelihood, interpretation)
+    found = consistent_bodies(reading)
     if found is None or not (rescaled or (_far(found) and found.percent <= ROUGH_BODIES_MISFIT)):
         return None
-    if friction_alone_explains(likelihood, interpretation, found):
+    if friction_alone_explains(reading, found):
         return None
     factor, far = 1.0 / found.scale, _far(found)
     lighter = "lighter" if factor > 1.0 else "heavier"
@@ -408,24 +321,21 @@ def _scale(
     if found.percent > FAIR_BODIES_MISFIT:
         says += (
             ", or lengths and axes differ from the model file: with free link inertias the "
-            "misfit is "
-            f"{found.percent:.0f} %"
+            f"misfit is {found.percent:.0f} %"
         )
-    changed = interpretation.with_factors(np.full(likelihood.signals.n, factor))
-    cause = "gain" if "A" in likelihood.signals.effort_units else "effort kind"
-    score = one_of(likelihood.score(changed), 0)
-    if not rescaled and float(score.percent) * SUPPORT_FALL > float(
-        likelihood.score(interpretation).percent[0]
-    ):
+    signals = reading.likelihood.signals
+    changed = reading.with_factors(np.full(signals.n, factor))
+    cause = "gain" if "A" in signals.effort_units else "effort kind"
+    if not rescaled and changed.percent * SUPPORT_FALL > reading.percent:
         return None
-    unit = _thousand(likelihood, interpretation, np.array([factor])) if far else None
+    unit = _thousand(reading, np.array([factor])) if far else None
     if unit is not None:
         return unit, Severity.WRONG
-    joints = tuple(range(likelihood.signals.n))
-    hypothesis = Hypothesis(cause, says, changed, FITTED_NUMBER_COST, joints, score, fixed=False)
+    cost, joints = FITTED_NUMBER_COST, tuple(range(signals.n))
+    hypothesis = Hypothesis(cause, says, changed, cost, joints, changed.score, fixed=False)
     if far:
         return hypothesis, Severity.WRONG
-    link = next(link_hypotheses(likelihood, interpretation), None)
+    link = next(link_hypotheses(reading), None)
     if link is None or link.log_likelihood < hypothesis.log_likelihood - SUPPORT_MARGIN:
         return hypothesis, Severity.DOUBTFUL
     says = f"either efforts are off by a factor of about {_short(factor)}, or {link.says}"

@@ -7,15 +7,14 @@ joint and the effort of the one before it.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.check.case import Case, Evidence
+from steelyard.check.case import Case, Evidence, log_check
 from steelyard.check.decision.ranking import DECISIVE_GAIN
-from steelyard.check.decision.verdict import judge_log, last_winner
-from steelyard.check.finding import Finding, Fix, Severity
+from steelyard.check.decision.verdict import judge_log
+from steelyard.check.finding import Finding, Fix
 from steelyard.check.hypotheses.likelihood import Likelihood
 from steelyard.robot.file.efforts import MOTOR_KINDS
 from steelyard.robot.robot import Transmission
@@ -36,19 +35,6 @@ ENTER_COUPLING = Fix(
 """What to do where a coupling that is not declared fits as well."""
 
 
-class TransmissionCheck:
-    """Gears with one sign or one coupling changed, compared with those declared."""
-
-    name: ClassVar[str] = "transmission"
-    question: ClassVar[str] = "Do gear signs and couplings agree with the log?"
-    quick: ClassVar[bool] = True
-
-    def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding per log with positions of motors."""
-        found = (_finding(case, evidence) for evidence in case.logs)
-        return tuple(finding for finding in found if finding is not None)
-
-
 @dataclass(frozen=True, eq=False)
 class OtherGears:
     """Gears with one change.
@@ -66,54 +52,48 @@ class OtherGears:
     matrix: Array
 
 
-def _finding(case: Case, evidence: Evidence) -> Finding | None:
+@log_check("transmission", "Do gear signs and couplings agree with the log?")
+def transmission_check(case: Case, evidence: Evidence) -> Finding | None:
+    """Gears with one sign or one coupling changed, compared with those declared for motors."""
     decision = judge_log(case, evidence)
-    if decision is None or decision.alien:
+    if decision is None or decision.of_other_check:
         return None
-    likelihood, last = decision.ranking.likelihood, last_winner(decision).interpretation
+    likelihood, last = decision.likelihood, decision.last.reading
     if likelihood.gears is None or likelihood.signals.position_map is None:
         return None
-    now = with_gears(likelihood, likelihood.gears.matrix).score(last)
-    others = list(other_gears(likelihood.gears, (now.counts[0] > 0.0).tolist()))
-    scores = [with_gears(likelihood, other.matrix).score(last) for other in others]
-    rises = [float(score.log_likelihood[0] - now.log_likelihood[0]) for score in scores]
+    now = last.on(with_gears(likelihood, likelihood.gears.matrix))
+    others = list(other_gears(likelihood.gears, (now.score.counts > 0.0).tolist()))
+    readings = [last.on(with_gears(likelihood, other.matrix)) for other in others]
+    rises = [reading.log_likelihood - now.log_likelihood for reading in readings]
     best = max(rises, default=-np.inf)
     near = [o for o, rise in zip(others, rises, strict=True) if rise > -DECISIVE_GAIN]
     figure = (
         f"log-likelihood of the best other gears {best:+.0f}, at most {-DECISIVE_GAIN:g} required"
     )
-    name, misfit = TransmissionCheck.name, f"{float(now.percent[0]):.1f} %"
+    misfit = f"{now.percent:.1f} %"
     first = int(np.argmax(rises)) if rises else 0
-    other = f"{float(scores[first].percent[0]):.1f} %" if rises else ""
+    other = f"{readings[first].percent:.1f} %" if rises else ""
     if best > DECISIVE_GAIN:
         says = f"{others[first].says} fits clearly better: misfit {other}, as declared {misfit}"
-        return Finding(name, evidence.name, Severity.DOUBTFUL, says, figure, fix=COMPARE_RATIOS)
+        return Finding.doubtful(says, figure, fix=COMPARE_RATIOS)
     if near:
         says = (
             f"undecided: misfit {misfit}, but about as well fit {_listed(near)}; the best of them, "
             f"{others[first].says}, has a misfit of {other}"
         )
-        return Finding(
-            name, evidence.name, Severity.OK, says, figure, fix=COMPARE_RATIOS, answered=False
-        )
-    says = "other signs of gear ratios and other couplings fit worse"
-    return Finding(name, evidence.name, Severity.OK, says, figure)
+        return Finding.ok(says, figure, fix=COMPARE_RATIOS, answered=False)
+    return Finding.ok("other signs of gear ratios and other couplings fit worse", figure)
 
 
 def missing_coupling(findings: Sequence[Finding], stated: bool) -> tuple[Finding, ...]:
-    """A remark beside the headline of a fit where motors that no coupling names may be coupled.
-
-    Args:
-        findings: Of a check before.
-        stated: Whether the robot file states the couplings, or that there are none.
-    """
-    name = TransmissionCheck.name
+    """A remark beside the headline of a fit where motors that no coupling names may be coupled."""
+    name = transmission_check.name
     open_ones = [f for f in findings if f.check == name and not f.answered and COUPLED in f.says]
     if stated or not open_ones:
         return ()
     motors = open_ones[0].says.partition(COUPLED)[2].partition(WITH)[0]
     says = f"no coupling is declared, but one of {motors}{WITH} fits the logs about as well"
-    return (Finding(name, "", Severity.OK, says, "", fix=ENTER_COUPLING, headline=True),)
+    return (Finding.ok(says, fix=ENTER_COUPLING, headline=True).by(name),)
 
 
 def _listed(near: Sequence[OtherGears]) -> str:
@@ -128,12 +108,7 @@ def _listed(near: Sequence[OtherGears]) -> str:
 
 
 def other_gears(gears: Transmission, moving: Sequence[bool]) -> Iterator[OtherGears]:
-    """Gears with another sign, or another coupling of a motor with the joint before its own.
-
-    Args:
-        gears: As declared; row and column k are motor and joint k.
-        moving: Whether each joint moves.
-    """
+    """Gears with another sign, or another coupling of a motor with the joint before its own."""
     for k, motor in enumerate(gears.motors):
         own = float(gears.matrix[k, k])
         if not moving[k]:
@@ -161,7 +136,7 @@ def with_gears(likelihood: Likelihood, matrix: Array) -> Likelihood:
     if gears is None:
         raise ValueError("the robot has no gears")
     own = signals.effort_map
-    if own is None and likelihood.declared.kind in MOTOR_KINDS:
+    if own is None and signals.effort_kind in MOTOR_KINDS:
         own = np.diag(likelihood.gains)
     if own is not None:
         own = matrix.T @ np.linalg.solve(gears.matrix.T, own)

@@ -1,11 +1,10 @@
 """What a ranking says: which explanations are beyond doubt, and the findings that report them."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from steelyard.check.case import Case, Evidence
+from steelyard.check.case import Case, Evidence, Knowledge
 from steelyard.check.decision.ranking import (
     CAUSES_OF_OTHER_CHECKS,
     Ranking,
@@ -13,22 +12,20 @@ from steelyard.check.decision.ranking import (
     has_bad_joint,
     ranking,
 )
-from steelyard.check.decision.support import supported
+from steelyard.check.decision.support import LATE_MARGIN, supported
 from steelyard.check.finding import Severity
 from steelyard.check.hypotheses.bodies import mirrors, of_link
 from steelyard.check.hypotheses.effort_columns import OWN_GAIN_COST
 from steelyard.check.hypotheses.friction_evidence import presliding_score
-from steelyard.check.hypotheses.likelihood import Hypothesis
-from steelyard.check.hypotheses.surroundings import SHARP_DELAY_FLOOR, delay_hypotheses
+from steelyard.check.hypotheses.likelihood import CLOSE_HYPOTHESES, Hypothesis, Reading
+from steelyard.check.hypotheses.surroundings import delay_hypotheses
 from steelyard.check.signals.overview import cached_per_log
 
 VERDICT_MARGIN = {True: 20.0, False: 60.0}
-"""Log-likelihood by which an explanation must beat the declared interpretation, with and without a
+"""Log-likelihood by which an explanation must beat the declared reading, with and without a
 reference."""
 VERDICT_FALL = {True: 2.0, False: 2.5}
 """Factor by which some joint's misfit must fall with a reference; without, the typical one."""
-CLOSE_VERDICT = 3.0
-"""Log-likelihood within which two explanations cannot be distinguished."""
 ROUGH_MISFIT = 25.0
 """Typical misfit [%] that an explanation by a nominal model may leave."""
 OF_JOINTS = ("effort sign", "position sign")
@@ -37,28 +34,32 @@ HUGE_GAIN = 20.0
 """Factor on one joint's effort beyond which a rough model is no excuse either."""
 STRIKING, CLEAN = 200.0, 12.0
 """Log-likelihood gained, and misfit left [%], of an explanation by a nominal model that counts
-although the declared interpretation is not bad in itself."""
+although the declared reading is not bad in itself."""
 LEAST_MASS, LEAST_SHARE, SURE_MASS = 0.3, 0.02, 6.0
 """Least payload [kg], relative to the arm's mass, and over its standard deviation."""
 LEAST_DELAY = {True: 0.004, False: 0.04}
 """Least delay [s], with and without a reference."""
-DELAY_ROWS, DELAY_MARGIN = 1.5, 12.0
+DELAY_ROWS = 1.5
+"""The same in rows of the log."""
 
 
 @dataclass(frozen=True, eq=False)
-class LogVerdict:
-    """What holds of one log.
+class LogVerdict(Ranking):
+    """What holds of one log, with all explanations.
 
     Attributes:
-        ranking: All explanations.
         winners: What is wrong, in the order in which it was found, with how sure that is; ok
             where the model file alone is wrong, which leaves a question open.
         explained: Whether the last winner agrees with what is known.
     """
 
-    ranking: Ranking
     winners: tuple[tuple[Hypothesis, Severity], ...]
     explained: bool
+
+    @property
+    def last(self) -> Hypothesis:
+        """The last winner, or the declared reading."""
+        return self.winners[-1][0] if self.winners else self.declared
 
     @property
     def written(self) -> tuple[Hypothesis, ...]:
@@ -66,9 +67,9 @@ class LogVerdict:
         return tuple(hypothesis for hypothesis, _ in self.winners if hypothesis.fixed)
 
     @property
-    def alien(self) -> bool:
+    def of_other_check(self) -> bool:
         """Whether another check's cause is the first to be corrected."""
-        return first_cause_of_other_check(self.winners)
+        return any(hypothesis.cause in CAUSES_OF_OTHER_CHECKS for hypothesis, _ in self.winners)
 
 
 @cached_per_log
@@ -80,7 +81,7 @@ def judge_log(case: Case, evidence: Evidence) -> LogVerdict | None:
     winners: list[tuple[Hypothesis, Severity]] = []
     before = found.declared
     for hypotheses, winner in zip(found.rounds, found.chain, strict=False):
-        severity = _judged(found, before, winner, hypotheses)
+        severity = _judged(before, winner, hypotheses)
         if severity is Severity.OK:
             link = _link(before, winner, hypotheses)
             if link is None:
@@ -90,24 +91,15 @@ def judge_log(case: Case, evidence: Evidence) -> LogVerdict | None:
         before = winner
     if all(w.cause != "effort delay" for w, _ in winners):
         late = _delay(found, len(winners), before)
-        if late is not None and _late(found, before, late):
+        if late is not None and _late(before, late):
             winners.append((late, Severity.WRONG))
-    if found.likelihood.knowledge.identified or first_cause_of_other_check(winners):
-        return LogVerdict(found, tuple(winners), not has_bad_joint(found.likelihood, before))
+    explained = not has_bad_joint(before)
+    verdict = LogVerdict(found.declared, found.rounds, tuple(winners), explained)
+    if found.likelihood.knowledge.identified or verdict.of_other_check:
+        return verdict
     kept = supported(found.likelihood, winners)
-    return LogVerdict(
-        found, kept, not has_bad_joint(found.likelihood, kept[-1][0] if kept else before)
-    )
-
-
-def last_winner(decision: LogVerdict) -> Hypothesis:
-    """The last winner, or the declared interpretation."""
-    return decision.winners[-1][0] if decision.winners else decision.ranking.declared
-
-
-def first_cause_of_other_check(winners: Sequence[tuple[Hypothesis, Severity]]) -> bool:
-    """Whether another check's cause is the first to be corrected."""
-    return any(hypothesis.cause in CAUSES_OF_OTHER_CHECKS for hypothesis, _ in winners)
+    explained = not has_bad_joint(kept[-1][0]) if kept else explained
+    return replace(verdict, winners=kept, explained=explained)
 
 
 def positions_at_fault(case: Case, evidence: Evidence) -> bool:
@@ -116,13 +108,12 @@ def positions_at_fault(case: Case, evidence: Evidence) -> bool:
     return decision is not None and any(
         hypothesis.cause in ("joint order", "position sign")
         and severity is Severity.WRONG
-        and _moves_positions(decision.ranking, hypothesis)
+        and _moves_positions(decision.declared.reading, hypothesis.reading)
         for hypothesis, severity in decision.winners
     )
 
 
-def _moves_positions(found: Ranking, hypothesis: Hypothesis) -> bool:
-    before, after = found.likelihood.declared, hypothesis.interpretation
+def _moves_positions(before: Reading, after: Reading) -> bool:
     turned = np.sign(before.position_scale) != np.sign(after.position_scale)
     return before.position != after.position or bool(np.any(turned))
 
@@ -131,26 +122,23 @@ def _delay(found: Ranking, judged: int, before: Hypothesis) -> Hypothesis | None
     """The delay beside what was found so far."""
     if judged < len(found.rounds):
         return next((r for r in found.rounds[judged] if r.cause == "effort delay"), None)
-    return next(delay_hypotheses(found.likelihood, before.interpretation), None)
+    return next(delay_hypotheses(before.reading), None)
 
 
-def _judged(
-    found: Ranking, before: Hypothesis, winner: Hypothesis, hypotheses: tuple[Hypothesis, ...]
-) -> Severity:
+def _judged(before: Hypothesis, winner: Hypothesis, hypotheses: tuple[Hypothesis, ...]) -> Severity:
     """How sure a winner is."""
-    likelihood, sure = found.likelihood, found.likelihood.knowledge.identified
+    sure = winner.reading.knowledge.identified
     gain = winner.log_likelihood - before.log_likelihood
     if gain < VERDICT_MARGIN[sure]:
         return Severity.OK
     if winner.cause == "payload":
-        heavy = _heavy(found, winner)
-        rough = not sure and not has_bad_joint(likelihood, before)
-        return Severity.OK if rough or not heavy else _when(sure)
+        rough = not sure and not has_bad_joint(before)
+        return Severity.OK if rough or not _heavy(winner) else _when(sure)
     if winner.cause == "effort delay":
-        return Severity.WRONG if _late(found, before, winner) else Severity.OK
+        return Severity.WRONG if _late(before, winner) else Severity.OK
     if sure:
         fall = float(np.max(before.misfits / np.maximum(winner.misfits, 1e-3)))
-    elif not has_bad_joint(likelihood, before) and not _striking(winner, gain):
+    elif not has_bad_joint(before) and not _striking(winner, gain):
         return Severity.OK
     else:
         fall = before.percent / max(winner.percent, 1e-3)
@@ -160,14 +148,15 @@ def _judged(
             return Severity.OK
     if fall < VERDICT_FALL[sure]:
         return Severity.OK
-    near = [r for r in hypotheses[1:] if r.log_likelihood > winner.log_likelihood - CLOSE_VERDICT]
-    apart = [
-        r
-        for r in near
-        if (r.cause != winner.cause or r.joints != winner.joints)
-        and not mirrors(before.interpretation, winner, r)
-    ]
-    return _when(not apart)
+    least = winner.log_likelihood - CLOSE_HYPOTHESES
+    return _when(
+        not any(
+            (r.cause != winner.cause or r.joints != winner.joints)
+            and not mirrors(before.reading, winner, r)
+            for r in hypotheses[1:]
+            if r.log_likelihood > least
+        )
+    )
 
 
 def _link(
@@ -180,7 +169,7 @@ def _link(
     link = next((hypothesis for hypothesis in hypotheses if of_link(hypothesis)), None)
     if link is None or winner.cause != link.cause:
         return None
-    near = link.log_likelihood - CLOSE_VERDICT
+    near = link.log_likelihood - CLOSE_HYPOTHESES
     if any(r.cause != link.cause and r.log_likelihood > near for r in hypotheses):
         return None
     gain = link.log_likelihood - before.log_likelihood
@@ -195,7 +184,7 @@ def _striking(winner: Hypothesis, gain: float) -> bool:
 
 def _huge(before: Hypothesis, winner: Hypothesis) -> bool:
     """Whether the gain of a joint is off by orders of magnitude."""
-    factor = np.abs(winner.interpretation.effort_scale / before.interpretation.effort_scale)
+    factor = np.abs(winner.reading.effort_scale / before.reading.effort_scale)
     far = np.max(np.abs(np.log(factor)))
     return winner.cause == "gain" and bool(far > np.log(HUGE_GAIN))
 
@@ -213,36 +202,33 @@ def _when(sure: bool) -> Severity:
     return Severity.WRONG if sure else Severity.DOUBTFUL
 
 
-def _heavy(found: Ranking, hypothesis: Hypothesis) -> bool:
+def least_mass(knowledge: Knowledge) -> float:
+    """Payload from which on one matters [kg]."""
+    arm = sum(body.inertia.mass for body in knowledge.robot.bodies)
+    return max(LEAST_MASS, LEAST_SHARE * arm)
+
+
+def _heavy(hypothesis: Hypothesis) -> bool:
     """Whether a payload is heavy enough to be one."""
-    mass, std = payload_mass(hypothesis)
-    arm = sum(body.inertia.mass for body in found.likelihood.knowledge.robot.bodies)
-    return mass > max(LEAST_MASS, LEAST_SHARE * arm, SURE_MASS * std)
+    ten = hypothesis.reading.payload
+    if ten is None:
+        return False
+    return float(ten[0]) > max(
+        least_mass(hypothesis.reading.knowledge), SURE_MASS * hypothesis.spread
+    )
 
 
-def payload_mass(hypothesis: Hypothesis) -> tuple[float, float]:
-    """Mass and its standard deviation [kg]."""
-    ten = hypothesis.interpretation.payload
-    return (0.0, 0.0) if ten is None else (float(ten[0]), hypothesis.spread)
-
-
-def _late(found: Ranking, before: Hypothesis, hypothesis: Hypothesis) -> bool:
+def _late(before: Hypothesis, hypothesis: Hypothesis) -> bool:
     """Whether a delay is long enough, and certain enough, to matter.
 
     Of a nominal model, friction that gives way must not explain as much.
     """
-    sure, x = found.likelihood.knowledge.identified, found.likelihood.excerpt
-    delay = abs(hypothesis.interpretation.delay - before.interpretation.delay)
+    reading = hypothesis.reading
+    sure, x = reading.knowledge.identified, reading.likelihood.excerpt
     least = max(LEAST_DELAY[sure], DELAY_ROWS / x.log_rate)
-    if not sure and hypothesis.log_likelihood - before.log_likelihood < DELAY_MARGIN:
+    if not sure and hypothesis.log_likelihood - before.log_likelihood < LATE_MARGIN:
         return False
-    if delay < least or disagrees(found.likelihood, hypothesis):
+    if abs(reading.delay - before.reading.delay) < least or disagrees(hypothesis):
         return False
-    others = [before.score]
-    if not sure:
-        others.append(presliding_score(found.likelihood, before.interpretation))
-    late = float(hypothesis.score.log_likelihood_with(SHARP_DELAY_FLOOR, np.inf))
-    return all(
-        late - float(x.log_likelihood_with(SHARP_DELAY_FLOOR, np.inf)) > DELAY_MARGIN
-        for x in others
-    )
+    others = [before.score] if sure else [before.score, presliding_score(before.reading)]
+    return all(hypothesis.score.sharp - other.sharp > LATE_MARGIN for other in others)

@@ -1,9 +1,8 @@
 """What a check of a fitted model looks at, with the causes of its residuals ranked."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -200,18 +199,26 @@ class FittedCase:
         return tuple(zip(ranked.likely, gains or (None,) * len(ranked.likely), strict=True))
 
 
-class PostFitCheck(Protocol):
+@dataclass(frozen=True)
+class PostFitCheck:
     """One check of a fitted model.
 
     Attributes:
         name: Of the check, as it is printed.
+        look: Findings without its name; those that are doubtful or wrong lower the verdict. A
+            finding's `says` is one sentence for the headline, its `figure` the evidence.
     """
 
-    name: ClassVar[str]
+    name: str
+    look: Callable[[FittedCase], Iterable[Finding]]
 
     def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
-        """Findings, the most severe first; those that are doubtful or wrong lower the verdict.
+        """Findings, the most severe first."""
+        return tuple(found.by(self.name) for found in self.look(case))
 
-        A finding's `says` is one sentence for the headline, its `figure` the evidence.
-        """
-        ...
+
+def post_fit_check(
+    name: str,
+) -> Callable[[Callable[[FittedCase], Iterable[Finding]]], PostFitCheck]:
+    """The check that a function makes of a fitted model."""
+    return lambda look: PostFitCheck(name, look)

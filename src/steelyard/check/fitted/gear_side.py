@@ -7,12 +7,12 @@ A nominal model knows no friction of the day, so a fit that lacks nothing is bet
 Where it is worse at a joint that carries load, the fit gave that joint's torque to something else.
 """
 
-from typing import ClassVar
+from collections.abc import Iterable
 
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case import Case
-from steelyard.check.finding import Finding, Fix, Severity
-from steelyard.check.fitted.fitted_case import FittedCase
+from steelyard.check.case import Case, case_check
+from steelyard.check.finding import Finding, Fix
+from steelyard.check.fitted.fitted_case import FittedCase, post_fit_check
 from steelyard.check.identifiability import customary_model, longest_run
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.gather import gather
@@ -32,26 +32,23 @@ LINK_SIDE_INSTEAD = 'kind = "link_torque" without rotor_inertia'
 """How a robot file describes sensors on the link side."""
 
 
-class GearSide:
-    """Rotor inertias that the torques of the longest log contain."""
+@case_check("gear side", "Do torques contain those of the rotors?", quick=False)
+def gear_side_check(case: Case) -> Iterable[Finding]:
+    """Rotor inertias that the torques of the longest log contain.
 
-    name: ClassVar[str] = "gear side"
-    question: ClassVar[str] = "Do torques contain those of the rotors?"
-    quick: ClassVar[bool] = False
-
-    def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding if torques are declared as those at the joints, open if nothing decides."""
-        signals = case.loaded.signals
-        if signals is None or signals.effort_kind != "joint_torque":
+    One finding if torques are declared as those at the joints, open if nothing decides.
+    """
+    signals = case.loaded.signals
+    if signals is None or signals.effort_kind != "joint_torque":
+        return ()
+    try:
+        model, found = customary_model(case), longest_run(case)
+        if found is None or not any(isinstance(term, RotorInertia) for term in model.terms):
             return ()
-        try:
-            model, run = customary_model(case), longest_run(case)
-            if run is None or not any(isinstance(term, RotorInertia) for term in model.terms):
-                return ()
-            estimate = WeightedLeastSquares()(gather(base_regressor(model), run))
-        except SteelyardError:
-            return ()
-        return (_gear_side_finding(self.name, estimate),)
+        estimate = WeightedLeastSquares()(gather(base_regressor(model), found[1]))
+    except SteelyardError:
+        return ()
+    return (_gear_side_finding(estimate),)
 
 
 SEPARABLE_ROTORS = "rotor inertias (those separable from link inertias)"
@@ -63,14 +60,13 @@ def rotors_of(estimate: Estimate) -> tuple[str, ...]:
     return tuple(name for name in estimate.parameters.names if law_of(name) is RotorInertia)
 
 
-def _gear_side_finding(name: str, estimate: Estimate) -> Finding:
+def _gear_side_finding(estimate: Estimate) -> Finding:
     rotors = rotors_of(estimate)
     values = zip(estimate.parameters.names, estimate.parameters.values, estimate.std, strict=True)
     sure = sum(value > SIGNIFICANT_ROTOR * std for of, value, std in values if of in rotors)
     figure = f"{sure} of {len(rotors)} {SEPARABLE_ROTORS} are significantly positive"
     if rotors and sure >= SIGNIFICANT_ROTOR_SHARE * len(rotors):
-        says = f"torques contain those of the rotors: {figure}"
-        return Finding(name, "", Severity.OK, says, figure)
+        return Finding.ok(f"torques contain those of the rotors: {figure}", figure)
     says = (
         f"undecided: {figure}; if the sensors are on the link side (Franka, KUKA iiwa, Kinova "
         f"Gen3), use {LINK_SIDE_INSTEAD} in [model] terms"
@@ -80,7 +76,7 @@ def _gear_side_finding(name: str, estimate: Estimate) -> Finding:
         if sure or not rotors
         else Fix(f"if sensors are on the link side, use {LINK_SIDE_INSTEAD}")
     )
-    return Finding(name, "", Severity.OK, says, figure, fix=fix, answered=False)
+    return Finding.ok(says, figure, fix=fix, answered=False)
 
 
 ZERO_ROTOR_SHARE = 0.5
@@ -90,37 +86,25 @@ FEWEST_ZERO_ROTORS = 2
 """Rotor inertias at zero from which on it is."""
 
 
-class RotorsAtZero:
-    """A remark where most rotor inertias of joint torques are zero."""
-
-    name: ClassVar[str] = "gear side"
-
-    def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
-        """One remark, with what to change, after a fit."""
-        identified = case.identified
-        zero, every = rotors_at_zero(identified.estimate, identified.signals.effort_kind)
-        if not case.fitted or not zero:
-            return ()
-        says = (
-            f"{len(zero)} of {every} {SEPARABLE_ROTORS} are zero: torques may be those of sensors "
-            "on the link side, which do not contain the rotors'"
-        )
-        joints = tuple(name.partition(".")[2] for name in zero)
-        fix = Fix(f"If so, use {LINK_SIDE_INSTEAD} in [model] terms")
-        brief = (
-            f"{len(zero)} of {every} {SEPARABLE_ROTORS} are zero: are the sensors on the link side?"
-        )
-        ok = Severity.OK
-        return (Finding(self.name, "", ok, says, "", joints, fix, headline=True, brief=brief),)
+@post_fit_check("gear side")
+def rotors_at_zero_check(case: FittedCase) -> Iterable[Finding]:
+    """A remark, with what to change, where most fitted rotor inertias of joint torques are zero."""
+    identified = case.identified
+    zero, every = rotors_at_zero(identified.estimate, identified.signals.effort_kind)
+    if not case.fitted or not zero:
+        return ()
+    says = (
+        f"{len(zero)} of {every} {SEPARABLE_ROTORS} are zero: torques may be those of sensors "
+        "on the link side, which do not contain the rotors'"
+    )
+    joints = tuple(name.partition(".")[2] for name in zero)
+    fix = Fix(f"If so, use {LINK_SIDE_INSTEAD} in [model] terms")
+    brief = f"{len(zero)} of {every} {SEPARABLE_ROTORS} are zero: are the sensors on the link side?"
+    return (Finding.ok(says, "", joints, fix, headline=True, brief=brief),)
 
 
 def rotors_at_zero(estimate: Estimate, effort_kind: str) -> tuple[tuple[str, ...], int]:
-    """Rotor inertias at or below zero, and how many there are; none where they are the fewer.
-
-    Args:
-        estimate: The estimate.
-        effort_kind: Content of the efforts: they are asked of torques at the joints only.
-    """
+    """Rotor inertias at or below zero, and how many there are; none where they are the fewer."""
     rotors = rotors_of(estimate)
     values = dict(zip(estimate.parameters.names, estimate.parameters.values, strict=True))
     zero = tuple(name for name in rotors if name in estimate.at_bound or values[name] <= 0.0)
@@ -136,18 +120,32 @@ LOADED_JOINT_SHARE = 0.25
 """Effort of a joint over the largest of its unit, root mean square, from which on it has load."""
 
 
-class BelowNominal:
-    """Joints with load that the nominal model predicts better."""
-
-    name: ClassVar[str] = "nominal model"
-
-    def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
-        """One finding per run, of unseen runs where there are any."""
-        fix = _nominal_advice(case)
-        return tuple(
-            _nominal_finding(score, worse, fix)
-            for score in case.unseen_scores or case.fitted_scores
-            if (worse := _joints_below_nominal(score))
+@post_fit_check("nominal model")
+def below_nominal_check(case: FittedCase) -> Iterable[Finding]:
+    """Joints with load that the nominal model predicts better, in unseen runs if there are any."""
+    identified = case.identified
+    zero, every = rotors_at_zero(identified.estimate, identified.signals.effort_kind)
+    fix = Fix("Review the terms, and the check of this joint's effort")
+    if zero:
+        fix = Fix(
+            f"{len(zero)} of {every} {SEPARABLE_ROTORS} are zero: torques may be those of sensors "
+            f"on the link side; try {LINK_SIDE_INSTEAD} first"
+        )
+    for score in case.unseen_scores or case.fitted_scores:
+        worse = _joints_below_nominal(score)
+        if not worse:
+            continue
+        words = ", ".join(
+            f"{j.joint} (RMSE {j.rmse:.2g} {j.unit}, nominal model {j.prior_rmse:.2g})"
+            for j in worse
+        )
+        yield Finding.doubtful(
+            f"larger prediction error than the nominal model of the robot file: {words}",
+            "",
+            tuple(joint.joint for joint in worse),
+            fix,
+            brief=f"worse than the nominal model: {words}. {fix.says}",
+            log=score.run,
         )
 
 
@@ -162,33 +160,4 @@ def _joints_below_nominal(score: RunScore) -> tuple[JointScore, ...]:
         if joint.prior_rmse is not None
         and joint.predict_zero >= LOADED_JOINT_SHARE * most[joint.unit]
         and joint.rmse > WORSE_THAN_NOMINAL * joint.prior_rmse
-    )
-
-
-def _nominal_advice(case: FittedCase) -> Fix:
-    """What to try first."""
-    identified = case.identified
-    zero, every = rotors_at_zero(identified.estimate, identified.signals.effort_kind)
-    if zero:
-        return Fix(
-            f"{len(zero)} of {every} {SEPARABLE_ROTORS} are zero: torques may be those of sensors "
-            f"on the link side; try {LINK_SIDE_INSTEAD} first"
-        )
-    return Fix("Review the terms, and the check of this joint's effort")
-
-
-def _nominal_finding(score: RunScore, worse: tuple[JointScore, ...], fix: Fix) -> Finding:
-    words = ", ".join(
-        f"{joint.joint} (RMSE {joint.rmse:.2g} {joint.unit}, nominal model {joint.prior_rmse:.2g})"
-        for joint in worse
-    )
-    return Finding(
-        BelowNominal.name,
-        score.run,
-        Severity.DOUBTFUL,
-        f"larger prediction error than the nominal model of the robot file: {words}",
-        "",
-        tuple(joint.joint for joint in worse),
-        fix,
-        brief=f"worse than the nominal model: {words}. {fix.says}",
     )

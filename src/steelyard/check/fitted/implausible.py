@@ -9,15 +9,14 @@ With $f = \mu\,|\tau|\,s$ the drive gives $(1 + \mu)\,\tau$ to lift a load of $\
 is $1 / (1 + \mu)$. At $\mu = 1$ a gear locks itself, as the drive need not hold the load.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
 from steelyard.base.errors import DataError
 from steelyard.check.finding import Finding, Fix, Severity
-from steelyard.check.fitted.fitted_case import FittedCase
+from steelyard.check.fitted.fitted_case import FittedCase, post_fit_check
 from steelyard.estimate.estimate import Z95, Estimate
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.model.laws.coulomb import Coulomb
@@ -43,26 +42,21 @@ CHECK_EFFORTS = (
 )
 
 
-class AbsurdBodies:
-    """Masses that no link can have, and friction that drives."""
+@post_fit_check("absurd estimates")
+def absurd_bodies_check(case: FittedCase) -> Iterable[Finding]:
+    """Masses that no link can have, and friction that drives.
 
-    name: ClassVar[str] = "absurd estimates"
-
-    def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
-        """One finding if there is any; only for a model that was fitted here."""
-        found = absurdities(case.identified) if case.fitted else ()
-        if not found:
-            return ()
-        says = "the estimate is physically absurd: " + "; ".join(found)
-        return (Finding(self.name, "", Severity.WRONG, says, "", fix=Fix(CHECK_EFFORTS)),)
+    One finding if there is any; only for a model that was fitted here.
+    """
+    found = absurdities(case.identified) if case.fitted else ()
+    if not found:
+        return ()
+    says = "the estimate is physically absurd: " + "; ".join(found)
+    return (Finding.wrong(says, fix=Fix(CHECK_EFFORTS)),)
 
 
 def refuse_absurd(identified: IdentifiedModel, where: str) -> None:
     """Stop at an estimate that no robot can have.
-
-    Args:
-        identified: The model.
-        where: The robot file, for the message.
 
     Raises:
         DataError: There is such a number.
@@ -164,41 +158,36 @@ class Coefficient:
         return f"{self.name} {self.value:.2f} ± {self.half_width:.2g} (efficiency {share:.0f} %)"
 
 
-class LoadFriction:
-    """Coefficients of load-dependent friction above those of gears."""
+@post_fit_check("load-dependent friction")
+def load_friction_check(case: FittedCase) -> Iterable[Finding]:
+    """Coefficients of load-dependent friction above those of gears.
 
-    name: ClassVar[str] = "load-dependent friction"
-
-    def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
-        """One finding after a fit: doubtful if an interval lies wholly above `PLAUSIBLE`.
+    One finding after a fit: doubtful if an interval lies wholly above `PLAUSIBLE`.
 
         None if all that are above have intervals down to zero: these are poorly identified, and
         counted as such.
-        """
-        found = tuple(_implausible(case.identified.estimate)) if case.fitted else ()
-        if not any(one.value > one.half_width for one in found):
-            return ()
-        sure = any(one.value - one.half_width > PLAUSIBLE for one in found)
-        listed = ", ".join(one.words for one in found)
-        return (
-            Finding(
-                self.name,
-                "",
-                Severity.DOUBTFUL if sure else Severity.OK,
-                f"load-dependent friction of {listed} is more than a gear has (at most about "
-                f"{PLAUSIBLE:g} of the load, and a gear locks itself at 1): "
-                f"{CAUSES_OF_LOAD_FRICTION}",
-                "",
-                tuple(one.name for one in found),
-                Fix(
-                    "Check gains and gear ratios of these joints, and log them moving in both "
-                    "directions under several loads"
-                ),
-                headline=True,
-                brief=f"load-dependent friction above that of gears ({PLAUSIBLE:g}): {listed}. "
-                f"{CAUSES_OF_LOAD_FRICTION[0].upper()}{CAUSES_OF_LOAD_FRICTION[1:]}",
+    """
+    found = tuple(_implausible(case.identified.estimate)) if case.fitted else ()
+    if not any(one.value > one.half_width for one in found):
+        return ()
+    sure = any(one.value - one.half_width > PLAUSIBLE for one in found)
+    listed = ", ".join(one.words for one in found)
+    return (
+        Finding.of(
+            Severity.DOUBTFUL if sure else Severity.OK,
+            f"load-dependent friction of {listed} is more than a gear has (at most about "
+            f"{PLAUSIBLE:g} of the load, and a gear locks itself at 1): {CAUSES_OF_LOAD_FRICTION}",
+            "",
+            tuple(one.name for one in found),
+            Fix(
+                "Check gains and gear ratios of these joints, and log them moving in both "
+                "directions under several loads"
             ),
-        )
+            headline=True,
+            brief=f"load-dependent friction above that of gears ({PLAUSIBLE:g}): {listed}. "
+            f"{CAUSES_OF_LOAD_FRICTION[0].upper()}{CAUSES_OF_LOAD_FRICTION[1:]}",
+        ),
+    )
 
 
 def _implausible(estimate: Estimate) -> Iterator[Coefficient]:

@@ -1,27 +1,26 @@
 """Residuals far above the measurement noise: the model is incomplete, and what most likely."""
 
-from collections.abc import Sequence
-from typing import ClassVar
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from steelyard.check.finding import Finding, Fix, Severity
-from steelyard.check.fitted.causes import Cause, LeftOutGain
-from steelyard.check.fitted.fitted_case import (
-    FittedCase,
-    RankedCauses,
-    largest_residual,
-    worst_residual_words,
-)
-from steelyard.check.fitted.zero_offsets import (
+from steelyard.check.decision.joint_zeros import (
     estimated_offsets,
     far_offsets,
     offset_line,
     offset_words,
     turned_zeros,
 )
+from steelyard.check.finding import Finding, Fix
+from steelyard.check.fitted.causes import Cause, LeftOutGain
+from steelyard.check.fitted.fitted_case import (
+    FittedCase,
+    RankedCauses,
+    largest_residual,
+    post_fit_check,
+    worst_residual_words,
+)
 from steelyard.estimate.scores.residuals import ResidualNoise
-from steelyard.runs.run import Run
 
 INCOMPLETE_RESIDUAL = 2.0
 """Residual over the noise's upper bound from which on the model is incomplete."""
@@ -53,49 +52,47 @@ GEOMETRY_ADVICE = (
 )
 
 
-class ModelError:
-    """Residuals over noise, and the causes in order."""
+@post_fit_check("model error")
+def model_error_check(case: FittedCase) -> Iterable[Finding]:
+    """Residuals over noise, and the causes in order, of all fitted runs together.
 
-    name: ClassVar[str] = "model error"
-
-    def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
-        """One finding for all fitted runs: doubtful if an error of geometry or efforts stands out.
-
-        None where residuals are noise, in `validate`, and for closed chains.
-        """
-        ranked = case.ranked
-        if ranked is None:
-            return ()
-        if ranked.blamed:
-            return (_doubtful(ranked, _zeros(case, ranked)),)
-        ratios = ranked.beside.ratios
-        if not np.isfinite(ratios).any():
-            return _noise_not_compared(case, case.examined)
-        if float(np.nanmax(ratios)) < INCOMPLETE_RESIDUAL:
-            return ()
-        zeros = _zeros(case, ranked)
-        return (_remark(case, ranked) if zeros is None else _doubtful(ranked, zeros),)
+    Doubtful if an error of geometry or efforts stands out; nothing where residuals are noise, in
+    `validate`, and for closed chains.
+    """
+    ranked = case.ranked
+    if ranked is None:
+        return ()
+    if ranked.blamed:
+        return (_doubtful(ranked, _zeros(case, ranked)),)
+    ratios = ranked.beside.ratios
+    if not np.isfinite(ratios).any():
+        return _noise_not_compared(case)
+    if float(np.nanmax(ratios)) < INCOMPLETE_RESIDUAL:
+        return ()
+    zeros = _zeros(case, ranked)
+    return (_remark(case, ranked) if zeros is None else _doubtful(ranked, zeros),)
 
 
 def _remark(case: FittedCase, ranked: RankedCauses) -> Finding:
     """What stands beside the headline where no single error is to blame."""
     worst, tested = _worst(ranked.beside), case.tested
     says = (
-        f"{worst_residual_words(ranked.beside)}: the model is incomplete, which the intervals "
-        "of parameters "
-        "do not cover"
+        f"{worst_residual_words(ranked.beside)}: the model is incomplete, which the intervals of "
+        "parameters do not cover"
     )
     if not tested:
         says += ", or the noise varies slowly"
         brief = f"model incomplete, or the noise varies slowly: residuals {worst}"
-    else:
-        named = ", ".join(_share(cause, gain) for cause, gain in tested)
-        says += ". Share of the residuals above noise that each candidate alone explains "
-        says += f"(not additive): {named}{_how(tested)}"
-        brief = (
-            f"model incomplete: residuals {worst}. {term_advice(tested, case.scales is not None)}"
-        )
-    return Finding(ModelError.name, "", Severity.OK, says, "", headline=True, brief=brief)
+        return Finding.ok(says, headline=True, brief=brief)
+    named = ", ".join(_share(cause, gain) for cause, gain in tested)
+    says += ". Share of the residuals above noise that each candidate alone explains "
+    says += f"(not additive): {named}"
+    parts = next((gain.left_out for _, gain in tested if gain is not None), None)
+    if parts is not None:
+        says += ". Errors on left-out motion: least squares without prior, cross-validation over "
+        says += f"{parts}s"
+    brief = f"model incomplete: residuals {worst}. {term_advice(tested, case.scales is not None)}"
+    return Finding.ok(says, headline=True, brief=brief)
 
 
 def _share(cause: Cause, gain: LeftOutGain | None) -> str:
@@ -106,17 +103,6 @@ def _share(cause: Cause, gain: LeftOutGain | None) -> str:
         return text
     confirmed = "" if gain.confirmed else ", not confirmed"
     return f"{text} (error on left-out motion {gain.words}{confirmed})"
-
-
-def _how(tested: Sequence[tuple[Cause, LeftOutGain | None]]) -> str:
-    """How errors on left-out motion are computed, where they are."""
-    gains = [gain for _, gain in tested if gain is not None]
-    if not gains:
-        return ""
-    return (
-        f". Errors on left-out motion: least squares without prior, cross-validation over "
-        f"{gains[0].left_out}s"
-    )
 
 
 def term_advice(tested: Sequence[tuple[Cause, LeftOutGain | None]], scaled: bool) -> str:
@@ -145,19 +131,19 @@ def term_advice(tested: Sequence[tuple[Cause, LeftOutGain | None]], scaled: bool
     return f"{most}: not confirmed on left-out motion (error {found.change}{unsure})"
 
 
-def _noise_not_compared(case: FittedCase, runs: Sequence[Run]) -> tuple[Finding, ...]:
+def _noise_not_compared(case: FittedCase) -> tuple[Finding, ...]:
     """That residuals could not be compared with noise, where they are large."""
     errors = [score.pooled_percent or score.mean_percent for score in case.fitted_scores]
     error = max(errors, default=0.0)
     if not error > LARGE_FIT_ERROR:
         return ()
-    run = runs[0]
+    run = case.examined[0]
     says = (
         "residuals could not be compared with noise: the regression cut-off of "
         f"{run.matched_cutoff:g} Hz leaves no band above it at {run.rate:g} Hz, and the fitted "
         f"runs have errors up to {error:.0f} %"
     )
-    return (Finding(ModelError.name, "", Severity.OK, says, "", headline=True),)
+    return (Finding.ok(says, headline=True),)
 
 
 def _doubtful(ranked: RankedCauses, zeros: tuple[str, Fix] | None) -> Finding:
@@ -168,10 +154,7 @@ def _doubtful(ranked: RankedCauses, zeros: tuple[str, Fix] | None) -> Finding:
     if zeros is not None:
         words, fix = zeros
     says = "a model error that the intervals of parameters do not cover"
-    return Finding(
-        ModelError.name,
-        "",
-        Severity.DOUBTFUL,
+    return Finding.doubtful(
         f"{worst_residual_words(ranked.beside)}: {says}, {words}",
         f"{100.0 * first.chi2 / ranked.total:.2g} % of chi²",
         joints=tuple(j for j in ranked.beside.joints if j == first.joint),
@@ -191,7 +174,7 @@ def _zeros(case: FittedCase, ranked: RankedCauses) -> tuple[str, Fix] | None:
         if offsets is not None and far is not None and far.any():
             return offset_words(offsets, far), offset_line(offsets, far)
     turned = turned_zeros(model, case.identified.estimate.sigma, case.fitted)
-    return None if turned is None else (turned.says, turned.fix)
+    return None if turned is None or turned.fix is None else (turned.says, turned.fix)
 
 
 def _worst(beside: ResidualNoise) -> str:

@@ -10,16 +10,17 @@ known of the links beforehand can show the load. A model file's masses are often
 all of them alike: the last link is therefore compared with the others.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from functools import reduce
+from operator import add
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.check.finding import Finding, Fix, Severity
-from steelyard.check.fitted.fitted_case import FittedCase
+from steelyard.check.finding import Finding, Fix
+from steelyard.check.fitted.fitted_case import FittedCase, post_fit_check
 from steelyard.estimate.estimate import Z95, StandardEstimate
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.estimate.information.information import Information
@@ -35,26 +36,20 @@ EXPLAINED_BY_LOAD = 1.3
 """The same with a load in one run, up to which the load explains the disagreement."""
 
 
-class RunsDisagree:
+@post_fit_check("runs")
+def runs_disagree_check(case: FittedCase) -> Iterable[Finding]:
     """Runs of two robots, or of one with and without a load, in one fit."""
-
-    name: ClassVar[str] = "runs"
-
-    def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
-        """One finding if bodies differ; none for a single run and in `validate`."""
-        runs = () if case.information is None else runs_of(case.information)
-        if len(runs) < 2:
+    runs = () if case.information is None else runs_of(case.information)
+    if len(runs) < 2:
+        return ()
+    try:
+        own = np.array([WeightedLeastSquares().fit(run).variances for run in runs])
+        times = residual_of_common_bodies(case.identified, runs, own)
+        if times < DISAGREEING_RESIDUAL:
             return ()
-        try:
-            own = own_variances(runs)
-            times = residual_of_common_bodies(case.identified, runs, own)
-            return (
-                ()
-                if times < DISAGREEING_RESIDUAL
-                else (_disagreement_finding(case.identified, runs, own, times),)
-            )
-        except DataError:
-            return ()
+        return (_disagreement_finding(case.identified, runs, own, times),)
+    except DataError:
+        return ()
 
 
 def runs_of(information: Information) -> tuple[Information, ...]:
@@ -62,18 +57,14 @@ def runs_of(information: Information) -> tuple[Information, ...]:
     return tuple(information.of(group) for group in information.windows_of_runs.values())
 
 
-def own_variances(runs: Sequence[Information]) -> Array:
-    """Residual variances of runs fitted by themselves, shape `(runs, rows)`."""
-    return np.array([WeightedLeastSquares().fit(run).variances for run in runs])
-
-
 def residual_of_common_bodies(
     identified: IdentifiedModel, runs: Sequence[Information], own: Array
 ) -> float:
-    """Residual of common bodies over that of each run's own, root mean square over rows."""
-    whole = runs[0]
-    for run in runs[1:]:
-        whole = whole + run
+    """Residual of common bodies over that of each run's own, root mean square over rows.
+
+    The residual variances of runs by themselves, `own`, have the shape `(runs, rows)`.
+    """
+    whole = reduce(add, runs)
     columns = whole.layout.columns
     free = tuple(columns[k] for k in drifting(identified.model, columns))
     return _times(WeightedLeastSquares(per_run=free).fit(whole).variances, runs, own)
@@ -94,19 +85,14 @@ def _disagreement_finding(
     left, mass, half, name = min(loads)
     if left <= EXPLAINED_BY_LOAD:
         others = "the other run does" if len(runs) == 2 else "the other runs do"
-        return Finding(
-            RunsDisagree.name,
-            name,
-            Severity.WRONG,
+        return Finding.wrong(
             f"it carries a payload of {mass:.3g} ± {half:.1g} kg that {others} not: the model is "
             "valid neither with nor without it",
             figure,
             fix=Fix("Leave this log out, or give it as --loaded"),
+            log=name,
         )
-    return Finding(
-        RunsDisagree.name,
-        "",
-        Severity.WRONG,
+    return Finding.wrong(
         "these logs are of two robots, or the robot was modified: the link inertias of "
         f"{_different_run(identified, runs, own)}",
         figure,
@@ -119,23 +105,17 @@ def _load_in_one_run(
 ) -> tuple[float, float, float, str]:
     """What a load in one run leaves, its mass and half-width [kg], and the run's name."""
     name = runs[number].windows[0].run
-    others = [run for k, run in enumerate(runs) if k != number]
-    model = identified.model
+    others, model = [run for k, run in enumerate(runs) if k != number], identified.model
     if not others[0].windows or "m." + model.robot.bodies[-1].name not in identified.base.names:
         return np.inf, 0.0, 0.0, name
-    frame = carrier(model.robot)
-    case = load_case(
-        model, identified.base, frame, others, [runs[number]], first_deviates=False
-    ).information
-    fit = WeightedLeastSquares()
-    known = fit(case)
-    values = known.parameters.as_dict()
-    mass = values.get("m.payload", -np.inf)
+    frame, loaded = carrier(model.robot), [runs[number]]
+    case = load_case(model, identified.base, frame, others, loaded, first_deviates=False)
+    known = WeightedLeastSquares()(case.information)
+    mass = known.parameters.as_dict().get("m.payload", -np.inf)
     if mass <= 0.0:
         return np.inf, 0.0, 0.0, name
     spread = dict(zip(known.parameters.names, known.std.tolist(), strict=True))["m.payload"]
-    left = _times(np.square(known.sigma), runs, own)
-    return left, mass, Z95 * spread, name
+    return _times(np.square(known.sigma), runs, own), mass, Z95 * spread, name
 
 
 def _different_run(identified: IdentifiedModel, runs: Sequence[Information], own: Array) -> str:
@@ -161,13 +141,11 @@ KNOWN_MASS_SHARE = 0.5
 
 @dataclass(frozen=True)
 class LinkMass:
-    """A link's mass, its standard deviation, the model file's [kg], and the data's share."""
+    """A link's mass, its standard deviation, and the model file's [kg]."""
 
-    link: str
     mass: float
     std: float
     nominal: float
-    learned: float
 
     @property
     def ratio(self) -> float:
@@ -175,59 +153,43 @@ class LinkMass:
         return self.mass / self.nominal
 
 
-class LastLink:
-    """A last link that is much heavier than the model file says."""
+@post_fit_check("last link")
+def last_link_check(case: FittedCase) -> Iterable[Finding]:
+    """A last link that is much heavier than the model file says, in fitted runs that agree.
 
-    name: ClassVar[str] = "last link"
-
-    def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
-        """One finding for all fitted runs that agree; none of plain least squares: no masses."""
-        standard = case.identified.estimate.standard
-        if not case.fitted or standard is None:
-            return ()
-        weights = _link_masses(case.identified, standard)
-        last = case.identified.model.robot.bodies[-1].name
-        others = [w.ratio for w in weights if w.link != last]
-        mine = [w for w in weights if w.link == last]
-        if not mine or not others:
-            return ()
-        weight, usual = mine[0], float(np.median(others))
-        least = weight.mass - Z95 * weight.std
-        if (
-            weight.ratio < HEAVIER_LAST_LINK * max(usual, 1.0)
-            or least < max(usual, 1.0) * weight.nominal
-        ):
-            return ()
-        return () if RunsDisagree()(case) else (_heavy_link_finding(weight, usual),)
-
-
-def _link_masses(identified: IdentifiedModel, standard: StandardEstimate) -> list[LinkMass]:
-    """Masses that the model file gives and the data identify."""
-    place = {name: k for k, name in enumerate(standard.parameters.names)}
-    found = []
-    for body in identified.model.robot.bodies:
-        k = place.get(f"m.{body.name}")
-        if (
-            k is None
-            or not body.known
-            or body.inertia.mass <= 0.0
-            or standard.learned[k] < KNOWN_MASS_SHARE
-        ):
-            continue
-        mass, std = float(standard.parameters.values[k]), float(standard.std[k])
-        found.append(LinkMass(body.name, mass, std, body.inertia.mass, float(standard.learned[k])))
-    return found
-
-
-def _heavy_link_finding(weight: LinkMass, usual: float) -> Finding:
-    more = weight.mass - weight.nominal
-    return Finding(
-        LastLink.name,
-        "",
-        Severity.DOUBTFUL,
-        f"the last link ({weight.link}) is estimated {more:.2g} kg heavier than in the model file: "
+    Nothing of plain least squares, which gives no masses.
+    """
+    standard = case.identified.estimate.standard
+    if not case.fitted or standard is None:
+        return
+    masses = _link_masses(case.identified, standard)
+    link = case.identified.model.robot.bodies[-1].name
+    found = masses.pop(link, None)
+    if found is None or not masses:
+        return
+    usual, more = float(np.median([x.ratio for x in masses.values()])), found.mass - found.nominal
+    least = found.mass - Z95 * found.std
+    if found.ratio < HEAVIER_LAST_LINK * max(usual, 1.0) or least < max(usual, 1.0) * found.nominal:
+        return
+    if runs_disagree_check(case):
+        return
+    yield Finding.doubtful(
+        f"the last link ({link}) is estimated {more:.2g} kg heavier than in the model file: "
         "the robot carries a payload or tool in all logs, or the model file is wrong",
-        f"{weight.mass:.3g} ± {Z95 * weight.std:.2g} kg for {weight.nominal:.3g} kg, "
-        f"{weight.ratio:.1f} times, the other links {usual:.1f} times",
+        f"{found.mass:.3g} ± {Z95 * found.std:.2g} kg for {found.nominal:.3g} kg, "
+        f"{found.ratio:.1f} times, the other links {usual:.1f} times",
         fix=Fix("Log without the load, or add the tool to the model file"),
     )
+
+
+def _link_masses(identified: IdentifiedModel, standard: StandardEstimate) -> dict[str, LinkMass]:
+    """Masses that the model file gives and the data identify."""
+    place = {name: k for k, name in enumerate(standard.parameters.names)}
+    found = {}
+    for body in identified.model.robot.bodies:
+        k, nominal = place.get(f"m.{body.name}"), body.inertia.mass
+        if k is None or not body.known or nominal <= 0.0 or standard.learned[k] < KNOWN_MASS_SHARE:
+            continue
+        mass, std = float(standard.parameters.values[k]), float(standard.std[k])
+        found[body.name] = LinkMass(mass, std, nominal)
+    return found

@@ -5,9 +5,8 @@ sign, an order, a unit, a gain, a delay, another mounting, or else friction and 
 changed. What none of them explains has no known cause, and is reported so.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +15,10 @@ from steelyard.check.case import Case, Evidence
 from steelyard.check.decision.edits import zero_edits
 from steelyard.check.decision.verdict import LogVerdict, judge_log
 from steelyard.check.finding import Finding, Fix, Severity
-from steelyard.check.fitted.fitted_case import FittedCase
+from steelyard.check.fitted.fitted_case import FittedCase, post_fit_check
 from steelyard.check.hypotheses.likelihood import Likelihood
 from steelyard.check.hypotheses.position_columns import ZERO_CAUSE
+from steelyard.check.several_logs import with_unbounded_friction
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.estimate.scores.score import RunScore
 from steelyard.robot.file.loaded_robot import LoadedRobot
@@ -64,21 +64,16 @@ COMPARE_COMMAND = "steelyard check ROBOT LOG --model MODEL"
 """What shows the comparison of explanations."""
 
 
-class UnseenReason:
+@post_fit_check("unseen log")
+def unseen_reason_check(case: FittedCase) -> Iterable[Finding]:
     """The most likely reason of a large error on a log that was not fitted."""
-
-    name: ClassVar[str] = "unseen log"
-
-    def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
-        """At most one finding per unseen run."""
-        found = []
-        for run, score in zip(case.unseen, case.unseen_scores, strict=True):
-            if score.errors.at_rest:
-                continue
-            ratio = excess_error(case.identified, score)
-            if ratio > UNSEEN_ERROR_FACTOR:
-                found.append(_reason(case, run, score, ratio))
-        return tuple(finding for finding in found if finding is not None)
+    for run, score in zip(case.unseen, case.unseen_scores, strict=True):
+        if score.errors.at_rest:
+            continue
+        ratio = excess_error(case.identified, score)
+        found = _reason(case, run, score, ratio) if ratio > UNSEEN_ERROR_FACTOR else None
+        if found is not None:
+            yield found
 
 
 def excess_error(identified: IdentifiedModel, score: RunScore) -> float:
@@ -104,20 +99,18 @@ def _reason(fit: FittedCase, run: Run, score: RunScore, ratio: float) -> Finding
         return None
     times = f"{ratio:.0f}" if ratio >= 10.0 else f"{ratio:.1f}"
     figure = f"RMS error {times} times the residuals of the fit, typical error {typical:.1f} %"
-    left = typical if decision is None else _with_other_friction(decision.ranking.likelihood)
+    left = typical if decision is None else _with_other_friction(decision.likelihood)
     enough = max(
         min(max(LEAST_LEFT_ERROR, UNSEEN_ERROR_FACTOR * own), FRICTION_ERROR_SHARE * typical),
         LEFT_ERROR_SHARE * typical,
     )
     if left <= min(enough, WRONG_BODIES_ERROR):
-        return Finding(
-            UnseenReason.name,
-            run.name,
-            Severity.DOUBTFUL,
+        return Finding.doubtful(
             "friction or offsets differ from those of the fitted logs: fitting them to this log "
             f"reduces the typical error from {typical:.1f} % to {left:.1f} %",
             figure,
             fix=Fix("Identify from logs at one temperature, or use terms with per_run = true"),
+            log=run.name,
         )
     return _unexplained(fit, run, left, figure)
 
@@ -127,7 +120,7 @@ def _explains(decision: LogVerdict, own: float) -> bool:
 
     A zero offset does so in few joints, by which it was found.
     """
-    last, declared = decision.winners[-1][0], decision.ranking.declared
+    last, declared = decision.last, decision.declared
     small = last.percent <= min(max(LEAST_LEFT_ERROR, NEAR_OWN_ERROR * own), MOST_LEFT_ERROR)
     of_joints = any(hypothesis.cause == ZERO_CAUSE for hypothesis, _ in decision.winners)
     return small and (of_joints or last.percent * LEAST_ERROR_FALL <= declared.percent)
@@ -140,7 +133,8 @@ def _unexplained(fit: FittedCase, run: Run, left: float, figure: str) -> Finding
         "the last)"
     )
     fix = Fix(f"`{COMPARE_COMMAND}` shows what was compared", command=COMPARE_COMMAND)
-    same = any(_one_file(run.name, name) for name in _fitted_names(fit))
+    fitted = [run.name for run in fit.fitted] or fit.identified.provenance.runs
+    same = any(_one_file(run.name, name) for name in fitted)
     if fit.unresolved:
         finding = fit.unresolved[0]
         says += f". The check before the fit was doubtful about {finding.log}: {finding.says}"
@@ -150,12 +144,7 @@ def _unexplained(fit: FittedCase, run: Run, left: float, figure: str) -> Finding
         fix = Fix("Make sure that all logs are of one robot, or identify this one separately")
     wrong = not same and not fit.unresolved and left > WRONG_BODIES_ERROR
     severity = Severity.WRONG if wrong else Severity.DOUBTFUL
-    return Finding(UnseenReason.name, run.name, severity, says, figure, fix=fix)
-
-
-def _fitted_names(fit: FittedCase) -> Sequence[str]:
-    """Names of the fitted runs; in `validate`, as the model has them."""
-    return [run.name for run in fit.fitted] or list(fit.identified.provenance.runs)
+    return Finding.of(severity, says, figure, fix=fix, log=run.name)
 
 
 def _one_file(one: str, other: str) -> bool:
@@ -179,12 +168,9 @@ def _own(identified: IdentifiedModel, score: RunScore) -> float:
 
 def _explained(fit: FittedCase, run: Run, decision: LogVerdict) -> Finding:
     """The winners as one sentence, and what is to be resolved before they can be trusted."""
-    causes = tuple(hypothesis for hypothesis, _ in decision.winners)
-    says = ", and ".join(hypothesis.says for hypothesis in causes)
-    before, after = decision.ranking.declared, causes[-1]
-    first = causes[0].cause
-    names = decision.ranking.likelihood.knowledge.robot.joint_names
+    says = ", and ".join(hypothesis.says for hypothesis, _ in decision.winners)
     severity = max(severity for _, severity in decision.winners)
+    first, names = decision.winners[0][0], decision.likelihood.names
     reason = f"most likely reason of the error: {says}"
     if fit.unresolved:
         severity, finding = Severity.DOUBTFUL, fit.unresolved[0]
@@ -192,14 +178,14 @@ def _explained(fit: FittedCase, run: Run, decision: LogVerdict) -> Finding:
             f"the check before the fit was doubtful about {finding.log}: {finding.says}. If the "
             f"robot file describes that log correctly, the {reason}"
         )
-    return Finding(
-        UnseenReason.name,
-        run.name,
+    return Finding.of(
         severity,
         reason,
-        f"misfit {before.percent:.1f} %, with this explanation {after.percent:.1f} %",
-        tuple(names[j] for j in causes[0].joints),
-        _advice(decision, first),
+        f"misfit {decision.declared.percent:.1f} %, with this explanation "
+        f"{decision.last.percent:.1f} %",
+        tuple(names[j] for j in first.joints),
+        _advice(decision, first.cause),
+        log=run.name,
     )
 
 
@@ -209,31 +195,25 @@ def _advice(decision: LogVerdict, cause: str) -> Fix:
         return UNSEEN_ADVICE.get(
             cause, Fix(f"`{COMPARE_COMMAND}` shows the {cause}", command=COMPARE_COMMAND)
         )
-    likelihood, last = decision.ranking.likelihood, decision.winners[-1][0].interpretation
-    (edit,) = zero_edits(likelihood, last)
+    (edit,) = zero_edits(decision.last.reading)
     says = f"If the robot's zeros confirm it, set position_offset = {edit.value} in [signals]"
     return Fix(f"{says} of this log's robot file", command=COMPARE_COMMAND)
 
 
 def _with_other_friction(likelihood: Likelihood) -> float:
     """Typical misfit [%] with friction and offsets fitted to the log; friction dissipates."""
-    lower, upper = (bound.copy() for bound in likelihood.bounds)
-    lower[:, :3], upper[:, :3] = -np.inf, np.inf
+    anew = with_unbounded_friction(likelihood)
     if likelihood.signals.effort_map is None:
-        turned = np.diag(likelihood.into_logged(likelihood.declared)) < 0.0
+        lower, upper = anew.bounds
+        turned = np.diag(likelihood.declared.into_logged()) < 0.0
         lower[~turned, :2], upper[turned, :2] = 0.0, 0.0
-    anew = replace(likelihood, bounds=(lower, upper))
-    return float(anew.score(likelihood.declared).percent[0])
+    return anew.declared.percent
 
 
 def _typical(score: RunScore) -> float:
     """Geometric mean over joints that move of their relative error [%]: a misfit of `check`."""
-    errors = [
-        max(joint.relative_percent_moving or 0.0, 1e-4)
-        for joint, moves in zip(score.joints, _moving(score), strict=True)
-        if moves
-    ]
-    return float(np.exp(np.mean(np.log(errors))))
+    errors = np.array([joint.relative_percent_moving or 0.0 for joint in score.joints])
+    return float(np.exp(np.mean(np.log(np.maximum(errors[_moving(score)], 1e-4)))))
 
 
 def _moving(score: RunScore) -> NDArray[np.bool_]:

@@ -1,13 +1,13 @@
 r"""Consistent bodies that a log supports by itself; another last link, mirrored bodies.
 
 A nominal model is weak evidence: links may be several times heavier or lighter than it says. So a
-interpretation is also compared with bodies of the log's own, which need only be possible, with
+reading is also compared with bodies of the log's own, which need only be possible, with
 friction and rotor inertia that are not negative:
 
 $$ \min \sum_j \frac{\|s_j e_j - (A^{-1} Y \phi)_j - Y_j \theta_j\|^2}{\|s_j e_j\|^2 (m_j^2 +
    m_0^2)} + \gamma \sum_i D(X_i) $$
 
-with a prior so wide that a factor of three costs next to nothing. An interpretation that leaves a
+with a prior so wide that a factor of three costs next to nothing. A reading that leaves a
 large misfit even so contradicts the data; one that leaves a small one does not, whatever the
 nominal model says.
 
@@ -29,18 +29,14 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.check.case import AXES, Knowledge
-from steelyard.check.hypotheses.excerpt import Interpretation
 from steelyard.check.hypotheses.likelihood import (
+    CLOSE_HYPOTHESES,
     FITTED_NUMBER_COST,
-    MISFIT_FLOOR,
     Hypothesis,
     Likelihood,
-    LikelihoodScore,
-    one_of,
-    regressors,
-    score_of,
+    Reading,
 )
-from steelyard.check.hypotheses.nuisance import NUISANCES
+from steelyard.check.hypotheses.nuisance import MISFIT_FLOOR, NUISANCES, LikelihoodScore, score_of
 from steelyard.estimate.consistent.conic import solved
 from steelyard.estimate.consistent.penalties import Entropic, Unknowns, ten_map
 from steelyard.estimate.consistent.program import ConicConstraints, Program, polished
@@ -65,7 +61,7 @@ WIDEST_FRICTION = 100.0
 
 @dataclass(frozen=True, eq=False)
 class ConsistentBodies:
-    """Bodies of a log's own under one interpretation.
+    """Bodies of a log's own under one reading.
 
     Attributes:
         score: How well they agree.
@@ -81,44 +77,37 @@ class ConsistentBodies:
         return float(self.score.percent)
 
 
-_BODIES_FOUND: "WeakKeyDictionary[Interpretation, ConsistentBodies | None]" = WeakKeyDictionary()
+_BODIES_FOUND: "WeakKeyDictionary[Reading, ConsistentBodies | None]" = WeakKeyDictionary()
 
 
-def consistent_bodies(
-    likelihood: Likelihood, interpretation: Interpretation
-) -> ConsistentBodies | None:
+def consistent_bodies(reading: Reading) -> ConsistentBodies | None:
     """Physically consistent bodies that agree best; `None` where they cannot be found."""
-    if interpretation not in _BODIES_FOUND:
-        _BODIES_FOUND[interpretation] = _fit_bodies(likelihood, interpretation)
-    return _BODIES_FOUND[interpretation]
+    if reading not in _BODIES_FOUND:
+        _BODIES_FOUND[reading] = _fit_bodies(reading)
+    return _BODIES_FOUND[reading]
 
 
-def _fit_bodies(likelihood: Likelihood, interpretation: Interpretation) -> ConsistentBodies | None:
-    thin = replace(likelihood, excerpt=likelihood.excerpt.thinned(BODY_SAMPLES))
-    bare = interpretation.changed(payload=None)
-    columns, efforts, moving = rows_of(thin, bare)
+def _fit_bodies(reading: Reading) -> ConsistentBodies | None:
+    log = reading.likelihood.thinned(BODY_SAMPLES)
+    columns, efforts, moving = rows_of(reading.on(log).changed(payload=None))
     if not (np.isfinite(columns).all() and moving.any() and efforts.any()):
         return None
-    bodies = range(len(thin.knowledge.robot.bodies))
-    problem = _BodyProblem(thin.knowledge, columns, likelihood.bounds, thin.excerpt.worth, bodies)
-    counts = moving.sum(axis=1) * thin.excerpt.worth
-    found = problem.agreeing(efforts, efforts, counts)
+    bodies = range(len(log.knowledge.robot.bodies))
+    problem = _BodyProblem(log, columns, bodies)
+    found = problem.agreeing(efforts, efforts, moving.sum(axis=1) * log.excerpt.worth)
     return None if found is None else ConsistentBodies(found[1], problem.typical(found[0]))
 
 
-def other_link(likelihood: Likelihood, interpretation: Interpretation) -> Array | None:
+def other_link(reading: Reading) -> Array | None:
     """Ten numbers by which the last link differs from the model file, all other links as there.
 
-    The link that they make is physically consistent. `None` where none can be found.
-
-    Args:
-        likelihood: The log.
-        interpretation: How it is read; what it says of a payload does not count.
+    The link that they make is physically consistent. `None` where none can be found. What the
+    reading says of a payload does not count.
     """
-    thin = replace(likelihood, excerpt=likelihood.excerpt.thinned(BODY_SAMPLES))
-    knowledge, bare = thin.knowledge, interpretation.changed(payload=None)
-    columns, efforts, moving = rows_of(thin, bare)
-    predicted = thin.predicted(bare, *thin.motion(bare))
+    log = reading.likelihood.thinned(BODY_SAMPLES)
+    knowledge, bare = log.knowledge, reading.on(log).changed(payload=None)
+    columns, efforts, moving = rows_of(bare)
+    predicted = bare.predicted(*bare.motion())
     if not (np.isfinite(columns).all() and np.isfinite(predicted).all() and efforts.any()):
         return None
     last = carrier(knowledge.robot).body
@@ -127,27 +116,23 @@ def other_link(likelihood: Likelihood, interpretation: Interpretation) -> Array 
     nuisances = columns[..., 10 * len(knowledge.robot.bodies) :]
     columns = np.concatenate((columns[..., mine], nuisances), axis=-1)
     rest = efforts - predicted * moving + columns[..., :10] @ nominal
-    problem = _BodyProblem(knowledge, columns, likelihood.bounds, thin.excerpt.worth, (last,))
-    found = problem.agreeing(rest, efforts, moving.sum(axis=1) * thin.excerpt.worth)
+    problem = _BodyProblem(log, columns, (last,))
+    found = problem.agreeing(rest, efforts, moving.sum(axis=1) * log.excerpt.worth)
     return None if found is None else np.asarray((problem.scale @ found[0])[:10] - nominal)
 
 
-def rows_of(likelihood: Likelihood, interpretation: Interpretation) -> tuple[Array, Array, Array]:
+def rows_of(reading: Reading) -> tuple[Array, Array, Array]:
     """Columns of bodies and nuisances `(n, N, k)`, efforts and where joints move `(n, N)`."""
-    q, dq, ddq = likelihood.motion(interpretation)
-    bodies = columns_of(likelihood.knowledge, q, dq, ddq, interpretation.gravity)
-    bodies = np.einsum("ij,kjb->kib", likelihood.into_logged(interpretation), bodies)
-    u, du = likelihood.driven(dq), likelihood.driven(ddq)
-    y, moving = regressors(q[:, None], u[:, None], du[:, None], np.zeros_like(q)[:, None])
-    y, moving = y[:, 0, :NUISANCES], moving[:, 0]
+    bodies = columns_of(reading.knowledge, *reading.motion(), reading.gravity)
+    bodies = np.einsum("ij,kjb->kib", reading.into_logged(), bodies)
+    y, moving = reading.columns()
     n, count = moving.shape
     columns = np.zeros((n, count, len(bodies) + NUISANCES * n))
     columns[..., : len(bodies)] = np.moveaxis(bodies, 0, -1) * moving[..., None]
     for j in range(n):
         start = len(bodies) + NUISANCES * j
-        columns[j, :, start : start + NUISANCES] = y[j].T
-    e = likelihood.excerpt.later([interpretation.delay])[0, list(interpretation.effort)]
-    return columns, e * interpretation.effort_scale[:, None] * moving, moving
+        columns[j, :, start : start + NUISANCES] = y[j, :NUISANCES].T
+    return columns, reading.efforts() * moving, moving
 
 
 def columns_of(knowledge: Knowledge, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
@@ -187,29 +172,21 @@ _REGRESSORS: "WeakKeyDictionary[Model, Regressor]" = WeakKeyDictionary()
 
 
 class _BodyProblem:
-    """The convex program of one interpretation, for those bodies whose columns come first.
+    """The convex program of one reading, for those bodies whose columns come first.
 
     Attributes:
         scale: Numbers of the bodies and nuisances per unknown, shape `(k, k)`.
     """
 
-    def __init__(
-        self,
-        knowledge: Knowledge,
-        columns: Array,
-        bounds: tuple[Array, Array],
-        worth: float,
-        which: Sequence[int],
-    ) -> None:
+    def __init__(self, log: Likelihood, columns: Array, which: Sequence[int]) -> None:
         bodies, n = len(which), len(columns)
-        self._columns, self._worth, self._bodies = columns, worth, bodies
+        self._columns, self._worth, self._bodies = columns, log.excerpt.worth, bodies
         k = columns.shape[-1]
         self.scale = np.zeros((k, k))
         for place, body in enumerate(which):
             part = slice(10 * place, 10 * place + 10)
-            self.scale[part, part] = ten_map(model_prior(knowledge.robot, body).inertia)
-        lower, upper = (side.reshape(-1) for side in bounds)
-        self._lower, self._upper = lower, upper
+            self.scale[part, part] = ten_map(model_prior(log.knowledge.robot, body).inertia)
+        self._lower, self._upper = (side.reshape(-1) for side in log.bounds)
         self._names = tuple(str(j) for j in range(k))
         self._places = 10 * bodies + np.arange(NUISANCES * n)
 
@@ -308,25 +285,20 @@ SAME_LINK_MASS = 0.01
 """Change of the mass, over the link's, up to which its centre and inertia are what differs."""
 
 
-def link_hypotheses(likelihood: Likelihood, interpretation: Interpretation) -> Iterator[Hypothesis]:
+def link_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
     """The last link with mass properties of its own, if these alone explain the efforts.
 
-    It is not one that outweighs the arm which carries it: efforts are then in another unit.
-
-    Args:
-        likelihood: A log of a robot of which only the model file is known.
-        interpretation: How it is read so far.
+    It is not one that outweighs the arm which carries it: efforts are then in another unit. Of the
+    robot only the model file is known.
     """
-    ten = other_link(likelihood, interpretation)
-    arm = sum(body.inertia.mass for body in likelihood.knowledge.robot.bodies)
-    if ten is None or abs(float(ten[0])) > arm:
+    ten, robot = other_link(reading), reading.knowledge.robot
+    if ten is None or abs(float(ten[0])) > sum(body.inertia.mass for body in robot.bodies):
         return
-    body = likelihood.knowledge.robot.bodies[carrier(likelihood.knowledge.robot).body]
-    changed = interpretation.changed(payload=ten)
-    score = one_of(likelihood.score(changed), 0)
-    if float(score.percent) <= AGREEING_LINK_MISFIT:
+    body, changed = robot.bodies[carrier(robot).body], reading.changed(payload=ten)
+    if changed.percent <= AGREEING_LINK_MISFIT:
         says = _link_words(body.name, float(ten[0]), body.inertia.mass)
-        yield Hypothesis(OWN_FILE, says, changed, 10.0 * FITTED_NUMBER_COST, (), score, fixed=False)
+        cost = 10.0 * FITTED_NUMBER_COST
+        yield Hypothesis(OWN_FILE, says, changed, cost, (), changed.score, fixed=False)
 
 
 def of_link(hypothesis: Hypothesis) -> bool:
@@ -342,81 +314,57 @@ def _link_words(name: str, more: float, mass: float) -> str:
     return f"{off} than the {mass:.2g} kg of the model file"
 
 
-CLOSE_MIRROR = 3.0
-"""Log-likelihood within which the two fit equally well."""
 BOTH_MIRRORS_FIT = ": both fit with free link inertias, and this log cannot distinguish them"
-MIRRORED_JOINTS, MIRRORED_EFFORTS = (
-    "all positions have the opposite sign",
-    "all efforts have the opposite sign",
-)
+MIRRORED = "all {} have the opposite sign"
 
 
-def efforts_first(now: Interpretation, hypotheses: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
-    """Hypotheses, the likeliest first, turned efforts before turned positions that fit as well.
-
-    Args:
-        now: The interpretation that they start from.
-        hypotheses: The likeliest first.
-    """
-    if not hypotheses or not _mirrored_interpretation(
-        now.position_scale, hypotheses[0].interpretation.position_scale
-    ):
+def efforts_first(now: Reading, hypotheses: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+    """Hypotheses, the likeliest first, turned efforts before turned positions that fit as well."""
+    if not hypotheses or not _opposite(now.position_scale, hypotheses[0].reading.position_scale):
         return tuple(hypotheses)
-    least = hypotheses[0].log_likelihood - CLOSE_MIRROR
+    least = hypotheses[0].log_likelihood - CLOSE_HYPOTHESES
     for hypothesis in hypotheses[1:]:
         if hypothesis.log_likelihood > least and of_efforts(now, hypothesis):
             return (hypothesis, *(r for r in hypotheses if r is not hypothesis))
     return tuple(hypotheses)
 
 
-def of_efforts(now: Interpretation, hypothesis: Hypothesis) -> bool:
+def of_efforts(now: Reading, hypothesis: Hypothesis) -> bool:
     """Whether a hypothesis does nothing but turn the signs of all efforts."""
-    after = hypothesis.interpretation
+    after = hypothesis.reading
     return (
         hypothesis.cause == "effort sign"
         and len(after.effort) > 1
-        and _mirrored_interpretation(now.effort_scale, after.effort_scale)
+        and _opposite(now.effort_scale, after.effort_scale)
         and np.array_equal(now.position_scale, after.position_scale)
     )
 
 
-def mirrors(now: Interpretation, one: Hypothesis, other: Hypothesis) -> bool:
+def mirrors(now: Reading, one: Hypothesis, other: Hypothesis) -> bool:
     """Whether one hypothesis turns all efforts and the other one all positions."""
-    return of_efforts(now, one) and _mirrored_interpretation(
-        now.position_scale, other.interpretation.position_scale
-    )
+    return of_efforts(now, one) and _opposite(now.position_scale, other.reading.position_scale)
 
 
-def with_mirror(
-    likelihood: Likelihood, before: Interpretation, hypothesis: Hypothesis
-) -> Hypothesis:
+def with_mirror(hypothesis: Hypothesis) -> Hypothesis:
     """A hypothesis that turns all efforts, or all positions, and names the other one if that fits.
 
-    Args:
-        likelihood: The log.
-        before: The interpretation that it starts from.
-        hypothesis: The explanation.
+    Against the declared reading.
     """
-    after = hypothesis.interpretation
-    positions = _mirrored_interpretation(before.position_scale, after.position_scale)
-    if len(after.effort) < 2 or positions == _mirrored_interpretation(
-        before.effort_scale, after.effort_scale
-    ):
+    before, after = hypothesis.reading.likelihood.declared, hypothesis.reading
+    positions = _opposite(before.position_scale, after.position_scale)
+    if len(after.effort) < 2 or positions == _opposite(before.effort_scale, after.effort_scale):
         return hypothesis
     if hypothesis.cause != ("position sign" if positions else "effort sign"):
         return hypothesis
     mirror = after.changed(position_scale=-after.position_scale, effort_scale=-after.effort_scale)
-    mine, other = consistent_bodies(likelihood, after), consistent_bodies(likelihood, mirror)
+    mine, other = consistent_bodies(after), consistent_bodies(mirror)
     if mine is None or other is None:
         return hypothesis
-    if float(mine.score.log_likelihood - other.score.log_likelihood) > CLOSE_MIRROR:
+    if float(mine.score.log_likelihood - other.score.log_likelihood) > CLOSE_HYPOTHESES:
         return hypothesis
-    return replace(
-        hypothesis,
-        says=f"{hypothesis.says}, or "
-        f"{MIRRORED_EFFORTS if positions else MIRRORED_JOINTS}{BOTH_MIRRORS_FIT}",
-    )
+    other_words = MIRRORED.format("efforts" if positions else "positions")
+    return replace(hypothesis, says=f"{hypothesis.says}, or {other_words}{BOTH_MIRRORS_FIT}")
 
 
-def _mirrored_interpretation(before: Array, after: Array) -> bool:
+def _opposite(before: Array, after: Array) -> bool:
     return bool(np.all(np.sign(before) == -np.sign(after)))

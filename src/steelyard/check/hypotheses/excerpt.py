@@ -1,4 +1,4 @@
-"""Part of a log for tests of hypotheses, and the ways to interpret its columns.
+"""Part of a log for tests of hypotheses.
 
 Velocities and accelerations come from the positions alone, so that a logged velocity that lags or
 is none cannot mislead; positions and efforts go through the same filter.
@@ -8,14 +8,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.robot.file.signals import Signals
 from steelyard.runs.defaults import cutoffs
 from steelyard.runs.processing import Processing
 from steelyard.runs.recording import Recording
@@ -23,71 +21,6 @@ from steelyard.runs.rows.clock import SHORTEST_CHAIN, RowPiece, RowScan, learn_c
 from steelyard.runs.rows.resampling import uniform
 from steelyard.runs.smoothing.filters import apply, low_pass, smooth_derivatives
 from steelyard.runs.spectrum import motion_band
-
-
-@dataclass(frozen=True, eq=False)
-class Interpretation:
-    r"""How columns of positions and efforts become joint motion and effort.
-
-    Joint j's position is `position_scale[j] * z[position[j]]`, its effort
-    `effort_scale[j] * e[effort[j]]`, behind which maps, offsets and gains of the signals count.
-
-    Attributes:
-        position: Column of each joint's position among those declared.
-        position_scale: rad or m per logged unit, sign included, shape `(n,)`.
-        effort: Column of each joint's effort among those declared.
-        effort_scale: What a logged unit is in the declared base unit, shape `(n,)`.
-        gravity: In the base frame, shape `(3,)` [m/s²]; zero where efforts come without.
-        delay: By how much efforts are logged late [s].
-        time: Seconds per declared second.
-        kind: Of the efforts.
-        ratios: Gear ratio of every motor to its own joint over the declared one, shape `(n,)`.
-        payload: Ten numbers of what the last body carries, in its frame; `None` if nothing.
-        zeros: What is added to the joint positions beside declared offsets, shape `(n,)` [rad; m];
-            `None` if nothing.
-    """
-
-    position: tuple[int, ...]
-    position_scale: Array
-    effort: tuple[int, ...]
-    effort_scale: Array
-    gravity: Array
-    delay: float
-    kind: str
-    ratios: Array
-    time: float = 1.0
-    payload: Array | None = None
-    zeros: Array | None = None
-
-    @property
-    def of_motion(self) -> tuple[Any, ...]:
-        """All that the joints' motion depends on."""
-        arrays = (self.position_scale, self.ratios, self.zeros)
-        return (self.position, self.time, *(None if x is None else x.tobytes() for x in arrays))
-
-    def changed(self, **fields: Any) -> "Interpretation":
-        """The same with some of its attributes replaced."""
-        return replace(self, **fields)
-
-    def with_factors(self, factors: Array) -> "Interpretation":
-        """Efforts times a factor per joint."""
-        return replace(self, effort_scale=self.effort_scale * factors)
-
-
-def declared_reading(signals: Signals, gravity: Array) -> Interpretation:
-    """The interpretation that a robot file declares."""
-    joints = tuple(range(signals.n))
-    return Interpretation(
-        position=joints,
-        position_scale=np.asarray(signals.position_scale),
-        effort=joints,
-        effort_scale=np.asarray(signals.effort_scale),
-        gravity=np.asarray(gravity),
-        delay=signals.effort_delay,
-        kind=signals.effort_kind,
-        ratios=np.ones(signals.n),
-    )
-
 
 EXCERPT_SOURCE_ROWS = 100_000
 """Rows of the log that are looked at."""

@@ -23,10 +23,11 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
 from steelyard.check.case import Case, Evidence
-from steelyard.check.finding import Edit, Finding, Fix, Severity
-from steelyard.check.hypotheses.excerpt import Interpretation
-from steelyard.check.hypotheses.likelihood import Likelihood, LikelihoodScore, one_of, regressors
-from steelyard.check.identifiability import clean_runs, customary_model
+from steelyard.check.finding import Edit, Finding, Fix
+from steelyard.check.hypotheses.excerpt import Excerpt
+from steelyard.check.hypotheses.likelihood import Reading
+from steelyard.check.hypotheses.nuisance import LikelihoodScore
+from steelyard.check.identifiability import clean_runs, customary_model, longest_run
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import Regressor, base_regressor
@@ -41,45 +42,27 @@ PRESLIDING_LENGTHS = (1e-3, 3e-3, 1e-2, 3e-2, 0.1)
 """Lengths over which friction may give way [rad; m]."""
 
 
-def friction_alone(likelihood: Likelihood, interpretation: Interpretation) -> LikelihoodScore:
+def friction_alone(reading: Reading) -> LikelihoodScore:
     """How well friction, an offset and rotor inertia explain the efforts, without any body."""
-    q, dq, ddq = likelihood.motion(interpretation)
-    y, moving = _friction_columns(
-        q, likelihood.driven(dq), likelihood.driven(ddq), np.zeros_like(q)
-    )
-    return _friction_score(likelihood, interpretation, y, moving)
+    return reading.scored(*reading.columns(), [reading.delay]).one(0)
 
 
-def presliding_score(likelihood: Likelihood, interpretation: Interpretation) -> LikelihoodScore:
+def presliding_score(reading: Reading) -> LikelihoodScore:
     """The same with bodies, and friction that gives way by the best length of each joint."""
-    q, dq, ddq = likelihood.motion(interpretation)
-    u, predicted = likelihood.driven(dq), likelihood.predicted(interpretation, q, dq, ddq)
-    y, moving = _friction_columns(q, u, likelihood.driven(ddq), predicted)
+    q, dq, ddq = reading.motion()
+    y, moving = reading.columns(reading.predicted(q, dq, ddq))
+    q, u = (reading.likelihood.driven(x) for x in (q, dq))
     scores = []
     for length in PRESLIDING_LENGTHS:
-        y[:, 0, 0] = _presliding_states(likelihood, likelihood.driven(q), u, length) * moving[:, 0]
-        scores.append(_friction_score(likelihood, interpretation, y, moving))
+        y[:, 0] = _presliding_states(reading.likelihood.excerpt, q, u, length) * moving
+        scores.append(reading.scored(y, moving, [reading.delay]).one(0))
     return replace(scores[0], misfits=np.min([score.misfits for score in scores], axis=0))
 
 
-def _friction_columns(q: Array, u: Array, du: Array, predicted: Array) -> tuple[Array, Array]:
-    return regressors(*(x[:, None] for x in (q, u, du, predicted)))
-
-
-def _friction_score(
-    likelihood: Likelihood, interpretation: Interpretation, y: Array, moving: Array
-) -> LikelihoodScore:
-    sums = likelihood.products(y, moving, likelihood.excerpt.later([interpretation.delay]))
-    return one_of(
-        likelihood.scored(sums, np.array([interpretation.effort]), interpretation.effort_scale), 0
-    )
-
-
-def _presliding_states(likelihood: Likelihood, q: Array, u: Array, length: float) -> Array:
+def _presliding_states(excerpt: Excerpt, q: Array, u: Array, length: float) -> Array:
     """Friction over what it is where it slips, shape `(n, B)`; slipping where a stretch begins."""
     steps = np.diff(q, axis=1, prepend=q[:, :1])
-    stretch = likelihood.excerpt.stretch
-    begins = np.concatenate(([True], stretch[1:] != stretch[:-1]))
+    begins = np.concatenate(([True], np.diff(excerpt.stretch) != 0))
     decay = np.where(begins, 0.0, np.exp(-np.abs(steps) / length))
     drive = np.where(begins, np.sign(u), np.sign(steps) * (1.0 - decay))
     return recurrence(decay, drive, np.ones_like(decay), np.zeros(len(q)))[0]
@@ -91,7 +74,7 @@ LEAST_NEGATIVE_FRICTION = 0.05
 """Least size of that friction, relative to the joint's effort without its mean."""
 EXPLAINED_BY_FRICTION_FIT = 0.7
 """Share of the effort's variance that the fit must explain: else something else is wrong."""
-SINGULAR_FRICTION_GRAM = 1e-9
+SINGULAR_GRAM = 1e-9
 """Eigenvalue of a row's normalised Gram matrix, over the largest, that counts as zero."""
 SIGNED_LAWS = (Coulomb.law, Viscous.law)
 FEWEST_FRICTION_WINDOWS = 6
@@ -130,21 +113,13 @@ class RowFriction:
         )
 
 
-def friction_signs(case: Case, name: str) -> tuple[Finding, ...]:
-    """One finding per log whose friction drives joints; none where it takes energy, or is small.
-
-    Args:
-        case: Robot and logs.
-        name: Name of the check.
-    """
-    found = []
-    for evidence in case.logs:
-        finding = _friction_sign_of_log(case, evidence, name)
-        found += [] if finding is None else [finding]
-    return tuple(found)
+def friction_signs(case: Case) -> tuple[Finding, ...]:
+    """One finding per log whose friction drives joints; none where it takes energy, or is small."""
+    found = (_friction_sign_of_log(case, evidence) for evidence in case.logs)
+    return tuple(finding for finding in found if finding is not None)
 
 
-def _friction_sign_of_log(case: Case, evidence: Evidence, name: str) -> Finding | None:
+def _friction_sign_of_log(case: Case, evidence: Evidence) -> Finding | None:
     signals = evidence.recording.signals
     if signals.effort_map is not None:
         return None
@@ -171,7 +146,7 @@ def _friction_sign_of_log(case: Case, evidence: Evidence, name: str) -> Finding 
             else (Edit(("signals", "effort", "gain"), gains),)
         )
         fix = Fix("change the signs of all gains", edits)
-        return Finding(name, evidence.name, Severity.WRONG, says, figure, tuple(driven), fix)
+        return Finding.wrong(says, figure, tuple(driven), fix, log=evidence.name)
     says = (
         f"effort of {listed} has the wrong sign, or the position has: friction "
         "drives instead of braking"
@@ -180,7 +155,7 @@ def _friction_sign_of_log(case: Case, evidence: Evidence, name: str) -> Finding 
         f"find out which of the two it is: change the sign of the gain of {listed}, or of its "
         "position (position_sign under [signals])"
     )
-    return Finding(name, evidence.name, Severity.DOUBTFUL, says, figure, tuple(driven), fix)
+    return Finding.doubtful(says, figure, tuple(driven), fix, log=evidence.name)
 
 
 def friction_of_rows(case: Case, evidence: Evidence) -> dict[str, RowFriction]:
@@ -203,14 +178,7 @@ def friction_of_rows(case: Case, evidence: Evidence) -> dict[str, RowFriction]:
 def _friction_of_row(
     information: Information, row: int, joint: str, sign: float
 ) -> RowFriction | None:
-    """What one row's own least squares says of its friction; `None` where it says nothing.
-
-    Args:
-        information: Of the run, efforts as logged.
-        row: The row.
-        joint: Its joint.
-        sign: Of the joint's gain.
-    """
+    """What one row's own least squares says of its friction; `None` where it says nothing."""
     columns = [information.layout.columns[k] for k in information.layout.sees[row]]
     names = [f"{law}.{joint}" for law in SIGNED_LAWS]
     grams = information.row_grams(row)
@@ -218,13 +186,10 @@ def _friction_of_row(
         return None
     gram = grams.sum(axis=0)
     dry, viscous = (columns.index(name) for name in names)
-    lengths = np.sqrt(np.diag(gram)[:-1])
-    if gram[-1, -1] <= 0.0 or min(lengths[dry], lengths[viscous]) <= 0.0:
+    if gram[-1, -1] <= 0.0 or min(gram[dry, dry], gram[viscous, viscous]) <= 0.0:
         return None
-    lengths = np.where(lengths > 0.0, lengths, 1.0)
-    values, vectors = np.linalg.eigh(gram[:-1, :-1] / lengths[:, None] / lengths)
-    kept = values > SINGULAR_FRICTION_GRAM * values.max()
-    inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / lengths[:, None] / lengths
+    own = whitened_columns(gram[:-1, :-1])
+    inverse = own @ own.T
     theta = inverse @ gram[:-1, -1]
     left = float(gram[-1, -1] - theta @ gram[:-1, -1])
     effort = _varying_effort(gram, columns, joint)
@@ -232,7 +197,7 @@ def _friction_of_row(
     power[[dry, viscous]] = gram[viscous, [dry, viscous]]
     power /= np.sqrt(gram[viscous, viscous] * effort)
     scores = (grams[:, :-1, -1] - grams[:, :-1, :-1] @ theta) @ (inverse @ power)
-    freedom = max(float(information.n_samples[row]) - float(kept.sum()), 1.0)
+    freedom = max(float(information.n_samples[row]) - own.shape[1], 1.0)
     white = left / freedom * float(power @ inverse @ power)
     windows = float(np.sum(np.square(scores))) * len(scores) / (len(scores) - 1)
     std = float(np.sqrt(max(white, windows, 0.0)))
@@ -250,8 +215,6 @@ def _varying_effort(gram: Array, columns: list[str], joint: str) -> float:
 
 DELAY_SHIFT = 0.008
 """Delay that is tried to both sides [s]."""
-SINGULAR_DELAY_GRAM = 1e-9
-"""Eigenvalue of a row's normalised Gram matrix, over the largest, that counts as zero."""
 LEAST_RESIDUAL_DELAY, SURE_DELAY = 1e-3, 4.0
 """Least delay [s], also in standard errors."""
 SAME_DELAY_SCATTER = 0.15
@@ -299,23 +262,16 @@ class RowDelays:
         )
 
 
-def residual_delay(case: Case, name: str) -> Finding | None:
+def residual_delay(case: Case) -> Finding | None:
     """The delay that the longest log shows, for all logs together; `None` if it shows none.
 
     A log with gaps is not looked at: what filters leave beside a gap may look late.
-
-    Args:
-        case: Robot and logs.
-        name: Name of the check.
     """
-    runs = [(e.run.duration, k) for k, e in enumerate(case.logs) if isinstance(e.run, Run)]
-    if not runs:
-        return None
-    evidence = case.logs[max(runs)[1]]
     try:
-        (run,) = clean_runs(replace(case, logs=(evidence,)))
-        if len(run.segments) > 1:
+        longest = longest_run(case)
+        if longest is None or len(longest[1].segments) > 1:
             return None
+        evidence, run = longest
         model = customary_model(case)
         regressor = base_regressor(model)
         found = delays_of(regressor, run)
@@ -330,7 +286,7 @@ def residual_delay(case: Case, name: str) -> Finding | None:
             return None
     except (SteelyardError, TypeError):
         return None
-    return _delay_finding(evidence, name, found)
+    return _delay_finding(evidence, found)
 
 
 def by_presliding(model: Model, regressor: Regressor, run: Run) -> float:
@@ -351,20 +307,16 @@ def by_presliding(model: Model, regressor: Regressor, run: Run) -> float:
     )
 
 
-def _delay_finding(evidence: Evidence, name: str, found: RowDelays) -> Finding:
+def _delay_finding(evidence: Evidence, found: RowDelays) -> Finding:
     ms = 1e3 * found.delay
     whole = evidence.recording.signals.effort_delay + found.delay
     way = "late" if ms > 0.0 else "early"
-    return Finding(
-        name,
-        "",
-        Severity.WRONG,
+    return Finding.wrong(
         f"efforts are {abs(ms):.3g} ms {way} (± {2e3 * found.std:.1g}): the residuals of a fit of "
         f"{evidence.name} indicate this delay in all {found.rows} joints",
-        f"a delay explains {100.0 * found.gone:.0f} % of the squared residual (at "
-        f"least {100.0 * EXPLAINED_BY_DELAY:.0f} % required), joints differ by "
-        f"{100.0 * found.scatter:.1g} % (at "
-        f"most {100.0 * SAME_DELAY_SCATTER:.0f} % allowed)",
+        f"a delay explains {100.0 * found.gone:.0f} % of the squared residual (at least "
+        f"{100.0 * EXPLAINED_BY_DELAY:.0f} % required), joints differ by "
+        f"{100.0 * found.scatter:.1g} % (at most {100.0 * SAME_DELAY_SCATTER:.0f} % allowed)",
         fix=Fix(
             f"efforts are {abs(ms):.3g} ms {way}: state the delay",
             (Edit(("signals", "effort", "delay"), round(whole, 5)),),
@@ -412,10 +364,16 @@ def _squares(information: Information) -> Array:
     found = []
     for row in range(len(information.layout.rows)):
         gram = information.row_gram(row)
-        lengths = np.sqrt(np.maximum(np.diag(gram)[:-1], 1e-300))
-        values, vectors = np.linalg.eigh(gram[:-1, :-1] / lengths[:, None] / lengths)
-        kept = values > SINGULAR_DELAY_GRAM * values.max()
-        along = vectors[:, kept].T @ (gram[:-1, -1] / lengths)
-        left = float(gram[-1, -1] - np.sum(np.square(along) / values[kept]))
-        found.append((left, float(information.n_samples[row] - kept.sum())))
+        own = whitened_columns(gram[:-1, :-1])
+        left = float(gram[-1, -1] - np.sum(np.square(own.T @ gram[:-1, -1])))
+        found.append((left, float(information.n_samples[row] - own.shape[1])))
     return np.array(found).T
+
+
+def whitened_columns(gram: Array) -> Array:
+    """Combinations of columns with unit Gram matrix, shape `(k, rank)`."""
+    lengths = np.sqrt(np.maximum(np.diag(gram), 0.0))
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    values, vectors = np.linalg.eigh(gram / lengths[:, None] / lengths)
+    kept = values > SINGULAR_GRAM * values.max()
+    return np.asarray(vectors[:, kept] / np.sqrt(values[kept]) / lengths[:, None])

@@ -1,4 +1,4 @@
-r"""How well an interpretation of a log agrees with the robot; hypotheses that it compares.
+r"""Readings of a log, how well they agree with the robot, and hypotheses that are compared.
 
 In the units in which efforts are logged, after the gears' map $A$, a joint's effort is
 
@@ -11,105 +11,43 @@ joint, $m_j$; with $N_j$ independent samples its likelihood is $-\frac{N_j}{2} \
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from weakref import WeakKeyDictionary
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.check.case import Knowledge
-from steelyard.check.hypotheses.excerpt import Excerpt, Interpretation, declared_reading
+from steelyard.check.hypotheses.excerpt import Excerpt
 from steelyard.check.hypotheses.nuisance import (
     COORDINATE_SWEEPS,
     FRICTION_DRIFT,
+    LEAST_SPAN,
     NUISANCES,
     REST_SPEED,
+    EffortProducts,
+    LikelihoodScore,
     fit_nuisances,
+    regressors,
+    score_of,
     unknown_friction,
 )
 from steelyard.robot.file.efforts import MOTOR_KINDS
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot, Transmission
 
-MISFIT_FLOOR = 0.03
-"""Misfit that no model of a real robot is expected to stay below."""
-MOST_SAMPLE_COUNT = 100.0
-"""Most independent samples that a joint counts for: errors of a model are not noise."""
-LEAST_SAMPLE_COUNT = 8.0
-"""Least independent samples of a joint in motion for it to count."""
-RESTING_SPEED_SHARE = 0.01
-"""Speed up to which a joint rests, relative to the fastest joint."""
-LEAST_SPAN = 0.02
-"""Range of positions from which on a joint counts as moving [rad; m]."""
-WORST_MISFIT = 1e3
-"""Largest misfit that is distinguished from larger ones."""
-
-
-@dataclass(frozen=True, eq=False)
-class EffortProducts:
-    """Products of samples of every joint in motion with every effort column; `h` interpretations.
-
-    Attributes:
-        yy: Of tanh, speed, one, acceleration and prediction, shape `(h, n, 5, 5)`.
-        ye: Of these with the effort columns, shape `(h, n, 5, n)`.
-        ee: Squares of the effort columns, shape `(h, n, n)`.
-        count: Independent samples in motion, shape `(h, n)`.
-    """
-
-    yy: Array
-    ye: Array
-    ee: Array
-    count: Array
-
-    def of(self, which: Sequence[int]) -> "EffortProducts":
-        """Those of some interpretations, by number; one may be there several times."""
-        rows = list(which)
-        return EffortProducts(self.yy[rows], self.ye[rows], self.ee[rows], self.count[rows])
-
-
-@dataclass(frozen=True, eq=False)
-class LikelihoodScore:
-    """How well interpretations agree with what is known; `...` interpretations.
-
-    Attributes:
-        misfits: Of every joint, 1 for one that does not count, shape `(..., n)`.
-        counts: Independent samples that every joint counts for, shape `(..., n)`.
-        nuisances: Friction, offset and rotor inertia, shape `(..., n, 4)`.
-    """
-
-    misfits: Array
-    counts: Array
-    nuisances: Array
-
-    @property
-    def log_likelihood(self) -> Array:
-        """Up to a constant of the log, shape `(...)`."""
-        return self.log_likelihood_with(MISFIT_FLOOR, MOST_SAMPLE_COUNT)
-
-    def log_likelihood_with(self, floor: float, most: float) -> Array:
-        """With a given floor and most samples per joint, shape `(...)`."""
-        logs = np.log(np.square(self.misfits) + floor**2)
-        return np.asarray(-0.5 * np.sum(np.minimum(self.counts, most) * logs, axis=-1))
-
-    @property
-    def percent(self) -> Array:
-        """Typical misfit [%], shape `(...)`."""
-        counts = np.minimum(self.counts, MOST_SAMPLE_COUNT)
-        shares = counts / np.maximum(counts.sum(axis=-1, keepdims=True), 1e-12)
-        mean = np.sum(shares * np.log(np.maximum(self.misfits, 1e-6)), axis=-1)
-        return np.asarray(100.0 * np.exp(mean))
-
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """The likelihood of interpretations of one log.
+    """The likelihood of readings of one log.
 
     Attributes:
         excerpt: Its samples.
         signals: How the robot file reads it.
         knowledge: What is known of the robot.
-        declared: The robot file's interpretation.
+        gravity: In the base frame as the robot file has it, shape `(3,)` [m/s²].
         gains: Joint effort per base unit of the declared efforts, shape `(n,)`.
         gears: Gears between motors and joints, as the robot file has them.
         bounds: Least and largest nuisance of every joint, each `(n, 4)`, in base units.
@@ -121,49 +59,39 @@ class Likelihood:
     excerpt: Excerpt
     signals: Signals
     knowledge: Knowledge
-    declared: Interpretation
+    gravity: Array
     gains: Array
     gears: Transmission | None
     bounds: tuple[Array, Array]
     size: Array
     sweeps: int = COORDINATE_SWEEPS
     scales: Array | float = 1.0
-    _scores: "WeakKeyDictionary[Interpretation, LikelihoodScore]" = field(
-        default_factory=WeakKeyDictionary, init=False, repr=False
-    )
 
-    def into_logged(self, interpretation: Interpretation) -> Array:
-        """$A^{-1}$: joint efforts to logged base units, shape `(n, n)`."""
-        if self.signals.effort_map is not None:
-            gears = self.geared(interpretation)
-            own = self.signals.effort_map
-            if gears is not None and self.gears is not None:
-                own = gears.T @ np.linalg.solve(self.gears.matrix.T, own)
-            return np.asarray(np.linalg.inv(own))
-        of_motors = self.declared.kind in MOTOR_KINDS
-        return np.diag(self.scales / (self.gains * (interpretation.ratios if of_motors else 1.0)))
-
-    def geared(self, interpretation: Interpretation) -> Array | None:
-        """Motor positions per joint position; `None` where nothing is logged at motors."""
-        if self.gears is None:
-            return None
-        return self.gears.matrix + np.diag(
-            np.diag(self.gears.matrix) * (interpretation.ratios - 1.0)
+    @cached_property
+    def declared(self) -> "Reading":
+        """The reading that the robot file declares."""
+        signals, joints = self.signals, tuple(range(self.signals.n))
+        return Reading(
+            self,
+            position=joints,
+            position_scale=np.asarray(signals.position_scale),
+            effort=joints,
+            effort_scale=np.asarray(signals.effort_scale),
+            gravity=np.asarray(self.gravity),
+            delay=signals.effort_delay,
+            kind=signals.effort_kind,
+            ratios=np.ones(signals.n),
         )
 
-    def motion(self, interpretation: Interpretation) -> tuple[Array, Array, Array]:
-        """Joint positions, velocities and accelerations, each `(n, B)`."""
-        x, s = self.excerpt, self.signals
-        order, scale = list(interpretation.position), interpretation.position_scale[:, None]
-        q, dq, ddq = scale * x.z[order], scale * x.dz[order], scale * x.ddz[order]
-        gears = self.geared(interpretation)
-        if s.position_map is not None and gears is not None:
-            q, dq, ddq = (np.asarray(np.linalg.solve(gears, y)) for y in (q, dq, ddq))
-        if s.position_offset is not None:
-            q = q + s.position_offset[:, None]
-        if interpretation.zeros is not None:
-            q = q + interpretation.zeros[:, None]
-        return q, dq / interpretation.time, ddq / interpretation.time**2
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self.knowledge.robot.joint_names
+
+    def thinned(self, samples: int, sweeps: int | None = None) -> "Likelihood":
+        """The same with fewer samples, and perhaps fewer sweeps."""
+        excerpt = self.excerpt.thinned(samples)
+        return replace(self, excerpt=excerpt, sweeps=self.sweeps if sweeps is None else sweeps)
 
     def driven(self, rates: Array) -> Array:
         """What friction turns with: motors where efforts are theirs behind coupled gears."""
@@ -171,31 +99,17 @@ class Likelihood:
             return rates
         return np.asarray(self.gears.matrix @ rates)
 
-    def predicted(self, interpretation: Interpretation, q: Array, dq: Array, ddq: Array) -> Array:
-        """What the efforts should be without friction, in base units, shape `(n, N)`."""
-        torque = self.knowledge.torque(q, dq, ddq, interpretation.gravity)
-        if interpretation.payload is not None:
-            columns = self.knowledge.payload(q, dq, ddq, interpretation.gravity)
-            torque = torque + np.einsum("k,knb->nb", interpretation.payload, columns)
-        return np.asarray(self.into_logged(interpretation) @ torque)
-
-    def sums(self, interpretations: Sequence[Interpretation]) -> EffortProducts:
-        """Products for interpretations that differ in positions and time alone."""
-        motions = [self.motion(r) for r in interpretations]
-        q, dq, ddq = (np.concatenate(x, axis=1) for x in zip(*motions, strict=True))
-        shape = len(dq), len(interpretations), -1
-        predicted = self.predicted(interpretations[0], q, dq, ddq).reshape(shape)
+    def sums(self, readings: Sequence["Reading"]) -> EffortProducts:
+        """Products for readings that differ in positions and time alone."""
+        q, dq, ddq = (
+            np.concatenate(x, axis=1)
+            for x in zip(*(reading.on(self).motion() for reading in readings), strict=True)
+        )
+        shape = len(dq), len(readings), -1
+        predicted = readings[0].on(self).predicted(q, dq, ddq).reshape(shape)
         q, u, du = (x.reshape(shape) for x in (q, self.driven(dq), self.driven(ddq)))
         y, moving = regressors(q, u, du, predicted)
-        return self.products(y, moving, self.excerpt.later([interpretations[0].delay]))
-
-    def sums_later(self, interpretation: Interpretation, delays: Sequence[float]) -> EffortProducts:
-        """Products of one interpretation with efforts at other delays than its own."""
-        q, dq, ddq = self.motion(interpretation)
-        predicted = self.predicted(interpretation, q, dq, ddq)
-        arrays = (x[:, None] for x in (q, self.driven(dq), self.driven(ddq), predicted))
-        y, moving = regressors(*arrays)
-        return self.products(y, moving, self.excerpt.later(delays))
+        return self.products(y, moving, self.excerpt.later([readings[0].delay]))
 
     def products(self, y: Array, moving: Array, e: Array) -> EffortProducts:
         """Products of columns `(n, h, 5, B)` with efforts `(h or 1, n, B)`."""
@@ -210,7 +124,7 @@ class Likelihood:
     def scored(
         self, sums: EffortProducts, effort: NDArray[np.intp], scale: Array
     ) -> LikelihoodScore:
-        """Scores of every interpretation of the sums.
+        """Scores of every reading of the sums.
 
         Args:
             sums: Products.
@@ -223,41 +137,181 @@ class Likelihood:
         squares, nuisances = fit_nuisances(sums.yy, ye, ee, scale, lower, upper, self.sweeps)
         return score_of(squares, scale**2 * ee, sums.count, nuisances)
 
-    def score(self, interpretation: Interpretation) -> LikelihoodScore:
-        """The score of one interpretation, which several checks ask for."""
-        if interpretation not in self._scores:
-            sums, effort = self.sums([interpretation]), np.array([interpretation.effort])
-            self._scores[interpretation] = self.scored(sums, effort, interpretation.effort_scale)
-        return self._scores[interpretation]
 
-    def compared(self, interpretation: Interpretation, joint: int) -> tuple[Array, Array, Array]:
+@dataclass(frozen=True, eq=False)
+class Reading:
+    r"""How columns of positions and efforts of one log become joint motion and effort.
+
+    Joint j's position is `position_scale[j] * z[position[j]]`, its effort
+    `effort_scale[j] * e[effort[j]]`, behind which maps, offsets and gains of the signals count.
+
+    Attributes:
+        likelihood: The log.
+        position: Column of each joint's position among those declared.
+        position_scale: rad or m per logged unit, sign included, shape `(n,)`.
+        effort: Column of each joint's effort among those declared.
+        effort_scale: What a logged unit is in the declared base unit, shape `(n,)`.
+        gravity: In the base frame, shape `(3,)` [m/s²]; zero where efforts come without.
+        delay: By how much efforts are logged late [s].
+        time: Seconds per declared second.
+        kind: Of the efforts.
+        ratios: Gear ratio of every motor to its own joint over the declared one, shape `(n,)`.
+        payload: Ten numbers of what the last body carries, in its frame; `None` if nothing.
+        zeros: What is added to the joint positions beside declared offsets, shape `(n,)` [rad; m];
+            `None` if nothing.
+    """
+
+    likelihood: Likelihood
+    position: tuple[int, ...]
+    position_scale: Array
+    effort: tuple[int, ...]
+    effort_scale: Array
+    gravity: Array
+    delay: float
+    kind: str
+    ratios: Array
+    time: float = 1.0
+    payload: Array | None = None
+    zeros: Array | None = None
+
+    @property
+    def knowledge(self) -> Knowledge:
+        """What is known of the robot."""
+        return self.likelihood.knowledge
+
+    @property
+    def of_motion(self) -> tuple[Any, ...]:
+        """All that the joints' motion depends on."""
+        arrays = (self.position_scale, self.ratios, self.zeros)
+        return (self.position, self.time, *(None if x is None else x.tobytes() for x in arrays))
+
+    def changed(self, **fields: Any) -> "Reading":
+        """The same with some of its attributes replaced."""
+        return replace(self, **fields)
+
+    def on(self, likelihood: Likelihood) -> "Reading":
+        """The same with other samples or other knowledge of the log."""
+        return self if likelihood is self.likelihood else replace(self, likelihood=likelihood)
+
+    def with_factors(self, factors: Array) -> "Reading":
+        """Efforts times a factor per joint."""
+        return replace(self, effort_scale=self.effort_scale * factors)
+
+    def with_turned(self, joints: Sequence[int]) -> "Reading":
+        """Positions of some joints with the opposite sign."""
+        sign = np.where(np.isin(np.arange(len(self.position)), joints), -1.0, 1.0)
+        return replace(self, position_scale=sign * self.position_scale)
+
+    def with_zero(self, joint: int, offset: float) -> "Reading":
+        """One joint's zero moved further."""
+        zeros = np.zeros(len(self.position)) if self.zeros is None else self.zeros.copy()
+        zeros[joint] += offset
+        return replace(self, zeros=zeros)
+
+    def ordered(
+        self, order: Sequence[int], *, positions: bool = True, efforts: bool = True
+    ) -> "Reading":
+        """The columns of positions, of efforts, or both, in another order."""
+        position, effort = (tuple(x[k] for k in order) for x in (self.position, self.effort))
+        return replace(
+            self,
+            position=position if positions else self.position,
+            effort=effort if efforts else self.effort,
+        )
+
+    def into_logged(self) -> Array:
+        """$A^{-1}$: joint efforts to logged base units, shape `(n, n)`."""
+        log = self.likelihood
+        if log.signals.effort_map is not None:
+            gears, own = self.geared(), log.signals.effort_map
+            if gears is not None and log.gears is not None:
+                own = gears.T @ np.linalg.solve(log.gears.matrix.T, own)
+            return np.asarray(np.linalg.inv(own))
+        of_motors = log.signals.effort_kind in MOTOR_KINDS
+        return np.diag(log.scales / (log.gains * (self.ratios if of_motors else 1.0)))
+
+    def geared(self) -> Array | None:
+        """Motor positions per joint position; `None` where nothing is logged at motors."""
+        if self.likelihood.gears is None:
+            return None
+        matrix = self.likelihood.gears.matrix
+        return matrix + np.diag(np.diag(matrix) * (self.ratios - 1.0))
+
+    def motion(self) -> tuple[Array, Array, Array]:
+        """Joint positions, velocities and accelerations, each `(n, B)`."""
+        x, s = self.likelihood.excerpt, self.likelihood.signals
+        order, scale = list(self.position), self.position_scale[:, None]
+        q, dq, ddq = scale * x.z[order], scale * x.dz[order], scale * x.ddz[order]
+        gears = self.geared()
+        if s.position_map is not None and gears is not None:
+            q, dq, ddq = (np.asarray(np.linalg.solve(gears, y)) for y in (q, dq, ddq))
+        if s.position_offset is not None:
+            q = q + s.position_offset[:, None]
+        if self.zeros is not None:
+            q = q + self.zeros[:, None]
+        return q, dq / self.time, ddq / self.time**2
+
+    def efforts(self) -> Array:
+        """Efforts of the joints in base units, shape `(n, B)`."""
+        e = self.likelihood.excerpt.later([self.delay])[0, list(self.effort)]
+        return np.asarray(e * self.effort_scale[:, None])
+
+    def predicted(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """What the efforts should be without friction, in base units, shape `(n, N)`."""
+        torque = self.knowledge.torque(q, dq, ddq, self.gravity)
+        if self.payload is not None:
+            columns = self.knowledge.payload(q, dq, ddq, self.gravity)
+            torque = torque + np.einsum("k,knb->nb", self.payload, columns)
+        return np.asarray(self.into_logged() @ torque)
+
+    def columns(self, predicted: Array | float = 0.0) -> tuple[Array, Array]:
+        """Columns of the nuisances and a prediction `(n, 5, B)`, and where joints move `(n, B)`."""
+        q, dq, ddq = self.motion()
+        rates = (self.likelihood.driven(x) for x in (dq, ddq))
+        y, moving = regressors(*(x[:, None] for x in (q, *rates, predicted + np.zeros_like(q))))
+        return y[:, 0], moving[:, 0]
+
+    @cached_property
+    def sums(self) -> EffortProducts:
+        """Products of this reading alone."""
+        return self.likelihood.sums([self])
+
+    def with_efforts(
+        self, factors: Array, effort: NDArray[np.intp] | None = None
+    ) -> LikelihoodScore:
+        """Scores with factors on the efforts, or their columns in other orders, shapes `(h, n)`."""
+        columns = np.tile(self.effort, (len(factors), 1)) if effort is None else effort
+        sums = self.sums.repeated(len(factors))
+        return self.likelihood.scored(sums, columns, factors * self.effort_scale)
+
+    def scored(self, columns: Array, moving: Array, delays: Sequence[float]) -> LikelihoodScore:
+        """Scores of nuisances and a prediction `(n, 5, B)` with efforts at some delays."""
+        log = self.likelihood
+        sums = log.products(columns[:, None], moving[:, None], log.excerpt.later(delays))
+        return log.scored(sums, np.tile(self.effort, (len(delays), 1)), self.effort_scale)
+
+    @cached_property
+    def score(self) -> LikelihoodScore:
+        """How well it agrees."""
+        efforts = np.array([self.effort])
+        return self.likelihood.scored(self.sums, efforts, self.effort_scale).one(0)
+
+    @property
+    def log_likelihood(self) -> float:
+        """Up to a constant of the log."""
+        return float(self.score.log_likelihood)
+
+    @property
+    def percent(self) -> float:
+        """Typical misfit [%]."""
+        return float(self.score.percent)
+
+    def compared(self, joint: int) -> tuple[Array, Array, Array]:
         """Time, measured effort and what it should be, friction included, each `(B,)`."""
-        q, dq, ddq = self.motion(interpretation)
-        predicted, u = self.predicted(interpretation, q, dq, ddq), self.driven(dq)
-        y, _ = regressors(*(x[:, None] for x in (q, u, self.driven(ddq), predicted)))
-        theta = self.score(interpretation).nuisances[0, joint]
-        e = self.excerpt.later([interpretation.delay])[0, interpretation.effort[joint]]
-        e = e * interpretation.effort_scale[joint]
-        return self.excerpt.t, e, predicted[joint] + theta @ y[joint, 0, :NUISANCES]
-
-
-def regressors(q: Array, u: Array, du: Array, predicted: Array) -> tuple[Array, Array]:
-    """Columns `(n, h, 5, B)`, zero where a joint rests, and where it moves, `(n, h, B)`."""
-    fastest = np.quantile(np.abs(u), 0.98, axis=-1)
-    low, high = np.quantile(q, (0.02, 0.98), axis=-1)
-    rest = np.maximum(REST_SPEED * fastest, RESTING_SPEED_SHARE * fastest.max(axis=0))
-    rest = np.maximum(rest, 1e-12)[..., None]
-    moving = (np.abs(u) > rest) & (high - low > LEAST_SPAN)[..., None] & np.isfinite(predicted)
-    y = np.stack((np.tanh(u / rest), u, np.ones_like(u), du, np.nan_to_num(predicted)), axis=2)
-    return y * moving[:, :, None], moving.astype(np.float64)
-
-
-def score_of(squares: Array, whole: Array, counts: Array, nuisances: Array) -> LikelihoodScore:
-    """Misfits from squares of what is left and of the whole."""
-    seen = counts >= LEAST_SAMPLE_COUNT
-    misfits = np.sqrt(squares / np.maximum(whole, 1e-30))
-    misfits = np.where(seen, np.minimum(misfits, WORST_MISFIT), 1.0)
-    return LikelihoodScore(misfits, np.where(seen, counts, 0.0), nuisances)
+        predicted = self.predicted(*self.motion())
+        y, _ = self.columns(predicted)
+        friction = self.score.nuisances[joint] @ y[joint, :NUISANCES]
+        return self.likelihood.excerpt.t, self.efforts()[joint], predicted[joint] + friction
 
 
 def _turned(bounds: tuple[Array, Array], gain: Array) -> tuple[Array, Array]:
@@ -300,13 +354,19 @@ def likelihood_of(
         gains: Joint effort per base unit of the declared efforts, shape `(n,)`.
         scales: Logged effort over what the gains say, likewise.
     """
-    declared, gears = declared_reading(signals, robot.gravity), robot.transmission
-    ones = np.ones(signals.n)
-    free = unknown_friction(signals.n, declared.kind)
+    free = unknown_friction(signals.n, signals.effort_kind)
     bare = Likelihood(
-        excerpt, signals, knowledge, declared, gains, gears, free, ones, scales=scales
+        excerpt,
+        signals,
+        knowledge,
+        robot.gravity,
+        gains,
+        robot.transmission,
+        free,
+        np.ones(signals.n),
+        scales=scales,
     )
-    motion, into = bare.motion(declared), bare.into_logged(declared)
+    motion, into = bare.declared.motion(), bare.declared.into_logged()
     torque = np.nan_to_num(knowledge.torque(*motion, knowledge.robot.gravity))
     friction = into @ np.nan_to_num(knowledge.friction(*motion))
     size = np.sqrt(np.mean(np.square(into @ torque + friction), axis=1))
@@ -316,31 +376,32 @@ def likelihood_of(
     return replace(bare, size=size, bounds=_around(friction, size, bare.driven(motion[1])))
 
 
-def keeps_evidence(likelihood: Likelihood, interpretation: Interpretation) -> bool:
-    """Whether efforts that belong to motion as declared do so under an interpretation too.
+def keeps_evidence(reading: Reading) -> bool:
+    """Whether efforts that belong to motion as declared do so under a reading too.
 
     An order that gives the effort of a joint in motion to a resting position is not to be
     compared with others: what contradicts it no longer counts.
     """
-    return _in_motion(likelihood, likelihood.declared) <= _in_motion(likelihood, interpretation)
+    return _in_motion(reading.likelihood.declared) <= _in_motion(reading)
 
 
-def _in_motion(likelihood: Likelihood, interpretation: Interpretation) -> set[int]:
+def _in_motion(reading: Reading) -> set[int]:
     """Effort columns of the positions that move."""
-    span = likelihood.excerpt.span.tolist()
-    pairs = zip(
-        interpretation.position,
-        interpretation.effort,
-        interpretation.position_scale.tolist(),
-        strict=True,
-    )
+    span = reading.likelihood.excerpt.span.tolist()
+    pairs = zip(reading.position, reading.effort, reading.position_scale.tolist(), strict=True)
     return {e for p, e, scale in pairs if abs(scale) * span[p] > LEAST_SPAN}
 
 
 FITTED_NUMBER_COST = 5.0
 """What a fitted number costs [natural units of likelihood]."""
 
+CLOSE_HYPOTHESES = 3.0
+"""Log-likelihood within which two explanations agree equally well."""
+
 AS_DECLARED = "as declared"
+
+NOT_SCORED = LikelihoodScore(*np.zeros((3, 0)))
+"""The score of a hypothesis before it is evaluated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,10 +411,10 @@ class Hypothesis:
     Attributes:
         cause: Name of the check that it belongs to.
         says: What it supposes, in a few words.
-        interpretation: How it reads the log.
+        reading: How it reads the log.
         cost: Log-likelihood that its choice among others of its kind, and its fitted numbers, take.
         joints: Indices of the joints concerned.
-        score: How well it agrees.
+        score: How well it agrees; empty before it is evaluated.
         spread: Standard deviation of the number that was fitted, if one was.
         fixed: Whether the robot file may be changed to say so; not where its numbers are poorly
             identifiable.
@@ -363,10 +424,10 @@ class Hypothesis:
 
     cause: str
     says: str
-    interpretation: Interpretation
+    reading: Reading
     cost: float
     joints: tuple[int, ...]
-    score: LikelihoodScore
+    score: LikelihoodScore = NOT_SCORED
     spread: float = 0.0
     fixed: bool = True
     compared: tuple[str, float] | None = None
@@ -387,11 +448,30 @@ class Hypothesis:
         return float(self.score.percent)
 
 
-def one_of(score: LikelihoodScore, index: int) -> LikelihoodScore:
-    """One of several scores."""
-    return LikelihoodScore(score.misfits[index], score.counts[index], score.nuisances[index])
-
-
 def choice_cost(count: int) -> float:
     """What the choice among so many costs."""
     return float(np.log(max(count, 1)))
+
+
+SAMPLE_BATCH = 12_000
+"""Samples evaluated at once."""
+
+
+def scored(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Hypotheses with their scores, many at a time; orders that leave efforts out are left out."""
+    whole = [h for h in hypotheses if h.cause != "joint order" or keeps_evidence(h.reading)]
+    found = []
+    size = max(1, SAMPLE_BATCH // len(whole[0].reading.likelihood.excerpt.t)) if whole else 1
+    for start in range(0, len(whole), size):
+        part = whole[start : start + size]
+        readings, likelihood = [h.reading for h in part], part[0].reading.likelihood
+        motions = {r.of_motion: r for r in readings}
+        places = {motion: k for k, motion in enumerate(motions)}
+        sums = likelihood.sums(list(motions.values()))
+        score = likelihood.scored(
+            sums.of([places[r.of_motion] for r in readings]),
+            np.array([r.effort for r in readings]),
+            np.array([r.effort_scale for r in readings]),
+        )
+        found += [replace(h, score=score.one(k)) for k, h in enumerate(part)]
+    return found

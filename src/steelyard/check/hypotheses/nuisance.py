@@ -1,4 +1,4 @@
-"""What is fitted beside an interpretation: friction, offsets, and numbers all joints share."""
+"""What is fitted beside a reading: friction, offsets, and numbers all joints share; its score."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -174,3 +174,106 @@ def _normal(bounds: tuple[Array, Array], size: Array) -> tuple[Array, Array]:
     tiny = 1e-9 * np.maximum(size, 1e-12)[:, None]
     width = np.where(known, np.maximum(0.5 * (high - low), tiny), wide)
     return 0.5 * (low + high), width
+
+
+SHARP_DELAY_FLOOR = 0.002
+"""Floor of misfits where two delays of one model are compared."""
+MISFIT_FLOOR = 0.03
+"""Misfit that no model of a real robot is expected to stay below."""
+MOST_SAMPLE_COUNT = 100.0
+"""Most independent samples that a joint counts for: errors of a model are not noise."""
+LEAST_SAMPLE_COUNT = 8.0
+"""Least independent samples of a joint in motion for it to count."""
+RESTING_SPEED_SHARE = 0.01
+"""Speed up to which a joint rests, relative to the fastest joint."""
+LEAST_SPAN = 0.02
+"""Range of positions from which on a joint counts as moving [rad; m]."""
+WORST_MISFIT = 1e3
+"""Largest misfit that is distinguished from larger ones."""
+
+
+@dataclass(frozen=True, eq=False)
+class EffortProducts:
+    """Products of samples of every joint in motion with every effort column; `h` readings.
+
+    Attributes:
+        yy: Of tanh, speed, one, acceleration and prediction, shape `(h, n, 5, 5)`.
+        ye: Of these with the effort columns, shape `(h, n, 5, n)`.
+        ee: Squares of the effort columns, shape `(h, n, n)`.
+        count: Independent samples in motion, shape `(h, n)`.
+    """
+
+    yy: Array
+    ye: Array
+    ee: Array
+    count: Array
+
+    def of(self, which: Sequence[int]) -> "EffortProducts":
+        """Those of some readings, by number; one may be there several times."""
+        rows = list(which)
+        return EffortProducts(self.yy[rows], self.ye[rows], self.ee[rows], self.count[rows])
+
+    def repeated(self, count: int) -> "EffortProducts":
+        """Those of one reading, so many times."""
+        return self.of([0] * count)
+
+
+@dataclass(frozen=True, eq=False)
+class LikelihoodScore:
+    """How well readings agree with what is known; `...` readings.
+
+    Attributes:
+        misfits: Of every joint, 1 for one that does not count, shape `(..., n)`.
+        counts: Independent samples that every joint counts for, shape `(..., n)`.
+        nuisances: Friction, offset and rotor inertia, shape `(..., n, 4)`.
+    """
+
+    misfits: Array
+    counts: Array
+    nuisances: Array
+
+    @property
+    def log_likelihood(self) -> Array:
+        """Up to a constant of the log, shape `(...)`."""
+        return self.log_likelihood_with(MISFIT_FLOOR, MOST_SAMPLE_COUNT)
+
+    def log_likelihood_with(self, floor: float, most: float) -> Array:
+        """With a given floor and most samples per joint, shape `(...)`."""
+        logs = np.log(np.square(self.misfits) + floor**2)
+        return np.asarray(-0.5 * np.sum(np.minimum(self.counts, most) * logs, axis=-1))
+
+    @property
+    def sharp(self) -> float:
+        """That of one reading where two delays of one model are compared."""
+        return float(self.log_likelihood_with(SHARP_DELAY_FLOOR, np.inf))
+
+    @property
+    def percent(self) -> Array:
+        """Typical misfit [%], shape `(...)`."""
+        counts = np.minimum(self.counts, MOST_SAMPLE_COUNT)
+        shares = counts / np.maximum(counts.sum(axis=-1, keepdims=True), 1e-12)
+        mean = np.sum(shares * np.log(np.maximum(self.misfits, 1e-6)), axis=-1)
+        return np.asarray(100.0 * np.exp(mean))
+
+    def one(self, index: int) -> "LikelihoodScore":
+        """That of one of several readings."""
+        return LikelihoodScore(self.misfits[index], self.counts[index], self.nuisances[index])
+
+
+def regressors(q: Array, u: Array, du: Array, predicted: Array) -> tuple[Array, Array]:
+    """Columns `(n, h, 5, B)`, zero where a joint rests, and where it moves, `(n, h, B)`."""
+    fastest = np.quantile(np.abs(u), 0.98, axis=-1)
+    low, high = np.quantile(q, (0.02, 0.98), axis=-1)
+    rest = np.maximum(REST_SPEED * fastest, RESTING_SPEED_SHARE * fastest.max(axis=0))
+    rest = np.maximum(rest, 1e-12)[..., None]
+    moving = (np.abs(u) > rest) & (high - low > LEAST_SPAN)[..., None] & np.isfinite(predicted)
+    y = np.stack((np.tanh(u / rest), u, np.ones_like(u), du, np.nan_to_num(predicted)), axis=2)
+    return y * moving[:, :, None], moving.astype(np.float64)
+
+
+def score_of(squares: Array, whole: Array, counts: Array, nuisances: Array) -> LikelihoodScore:
+    """Misfits from squares of what is left and of the whole."""
+    seen = counts >= LEAST_SAMPLE_COUNT
+    misfits = np.sqrt(squares / np.maximum(whole, 1e-30))
+    misfits = np.where(seen, np.minimum(misfits, WORST_MISFIT), 1.0)
+    return LikelihoodScore(misfits, np.where(seen, counts, 0.0), nuisances)

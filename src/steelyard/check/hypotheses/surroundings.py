@@ -8,7 +8,7 @@ consistent bodies.
 
 from collections.abc import Iterator
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,17 +19,18 @@ from steelyard.check.hypotheses.bodies import (
     consistent_bodies,
     rows_of,
 )
-from steelyard.check.hypotheses.excerpt import Interpretation
 from steelyard.check.hypotheses.likelihood import (
     FITTED_NUMBER_COST,
-    MISFIT_FLOOR,
     Hypothesis,
-    Likelihood,
+    Reading,
     choice_cost,
-    one_of,
-    regressors,
 )
-from steelyard.check.hypotheses.nuisance import SharedFit, shared_fit
+from steelyard.check.hypotheses.nuisance import (
+    MISFIT_FLOOR,
+    SHARP_DELAY_FLOOR,
+    SharedFit,
+    shared_fit,
+)
 
 NEAR_AXIS_ANGLE = np.deg2rad(8.0)
 """Angle up to which gravity is taken to lie along an axis."""
@@ -39,8 +40,6 @@ DELAY_GRID = 31
 EARLIEST_DELAY, INSIDE_DELAY_GRID = -0.1, 0.95
 """Delay before which none is proposed against a model file [s], and the share of the range that is
 searched up to which: at its edge the minimum may lie outside."""
-SHARP_DELAY_FLOOR = 0.002
-"""Floor of misfits where two delays of one model are compared."""
 PAYLOAD_STD = np.array([30.0, *[10.0] * 3, *[3.0] * 6])
 """Standard deviations of a payload's ten numbers [kg, kg m, kg m²]."""
 
@@ -53,103 +52,89 @@ class FittedNumber:
     std: float
 
 
-def world_hypotheses(
-    likelihood: Likelihood, interpretation: Interpretation
-) -> Iterator[Hypothesis]:
+def world_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
     """All of them."""
-    yield from gravity_hypotheses(likelihood, interpretation)
-    yield from payload_hypotheses(likelihood, interpretation)
-    yield from delay_hypotheses(likelihood, interpretation)
+    yield from gravity_hypotheses(reading)
+    yield from payload_hypotheses(reading)
+    yield from delay_hypotheses(reading)
 
 
-def gravity_hypotheses(
-    likelihood: Likelihood, interpretation: Interpretation
-) -> Iterator[Hypothesis]:
+def gravity_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
     """That of the reference, none, the direction that fits, and the axis next to it."""
     tried: dict[str, tuple[Array, float]] = {}
-    own = np.asarray(likelihood.knowledge.robot.gravity)
-    if likelihood.knowledge.identified and not np.allclose(own, interpretation.gravity):
+    own = np.asarray(reading.knowledge.robot.gravity)
+    if reading.knowledge.identified and not np.allclose(own, reading.gravity):
         tried["gravity as in the reference"] = own, 1.0
     size = float(np.linalg.norm(own)) or 9.81
-    fitted = gravity_fit(likelihood, interpretation)
+    fitted = gravity_fit(reading)
     if fitted is not None:
         length = float(np.linalg.norm(fitted.values))
         if 0.3 * size < length < 3.0 * size:
-            direction = fitted.values / length
-            axis = axis_near(direction)
-            cost = 2.0 * FITTED_NUMBER_COST if axis is None else FITTED_NUMBER_COST
-            tried[gravity_words(direction)] = size * (direction if axis is None else axis), cost
+            says, direction, cost = _direction(fitted.values / length)
+            tried[says] = size * direction, cost
     for says, (gravity, cost) in tried.items():
-        if not np.allclose(gravity, interpretation.gravity):
-            yield _world(
-                "mounting", says, likelihood, interpretation.changed(gravity=gravity), cost
-            )
-    if np.any(interpretation.gravity != 0.0):
-        without = interpretation.changed(gravity=np.zeros(3), kind="gravity_compensated_torque")
-        yield _world(
-            "effort kind", "efforts are gravity compensated", likelihood, without, choice_cost(4)
-        )
+        if not np.allclose(gravity, reading.gravity):
+            yield _hypothesis("mounting", says, reading.changed(gravity=gravity), cost)
+    if np.any(reading.gravity != 0.0):
+        without = reading.changed(gravity=np.zeros(3), kind="gravity_compensated_torque")
+        says = "efforts are gravity compensated"
+        yield _hypothesis("effort kind", says, without, choice_cost(4))
 
 
-def gravity_fit(likelihood: Likelihood, interpretation: Interpretation) -> SharedFit | None:
+def gravity_fit(reading: Reading) -> SharedFit | None:
     """Gravity in the base frame, beside friction."""
-    q, dq, ddq = likelihood.motion(interpretation)
-    pulls = np.array(
-        [likelihood.into_logged(interpretation) @ x for x in likelihood.knowledge.pulls(q)]
-    )
-    free = interpretation.changed(gravity=np.zeros(3))
-    return _shared_fit_beside(likelihood, free, q, dq, ddq, pulls, np.full(3, 30.0))
+    pulls = reading.knowledge.pulls(reading.motion()[0])
+    return _shared_fit_beside(reading.changed(gravity=np.zeros(3)), pulls, np.full(3, 30.0))
 
 
-def payload_hypotheses(
-    likelihood: Likelihood, interpretation: Interpretation
-) -> Iterator[Hypothesis]:
+def payload_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
     """The payload that fits, if it has mass."""
-    fitted = payload_fit(likelihood, interpretation)
+    fitted = payload_fit(reading)
     if fitted is None or fitted.values[0] <= 0.0:
         return
-    mass, std = fitted.values[0], np.sqrt(fitted.covariance[0, 0])
-    loaded = interpretation.changed(payload=fitted.values)
+    mass, std = fitted.values[0], float(np.sqrt(fitted.covariance[0, 0]))
+    loaded = reading.changed(payload=fitted.values)
     says = f"the arm carries a payload of about {mass:.2g} kg"
-    if not likelihood.knowledge.identified:
+    if not reading.knowledge.identified:
         says += " (if the model file's masses are right)"
-    yield _world("payload", says, likelihood, loaded, 10.0 * FITTED_NUMBER_COST, float(std))
+    yield _hypothesis("payload", says, loaded, 10.0 * FITTED_NUMBER_COST, std)
 
 
-def payload_fit(likelihood: Likelihood, interpretation: Interpretation) -> SharedFit | None:
+def payload_fit(reading: Reading) -> SharedFit | None:
     """Ten numbers of what the last body carries, in its frame."""
-    bare = interpretation.changed(payload=None)
-    q, dq, ddq = likelihood.motion(bare)
-    columns = likelihood.knowledge.payload(q, dq, ddq, bare.gravity)
-    columns = np.array([likelihood.into_logged(interpretation) @ x for x in columns])
-    return _shared_fit_beside(likelihood, bare, q, dq, ddq, columns, PAYLOAD_STD)
+    columns = reading.knowledge.payload(*reading.motion(), reading.gravity)
+    return _shared_fit_beside(reading.changed(payload=None), columns, PAYLOAD_STD)
 
 
-def delay_hypotheses(
-    likelihood: Likelihood, interpretation: Interpretation
-) -> Iterator[Hypothesis]:
+def delay_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
     """Efforts logged late or early."""
-    delay = delay_fit(likelihood, interpretation)
+    delay = delay_fit(reading)
     if delay is None:
         return
-    more = delay.value - interpretation.delay
-    earliest = -LONGEST_DELAY if likelihood.knowledge.identified else EARLIEST_DELAY
-    if more < earliest or abs(more) > INSIDE_DELAY_GRID * _longest_delay(likelihood):
+    more = delay.value - reading.delay
+    earliest = -LONGEST_DELAY if reading.knowledge.identified else EARLIEST_DELAY
+    if more < earliest or abs(more) > INSIDE_DELAY_GRID * _longest_delay(reading):
         return
-    changed = interpretation.changed(delay=delay.value)
+    changed = reading.changed(delay=delay.value)
     says = f"efforts are {abs(1e3 * more):.3g} ms {'late' if more > 0 else 'early'}"
-    yield _world("effort delay", says, likelihood, changed, FITTED_NUMBER_COST, delay.std)
+    yield _hypothesis("effort delay", says, changed, FITTED_NUMBER_COST, delay.std)
 
 
-def delay_fit(likelihood: Likelihood, interpretation: Interpretation) -> FittedNumber | None:
+def delay_fit(reading: Reading) -> FittedNumber | None:
     """The delay at which the log agrees best, and its standard deviation."""
-    most = _longest_delay(likelihood)
-    grid = interpretation.delay + np.linspace(-most, most, DELAY_GRID)
-    values = _at_delays(likelihood, interpretation, grid)
+    columns, moving = reading.columns(reading.predicted(*reading.motion()))
+
+    def likelihoods(delays: Array) -> Array:
+        score = reading.scored(columns, moving, delays.tolist())
+        return score.log_likelihood_with(SHARP_DELAY_FLOOR, np.inf)
+
+    most = _longest_delay(reading)
+    grid = reading.delay + np.linspace(-most, most, DELAY_GRID)
+    values = likelihoods(grid)
     for _ in range(3):
         k = int(np.clip(np.argmax(values), 1, len(grid) - 2))
         grid = np.linspace(grid[k - 1], grid[k + 1], 9)
-        values = _at_delays(likelihood, interpretation, grid)
+        values = likelihoods(grid)
     k = int(np.clip(np.argmax(values), 1, len(grid) - 2))
     step = grid[1] - grid[0]
     bend = (values[k - 1] - 2.0 * values[k] + values[k + 1]) / step**2
@@ -159,59 +144,43 @@ def delay_fit(likelihood: Likelihood, interpretation: Interpretation) -> FittedN
     return FittedNumber(float(best), float(1.0 / np.sqrt(-bend)))
 
 
-def _longest_delay(likelihood: Likelihood) -> float:
-    return min(LONGEST_DELAY, 0.1 * float(likelihood.excerpt.t[-1] - likelihood.excerpt.t[0]))
+def _longest_delay(reading: Reading) -> float:
+    t = reading.likelihood.excerpt.t
+    return min(LONGEST_DELAY, 0.1 * float(t[-1] - t[0]))
 
 
-def _at_delays(likelihood: Likelihood, interpretation: Interpretation, delays: Array) -> Array:
-    sums = likelihood.sums_later(interpretation, delays.tolist())
-    effort = np.tile(interpretation.effort, (len(delays), 1))
-    return likelihood.scored(sums, effort, interpretation.effort_scale).log_likelihood_with(
-        SHARP_DELAY_FLOOR, np.inf
-    )
-
-
-def _world(
-    cause: str,
-    says: str,
-    likelihood: Likelihood,
-    interpretation: Interpretation,
-    cost: float,
-    spread: float = 0.0,
+def _hypothesis(
+    cause: str, says: str, reading: Reading, cost: float, spread: float = 0.0
 ) -> Hypothesis:
-    return Hypothesis(
-        cause, says, interpretation, cost, (), one_of(likelihood.score(interpretation), 0), spread
-    )
+    return Hypothesis(cause, says, reading, cost, (), reading.score, spread)
 
 
-def _shared_fit_beside(
-    likelihood: Likelihood,
-    interpretation: Interpretation,
-    q: Array,
-    dq: Array,
-    ddq: Array,
-    columns: Array,
-    prior: Array,
-) -> SharedFit | None:
-    """Shared numbers beside an interpretation's prediction."""
-    predicted = likelihood.predicted(interpretation, q, dq, ddq)
+def _shared_fit_beside(reading: Reading, columns: Array, prior: Array) -> SharedFit | None:
+    """Numbers that all joints share beside a reading's prediction, from joint efforts per unit."""
+    columns = np.array([reading.into_logged() @ x for x in columns])
+    predicted, log = reading.predicted(*reading.motion()), reading.likelihood
     if not np.isfinite(predicted).all() or not np.isfinite(columns).all():
         return None
-    u, du = likelihood.driven(dq), likelihood.driven(ddq)
-    y, moving = regressors(q[:, None], u[:, None], du[:, None], predicted[:, None])
-    y, moving = y[:, 0], moving[:, 0]
-    e = (
-        likelihood.excerpt.later([interpretation.delay])[0, list(interpretation.effort)]
-        * interpretation.effort_scale[:, None]
-    )
+    y, moving = reading.columns(predicted)
+    e = reading.efforts()
     size = MISFIT_FLOOR * np.sqrt(np.mean(np.square(e), axis=1))
     size = np.maximum(size, 1e-9 * max(float(size.max()), 1e-3))
     residual = (e - predicted) * moving
     try:
-        worth = likelihood.excerpt.worth
-        return shared_fit(residual, columns, y[:, :4], likelihood.bounds, size, worth, prior)
+        worth = log.excerpt.worth
+        return shared_fit(residual, columns, y[:, :4], log.bounds, size, worth, prior)
     except np.linalg.LinAlgError:
         return None
+
+
+def _direction(fitted: Array) -> tuple[str, Array, float]:
+    """A direction of gravity in words, the axis that it is near if any, and what that costs."""
+    axis = axis_near(fitted)
+    if axis is None:
+        says = "gravity along (" + ", ".join(f"{x:.2f}" for x in fitted) + ")"
+        return says, fitted, 2.0 * FITTED_NUMBER_COST
+    k = int(np.argmax(np.abs(axis)))
+    return f"gravity along {'+' if axis[k] > 0 else '-'}{'xyz'[k]}", axis, FITTED_NUMBER_COST
 
 
 def axis_near(direction: Array) -> Array | None:
@@ -220,15 +189,6 @@ def axis_near(direction: Array) -> Array | None:
     k = int(np.argmax(np.abs(direction)))
     axis[k] = np.sign(direction[k])
     return axis if direction @ axis > np.cos(NEAR_AXIS_ANGLE) else None
-
-
-def gravity_words(direction: Array) -> str:
-    """A direction of gravity in a few words."""
-    axis = axis_near(direction)
-    if axis is None:
-        return "gravity along (" + ", ".join(f"{x:.2f}" for x in direction) + ")"
-    k = int(np.argmax(np.abs(axis)))
-    return f"gravity along {'+' if axis[k] > 0 else '-'}{'xyz'[k]}"
 
 
 FEW_DIRECTIONS = 3
@@ -245,39 +205,26 @@ INDEPENDENT_DIRECTION_SAMPLES, SIGNIFICANT_DIRECTION = 100.0, 20.0
 """Independent samples of a joint at most, and the rise of the log-likelihood that a tilt needs."""
 
 
-def mounting_hypotheses(
-    likelihood: Likelihood, now: Interpretation
-) -> list[tuple[Hypothesis, ConsistentBodies]]:
-    """Interpretations that differ in gravity alone, the likeliest first, with the bodies of each.
-
-    Args:
-        likelihood: The log.
-        now: The interpretation that they start from.
-    """
+def mounting_hypotheses(now: Reading) -> list[tuple[Hypothesis, ConsistentBodies]]:
+    """Readings that differ in gravity alone, the likeliest first, with the bodies of each."""
     size = float(np.linalg.norm(now.gravity))
     if size == 0.0:
         return []
     found = []
-    for direction in _directions(likelihood, now)[:FEW_DIRECTIONS]:
-        axis = axis_near(direction)
-        gravity = size * (direction if axis is None else axis)
-        cost = 2.0 * FITTED_NUMBER_COST if axis is None else FITTED_NUMBER_COST
-        interpretation = now.changed(gravity=gravity)
-        bodies = consistent_bodies(likelihood, interpretation)
+    for fitted in _directions(now)[:FEW_DIRECTIONS]:
+        says, direction, cost = _direction(fitted)
+        reading = now.changed(gravity=size * direction)
+        bodies = consistent_bodies(reading)
         if bodies is not None:
-            says = gravity_words(direction)
-            found.append(
-                (Hypothesis("mounting", says, interpretation, cost, (), bodies.score), bodies)
-            )
+            found.append((Hypothesis("mounting", says, reading, cost, (), bodies.score), bodies))
     return sorted(found, key=lambda pair: -pair[0].log_likelihood)
 
 
-def _directions(likelihood: Likelihood, now: Interpretation) -> list[Array]:
-    """Unit vectors that fit, the best first, none near another or the interpretation's own."""
+def _directions(now: Reading) -> list[Array]:
+    """Unit vectors that fit, the best first, none near another or the reading's own."""
     from scipy.optimize import least_squares
 
-    thin = replace(likelihood, excerpt=likelihood.excerpt.thinned(BODY_SAMPLES))
-    left = _DirectionResidual(thin, now)
+    left = _DirectionResidual(now.on(now.likelihood.thinned(BODY_SAMPLES)))
     axes = np.concatenate((np.eye(3), -np.eye(3)))
     fits = [least_squares(left, start + 0.05, left.slopes, max_nfev=30) for start in axes]
     known = now.gravity / np.linalg.norm(now.gravity)
@@ -289,21 +236,16 @@ def _directions(likelihood: Likelihood, now: Interpretation) -> list[Array]:
     return found
 
 
-def refined_gravity(likelihood: Likelihood, found: Interpretation) -> Array:
+def refined_gravity(found: Reading) -> Array:
     """Gravity as the log fits it best near a direction, or that direction, shape `(3,)` [m/s²].
 
     Rows weigh by their residuals, which are estimated again with the direction. It stays as it is
     where no tilt of more than `LEAST_TILT` is significant.
-
-    Args:
-        likelihood: The log.
-        found: Its interpretation, gravity along an axis for example.
     """
     from scipy.optimize import least_squares
 
-    thin = replace(likelihood, excerpt=likelihood.excerpt.thinned(BODY_SAMPLES))
     start = found.gravity / max(float(np.linalg.norm(found.gravity)), 1e-12)
-    left = _DirectionResidual(thin, found)
+    left = _DirectionResidual(found.on(found.likelihood.thinned(BODY_SAMPLES)))
     direction, known = start, left.sigma(start)
     for _ in range(DIRECTION_REWEIGHTINGS):
         weighted = left.weighted(left.sigma(direction))
@@ -318,16 +260,15 @@ def refined_gravity(likelihood: Likelihood, found: Interpretation) -> Array:
 class _DirectionResidual:
     """What is left of the efforts under a direction of gravity, any bodies taken."""
 
-    def __init__(self, likelihood: Likelihood, now: Interpretation) -> None:
+    def __init__(self, now: Reading) -> None:
         size = float(np.linalg.norm(now.gravity))
-        free, efforts, _ = rows_of(likelihood, now.changed(gravity=np.zeros(3)))
-        lower, upper = (side.reshape(-1) for side in likelihood.bounds)
+        free, efforts, _ = rows_of(now.changed(gravity=np.zeros(3)))
+        lower, upper = (side.reshape(-1) for side in now.likelihood.bounds)
         kept = np.ones(free.shape[-1], dtype=np.bool_)
         kept[-len(upper) :] = upper > lower
         free = free[..., kept]
         pulls = [
-            rows_of(likelihood, now.changed(gravity=size * axis))[0][..., kept] - free
-            for axis in np.eye(3)
+            rows_of(now.changed(gravity=size * axis))[0][..., kept] - free for axis in np.eye(3)
         ]
         self._whole = np.sqrt(np.maximum(np.mean(np.square(efforts), axis=1), 1e-30))
         self._k = free.shape[-1]

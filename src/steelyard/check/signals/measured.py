@@ -7,18 +7,17 @@ falls with the `ORDER`-th power of the rows' distance, so noise far below what v
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import reduce
 from operator import add
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
-from steelyard.check.case import Case, Evidence
-from steelyard.check.finding import Finding, Fix, Severity, percent_of
+from steelyard.check.case import Case, Evidence, log_check
+from steelyard.check.finding import Finding, Fix, percent_of
 from steelyard.check.identifiability import clean_runs, customary_model
 from steelyard.check.signals.overview import signal_overview, with_rows
 from steelyard.check.signals.units import driven_joints, unit_reading
@@ -108,33 +107,22 @@ SPEED_TIME, SLOW_JOINT_SHARE = 0.02, 0.05
 """Time over which a speed is taken [s], and the share of the fastest below which a joint rests."""
 
 
-@dataclass(frozen=True)
-class ComputedEfforts:
+@log_check("computed efforts", "Are efforts measured, or computed from the motion?", logs=with_rows)
+def computed_efforts_check(case: Case, evidence: Evidence) -> Finding | None:
     """Efforts without measurement noise that a rigid-body model explains entirely."""
-
-    name: ClassVar[str] = "computed efforts"
-    question: ClassVar[str] = "Are efforts measured, or computed from the motion?"
-    quick: ClassVar[bool] = True
-
-    def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding per log that moves."""
-        logs = [e for e in with_rows(case) if signal_overview(case, e).moves]
-        return tuple(_computed_found(case, evidence) for evidence in logs)
-
-
-def _computed_found(case: Case, evidence: Evidence) -> Finding:
+    if not signal_overview(case, evidence).moves:
+        return None
     effort, position = noise_shares(case, evidence)
     if not np.isfinite(effort).any():
         says = "the noise of efforts is below their resolution, or nothing moves for long enough"
-        return Finding(ComputedEfforts.name, evidence.name, Severity.OK, says, "", answered=False)
+        return Finding.ok(says, answered=False)
     worst = float(np.nanmax(effort))
     figure = (
         f"noise in motion {percent_of(worst)} of the effort's variation in the noisiest joint, at "
         f"least {percent_of(NOISE_FREE)} required"
     )
     if worst > NOISE_FREE:
-        says = "efforts have measurement noise"
-        return Finding(ComputedEfforts.name, evidence.name, Severity.OK, says, figure)
+        return Finding.ok("efforts have measurement noise", figure)
     measured = bool(np.nanmax(position, initial=0.0) > MEASURED_POSITION_NOISE)
     residual = _unexplained(case, evidence)
     if residual is not None:
@@ -142,62 +130,34 @@ def _computed_found(case: Case, evidence: Evidence) -> Finding:
             f"; residual of a fit {percent_of(residual)} of the effort, at least "
             f"{percent_of(EXPLAINED_BY_MODEL)} required"
         )
-    if residual is None or residual > EXPLAINED_BY_MODEL:
-        return _noise_free_finding(evidence, figure, measured)
-    return _computed_finding(evidence, figure, measured)
-
-
-def _noise_free_finding(evidence: Evidence, figure: str, measured: bool) -> Finding:
-    """The finding on efforts without noise that hold more than the model; doubtful if alone so."""
     says = "efforts have no measurement noise"
-    says += (
-        ", positions have: efforts were computed, or low-passed before they were logged"
-        if measured
-        else " and positions have none: both were low-passed before they were logged, or computed"
-    )
-    return Finding(
-        ComputedEfforts.name,
-        evidence.name,
-        Severity.DOUBTFUL if measured else Severity.OK,
-        says,
-        figure,
-        fix=with_others(LOG_MEASURED_TORQUES, evidence) if measured else None,
-        answered=measured,
-    )
-
-
-def _computed_finding(evidence: Evidence, figure: str, measured: bool) -> Finding:
-    """The finding on efforts that are computed; all is, in a simulation without noise."""
-    says = "efforts have no measurement noise, and the rigid-body model explains all of them: "
-    says += (
-        "they were computed from the motion, not measured, so a fit returns the parameters they "
-        "were computed with, not the robot's"
-        if measured
-        else "as positions have no noise either, the log is a simulation or a computed command; a "
-        "fit finds the parameters of that computation"
-    )
-    severity = Severity.WRONG if measured else Severity.DOUBTFUL
-    return Finding(
-        ComputedEfforts.name,
-        evidence.name,
-        severity,
-        says,
-        figure,
-        fix=with_others(LOG_MEASURED_TORQUES, evidence),
-    )
+    advice = with_others(LOG_MEASURED_TORQUES, evidence)
+    if residual is not None and residual <= EXPLAINED_BY_MODEL:
+        says += ", and the rigid-body model explains all of them: "
+        if measured:
+            says += (
+                "they were computed from the motion, not measured, so a fit returns the parameters "
+                "they were computed with, not the robot's"
+            )
+            return Finding.wrong(says, figure, fix=advice)
+        says += (
+            "as positions have no noise either, the log is a simulation or a computed command; a "
+            "fit finds the parameters of that computation"
+        )
+        return Finding.doubtful(says, figure, fix=advice)
+    if measured:
+        says += ", positions have: efforts were computed, or low-passed before they were logged"
+        return Finding.doubtful(says, figure, fix=advice)
+    says += " and positions have none: both were low-passed before they were logged, or computed"
+    return Finding.ok(says, figure, answered=False)
 
 
 def noise_shares(case: Case, evidence: Evidence) -> tuple[Array, Array]:
     """Noise of efforts and positions over their variation, NaN where unknown, each `(n,)`."""
     overview = signal_overview(case, evidence)
-    t, q, effort = (
-        overview.t[:COMPUTED_EFFORT_ROWS],
-        overview.q[:COMPUTED_EFFORT_ROWS],
-        overview.effort[:COMPUTED_EFFORT_ROWS],
-    )
-    moving = _moving(q, overview.step * unit_reading(case, evidence).second) & driven_joints(
-        case, evidence
-    )
+    t, q, effort = (x[:COMPUTED_EFFORT_ROWS] for x in (overview.t, overview.q, overview.effort))
+    moving = _moving(q, overview.step * unit_reading(case, evidence).second)
+    moving &= driven_joints(case, evidence)
     with np.errstate(invalid="ignore", divide="ignore"):
         return (
             noise_levels(t, effort, moving) / effort.std(axis=0),
@@ -232,29 +192,17 @@ SMOOTH_POSITION_NOISE = 1e-7
 of the joints' largest on seven real robots, two resampled logs aside: 1e-5."""
 
 
-@dataclass(frozen=True)
-class SetPoints:
+@log_check("set points", "Are signals measured, or set-points of the controller?", logs=with_rows)
+def set_points_check(case: Case, evidence: Evidence) -> Finding:
     """Columns whose names speak of set-points, and positions without noise beside noisy efforts."""
-
-    name: ClassVar[str] = "set points"
-    question: ClassVar[str] = "Are signals measured, or set-points of the controller?"
-    quick: ClassVar[bool] = True
-
-    def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding per log that has rows."""
-        return tuple(_set_points_found(case, evidence) for evidence in with_rows(case))
-
-
-def _set_points_found(case: Case, evidence: Evidence) -> Finding:
     named = list(_set_point_columns(evidence))
     if named:
         says = "; ".join(says for says, _ in named) + ": commanded by their names, not measured"
         instead = "; ".join(instead for _, instead in named if instead)
         fix = Fix("declare the columns that hold measurements under [signals]" + instead)
-        return Finding(SetPoints.name, evidence.name, Severity.DOUBTFUL, says, "", fix=fix)
+        return Finding.doubtful(says, fix=fix)
     if not signal_overview(case, evidence).moves:
-        says = "no declared column is called a set-point; nothing moves"
-        return Finding(SetPoints.name, evidence.name, Severity.OK, says, "")
+        return Finding.ok("no declared column is called a set-point; nothing moves")
     effort, position = noise_shares(case, evidence)
     worst = float(np.nanmax(position, initial=0.0))
     figure = (
@@ -267,9 +215,9 @@ def _set_points_found(case: Case, evidence: Evidence) -> Finding:
             "undecided: efforts have measurement noise, and positions are noise-free: commanded "
             "positions, low-passed ones, or those of a simulation"
         )
-        return Finding(SetPoints.name, evidence.name, Severity.OK, says, figure, answered=False)
+        return Finding.ok(says, figure, answered=False)
     says = "no declared column is called a set-point, and positions have measurement noise"
-    return Finding(SetPoints.name, evidence.name, Severity.OK, says, figure)
+    return Finding.ok(says, figure)
 
 
 def measured_instead(evidence: Evidence) -> tuple[str, ...]:

@@ -4,15 +4,14 @@ Efforts of the joints do not identify it: an acceleration of the base acts as a 
 does, and so do errors of a model that several limbs share. An inertial sensor in the log does.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case import Case, Evidence
+from steelyard.check.case import Case, Evidence, case_check, log_check
 from steelyard.check.finding import Finding, Fix, Picture, Severity, of_joints, trace
 from steelyard.check.signals.overview import SLOPE_ENDS, signal_overview, width_of
 from steelyard.check.signals.units import driven_joints, motion_in_units, unit_reading
@@ -49,65 +48,54 @@ class _JointMotion:
     band: Array
 
 
-@dataclass(frozen=True)
-class Excitation:
+@case_check("excitation", "Which joints move?")
+def excitation_check(case: Case) -> Iterable[Finding]:
     """Joints that move, and those that hardly do, of which little can be learnt."""
+    logs = [evidence for evidence in case.logs if signal_overview(case, evidence).step > 0.0]
+    motions = [_joint_motion(case, evidence) for evidence in logs]
+    alone = len(motions) == 1
+    for evidence, done in zip(logs, motions, strict=True):
+        yield _excitation_found(case, evidence, done, alone)
+    if len(motions) < 2:
+        return
+    moves = np.any([done.moves for done in motions], axis=0)
+    still = np.flatnonzero(~moves)
+    names = tuple(case.joints[j] for j in still)
+    figure = f"{np.count_nonzero(moves)} of {len(moves)} joints move"
+    if not names:
+        yield Finding.ok("every joint moves", figure)
+        return
+    yield Finding.of(
+        Severity.DOUBTFUL if moves.any() else Severity.WRONG,
+        f"hardly any motion of {', '.join(names)} in any log",
+        figure,
+        joints=names,
+        fix=Fix(_help(case, still)),
+    )
 
-    name: ClassVar[str] = "excitation"
-    question: ClassVar[str] = "Which joints move?"
-    quick: ClassVar[bool] = True
 
-    def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding per log, and one for all together if there are several."""
-        logs = [evidence for evidence in case.logs if signal_overview(case, evidence).step > 0.0]
-        if not logs:
-            return ()
-        motions = [_joint_motion(case, evidence) for evidence in logs]
-        alone = len(motions) == 1
-        found = [
-            self._look(case, evidence, done, alone)
-            for evidence, done in zip(logs, motions, strict=True)
-        ]
-        return tuple(found) if alone else (*found, self._together(case, motions))
-
-    def _look(self, case: Case, evidence: Evidence, done: _JointMotion, alone: bool) -> Finding:
-        still = np.flatnonzero(~done.moves)
-        severity = Severity.OK
-        if not done.moves.any():
-            severity = Severity.WRONG if alone else Severity.DOUBTFUL
-        elif len(still) and alone:
-            severity = Severity.DOUBTFUL
-        names = [case.joints[j] for j in still]
-        fix = None
-        if severity != Severity.OK:
-            fix = Fix(_help(case, still) if alone else "leave this log out: nothing moves in it")
-        return Finding(
-            self.name,
-            evidence.name,
-            severity,
-            _excitation_words(done, names),
-            _value_text(case, done),
-            joints=tuple(names) if severity != Severity.OK else (),
-            fix=fix,
-            picture=_excitation_picture(case, done),
-        )
-
-    def _together(self, case: Case, motions: Sequence[_JointMotion]) -> Finding:
-        moves = np.any([done.moves for done in motions], axis=0)
-        still = np.flatnonzero(~moves)
-        names = tuple(case.joints[j] for j in still)
-        severity = Severity.OK
-        if len(still):
-            severity = Severity.DOUBTFUL if moves.any() else Severity.WRONG
-        return Finding(
-            self.name,
-            "",
-            severity,
-            f"hardly any motion of {', '.join(names)} in any log" if names else "every joint moves",
-            f"{np.count_nonzero(moves)} of {len(moves)} joints move",
-            joints=names,
-            fix=Fix(_help(case, still)) if names else None,
-        )
+def _excitation_found(case: Case, evidence: Evidence, done: _JointMotion, alone: bool) -> Finding:
+    still = np.flatnonzero(~done.moves)
+    bound = np.array([LITTLE_RANGE[c.kind] for c in case.loaded.robot.coordinates])
+    severity = Severity.OK
+    if not done.moves.any():
+        severity = Severity.WRONG if alone else Severity.DOUBTFUL
+    elif len(still) and alone:
+        severity = Severity.DOUBTFUL
+    names, fix = [case.joints[j] for j in still], None
+    if severity:
+        fix = Fix(_help(case, still) if alone else "leave this log out: nothing moves in it")
+    return Finding.of(
+        severity,
+        _excitation_words(done, names),
+        _least_motion(case, done),
+        joints=tuple(names) if severity else (),
+        fix=fix,
+        picture=of_joints(
+            "range [rad; m]", (("range", done.range, "bars"), ("hardly moves", bound, "points"))
+        ),
+        log=evidence.name,
+    )
 
 
 def _joint_motion(case: Case, evidence: Evidence) -> _JointMotion:
@@ -135,39 +123,28 @@ def _excitation_words(done: _JointMotion, still: Sequence[str]) -> str:
     if not done.moves.any():
         return "no joint moves"
     band = done.band[done.moves]
-    facts = f"motion up to {band.min():.2g} to {band.max():.2g} Hz, by joint"
-    if still:
-        return f"hardly any motion of {', '.join(still)}; {facts}"
-    return f"every joint moves; {facts}"
+    first = f"hardly any motion of {', '.join(still)}" if still else "every joint moves"
+    return f"{first}; motion up to {band.min():.2g} to {band.max():.2g} Hz, by joint"
 
 
-def _value_text(case: Case, done: _JointMotion) -> str:
-    coordinates = case.loaded.robot.coordinates
-    share = [r / LITTLE_RANGE[c.kind] for r, c in zip(done.range, coordinates, strict=True)]
-    least = int(np.argmin(share))
-    c = coordinates[least]
+def _least_motion(case: Case, done: _JointMotion) -> str:
+    bound = [LITTLE_RANGE[c.kind] for c in case.loaded.robot.coordinates]
+    least = int(np.argmin(done.range / bound))
+    unit = case.loaded.robot.coordinates[least].unit
     return (
-        f"{case.joints[least]} moves least: range {done.range[least]:.2g} {c.unit}, at least "
-        f"{LITTLE_RANGE[c.kind]:g} {c.unit} required"
+        f"{case.joints[least]} moves least: range {done.range[least]:.2g} {unit}, at least "
+        f"{bound[least]:g} {unit} required"
     )
 
 
 def _help(case: Case, still: NDArray[np.intp]) -> str:
     """Which motion would help."""
-    coordinates = [case.loaded.robot.coordinates[j] for j in still]
     parts = []
-    for c in coordinates:
+    for c in (case.loaded.robot.coordinates[j] for j in still):
         limit = c.limits.velocity
         speed = f", up to {FAST_SPEED_SHARE * limit:.2g} {c.unit}/s" if np.isfinite(limit) else ""
         parts.append(f"{c.name} by {USEFUL_RANGE[c.kind]} or more{speed}")
     return "record a motion of " + "; ".join(parts) + ", at several speeds in both directions"
-
-
-def _excitation_picture(case: Case, done: _JointMotion) -> Picture:
-    bound = np.array([LITTLE_RANGE[c.kind] for c in case.loaded.robot.coordinates])
-    return of_joints(
-        "range [rad; m]", (("range", done.range, "bars"), ("hardly moves", bound, "points"))
-    )
 
 
 REST_SHARE = 0.01
@@ -176,41 +153,29 @@ MOSTLY_AT_REST = 0.8
 """Share of the time at rest from which on a log is doubtful."""
 
 
-@dataclass(frozen=True)
-class Rests:
+@log_check("rests", "How much of the log is standstill?")
+def rests_check(case: Case, evidence: Evidence) -> Finding | None:
     """Time in which no joint moves: friction is anywhere in its dead zone there."""
-
-    name: ClassVar[str] = "rests"
-    question: ClassVar[str] = "How much of the log is standstill?"
-    quick: ClassVar[bool] = True
-
-    def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding per log in which something moves."""
-        found = []
-        for evidence in case.logs:
-            if driven_joints(case, evidence).any() and signal_overview(case, evidence).moves:
-                found.append(self._look(case, evidence))
-        return tuple(found)
-
-    def _look(self, case: Case, evidence: Evidence) -> Finding:
-        slope, clock = motion_in_units(case, evidence), signal_overview(case, evidence).clock
-        second = unit_reading(case, evidence).second
-        speed = np.abs(slope.v[driven_joints(case, evidence)])
-        share = speed / np.quantile(speed, 0.99, axis=1)[:, None]
-        rests = _long_rests((share <= REST_SHARE).all(axis=0), slope.rate)
-        t = (slope.t - clock[0]) * second
-        rest, often = float(rests.mean()), float(rests.mean()) > MOSTLY_AT_REST
-        return Finding(
-            self.name,
-            evidence.name,
-            Severity.DOUBTFUL if often else Severity.OK,
-            _rest_words(rests, t, float(clock[-1] - clock[0]) * second),
-            f"{100.0 * rest:.1f} % at rest, at most {100.0 * MOSTLY_AT_REST:g} % allowed",
-            fix=Fix("cut off the standstill (LOG@START:STOP), and record more motion")
-            if often
-            else None,
-            picture=_rests_picture(t, share.max(axis=0)),
-        )
+    if not (driven_joints(case, evidence).any() and signal_overview(case, evidence).moves):
+        return None
+    slope, clock = motion_in_units(case, evidence), signal_overview(case, evidence).clock
+    second = unit_reading(case, evidence).second
+    speed = np.abs(slope.v[driven_joints(case, evidence)])
+    share = speed / np.quantile(speed, 0.99, axis=1)[:, None]
+    rests = _long_rests((share <= REST_SHARE).all(axis=0), slope.rate)
+    t = (slope.t - clock[0]) * second
+    rest, speed = float(rests.mean()), share.max(axis=0)
+    return Finding.doubtful_if(
+        rest > MOSTLY_AT_REST,
+        _rest_words(rests, t, float(clock[-1] - clock[0]) * second),
+        f"{100.0 * rest:.1f} % at rest, at most {100.0 * MOSTLY_AT_REST:g} % allowed",
+        Fix("cut off the standstill (LOG@START:STOP), and record more motion"),
+        picture=Picture(
+            "time [s]",
+            "speed of the fastest joint relative to its maximum",
+            (trace("speed", t, speed), trace("rest", t, np.full(len(t), REST_SHARE))),
+        ),
+    )
 
 
 def _long_rests(still: NDArray[np.bool_], rate: float) -> NDArray[np.bool_]:
@@ -237,15 +202,6 @@ def _rest_words(rests: NDArray[np.bool_], t: Array, duration: float) -> str:
     return (
         f"{100.0 * float(rests.mean()):.1f} % of the time no joint moves, {start:.1f} s of it at "
         f"the start and {stop:.1f} s at the end"
-    )
-
-
-def _rests_picture(t: Array, speed: Array) -> Picture:
-    """The fastest joint's speed over time."""
-    return Picture(
-        "time [s]",
-        "speed of the fastest joint relative to its maximum",
-        (trace("speed", t, speed), trace("rest", t, np.full(len(t), REST_SHARE))),
     )
 
 
@@ -276,58 +232,38 @@ FIX_BASE = Fix(
 )
 
 
-class MovingBase:
+@log_check("moving base", "Is the base at rest?")
+def moving_base_check(case: Case, evidence: Evidence) -> Finding | None:
     """A base that is taken to be at rest, though it floats in the model file."""
-
-    name: ClassVar[str] = "moving base"
-    question: ClassVar[str] = "Is the base at rest?"
-    quick: ClassVar[bool] = True
-
-    def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding per log of a robot whose base floats in the model file."""
-        if not case.loaded.floats:
-            return ()
-        return tuple(_base_found(case.loaded, evidence) for evidence in case.logs)
+    if not case.loaded.floats:
+        return None
+    base = case.loaded.base
+    turns = _inertial_columns(evidence, TURN_WORDS)
+    pulls = _inertial_columns(evidence, ACCELERATION_WORDS)
+    moves = [*_turning_words(evidence, turns), *_acceleration_words(evidence, pulls)]
+    if moves:
+        says = f"base '{base}' is assumed to be at rest, but its sensor measures motion"
+        return Finding.doubtful(says, ", ".join(moves), fix=FIX_BASE)
+    if turns or pulls:
+        says = f"base '{base}' is at rest according to its sensor"
+        return Finding.ok(says, ", ".join((*turns, *pulls)))
+    figure = "no gyroscope or accelerometer of the base in the log"
+    return Finding.ok(_assumed(case.loaded), figure, answered=False, headline=True)
 
 
 def of_base(loaded: LoadedRobot, findings: Sequence[Finding]) -> tuple[Finding, ...]:
-    """What stands beside the headline of a fit: that the base moves, or is only assumed to rest.
-
-    Args:
-        loaded: The robot.
-        findings: What was found in its logs before.
-    """
+    """What stands beside the headline of a fit: that the base moves, or is only assumed to rest."""
     if not loaded.floats:
         return ()
-    known = [f for f in findings if f.check == MovingBase.name]
+    known = [f for f in findings if f.check == moving_base_check.name]
     moving = tuple(f for f in known if f.severity)
     if moving or (known and all(f.answered for f in known)):
         return moving
-    return (Finding(MovingBase.name, "", Severity.OK, _assumed(loaded), "", headline=True),)
+    return (Finding.ok(_assumed(loaded), headline=True).by(moving_base_check.name),)
 
 
 def _assumed(loaded: LoadedRobot) -> str:
     return f"base '{loaded.base}' floats in the model, and is assumed to be at rest: not tested"
-
-
-def _base_found(loaded: LoadedRobot, evidence: Evidence) -> Finding:
-    turns, pulls = (
-        _inertial_columns(evidence, TURN_WORDS),
-        _inertial_columns(evidence, ACCELERATION_WORDS),
-    )
-    moves = [*_turning_words(evidence, turns), *_acceleration_words(evidence, pulls)]
-    if moves:
-        says = f"base '{loaded.base}' is assumed to be at rest, but its sensor measures motion"
-        name, severity = MovingBase.name, Severity.DOUBTFUL
-        return Finding(name, evidence.name, severity, says, ", ".join(moves), fix=FIX_BASE)
-    if turns or pulls:
-        says = f"base '{loaded.base}' is at rest according to its sensor"
-        figure = ", ".join((*turns, *pulls))
-        return Finding(MovingBase.name, evidence.name, Severity.OK, says, figure)
-    figure = "no gyroscope or accelerometer of the base in the log"
-    says = _assumed(loaded)
-    name, ok = MovingBase.name, Severity.OK
-    return Finding(name, evidence.name, ok, says, figure, answered=False, headline=True)
 
 
 def _inertial_columns(evidence: Evidence, kinds: set[str]) -> tuple[str, ...]:
@@ -353,8 +289,8 @@ def _turning_words(evidence: Evidence, columns: tuple[str, ...]) -> list[str]:
     """Rates of turn that are motion, in words."""
     clauses = []
     for column in columns:
-        degrees = bool({"deg", "dps"} & {*words_of(column)})
-        rates = _inertial_values(evidence, [column])[:, 0] * (np.pi / 180.0 if degrees else 1.0)
+        unit = np.pi / 180.0 if {"deg", "dps"} & {*words_of(column)} else 1.0
+        rates = unit * _inertial_values(evidence, [column])[:, 0]
         if len(rates) > 2 and rates.std() > LEAST_TURN and _is_smooth(rates):
             clauses.append(f"'{column}' varies by {rates.std():.2g} rad/s")
     return clauses

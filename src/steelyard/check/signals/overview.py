@@ -308,12 +308,7 @@ class PositionSlopes:
 
 
 def position_slopes(overview: SignalOverview, second: float = 1.0) -> PositionSlopes:
-    """Derivatives of the positions, and which joints move.
-
-    Args:
-        overview: The log.
-        second: Seconds that a declared second really has.
-    """
+    """Derivatives of the positions, and which joints move."""
     even, rate = overview.even(np.column_stack((overview.t, overview.q)), second)
     half = len(_bell(rate)) // 2
     pieces = [(x[0, half : x.shape[1] - half], gaussian_slope(x[1:], rate)) for x in even]

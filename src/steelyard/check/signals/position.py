@@ -2,12 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.check.case import EXCERPT_ROWS, Case, Evidence
+from steelyard.check.case import EXCERPT_ROWS, Case, Evidence, log_check
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, of_joints
 from steelyard.check.signals.overview import (
     cached_per_log,
@@ -140,50 +139,36 @@ MOTOR_RANGE = 3.0
 """How far outside positions of motors are at least."""
 
 
-@dataclass(frozen=True)
-class Position:
+@log_check("position", "Are positions in the declared unit?", logs=with_rows)
+def position_check(case: Case, evidence: Evidence) -> Finding:
     """Whether positions are positions, their unit and side of the gears, and their limits."""
-
-    name: ClassVar[str] = "position"
-    question: ClassVar[str] = "Are positions in the declared unit?"
-    quick: ClassVar[bool] = True
-
-    def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding per log that has rows."""
-        return tuple(self._look(case, evidence) for evidence in with_rows(case))
-
-    def _look(self, case: Case, evidence: Evidence) -> Finding:
-        if wrong := misplaced_velocities(case, evidence):
-            return _misplaced(case, evidence, wrong)
-        low, high = np.quantile(signal_overview(case, evidence).q, [0.005, 0.995], axis=0)
-        off = _off(case, low, high)
-        units = unit_reading(case, evidence)
-        declared = declared_units(evidence, case)
-        other = [j for j, unit in enumerate(declared) if units.joints[j].position_unit != unit]
-        picture = _picture(case, low, high)
-        if _of_motors(case, evidence, off, units):
-            return _motors(case, evidence, low, high, picture)
-        if other:
-            return _other_unit(case, evidence, units, other, off, picture)
-        outside = np.flatnonzero(off > OUTSIDE_RANGE)
-        names = tuple(case.joints[j] for j in outside)
-        are = "are outside their limits" if len(names) > 1 else "is outside its limits"
-        clause = f"{', '.join(names)} {are}; " if names else ""
-        return Finding(
-            self.name,
-            evidence.name,
-            Severity.DOUBTFUL if names else Severity.OK,
-            clause + _facts(case, evidence) + ("" if names else ", within the joints' limits"),
-            _value_text(case, off),
-            joints=names,
-            fix=Fix(
-                "check position_offset under [signals], the zero of the joints, and their limits; "
-                "or the model file is of another robot"
-            )
-            if names
-            else None,
-            picture=picture,
-        )
+    if wrong := misplaced_velocities(case, evidence):
+        return _misplaced(case, evidence, wrong)
+    low, high = np.quantile(signal_overview(case, evidence).q, [0.005, 0.995], axis=0)
+    off = _off(case, low, high)
+    units = unit_reading(case, evidence)
+    declared = declared_units(evidence, case)
+    other = [j for j, unit in enumerate(declared) if units.joints[j].position_unit != unit]
+    picture = _picture(case, low, high)
+    if _of_motors(case, evidence, off, units):
+        return _motors(case, evidence, low, high, picture)
+    if other:
+        return _other_unit(case, evidence, units, other, off, picture)
+    outside = np.flatnonzero(off > OUTSIDE_RANGE)
+    names = tuple(case.joints[j] for j in outside)
+    are = "are outside their limits" if len(names) > 1 else "is outside its limits"
+    facts = _facts(case, evidence)
+    return Finding.doubtful_if(
+        bool(names),
+        f"{', '.join(names)} {are}; {facts}" if names else f"{facts}, within the joints' limits",
+        _value_text(case, off),
+        Fix(
+            "check position_offset under [signals], the zero of the joints, and their limits; "
+            "or the model file is of another robot"
+        ),
+        joints=names,
+        picture=picture,
+    )
 
 
 def _misplaced(case: Case, evidence: Evidence, wrong: Sequence[MisplacedVelocity]) -> Finding:
@@ -192,9 +177,7 @@ def _misplaced(case: Case, evidence: Evidence, wrong: Sequence[MisplacedVelocity
     more = f" (and {len(wrong) - 1} more)" * (len(wrong) > 1)
     why = f"its values are the derivative of '{first.position}'"
     sure = all(one.sure for one in wrong)
-    return Finding(
-        Position.name,
-        evidence.name,
+    return Finding.of(
         Severity.WRONG if sure else Severity.DOUBTFUL,
         f"position column '{first.column}'{more} holds velocities: "
         + (why if first.correlation else "by its name"),
@@ -250,10 +233,7 @@ def _motors(case: Case, evidence: Evidence, low: Array, high: Array, picture: Pi
     outside = bool((off > OUTSIDE_RANGE).any())
     far = f"up to {off.max():.0f} times farther than the joints can go"
     least = " ".join(f"{ratio:.0f}" for ratio in ratios)
-    return Finding(
-        Position.name,
-        evidence.name,
-        Severity.WRONG,
+    return Finding.wrong(
         "positions appear to be those of motors, not joints: they are "
         + (far if outside else "named so, and faster than joints"),
         _value_text(case, off),
@@ -287,9 +267,7 @@ def _other_unit(
     says = f"declare these positions in {unit}"
     if geared:
         says = f"give the gear ratios, which are all 1, under [robot.transmission], or {says}"
-    return Finding(
-        Position.name,
-        evidence.name,
+    return Finding.of(
         Severity.WRONG if sure else Severity.DOUBTFUL,
         f"positions of {case.listed(other)} {'are' if sure else 'may be'} in {unit}: as declared, "
         f"{case.joints[clear]} would {_reasons(case, evidence, units, clear, off)}",

@@ -1,14 +1,14 @@
 """Are rows corrupt, or do they repeat earlier values?"""
 
-from dataclasses import dataclass
-from typing import ClassVar
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.check.case import Case, Evidence
+from steelyard.check.case import Case, Evidence, case_check, log_check
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace, percent_of
 from steelyard.check.signals.overview import SignalOverview, signal_overview
 from steelyard.check.signals.time_stamps import clock_is_irregular
@@ -23,48 +23,34 @@ END_ROWS = 100
 BROKEN_VERDICTS = (RowVerdict.UNREADABLE, RowVerdict.ABSURD, RowVerdict.JUMP)
 
 
-@dataclass(frozen=True)
-class CorruptRows:
+@log_check("rows", "Are rows corrupt?")
+def corrupt_rows_check(case: Case, evidence: Evidence) -> Finding:
     """Cells that are missing, no numbers, or garbage; and why a log cannot be made a run."""
-
-    name: ClassVar[str] = "rows"
-    question: ClassVar[str] = "Are rows corrupt?"
-    quick: ClassVar[bool] = True
-
-    def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding per log."""
-        return tuple(self._look(case, evidence) for evidence in case.logs)
-
-    def _look(self, case: Case, evidence: Evidence) -> Finding:
-        broken = signal_overview(case, evidence).broken
-        count, total = _counted(evidence, broken)
-        share = count / max(total, 1)
-        severity = (
-            Severity.WRONG
-            if share > WRONG_BROKEN_SHARE or total == 0
-            else Severity.DOUBTFUL
-            if share > DOUBTFUL_BROKEN_SHARE
-            else Severity.OK
-        )
-        fix = None if severity == Severity.OK else Fix("record or copy the log again")
-        says = (
-            f"{count} corrupt rows{_where_corrupt(broken)}, dropped" if count else "no corrupt rows"
-        )
-        if isinstance(evidence.run, LogError):
-            says += f"; as declared, the log cannot be used: {evidence.run.wrong}"
-            if _unexplained(case, evidence):
-                severity, fix = Severity.WRONG, Fix(evidence.run.fix)
-        return Finding(
-            self.name,
-            evidence.name,
-            severity,
-            says,
-            f"{count} of {total} rows ({percent_of(share)}), at most "
-            f"{100.0 * DOUBTFUL_BROKEN_SHARE:g} % allowed",
-            fix=fix,
-            picture=_corrupt_picture(broken) if broken.any() else None,
-            brief=f"{count} corrupt rows dropped" if count else "",
-        )
+    broken = signal_overview(case, evidence).broken
+    count, total = _counted(evidence, broken)
+    share = count / max(total, 1)
+    severity = Severity.DOUBTFUL if share > DOUBTFUL_BROKEN_SHARE else Severity.OK
+    if share > WRONG_BROKEN_SHARE or total == 0:
+        severity = Severity.WRONG
+    fix = Fix("record or copy the log again") if severity else None
+    says = f"{count} corrupt rows{_where_corrupt(broken)}, dropped" if count else "no corrupt rows"
+    if isinstance(evidence.run, LogError):
+        says += f"; as declared, the log cannot be used: {evidence.run.wrong}"
+        if _unexplained(case, evidence):
+            severity, fix = Severity.WRONG, Fix(evidence.run.fix)
+    picture = None
+    if broken.any():
+        where = np.flatnonzero(broken).astype(np.float64)
+        picture = _counts_picture("row", "broken rows", where, (0.0, float(len(broken))))
+    return Finding.of(
+        severity,
+        says,
+        f"{count} of {total} rows ({percent_of(share)}), at most "
+        f"{100.0 * DOUBTFUL_BROKEN_SHARE:g} % allowed",
+        fix=fix,
+        picture=picture,
+        brief=f"{count} corrupt rows dropped" if count else "",
+    )
 
 
 def _unexplained(case: Case, evidence: Evidence) -> bool:
@@ -79,9 +65,8 @@ def _counted(evidence: Evidence, broken: NDArray[np.bool_]) -> tuple[int, int]:
     """Broken rows and all rows: of the whole log if it is longer than the excerpt."""
     if isinstance(evidence.run, Run) and evidence.run.quality.rows > len(broken):
         quality = evidence.run.quality
-        return sum(
-            quality.dropped.get(verdict.reason, 0) for verdict in BROKEN_VERDICTS
-        ), quality.rows
+        dropped = sum(quality.dropped.get(verdict.reason, 0) for verdict in BROKEN_VERDICTS)
+        return dropped, quality.rows
     return int(broken.sum()), len(broken)
 
 
@@ -97,12 +82,11 @@ def _where_corrupt(broken: NDArray[np.bool_]) -> str:
     return f" (the first is row {at[0]}, the last {at[-1]})"
 
 
-def _corrupt_picture(broken: NDArray[np.bool_]) -> Picture:
-    """Broken rows per hundredth of the log."""
-    edges = np.linspace(0.0, len(broken), 101)
-    count, _ = np.histogram(np.flatnonzero(broken), edges)
-    bars = Trace("broken rows", 0.5 * (edges[1:] + edges[:-1]), count.astype(np.float64), "bars")
-    return Picture("row", "broken rows", (bars,))
+def _counts_picture(title: str, name: str, x: Array, span: tuple[float, float]) -> Picture:
+    """How many there are in each hundredth of a span."""
+    count, edges = np.histogram(x, bins=100, range=span)
+    bars = Trace(name, 0.5 * (edges[1:] + edges[:-1]), count.astype(np.float64), "bars")
+    return Picture(title, name, (bars,))
 
 
 HOLD_STEPS = 3.0
@@ -199,138 +183,105 @@ LATE_AGE = 2e-3
 """Mean age of held samples from which on a log is doubtful [s]."""
 
 
-@dataclass(frozen=True)
-class RepeatedRows:
-    """Rows with old positions or efforts: a controller that was read too often."""
+@case_check("repeats", "Do rows repeat earlier positions or efforts?")
+def repeated_rows_check(case: Case) -> Iterable[Finding]:
+    """Rows with old positions or efforts: a controller that was read too often.
 
-    name: ClassVar[str] = "repeats"
-    question: ClassVar[str] = "Do rows repeat earlier positions or efforts?"
-    quick: ClassVar[bool] = True
+    One finding per log that moves fast enough, another where efforts are held.
+    """
+    for evidence in case.logs:
+        for found in _repeats(evidence, signal_overview(case, evidence)):
+            yield replace(found, log=evidence.name)
 
-    def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding per log that moves fast enough, another where efforts are held."""
-        found = (f for evidence in case.logs for f in self._both(case, evidence))
-        return tuple(finding for finding in found if finding is not None)
 
-    def _both(self, case: Case, evidence: Evidence) -> tuple[Finding | None, ...]:
-        overview = signal_overview(case, evidence)
-        if len(overview.t) <= 2 * REPEAT_SPAN:
-            return ()
-        c = overview.channels
-        positions = zero_order_hold(overview.q, overview.resolution[c.q])
-        efforts = zero_order_hold(overview.effort, overview.resolution[c.effort])
-        rows = np.ones(len(overview.t), dtype=np.bool_)
-        if evidence.processing.bridge_repeats and 0 < positions.every - 1 <= LONGEST_STALE:
-            rows = ~old_rows(overview.q)
-        age = mean_age(overview.q, positions, rows) * overview.step
-        late = mean_age(overview.effort, efforts, rows) * overview.step - age
-        return (
-            self._irregular(evidence, overview)
-            if positions.every == 1
-            else self._positions(evidence, overview, positions, round(age, 5)),
-            None
-            if efforts.every == 1
-            else self._efforts(evidence, overview, efforts, round(late, 5) + 0.0),
-        )
-
-    def _positions(
-        self, evidence: Evidence, overview: SignalOverview, updates: ZeroOrderHold, left: float
-    ) -> Finding:
-        """Positions that are new every n-th row, and their mean age once rows are bridged [s]."""
-        age = 0.5 * (updates.every - 1) * overview.step
-        doubtful = round(age, 4) > LATE_AGE or updates.every - 1 > LONGEST_STALE
-        does = (
-            f"they are {1e3 * left:.2g} ms late on average, and rows are not interpolated"
-            if left > 0.0
-            else "repeated rows are interpolated"
-        )
-        return Finding(
-            self.name,
-            evidence.name,
-            Severity.DOUBTFUL if doubtful else Severity.OK,
-            f"positions are updated {_every(overview, updates)}: {does}",
-            f"{updates.value_text}; {1e3 * age:.3g} ms old on average, at most "
-            f"{1e3 * LATE_AGE:g} ms "
-            f"and {LONGEST_STALE} repeated rows allowed",
-            fix=Fix(
-                "log at the update rate of positions, "
-                f"{1.0 / overview.step / updates.every:.3g} Hz, or update them at the rate of the "
-                "log"
-            )
-            if doubtful
-            else None,
-            picture=updates.picture,
-        )
-
-    def _efforts(
-        self, evidence: Evidence, overview: SignalOverview, updates: ZeroOrderHold, late: float
-    ) -> Finding:
-        """Efforts that are new every n-th row, and how much older than positions they are [s]."""
+def _repeats(evidence: Evidence, overview: SignalOverview) -> Iterable[Finding]:
+    if len(overview.t) <= 2 * REPEAT_SPAN:
+        return
+    c = overview.channels
+    positions = zero_order_hold(overview.q, overview.resolution[c.q])
+    efforts = zero_order_hold(overview.effort, overview.resolution[c.effort])
+    rows = np.ones(len(overview.t), dtype=np.bool_)
+    if evidence.processing.bridge_repeats and 0 < positions.every - 1 <= LONGEST_STALE:
+        rows = ~old_rows(overview.q)
+    age = mean_age(overview.q, positions, rows) * overview.step
+    late = mean_age(overview.effort, efforts, rows) * overview.step - age
+    if positions.every > 1:
+        yield _held_positions(overview, positions, round(age, 5))
+    elif (irregular := _irregular(overview)) is not None:
+        yield irregular
+    if efforts.every > 1:
         stated = evidence.recording.signals.effort_delay
-        doubtful = round(late - stated, 4) > LATE_AGE
-        does = (
-            f"they are {1e3 * late:.2g} ms late on average"
-            if late > 0.0
-            else "no later than positions"
-        )
-        known = f" ([signals.effort] delay compensates {1e3 * stated:g} ms)" if stated else ""
-        return Finding(
-            self.name,
-            evidence.name,
-            Severity.DOUBTFUL if doubtful else Severity.OK,
-            f"efforts are updated {_every(overview, updates)}: {does}{known}",
-            f"{updates.value_text}; {1e3 * late:.3g} ms later than positions, "
-            f"at most {1e3 * LATE_AGE:g} ms allowed",
-            fix=Fix(
-                f"log efforts as they are measured, or state the mean delay, {1e3 * late:.3g} ms",
-                (Edit(("signals", "effort", "delay"), late),),
-            )
-            if doubtful
-            else None,
-            picture=updates.picture,
-        )
+        yield _held_efforts(stated, overview, efforts, round(late, 5) + 0.0)
 
-    def _irregular(self, evidence: Evidence, overview: SignalOverview) -> Finding | None:
-        """Rows in motion that repeat positions now and then."""
-        q, step = overview.q, overview.resolution[overview.channels.q]
-        far = np.abs(q[REPEAT_SPAN:] - q[:-REPEAT_SPAN]) > FAR_STEPS * REPEAT_SPAN * step
-        fast: NDArray[np.bool_] = np.any(far & (step > 0.0), axis=1)
-        if not fast.any():
-            return None
-        same = np.all(q[1:] == q[:-1], axis=1)
-        again: NDArray[np.bool_] = same[REPEAT_SPAN // 2 : REPEAT_SPAN // 2 + len(fast)] & fast
-        count, total = int(again.sum()), int(fast.sum())
-        share = count / total
-        often = share > OFTEN_REPEATED
-        return Finding(
-            self.name,
-            evidence.name,
-            Severity.DOUBTFUL if often else Severity.OK,
-            f"{count} rows in motion repeat the positions of the row before"
-            if count
-            else "no row in motion repeats the previous one",
-            f"{count} of {total} rows around which a joint moves by more than {FAR_STEPS:g} sensor "
-            f"steps a row ({percent_of(share)}), at most "
-            f"{100.0 * OFTEN_REPEATED:g} % allowed",
-            fix=Fix(f"log at the update rate of positions, about {1.0 - share:.2g} of this one")
-            if often
-            else None,
-            picture=_repeats_picture(
-                overview.t[REPEAT_SPAN // 2 + 1 :][: len(again)] - overview.t[0], again
-            )
-            if count
-            else None,
-        )
+
+def _held_positions(overview: SignalOverview, updates: ZeroOrderHold, left: float) -> Finding:
+    """Positions that are new every n-th row, and their mean age once rows are bridged [s]."""
+    age = 0.5 * (updates.every - 1) * overview.step
+    does = (
+        f"they are {1e3 * left:.2g} ms late on average, and rows are not interpolated"
+        if left > 0.0
+        else "repeated rows are interpolated"
+    )
+    return Finding.doubtful_if(
+        round(age, 4) > LATE_AGE or updates.every - 1 > LONGEST_STALE,
+        f"positions are updated {_every(overview, updates)}: {does}",
+        f"{updates.value_text}; {1e3 * age:.3g} ms old on average, at most {1e3 * LATE_AGE:g} ms "
+        f"and {LONGEST_STALE} repeated rows allowed",
+        Fix(
+            f"log at the update rate of positions, {1.0 / overview.step / updates.every:.3g} Hz, "
+            "or update them at the rate of the log"
+        ),
+        picture=updates.picture,
+    )
+
+
+def _held_efforts(
+    stated: float, overview: SignalOverview, updates: ZeroOrderHold, late: float
+) -> Finding:
+    """Efforts that are new every n-th row, and how much older than positions they are [s]."""
+    says = (
+        f"they are {1e3 * late:.2g} ms late on average" if late > 0.0 else "no later than positions"
+    )
+    known = f" ([signals.effort] delay compensates {1e3 * stated:g} ms)" if stated else ""
+    return Finding.doubtful_if(
+        round(late - stated, 4) > LATE_AGE,
+        f"efforts are updated {_every(overview, updates)}: {says}{known}",
+        f"{updates.value_text}; {1e3 * late:.3g} ms later than positions, at most "
+        f"{1e3 * LATE_AGE:g} ms allowed",
+        Fix(
+            f"log efforts as they are measured, or state the mean delay, {1e3 * late:.3g} ms",
+            (Edit(("signals", "effort", "delay"), late),),
+        ),
+        picture=updates.picture,
+    )
+
+
+def _irregular(overview: SignalOverview) -> Finding | None:
+    """Rows in motion that repeat positions now and then."""
+    q, step, half = overview.q, overview.resolution[overview.channels.q], REPEAT_SPAN // 2
+    far = np.abs(q[REPEAT_SPAN:] - q[:-REPEAT_SPAN]) > FAR_STEPS * REPEAT_SPAN * step
+    fast: NDArray[np.bool_] = np.any(far & (step > 0.0), axis=1)
+    if not fast.any():
+        return None
+    again: NDArray[np.bool_] = np.all(q[1:] == q[:-1], axis=1)[half : half + len(fast)] & fast
+    count, total = int(again.sum()), int(fast.sum())
+    share, says, picture = count / total, "no row in motion repeats the previous one", None
+    if count:
+        says = f"{count} rows in motion repeat the positions of the row before"
+        t = overview.t[half + 1 :][: len(again)] - overview.t[0]
+        span = float(t[0]), float(t[-1])
+        picture = _counts_picture("time [s]", "repeated rows", t[again], span)
+    return Finding.doubtful_if(
+        share > OFTEN_REPEATED,
+        says,
+        f"{count} of {total} rows around which a joint moves by more than {FAR_STEPS:g} sensor "
+        f"steps a row ({percent_of(share)}), at most {100.0 * OFTEN_REPEATED:g} % allowed",
+        Fix(f"log at the update rate of positions, about {1.0 - share:.2g} of this one"),
+        picture=picture,
+    )
 
 
 def _every(overview: SignalOverview, updates: ZeroOrderHold) -> str:
     """How often samples are new."""
     rate = 1.0 / overview.step
     return f"every {updates.every} rows ({rate / updates.every:.3g} Hz of {rate:.3g} Hz)"
-
-
-def _repeats_picture(t: Array, again: NDArray[np.bool_]) -> Picture:
-    """Repeated rows over time."""
-    count, edges = np.histogram(t[again], bins=100, range=(float(t[0]), float(t[-1])))
-    bars = Trace("repeated rows", 0.5 * (edges[1:] + edges[:-1]), count.astype(np.float64), "bars")
-    return Picture("time [s]", "repeated rows", (bars,))

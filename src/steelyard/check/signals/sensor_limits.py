@@ -1,13 +1,12 @@
 """How finely signals are resolved, how noisy they are, and where efforts are cut off."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.check.case import Case, Evidence
+from steelyard.check.case import Case, Evidence, log_check
 from steelyard.check.finding import Finding, Fix, Picture, Severity, of_joints, trace
 from steelyard.check.signals.measured import with_others
 from steelyard.check.signals.overview import (
@@ -36,74 +35,52 @@ NOISE_PICTURE_TIME = 20.0
 """Length of the picture [s]."""
 
 
-@dataclass(frozen=True)
-class Noise:
+@log_check("noise", "Are resolution and noise sufficient?", logs=with_rows)
+def noise_check(case: Case, evidence: Evidence) -> Finding:
     """Resolution and noise of every signal; efforts of few levels are doubtful, of one wrong."""
-
-    name: ClassVar[str] = "noise"
-    question: ClassVar[str] = "Are resolution and noise sufficient?"
-    quick: ClassVar[bool] = True
-
-    def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding per log that has rows."""
-        return tuple(self._look(case, evidence) for evidence in with_rows(case))
-
-    def _look(self, case: Case, evidence: Evidence) -> Finding:
-        overview = signal_overview(case, evidence)
-        move = driven_joints(case, evidence)
-        levels = np.array([len(np.unique(column)) for column in overview.effort.T])
-        noise = noise_of(overview.effort)
-        spread = overview.effort.std(axis=0)
-        share = np.divide(noise, spread, out=np.zeros_like(noise), where=spread > 0.0)
-        constant = move & (levels == 1)
-        coarse = (
-            move & (levels < FEWEST_LEVELS) & (len(overview.t) >= FEWEST_LEVEL_ROWS) & ~constant
-        )
-        loud = move & (share > NOISY_SHARE) & ~coarse
-        bad = np.flatnonzero(constant | coarse | loud)
-        seen = np.flatnonzero(move) if move.any() else np.arange(len(move))
-        least, loudest = seen[np.argmin(levels[seen])], seen[np.argmax(share[seen])]
-        units = evidence.recording.signals.effort_units
-        return Finding(
-            self.name,
-            evidence.name,
-            Severity.WRONG if constant.any() else Severity(int(len(bad) > 0)),
-            "; ".join(
-                [
-                    *_constant(case, evidence, constant),
-                    *_blamed(case, overview, coarse, loud, levels),
-                    _noise_facts(case, overview, noise, units),
-                ]
-            ),
-            f"{case.joints[least]}: {levels[least]} distinct effort values (at least "
-            f"{FEWEST_LEVELS} "
-            f"required); {case.joints[loudest]}: noise is {100.0 * share[loudest]:.2g} % of the "
-            f"effort's variation (at most {100.0 * NOISY_SHARE:g} % allowed)"
-            + ("" if move.any() else "; efforts of joints at rest are not judged"),
-            joints=tuple(case.joints[j] for j in bad),
-            fix=with_others(
-                DECLARE_MEASURED_COLUMNS if constant.any() else LEAVE_COARSE_JOINTS, evidence
-            )
-            if len(bad)
-            else None,
-            picture=_noise_picture(case, evidence, overview, int(bad[0] if len(bad) else least)),
-        )
-
-
-def _constant(case: Case, evidence: Evidence, constant: NDArray[np.bool_]) -> list[str]:
-    columns = evidence.recording.signals.effort
-    names = ", ".join(f"{case.joints[j]} (column '{columns[j]}')" for j in np.flatnonzero(constant))
-    return [f"the effort of {names} never changes: it is not measured"] if names else []
+    overview = signal_overview(case, evidence)
+    move = driven_joints(case, evidence)
+    levels = np.array([len(np.unique(column)) for column in overview.effort.T])
+    noise = noise_of(overview.effort)
+    spread = overview.effort.std(axis=0)
+    share = np.divide(noise, spread, out=np.zeros_like(noise), where=spread > 0.0)
+    constant = move & (levels == 1)
+    coarse = move & (levels < FEWEST_LEVELS) & (len(overview.t) >= FEWEST_LEVEL_ROWS) & ~constant
+    loud = move & (share > NOISY_SHARE) & ~coarse
+    bad = np.flatnonzero(constant | coarse | loud)
+    seen = np.flatnonzero(move) if move.any() else np.arange(len(move))
+    least, loudest = seen[np.argmin(levels[seen])], seen[np.argmax(share[seen])]
+    clauses = [
+        *_blamed(case, evidence, constant, coarse, loud, levels),
+        _noise_facts(case, overview, noise, evidence.recording.signals.effort_units),
+    ]
+    fix = DECLARE_MEASURED_COLUMNS if constant.any() else LEAVE_COARSE_JOINTS
+    return Finding.of(
+        Severity.WRONG if constant.any() else Severity(int(len(bad) > 0)),
+        "; ".join(clauses),
+        f"{case.joints[least]}: {levels[least]} distinct effort values (at least {FEWEST_LEVELS} "
+        f"required); {case.joints[loudest]}: noise is {100.0 * share[loudest]:.2g} % of the "
+        f"effort's variation (at most {100.0 * NOISY_SHARE:g} % allowed)"
+        + ("" if move.any() else "; efforts of joints at rest are not judged"),
+        joints=tuple(case.joints[j] for j in bad),
+        fix=with_others(fix, evidence) if len(bad) else None,
+        picture=_noise_picture(case, evidence, overview, int(bad[0] if len(bad) else least)),
+    )
 
 
 def _blamed(
     case: Case,
-    overview: SignalOverview,
+    evidence: Evidence,
+    constant: NDArray[np.bool_],
     coarse: NDArray[np.bool_],
     loud: NDArray[np.bool_],
     levels: NDArray[np.intp],
 ) -> list[str]:
-    clauses = []
+    clauses, columns = [], evidence.recording.signals.effort
+    if constant.any():
+        named = (f"{case.joints[j]} (column '{columns[j]}')" for j in np.flatnonzero(constant))
+        clauses.append(f"the effort of {', '.join(named)} never changes: it is not measured")
+    overview = signal_overview(case, evidence)
     steps = overview.resolution[overview.channels.effort]
     for joint in np.flatnonzero(coarse):
         clauses.append(
@@ -134,11 +111,8 @@ def _range(values: Array) -> str:
 
 def _noise_picture(case: Case, evidence: Evidence, overview: SignalOverview, joint: int) -> Picture:
     """The joint's effort in the middle of the log."""
-    middle = 0.5 * (overview.t[0] + overview.t[-1])
-    at = (
-        np.abs(overview.t - middle)
-        <= 0.5 * NOISE_PICTURE_TIME / unit_reading(case, evidence).second
-    )
+    half = 0.5 * NOISE_PICTURE_TIME / unit_reading(case, evidence).second
+    at = np.abs(overview.t - 0.5 * (overview.t[0] + overview.t[-1])) <= half
     unit = evidence.recording.signals.effort_units[joint]
     t, effort = overview.t[at] - overview.t[0], overview.effort[at, joint]
     return Picture("time [s]", f"effort [{unit}]", (trace(case.joints[joint], t, effort),))
@@ -179,47 +153,32 @@ class _Stay:
         return self.rows / self.bound
 
 
-@dataclass(frozen=True)
-class Saturation:
+@log_check("saturation", "Are efforts saturated?", logs=with_rows)
+def saturation_check(case: Case, evidence: Evidence) -> Finding:
     """Efforts that stay at exactly their highest or lowest value."""
-
-    name: ClassVar[str] = "saturation"
-    question: ClassVar[str] = "Are efforts saturated?"
-    quick: ClassVar[bool] = True
-
-    def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding per log that has rows."""
-        return tuple(self._look(case, evidence) for evidence in with_rows(case))
-
-    def _look(self, case: Case, evidence: Evidence) -> Finding:
-        overview = signal_overview(case, evidence)
-        stays = [_stay(column) for column in overview.effort.T]
-        cut = [j for j, stay in enumerate(stays) if stay.share >= 1.0]
-        worst = max(range(len(stays)), key=lambda j: stays[j].share)
-        names = tuple(case.joints[j] for j in cut)
-        unit = evidence.recording.signals.effort_units
-        clauses = [
-            f"the effort of {case.joints[j]} stays at {stays[j].value:.4g} {unit[j]} "
-            f"for {stays[j].rows} rows"
-            for j in cut
-        ]
-        return Finding(
-            self.name,
-            evidence.name,
-            Severity.DOUBTFUL if cut else Severity.OK,
-            "; ".join(clauses) or "no effort stays at its extreme",
-            f"{stays[worst].rows} rows at an extreme ({case.joints[worst]})"
-            + (
-                f", fewer than {stays[worst].bound:.0f} required"
-                if np.isfinite(stays[worst].bound)
-                else ""
-            ),
-            joints=names,
-            fix=Fix("move slower or with less load, or raise the range of the effort measurement")
-            if cut
-            else None,
-            picture=_saturation_picture(case, evidence, overview, worst) if cut else None,
-        )
+    overview = signal_overview(case, evidence)
+    stays = [_stay(column) for column in overview.effort.T]
+    cut = [j for j, stay in enumerate(stays) if stay.share >= 1.0]
+    worst = max(range(len(stays)), key=lambda j: stays[j].share)
+    names = tuple(case.joints[j] for j in cut)
+    unit = evidence.recording.signals.effort_units
+    clauses = [
+        f"the effort of {case.joints[j]} stays at {stays[j].value:.4g} {unit[j]} "
+        f"for {stays[j].rows} rows"
+        for j in cut
+    ]
+    bound = stays[worst].bound
+    effort = trace(case.joints[worst], overview.t - overview.t[0], overview.effort[:, worst])
+    picture = Picture("time [s]", f"effort [{unit[worst]}]", (effort,))
+    return Finding.doubtful_if(
+        bool(cut),
+        "; ".join(clauses) or "no effort stays at its extreme",
+        f"{stays[worst].rows} rows at an extreme ({case.joints[worst]})"
+        + (f", fewer than {bound:.0f} required" if np.isfinite(bound) else ""),
+        Fix("move slower or with less load, or raise the range of the effort measurement"),
+        joints=names,
+        picture=picture if cut else None,
+    )
 
 
 def _stay(effort: Array) -> _Stay:
@@ -238,19 +197,14 @@ def _highest(effort: Array) -> _Stay:
     near = levels[1 : 1 + STEPS_BESIDE_EXTREME]
     beside = [_stays(effort, level) for level in near]
     step = float(np.abs(np.diff(levels[: 1 + STEPS_BESIDE_EXTREME])).min())
-    close = [
-        own
-        for own, level in zip(beside, near, strict=True)
-        if top - level < REACH_BESIDE_EXTREME * step
-    ]
+    pairs = zip(beside, near, strict=True)
+    close = [own for own, level in pairs if top - level < REACH_BESIDE_EXTREME * step]
     usual = LONG_STAY * float(np.median(np.concatenate(beside)))
     mean = sum(float(np.square(own).sum() / own.sum()) for own in close) / STEPS_BESIDE_EXTREME
-    often = (
-        OFTEN_AT_LIMIT * len(effort),
-        STAY_RATIO * sum(int(own.sum()) for own in close) / STEPS_BESIDE_EXTREME,
-    )
+    rows = sum(int(own.sum()) for own in close) / STEPS_BESIDE_EXTREME
+    often = max(usual, OFTEN_AT_LIMIT * len(effort), STAY_RATIO * rows)
     once = replace(once, bound=float(np.ceil(max(usual, STAY_RATIO * mean))))
-    many = replace(once, rows=int(stays.sum()), bound=float(np.ceil(max(usual, *often))))
+    many = replace(once, rows=int(stays.sum()), bound=float(np.ceil(often)))
     return many if many.share >= 1.0 else once
 
 
@@ -259,46 +213,24 @@ def _stays(effort: Array, level: float) -> NDArray[np.intp]:
     return np.array([stop - start for start, stop in stretches(effort == level)])
 
 
-def _saturation_picture(
-    case: Case, evidence: Evidence, overview: SignalOverview, joint: int
-) -> Picture:
-    unit = evidence.recording.signals.effort_units[joint]
-    effort = trace(case.joints[joint], overview.t - overview.t[0], overview.effort[:, joint])
-    return Picture("time [s]", f"effort [{unit}]", (effort,))
-
-
-@dataclass(frozen=True)
-class OneSignedEfforts:
+@log_check("signed efforts", "Do efforts change their sign?", logs=with_rows)
+def signed_efforts_check(case: Case, evidence: Evidence) -> Finding:
     """Efforts of all joints keep one sign, and those of some touch zero."""
-
-    name: ClassVar[str] = "signed efforts"
-    question: ClassVar[str] = "Do efforts change their sign?"
-    quick: ClassVar[bool] = True
-
-    def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding per log that has rows."""
-        return tuple(self._look(case, evidence) for evidence in with_rows(case))
-
-    def _look(self, case: Case, evidence: Evidence) -> Finding:
-        overview = signal_overview(case, evidence)
-        effort, size = overview.effort, np.abs(overview.effort)
-        low, high = effort.min(axis=0), effort.max(axis=0)
-        moves = (np.ptp(overview.q, axis=0) > MOVED) & (high > low)
-        one_sign = moves & ((low >= 0.0) | (high <= 0.0))
-        touching = one_sign & (size.min(axis=0) <= TOUCHING_ZERO * size.max(axis=0))
-        unsigned = bool(touching.sum() >= FEWEST_UNSIGNED_JOINTS and (one_sign == moves).all())
-        joints = tuple(j for j, is_one in zip(case.joints, one_sign, strict=True) if is_one)
-        figure = f"{len(joints)} of {int(moves.sum())} joints that move have efforts of one sign"
-        if not unsigned:
-            says = "efforts change their sign, or carry a weight"
-            return Finding(self.name, evidence.name, Severity.OK, says, figure)
-        return Finding(
-            self.name,
-            evidence.name,
-            Severity.DOUBTFUL,
-            "efforts of all joints that move keep one sign and touch zero, as absolute values do",
-            figure,
-            joints,
-            Fix("log torques or currents with their sign"),
-            of_joints("logged effort", [("least", low, "points"), ("greatest", high, "points")]),
-        )
+    overview = signal_overview(case, evidence)
+    effort, size = overview.effort, np.abs(overview.effort)
+    low, high = effort.min(axis=0), effort.max(axis=0)
+    moves = (np.ptp(overview.q, axis=0) > MOVED) & (high > low)
+    one_sign = moves & ((low >= 0.0) | (high <= 0.0))
+    touching = one_sign & (size.min(axis=0) <= TOUCHING_ZERO * size.max(axis=0))
+    unsigned = bool(touching.sum() >= FEWEST_UNSIGNED_JOINTS and (one_sign == moves).all())
+    joints = tuple(j for j, is_one in zip(case.joints, one_sign, strict=True) if is_one)
+    figure = f"{len(joints)} of {int(moves.sum())} joints that move have efforts of one sign"
+    if not unsigned:
+        return Finding.ok("efforts change their sign, or carry a weight", figure)
+    return Finding.doubtful(
+        "efforts of all joints that move keep one sign and touch zero, as absolute values do",
+        figure,
+        joints,
+        Fix("log torques or currents with their sign"),
+        of_joints("logged effort", [("least", low, "points"), ("greatest", high, "points")]),
+    )

@@ -180,10 +180,6 @@ def shared_unit_readings(facts: Sequence[JointFacts], second: float) -> tuple[Jo
     Units that differ between joints are believed only if the same ones for all would cost more
     than a change more, or if they are declared so. Joints that rest say little: they have the
     units of the others.
-
-    Args:
-        facts: Of joints of one kind.
-        second: How many of those seconds in which the log was looked at a second has.
     """
     own = tuple(f.cheapest(second) for f in facts)
     if _mixed(f.declared(second) for f in facts) or not _mixed(own):

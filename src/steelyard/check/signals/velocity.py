@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 from math import log
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.check.case import Case, Evidence
+from steelyard.check.case import Case, Evidence, log_check
 from steelyard.check.decision.verdict import positions_at_fault
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, trace
 from steelyard.check.signals.overview import signal_overview
@@ -46,6 +46,7 @@ class _VelocityFaults:
         strange: They are not the derivative of any position.
         late: They lag.
         differenced: They are differences of a row's position and its neighbour's.
+        of_positions: Whether the unit of positions, which is doubtful, is what is wrong.
     """
 
     swapped: NDArray[np.bool_]
@@ -55,6 +56,7 @@ class _VelocityFaults:
     strange: NDArray[np.bool_]
     late: NDArray[np.bool_]
     differenced: NDArray[np.bool_]
+    of_positions: bool
 
     @property
     def grave(self) -> NDArray[np.bool_]:
@@ -69,36 +71,19 @@ class _VelocityFaults:
         return bool((self.swapped | self.turned).any() and not other.any())
 
 
-@dataclass(frozen=True)
-class Velocity:
-    """Scale, sign, order and lag of logged velocities, against the derivative of positions."""
+@log_check("velocity", "Are velocities the derivatives of positions?")
+def velocity_check(case: Case, evidence: Evidence) -> Finding | None:
+    """Scale, sign, order and lag of logged velocities, against the derivative of positions.
 
-    name: ClassVar[str] = "velocity"
-    question: ClassVar[str] = "Are velocities the derivatives of positions?"
-    quick: ClassVar[bool] = True
-
-    def __call__(self, case: Case) -> tuple[Finding, ...]:
-        """One finding per log that moves, has positions, and velocities, declared or not."""
-        found = []
-        for evidence in case.logs:
-            logged, units = logged_velocities(case, evidence), unit_reading(case, evidence)
-            agreed = units.agreement
-            if logged is None or agreed is None or not agreed.moving.any():
-                continue
-            if misplaced_velocities(case, evidence):
-                continue
-            if signal_overview(case, evidence).moves:
-                found.append(_found(case, evidence, logged[0], units, agreed))
-        return tuple(found)
-
-
-def _found(
-    case: Case,
-    evidence: Evidence,
-    columns: tuple[str, ...],
-    units: UnitReading,
-    agreed: VelocityAgreement,
-) -> Finding:
+    `None` where nothing moves, or velocities are neither declared nor in other columns.
+    """
+    logged, units = logged_velocities(case, evidence), unit_reading(case, evidence)
+    agreed = units.agreement
+    if logged is None or agreed is None or not agreed.moving.any():
+        return None
+    if misplaced_velocities(case, evidence) or not signal_overview(case, evidence).moves:
+        return None
+    columns = logged[0]
     declared = evidence.recording.signals.velocity is not None
     faults = _faults(case, evidence, units, agreed)
     clauses = _clauses(case, columns, units, agreed, faults, declared)
@@ -107,7 +92,7 @@ def _found(
         clauses, answered = ["rows are missing, which breaks d(q)/dt: see clock"], False
     elif declared and faults.misplaced and positions_at_fault(case, evidence):
         clauses.append("the positions are wrong")
-    elif declared and faults.grave.any() and _with_positions(units, faults):
+    elif declared and faults.grave.any() and faults.of_positions:
         severity = Severity.DOUBTFUL
         fix = Fix("check the unit of the positions; the velocities agree with it as declared")
     elif declared and faults.grave.any():
@@ -115,13 +100,10 @@ def _found(
     elif declared and (faults.late | faults.differenced).any():
         severity, fix = Severity.DOUBTFUL, Fix(LEAVE_VELOCITIES_OUT, REMOVE_VELOCITIES)
     bad = faults.grave | faults.late | faults.differenced
-    facts = _facts(agreed)
     left_out = "" if declared else f"velocities ({columns[0]} ...) are logged but left out; "
-    return Finding(
-        Velocity.name,
-        evidence.name,
+    return Finding.of(
         severity,
-        left_out + "; ".join([*clauses, facts]),
+        left_out + "; ".join([*clauses, _facts(agreed)]),
         _value_text(case, evidence, units, agreed),
         joints=tuple(case.joints[j] for j in np.flatnonzero(bad)),
         fix=fix,
@@ -133,52 +115,33 @@ def _found(
 def _faults(
     case: Case, evidence: Evidence, units: UnitReading, agreed: VelocityAgreement
 ) -> _VelocityFaults:
-    n = len(agreed.order)
+    overview, signals = signal_overview(case, evidence), evidence.recording.signals
+    driven, n = driven_joints(case, evidence), len(agreed.order)
     # what is only dragged along moves too little for a scale or a lag
-    reliable = agreed.reliable_joints & driven_joints(case, evidence)
+    reliable = agreed.reliable_joints & driven
     relative = np.array([abs(units.relative(j)) for j in range(n)])
-    step = signal_overview(case, evidence).step * units.second
-    declared = [joint.velocity_unit for joint in units.as_declared]
+    step = overview.step * units.second
     with np.errstate(invalid="ignore"):
-        off = reliable & (
-            np.abs(np.log(np.where(relative > 0.0, relative, np.nan))) > log(SAME_SCALE)
-        )
-        signals = evidence.recording.signals
+        off = np.abs(np.log(np.where(relative > 0.0, relative, np.nan))) > log(SAME_SCALE)
         taken_out = 0.0 if signals.velocity is None else signals.velocity_delay
-        lag = np.abs(agreed.lag - taken_out)
-        late = lag > np.maximum(LATE_STEPS * step, LATE_ERRORS * agreed.lag_std)
+        late = np.abs(agreed.lag - taken_out) > np.maximum(
+            LATE_STEPS * step, LATE_ERRORS * agreed.lag_std
+        )
         turned = reliable & (agreed.scale < 0.0)
-    changed = np.array([u.velocity_unit for u in units.joints]) != np.array(declared)
+    pairs = list(zip(units.as_declared, units.joints, strict=True))
+    swapped, strange = agreed.order != np.arange(n), driven & ~reliable
+    unit = reliable & np.array([a.velocity_unit != b.velocity_unit for a, b in pairs])
+    positions = np.array([a.position_unit != b.position_unit for a, b in pairs])
+    other = swapped | turned | (reliable & off) | strange
+    differenced, logged = np.zeros(n, dtype=np.bool_), logged_velocities(case, evidence)
+    if logged is not None:
+        q = overview.q * [joint.position_scale for joint in units.joints]
+        dq = logged[1] * [joint.velocity_scale for joint in units.joints]
+        differenced = driven & one_sided_differences(units.second * overview.t, q, dq)
+    of_positions = not units.sure and not other.any() and bool(positions[unit].all())
     return _VelocityFaults(
-        agreed.order != np.arange(n),
-        reliable & changed,
-        turned,
-        off,
-        driven_joints(case, evidence) & ~reliable,
-        reliable & late,
-        _differenced(case, evidence, units),
+        swapped, unit, turned, reliable & off, strange, reliable & late, differenced, of_positions
     )
-
-
-def _differenced(case: Case, evidence: Evidence, units: UnitReading) -> NDArray[np.bool_]:
-    """Velocities that are differences of positions, once all units are right."""
-    overview, logged = signal_overview(case, evidence), logged_velocities(case, evidence)
-    if logged is None:
-        return np.zeros(overview.channels.joints, dtype=np.bool_)
-    q, dq = (
-        np.array([getattr(joint, f"{name}_scale") for joint in units.joints])
-        for name in ("position", "velocity")
-    )
-    alike = one_sided_differences(units.second * overview.t, q * overview.q, dq * logged[1])
-    return alike & driven_joints(case, evidence)
-
-
-def _with_positions(units: UnitReading, faults: _VelocityFaults) -> bool:
-    """Whether only units are wrong, and only if those of the positions are, which is doubtful."""
-    other = faults.swapped | faults.turned | faults.scaled | faults.strange
-    pairs = zip(units.as_declared, units.joints, strict=True)
-    changed = np.array([a.position_unit != b.position_unit for a, b in pairs])
-    return not units.sure and not other.any() and bool(changed[faults.unit].all())
 
 
 def _clauses(
@@ -191,43 +154,31 @@ def _clauses(
 ) -> list[str]:
     """What is wrong, one clause each."""
     clauses = []
+    unused = "" if declared else ", but are not used"
     if faults.swapped.any():
-        pairs = [
-            f"{columns[agreed.order[j]]} is of {case.joints[j]}"
-            for j in np.flatnonzero(faults.swapped)
-        ]
+        pairs = [f"{columns[agreed.order[j]]} is of {case.joints[j]}" for j in _at(faults.swapped)]
         clauses.append(f"velocity columns are swapped: {', '.join(pairs)}")
     if faults.unit.any():
         unit = " and ".join(sorted({units.joints[j].velocity_unit for j in _at(faults.unit)}))
-        uncertain = _with_positions(units, faults)
-        clauses.append(
-            f"velocities of {case.listed(_at(faults.unit))} "
-            f"{'may be' if uncertain else 'are'} in {unit}"
-        )
+        are = "may be" if faults.of_positions else "are"
+        clauses.append(f"velocities of {case.listed(_at(faults.unit))} {are} in {unit}")
     if faults.turned.any():
         clauses.append(
             f"position and velocity of {case.listed(_at(faults.turned))} have opposite signs, "
             "either may be at fault"
         )
-    if faults.scaled.any():
-        factors = ", ".join(f"{abs(units.relative(j)):.3g}" for j in _at(faults.scaled))
-        clauses.append(
-            f"velocities of {case.listed(_at(faults.scaled))} are {factors} times d(q)/dt"
-        )
-    if faults.strange.any():
-        clauses.append(
-            f"velocities of {case.listed(_at(faults.strange))} are not the derivatives of the "
-            "positions"
-        )
-    if faults.late.any():
-        used = "" if declared else ", but are not used"
-        clauses.append(f"velocities of {case.listed(_at(faults.late))} are late{used}")
-    if faults.differenced.any():
-        used = "" if declared else ", but are not used"
-        clauses.append(
-            f"velocities of {case.listed(_at(faults.differenced))} are differences of successive "
-            f"positions: half a row late, with twice the noise{used}"
-        )
+    factors = ", ".join(f"{abs(units.relative(j)):.3g}" for j in _at(faults.scaled))
+    for mask, says in (
+        (faults.scaled, f"{factors} times d(q)/dt"),
+        (faults.strange, "not the derivatives of the positions"),
+        (faults.late, f"late{unused}"),
+        (
+            faults.differenced,
+            "differences of successive positions: half a row late, with twice the noise" + unused,
+        ),
+    ):
+        if mask.any():
+            clauses.append(f"velocities of {case.listed(_at(mask))} are {says}")
     return clauses
 
 
@@ -291,9 +242,8 @@ def _value_text(
     declared = float(agreed.scale[far])
     return (
         f"{case.joints[far]}: {declared:.3g} times d(q)/dt ({1.0 / SAME_SCALE:.2g} to "
-        f"{SAME_SCALE:g} allowed); "
-        f"{case.joints[late]}: {1e3 * agreed.lag[late]:.2f} ± {1e3 * agreed.lag_std[late]:.2f} ms "
-        f"late (at most {LATE_STEPS * step:.3g} ms allowed)"
+        f"{SAME_SCALE:g} allowed); {case.joints[late]}: {1e3 * agreed.lag[late]:.2f} ± "
+        f"{1e3 * agreed.lag_std[late]:.2f} ms late (at most {LATE_STEPS * step:.3g} ms allowed)"
     )
 
 
@@ -307,11 +257,9 @@ def _worst(agreed: VelocityAgreement, bad: NDArray[np.bool_]) -> int:
 def _picture(case: Case, agreed: VelocityAgreement, joint: int) -> Picture:
     """Derivative and velocity of a joint where it is busiest, as declared."""
     v, t = agreed.derivative[joint], agreed.t
-    length = (
-        min(len(t), max(2, int(VELOCITY_PICTURE_TIME / max(t[1] - t[0], 1e-9))))
-        if len(t) > 1
-        else len(t)
-    )
+    length = len(t)
+    if length > 1:
+        length = min(length, max(2, int(VELOCITY_PICTURE_TIME / max(t[1] - t[0], 1e-9))))
     energy = np.concatenate(([0.0], np.cumsum(np.square(v))))
     start = int(np.argmax(energy[length:] - energy[: len(energy) - length]))
     at = slice(start, start + length)

@@ -286,12 +286,7 @@ def one_sided_differences(t: Array, q: Array, dq: Array) -> NDArray[np.bool_]:
 
 
 def _is_one(slopes: Sequence[Array], dq: Array) -> bool:
-    """Whether a velocity, shape `(N,)`, is a slope of its rows, `(N - 1,)`, where it moves.
-
-    Args:
-        slopes: By the stamps, and by even ones.
-        dq: The velocity.
-    """
+    """Whether a velocity, shape `(N,)`, is a slope of its rows, `(N - 1,)`, where it moves."""
     fast = np.abs(slopes[0]) > SLOW_VELOCITY_SHARE * np.quantile(np.abs(slopes[0]), 0.98)
     fast &= slopes[1] != 0.0
     if np.count_nonzero(fast) < FEWEST_MOVING_ROWS:
