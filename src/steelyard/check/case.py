@@ -55,15 +55,24 @@ class Knowledge:
 
     def torque(self, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
         """Joint efforts under any gravity, shape `(n, N)`; NaN where the states are impossible."""
+        return self.under_any(gravity, self._of, q, dq, ddq)
+
+    def under_any(
+        self,
+        gravity: Array,
+        of: Callable[[ValuedModel, Array, Array, Array], Array],
+        q: Array,
+        dq: Array,
+        ddq: Array,
+    ) -> Array:
+        """What is linear in gravity, under another one than the robot's put together from four."""
         if np.allclose(gravity, self.robot.gravity):
-            return self._of(self.steady, q, dq, ddq)
-        still = np.zeros_like(q)
-        free = self.under(np.zeros(3))
-        result = self._of(free, q, dq, ddq)
+            return of(self.steady, q, dq, ddq)
+        still, free = np.zeros_like(q), self.under(np.zeros(3))
+        result, rest = of(free, q, dq, ddq), of(free, q, still, still)
         for axis, part in zip(AXES, gravity, strict=True):
             if part != 0.0:
-                pull = self._of(self.under(axis), q, still, still)
-                result = result + part * (pull - self._of(free, q, still, still))
+                result = result + part * (of(self.under(axis), q, still, still) - rest)
         return result
 
     def pulls(self, q: Array) -> Array:

@@ -17,7 +17,7 @@ import numpy as np
 from steelyard.base.errors import DataError
 from steelyard.check.finding import Finding, Fix, Severity
 from steelyard.check.fitted.fitted_case import FittedCase, post_fit_check
-from steelyard.estimate.estimate import Z95, Estimate
+from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.load_dependent import PLAUSIBLE, LoadDependent
@@ -44,10 +44,7 @@ CHECK_EFFORTS = (
 
 @post_fit_check("absurd estimates")
 def absurd_bodies_check(case: FittedCase) -> Iterable[Finding]:
-    """Masses that no link can have, and friction that drives.
-
-    One finding if there is any; only for a model that was fitted here.
-    """
+    """Masses that no link can have, and friction that drives, of a model that was fitted here."""
     found = absurdities(case.identified) if case.fitted else ()
     if not found:
         return ()
@@ -96,10 +93,8 @@ def _masses(identified: IdentifiedModel) -> Iterator[str]:
     total, spread = float(masses.sum()), float(np.sqrt(max(covariance.sum(), 0.0)))
     if nominal <= 0.0 or not all(b.known for b in robot.bodies):
         return
-    if (
-        total - SURE_BOUND * spread > TOTAL_MASS_FACTOR * nominal
-        or total + SURE_BOUND * spread < nominal / TOTAL_MASS_FACTOR
-    ):
+    least, most = total - SURE_BOUND * spread, total + SURE_BOUND * spread
+    if least > TOTAL_MASS_FACTOR * nominal or most < nominal / TOTAL_MASS_FACTOR:
         yield f"the total mass of the links is {total:.3g} kg, in the model file {nominal:.3g} kg"
 
 
@@ -115,27 +110,18 @@ def heaviest(robot: Robot, index: int) -> float:
 
 def _driving(identified: IdentifiedModel) -> Iterator[str]:
     """Joints whose friction least squares finds below zero, both laws for certain."""
-    plain = next((e for e in (*identified.reference, identified.estimate)), None)
-    if plain is None:
-        return
-    joints = identified.model.robot.joint_names
-    driving = [
-        joint for joint in joints if all(_negative(plain, f"{x}.{joint}") for x in DISSIPATIVE_LAWS)
-    ]
+    plain, joints = (
+        (*identified.reference, identified.estimate)[0],
+        identified.model.robot.joint_names,
+    )
+    below = plain.parameters.values < -SURE_BOUND * plain.std
+    negative = {name for name, is_so in zip(plain.parameters.names, below, strict=True) if is_so}
+    driving = [j for j in joints if negative.issuperset(f"{law}.{j}" for law in DISSIPATIVE_LAWS)]
     if driving:
-        listed = ", ".join(f"'{joint}'" for joint in driving)
         all_of_them = len(driving) == len(joints)
-        who = "all joints" if all_of_them else listed
+        who = "all joints" if all_of_them else ", ".join(f"'{joint}'" for joint in driving)
         its = "efforts have" if all_of_them else "its effort, or its position, has"
         yield f"estimated friction of {who} is negative: {its} the wrong sign"
-
-
-def _negative(estimate: Estimate, name: str) -> bool:
-    names = estimate.parameters.names
-    if name not in names:
-        return False
-    k = names.index(name)
-    return bool(estimate.parameters.values[k] < -SURE_BOUND * estimate.std[k])
 
 
 CAUSES_OF_LOAD_FRICTION = (
@@ -160,39 +146,33 @@ class Coefficient:
 
 @post_fit_check("load-dependent friction")
 def load_friction_check(case: FittedCase) -> Iterable[Finding]:
-    """Coefficients of load-dependent friction above those of gears.
+    """Coefficients of load-dependent friction of a fit above those of gears.
 
-    One finding after a fit: doubtful if an interval lies wholly above `PLAUSIBLE`.
-
-        None if all that are above have intervals down to zero: these are poorly identified, and
-        counted as such.
+    Doubtful if an interval lies wholly above `PLAUSIBLE`. Nothing if all that are above have
+    intervals down to zero: these are poorly identified, and counted as such.
     """
-    found = tuple(_implausible(case.identified.estimate)) if case.fitted else ()
+    estimate = case.identified.estimate
+    triples = zip(estimate.parameters.names, estimate.parameters.values, estimate.std, strict=True)
+    found = [
+        Coefficient(name.partition(".")[2], float(value), Z95 * float(std))
+        for name, value, std in triples
+        if name.partition(".")[0] == LoadDependent.law and value > PLAUSIBLE and case.fitted
+    ]
     if not any(one.value > one.half_width for one in found):
-        return ()
+        return
     sure = any(one.value - one.half_width > PLAUSIBLE for one in found)
     listed = ", ".join(one.words for one in found)
-    return (
-        Finding.of(
-            Severity.DOUBTFUL if sure else Severity.OK,
-            f"load-dependent friction of {listed} is more than a gear has (at most about "
-            f"{PLAUSIBLE:g} of the load, and a gear locks itself at 1): {CAUSES_OF_LOAD_FRICTION}",
-            "",
-            tuple(one.name for one in found),
-            Fix(
-                "Check gains and gear ratios of these joints, and log them moving in both "
-                "directions under several loads"
-            ),
-            headline=True,
-            brief=f"load-dependent friction above that of gears ({PLAUSIBLE:g}): {listed}. "
-            f"{CAUSES_OF_LOAD_FRICTION[0].upper()}{CAUSES_OF_LOAD_FRICTION[1:]}",
+    yield Finding.of(
+        Severity.DOUBTFUL if sure else Severity.OK,
+        f"load-dependent friction of {listed} is more than a gear has (at most about "
+        f"{PLAUSIBLE:g} of the load, and a gear locks itself at 1): {CAUSES_OF_LOAD_FRICTION}",
+        "",
+        tuple(one.name for one in found),
+        Fix(
+            "Check gains and gear ratios of these joints, and log them moving in both "
+            "directions under several loads"
         ),
+        headline=True,
+        brief=f"load-dependent friction above that of gears ({PLAUSIBLE:g}): {listed}. "
+        f"{CAUSES_OF_LOAD_FRICTION[0].upper()}{CAUSES_OF_LOAD_FRICTION[1:]}",
     )
-
-
-def _implausible(estimate: Estimate) -> Iterator[Coefficient]:
-    names = estimate.parameters.names
-    for name, value, std in zip(names, estimate.parameters.values, estimate.std, strict=True):
-        law, _, coordinate = name.partition(".")
-        if law == LoadDependent.law and value > PLAUSIBLE:
-            yield Coefficient(coordinate, float(value), Z95 * float(std))

@@ -28,7 +28,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.check.case import AXES, Knowledge
+from steelyard.check.case import Knowledge
 from steelyard.check.hypotheses.likelihood import (
     CLOSE_HYPOTHESES,
     FITTED_NUMBER_COST,
@@ -45,7 +45,7 @@ from steelyard.estimate.information.regressor import Regressor, chosen_regressor
 from steelyard.estimate.payload.load_case import carrier
 from steelyard.estimate.prior.prior import model_prior
 from steelyard.model.evaluation import check_angles
-from steelyard.model.model import Model
+from steelyard.model.model import Model, ValuedModel
 
 BODY_SAMPLES = 600
 """Samples that bodies are fitted to."""
@@ -142,26 +142,14 @@ def columns_of(knowledge: Knowledge, q: Array, dq: Array, ddq: Array, gravity: A
     """
     try:
         check_angles(q)
-        return _columns_under(knowledge, q, dq, ddq, gravity)
+        return knowledge.under_any(gravity, _dense, q, dq, ddq)
     except (DataError, ValueError):
         return np.full((10 * len(knowledge.robot.bodies), *q.shape), np.nan)
 
 
-def _columns_under(knowledge: Knowledge, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
-    """Columns are linear in gravity: under another one they are put together from four models."""
-    if np.allclose(gravity, knowledge.robot.gravity):
-        return _dense(knowledge.steady.model, q, dq, ddq)
-    still = np.zeros_like(q)
-    free = knowledge.under(np.zeros(3)).model
-    columns, rest = _dense(free, q, dq, ddq), _dense(free, q, still, still)
-    for axis, part in zip(AXES, gravity, strict=True):
-        if part != 0.0:
-            columns += part * (_dense(knowledge.under(axis).model, q, still, still) - rest)
-    return columns
-
-
-def _dense(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
+def _dense(valued: ValuedModel, q: Array, dq: Array, ddq: Array) -> Array:
     """Columns of the bodies of one model, shape `(10 bodies, n, N)`."""
+    model = valued.model
     if model not in _REGRESSORS:
         count = 10 * len(model.robot.bodies)
         _REGRESSORS[model] = chosen_regressor(model, base_parameters(model), range(count))

@@ -162,13 +162,8 @@ class SignalOverview:
 
 @cached_per_log
 def signal_overview(case: Case, evidence: Evidence) -> SignalOverview:
-    """The good rows of a log's excerpt."""
-    t, x = evidence.rows
-    return overview_of_rows(t, x, evidence.channels)
-
-
-def overview_of_rows(t: Array, x: Array, channels: Channels) -> SignalOverview:
-    """Good rows of raw ones: readable, in order of time, without garbage."""
+    """The good rows of a log's excerpt: readable, in order of time, without garbage."""
+    (t, x), channels = evidence.rows, evidence.channels
     readable = np.isfinite(t)
     stamped = readable.copy()
     forward = np.diff(t[readable])
@@ -178,19 +173,14 @@ def overview_of_rows(t: Array, x: Array, channels: Channels) -> SignalOverview:
         stamped[readable] = _near(t[readable], GAP_TIME * step)
         kept = stamped & (np.abs(x) <= LARGEST_VALUE).all(axis=1)
     for channel in range(x.shape[1]):
-        kept[kept] = _near(x[kept, channel], _reach(x[kept, channel], channel, channels))
+        values = x[kept, channel]
+        span = float(np.ptp(np.quantile(values, [0.02, 0.98]))) if len(values) else 0.0
+        reach = max(0.5 * span, 1.0) if channel < channels.joints else 20.0 * span + 60.0
+        kept[kept] = _near(values, reach)
     broken = ~kept
-    kept[kept] = _increasing(t[kept])
+    latest = np.maximum.accumulate(t[kept])
+    kept[kept] = np.concatenate((np.ones(len(latest[:1]), np.bool_), t[kept][1:] > latest[:-1]))
     return SignalOverview(channels, t[stamped], t[kept], x[kept], kept, broken, step)
-
-
-def _reach(values: Array, channel: int, channels: Channels) -> float:
-    """How far a value may be off its neighbours' median before it is garbage."""
-    if len(values) == 0:
-        return 0.0
-    low, high = np.quantile(values, [0.02, 0.98])
-    span = float(high - low)
-    return max(0.5 * span, 1.0) if channel < channels.joints else 20.0 * span + 60.0
 
 
 def _near(values: Array, reach: float) -> NDArray[np.bool_]:
@@ -198,20 +188,9 @@ def _near(values: Array, reach: float) -> NDArray[np.bool_]:
     if len(values) < MEDIAN_ROWS or not (np.abs(np.diff(values)) > reach).any():
         return np.ones(len(values), dtype=np.bool_)
     windows = np.lib.stride_tricks.sliding_window_view(values, MEDIAN_ROWS)
-    middle = np.median(windows, axis=1)
-    half = MEDIAN_ROWS // 2
-    median = np.pad(middle, (half, half), mode="edge")
+    median = np.pad(np.median(windows, axis=1), MEDIAN_ROWS // 2, mode="edge")
     near: NDArray[np.bool_] = np.abs(values - median) <= reach
     return near
-
-
-def _increasing(t: Array) -> NDArray[np.bool_]:
-    """Rows that are later than all before them."""
-    if len(t) == 0:
-        return np.zeros(0, dtype=np.bool_)
-    latest = np.maximum.accumulate(t)
-    later: NDArray[np.bool_] = np.concatenate(([True], t[1:] > latest[:-1]))
-    return later
 
 
 def _evened(t: Array, row: NDArray[np.intp]) -> Array:

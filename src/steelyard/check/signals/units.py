@@ -9,6 +9,7 @@ changes of what the robot file says. The cheapest one is believed.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from math import isfinite, log, log10, pi
 
 import numpy as np
@@ -121,14 +122,8 @@ class JointFacts:
 
     def cheapest(self, second: float) -> JointReading:
         """The cheapest units if a second has so many of those in which the log was looked at."""
-        return min(
-            (
-                self._read(second, position, velocity)
-                for position in self.positions
-                for velocity in self.velocities or {"": 1.0}
-            ),
-            key=lambda joint: joint.cost,
-        )
+        units = product(self.positions, self.velocities or ("",))
+        return min((self._read(second, *pair) for pair in units), key=lambda joint: joint.cost)
 
     def declared(self, second: float) -> JointReading:
         """The units as declared."""
@@ -155,9 +150,8 @@ class JointFacts:
 
     def _outside(self, scale: float) -> float:
         off = position_beyond_range(self.coordinate, scale * self.low, scale * self.high)
-        return OUTSIDE_COST * min(
-            1.0, max(0.0, log(max(off, 1.0) / BEYOND_RANGE) / log(FAR_BEYOND))
-        )
+        share = log(max(off, 1.0) / BEYOND_RANGE) / log(FAR_BEYOND)
+        return OUTSIDE_COST * min(1.0, max(0.0, share))
 
     def _speed(self, speed: float) -> float:
         limit, usual = self.coordinate.limits.velocity, USUAL_SPEED[self.coordinate.kind]
@@ -264,12 +258,8 @@ def logged_velocities(case: Case, evidence: Evidence) -> tuple[tuple[str, ...], 
     if overview.dq is not None and signals.velocity is not None:
         return signals.velocity, overview.dq
     columns = case.guesses.get("velocity", ())
-    known = set(evidence.log.columns)
-    if (
-        len(columns) != signals.n
-        or not known.issuperset(columns)
-        or signals.position_map is not None
-    ):
+    usable = len(columns) == signals.n and set(evidence.log.columns).issuperset(columns)
+    if not usable or signals.position_map is not None:
         return None
     parts = list(evidence.log.parts(columns, evidence.window))
     if not parts:
@@ -320,10 +310,19 @@ def unit_reading(case: Case, evidence: Evidence) -> UnitReading:
     )
     agreed = None if logged is None else velocity_agreement(overview, logged[1], looked)
     facts = _facts(case, evidence, overview, looked, agreed)
+    kinds = [fact.coordinate.kind for fact in facts]
     found = []
     for unit, scale in units.items():
         second = scale / time_scale
-        joints = _units(facts, second / looked)
+        of_kind = {
+            kind: iter(
+                shared_unit_readings(
+                    [f for f in facts if f.coordinate.kind == kind], second / looked
+                )
+            )
+            for kind in kinds
+        }
+        joints = tuple(next(of_kind[kind]) for kind in kinds)
         changed = CHANGED_UNIT_COST if abs(second - 1.0) > 1e-9 else 0.0
         cost = sum(j.cost for j in joints) + changed + step_cost(overview.step * second)
         found.append((cost, unit, second, joints))
@@ -340,16 +339,6 @@ def unit_reading(case: Case, evidence: Evidence) -> UnitReading:
     )
 
 
-def _units(facts: Sequence[JointFacts], second: float) -> tuple[JointReading, ...]:
-    """The cheapest units of all joints."""
-    kinds = [fact.coordinate.kind for fact in facts]
-    of_kind = {
-        k: iter(shared_unit_readings([f for f in facts if f.coordinate.kind == k], second))
-        for k in kinds
-    }
-    return tuple(next(of_kind[kind]) for kind in kinds)
-
-
 def _facts(
     case: Case,
     evidence: Evidence,
@@ -357,41 +346,36 @@ def _facts(
     looked: float,
     agreed: VelocityAgreement | None,
 ) -> tuple[JointFacts, ...]:
-    signals = evidence.recording.signals
-    slope = position_slopes(overview, looked)
-    v, move = slope.v, slope.moving
-    fast = np.quantile(np.abs(v), FASTEST_SHARE, axis=1) if v.shape[1] else np.zeros(len(v))
-    n = len(v)
-    low, high = (
-        np.quantile(overview.q, [0.005, 0.995], axis=0) if len(overview.q) else np.zeros((2, n))
-    )
-    reliable = np.zeros(n, dtype=np.bool_) if agreed is None else agreed.reliable_joints
-    positions = declared_units(evidence, case)
-    logged = logged_velocities(case, evidence)
+    signals, slope = evidence.recording.signals, position_slopes(overview, looked)
+    v, n = slope.v, len(slope.v)
+    fast = np.quantile(np.abs(v), FASTEST_SHARE, axis=1) if v.shape[1] else np.zeros(n)
+    low, high = np.zeros((2, n))
+    if len(overview.q):
+        low, high = np.quantile(overview.q, [0.005, 0.995], axis=0)
+    scale = np.full(n, np.nan)
+    if agreed is not None:
+        scale = np.where(agreed.reliable_joints, agreed.scale, np.nan)
+    positions, logged = declared_units(evidence, case), logged_velocities(case, evidence)
     rated = ("",) * n if logged is None else logged[0]
+    own = np.ones(n)
+    if signals.velocity is not None and signals.velocity_scale is not None:
+        own = np.abs(signals.velocity_scale)
     facts = []
     for joint, c in enumerate(case.loaded.robot.coordinates):
-        own = 1.0
-        if signals.velocity is not None and signals.velocity_scale is not None:
-            own = abs(float(signals.velocity_scale[joint]))
-        rates = _relative(unit_of(own, VELOCITY_UNITS[c.kind]), VELOCITY_UNITS[c.kind])
+        of_position, of_velocity = POSITION_UNITS[c.kind], VELOCITY_UNITS[c.kind]
+        rates = _relative(unit_of(float(own[joint]), of_velocity), of_velocity)
         facts.append(
             JointFacts(
                 c,
                 float(low[joint]),
                 float(high[joint]),
                 float(fast[joint]),
-                bool(move[joint]),
-                float(agreed.scale[joint])
-                if agreed is not None and reliable[joint]
-                else float("nan"),
-                _relative(positions[joint], POSITION_UNITS[c.kind]),
+                bool(slope.moving[joint]),
+                float(scale[joint]),
+                _relative(positions[joint], of_position),
                 {} if agreed is None else rates,
                 CHANGED_UNIT_COST if signals.velocity is not None else 0.5 * CHANGED_UNIT_COST,
-                (
-                    _named(signals.position[joint], POSITION_UNITS[c.kind]),
-                    _named(rated[joint], VELOCITY_UNITS[c.kind]),
-                ),
+                (_named(signals.position[joint], of_position), _named(rated[joint], of_velocity)),
             )
         )
     return tuple(facts)
