@@ -259,12 +259,7 @@ class Variation:
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """Fits with other cut-offs beside the result.
-
-    Attributes:
-        std: Their standard deviations, shape `(p,)`.
-        result: The result itself, with factor 1.
-    """
+    """Fits with other cut-offs beside the result, with the deviations of its parameters `(p,)`."""
 
     parameters: Parameters
     std: Array

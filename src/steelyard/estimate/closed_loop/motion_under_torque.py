@@ -90,9 +90,8 @@ _SHARED = [False, False, False, False, True]
 class Forward:
     """Forward dynamics of a model in some of its parameters, the others at zero.
 
-    Attributes:
-        model: The model; it knows neither loops nor friction with memory.
-        columns: Indices of the standard parameters in use, `p` of them.
+    The model knows neither loops nor friction with memory; `columns` are indices of the standard
+    parameters in use, `p` of them.
     """
 
     model: Model

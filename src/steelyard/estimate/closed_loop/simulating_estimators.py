@@ -171,7 +171,6 @@ class _Step:
         precision: Inverse covariance of the values, shape `(p, p)`.
         sigma: Deviations of the torques that the round counted with, shape `(n,)`.
         deviations: Those of the residuals, which exact data make zero, shape `(n,)`.
-        covariance: Of the values; the inverse of `precision` if `None`.
     """
 
     values: Array

@@ -111,10 +111,8 @@ class Consistent:
         """Values of the information's columns, without covariances.
 
         No run has parameters of its own. `gamma` is the weight of the prior, as of a call if
-        `None`; `near` are standard parameters of a similar problem, to begin at.
-
-        Raises:
-            DataError: As of a call.
+        `None`; `near` are standard parameters of a similar problem, to begin at. Raises as a call
+        does.
         """
         program = self.program(whitened(information, equal=self.equal))
         if gamma is None:
@@ -132,12 +130,9 @@ class Consistent:
         return Program(known, conic_constraints(known, self.knowledge), self.form)
 
     def solve(self, program: Program, gamma: float, near: Array | None = None) -> Array:
-        """The unknowns at the optimum with a weight of the prior.
+        """The unknowns at the optimum with a weight of the prior, near those of a similar problem.
 
-        `near` are unknowns of a similar problem, to begin at.
-
-        Raises:
-            DataError: As of a call.
+        Raises as a call does.
         """
         if near is not None and (end := self._from_nearby(program, gamma, near)) is not None:
             return end

@@ -234,16 +234,15 @@ class _Search:
             above = min((g for g in self.found if g > best), default=None)
             if below is None or above is None:
                 break
-            gamma = self._peak(below, best, above)
+            # top of the parabola through three weights, in their logarithm, kept between them
+            x = np.log([below, best, above])
+            y = [self.at(g).evidence for g in (below, best, above)]
+            curve = np.polyfit(x - x[1], y, 2)
+            top = -curve[1] / (2.0 * curve[0]) if curve[0] < 0.0 else 0.0
+            away = np.clip(top, 0.8 * (x[0] - x[1]), 0.8 * (x[2] - x[1]))
+            gamma = float(np.exp(x[1] + away))
             best = max(best, gamma, key=lambda g: self.at(g).evidence)
         return best
-
-    def _peak(self, *gammas: float) -> float:
-        """Top of the parabola through three weights, in their logarithm, kept between them."""
-        x, y = np.log(gammas), [self.at(g).evidence for g in gammas]
-        curve = np.polyfit(x - x[1], y, 2)
-        top = -curve[1] / (2.0 * curve[0]) if curve[0] < 0.0 else 0.0
-        return float(np.exp(x[1] + np.clip(top, 0.8 * (x[0] - x[1]), 0.8 * (x[2] - x[1]))))
 
     def largest(self, high: float, allowed: float) -> float:
         """The largest weight below `high` whose rise is allowed, to a few percent."""

@@ -150,10 +150,9 @@ FAINT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class BodyPenalty:
-    """What one body adds to a program.
+    """Quadratic and linear cost of a body's ten unknowns, then of its helpers, and its cones.
 
-    Costs are those of its ten unknowns, then of its helpers; columns of the cones count from the
-    body's first unknown, helpers from 10.
+    Columns of the cones count from the body's first unknown, helpers from 10.
     """
 
     square: Array

@@ -19,9 +19,8 @@ from steelyard.symbolic.native.native_loops import FIR_OUTPUTS, TILE_COLUMNS, TI
 class Tiling:
     """Tiles that cover the lower triangles of all rows' Gram matrices.
 
-    Attributes:
-        firsts: First rows `(a, b)` of each tile, shape `(tiles, 2)`.
-        cells: Where each packed Gram entry lies among the tiles' sums.
+    `firsts` are the first rows `(a, b)` of each tile, `(tiles, 2)`; `cells` say where each packed
+    Gram entry lies among the tiles' sums.
     """
 
     firsts: NDArray[np.int64]
@@ -191,7 +190,7 @@ class Accumulator:
 
     def _filtered(self, stretch: Stretch) -> Sums:
         """Kernel, filter, weights and Gram, one native call each per block."""
-        work = self._workspace()
+        work = _Workspace(self, sum(self._steps))
         weights, beside = self._weights(stretch), self._beside(stretch)
         for first, count, block in self._blocks(stretch, work):
             part = slice(first, first + count)
@@ -208,7 +207,7 @@ class Accumulator:
         """
         n_outputs, weights = self.outputs(stretch.q.shape[1]), self._weights(stretch)
         result = np.empty((self.width, n_outputs))
-        for first, count, block in self._blocks(stretch, self._workspace()):
+        for first, count, block in self._blocks(stretch, _Workspace(self, sum(self._steps))):
             result[:, first : first + count] = block[: self.width, :count]
         return result, np.ones((len(stretch.q), n_outputs)) if weights is None else weights
 
@@ -218,9 +217,6 @@ class Accumulator:
         lanes, decimation = self.regressor.code.lanes, self.decimation
         step = lcm(decimation, lanes)
         return -(-self.halo // lanes) * lanes, step * max(1, BLOCK // step)
-
-    def _workspace(self) -> "_Workspace":
-        return _Workspace(self, sum(self._steps))
 
     def _blocks(self, stretch: Stretch, work: "_Workspace") -> Iterator[tuple[int, int, Array]]:
         """First filtered sample, how many there are, and their rows, which may be written to."""

@@ -40,7 +40,7 @@ class Windows:
         """Take one more piece."""
         pieces = (sums.grams, sums.absolute, sums.counts, sums.beside)
         if self.windows and self._filled < self._size:
-            self.windows[-1] = _spanning(self.windows[-1], window)
+            self.windows[-1] = replace(self.windows[-1], stop=window.stop)
             for rows, piece in zip(self._rows, pieces, strict=True):
                 rows[len(self.windows) - 1] += piece
             self._filled += 1
@@ -56,7 +56,7 @@ class Windows:
         """Pair the windows; the last one, new and alone, begins a pair."""
         half = MOST_WINDOWS // 2
         pairs = zip(self.windows[:-1:2], self.windows[1::2], strict=True)
-        self.windows = [*(_spanning(a, b) for a, b in pairs), self.windows[-1]]
+        self.windows = [*(replace(a, stop=b.stop) for a, b in pairs), self.windows[-1]]
         for rows in self._rows:
             for k in range(half):
                 rows[k] = rows[2 * k] + rows[2 * k + 1]
@@ -68,10 +68,6 @@ class Windows:
         """Gram matrices, sums of |value|, samples, and what is beside rests, one row a window."""
         grams, absolute, counts, beside = (rows[: len(self.windows)] for rows in self._rows)
         return grams, absolute, counts, beside if beside.any() else None
-
-
-def _spanning(first: Window, second: Window) -> Window:
-    return Window(first.run, first.start, second.stop)
 
 
 PIECE = 1024

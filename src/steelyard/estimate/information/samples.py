@@ -29,12 +29,9 @@ WINDOWS = 24
 
 @dataclass(frozen=True, eq=False)
 class SampledRun:
-    """A run that samples come from.
+    """A run that samples come from, and the noise of its motion behind the filters, if known.
 
-    Attributes:
-        run: Its name.
-        share: Independent samples that one stored sample is worth.
-        error: Noise of its motion behind the filters, if it is known.
+    One stored sample is worth `share` independent ones.
     """
 
     run: str

@@ -107,7 +107,12 @@ class Search:
             choice, costs, _ = self._problem(information).solved(choices)
             shape = CostShape.of(costs, choice, grids)
             steps = [shape.step(k) for k in range(len(grids))]
-            if all(_is_fine(step, shape.half(k)) for k, step in enumerate(steps)):
+            # the quadratic's error is small, also against half the interval
+            if all(
+                step <= FINE
+                and (step <= FINEST or step * step <= LARGEST_SQUARED_STEP * shape.half(k))
+                for k, step in enumerate(steps)
+            ):
                 break
             grids = [
                 _finer(u, place, step / FINER, len(grid))
@@ -212,8 +217,3 @@ def _finer(unknown: Unknown, place: float, step: float, points: int) -> Array:
     grid = place + scale * np.sinh(np.linspace(low, high, points))
     grid[[0, -1]] = bounds_of(unknown)
     return np.asarray(grid)
-
-
-def _is_fine(step: float, half: float) -> bool:
-    """Whether the quadratic's error is small, also against half the interval."""
-    return step <= FINE and (step <= FINEST or step * step <= LARGEST_SQUARED_STEP * half)

@@ -37,10 +37,9 @@ TOLERANCE = 1e-4
 class Slots:
     """How a choice of grid points selects columns; a choice has one index per unknown.
 
-    Attributes:
-        sizes: Grid points per unknown.
-        strides: Shape `(slots, unknowns)`; candidate of a slot = `strides` @ choice.
-        columns: Column of each candidate of a slot, shape `(slots, candidates)`.
+    `sizes` are grid points per unknown; the candidate of a slot is `strides`, of shape
+    `(slots, unknowns)`, times the choice, and its column stands in `columns`,
+    `(slots, candidates)`.
     """
 
     sizes: tuple[int, ...]

@@ -37,7 +37,6 @@ from steelyard.estimate.nonlinear.field_passes import (
     value_of,
     with_fields,
 )
-from steelyard.estimate.nonlinear.field_search import CostShape
 from steelyard.model.model import Model
 from steelyard.model.terms.axes import finds_of
 from steelyard.model.terms.term import Term
@@ -179,7 +178,15 @@ def find_fields(
             )
             for k, u in enumerate(mine):
                 logs[u] = float(shape.place[k])
-                findings[u] = _finding(model, u, shape, k)
+                low, high = shape.interval(k)
+                findings[u] = Finding(
+                    term=model.terms[u.term].law,
+                    field=u.field,
+                    joint=u.axis,
+                    value=value_of(u, logs[u]),
+                    interval=(value_of(u, low), value_of(u, high)),
+                    bounds=(u.find.lower, u.find.upper),
+                )
         if all(abs(logs[u] - before[u]) < FIELD_TOLERANCE for u in unknowns):
             break
     done = _with(model, {u.term: with_fields(model, u.term, logs) for u in unknowns})
@@ -188,18 +195,6 @@ def find_fields(
 
 def _with(model: Model, terms: Mapping[int, Term]) -> Model:
     return Model(model.robot, tuple(terms.get(k, term) for k, term in enumerate(model.terms)))
-
-
-def _finding(model: Model, unknown: Unknown, shape: CostShape, number: int) -> Finding:
-    low, high = shape.interval(number)
-    return Finding(
-        term=model.terms[unknown.term].law,
-        field=unknown.field,
-        joint=unknown.axis,
-        value=value_of(unknown, float(shape.place[number])),
-        interval=(value_of(unknown, low), value_of(unknown, high)),
-        bounds=(unknown.find.lower, unknown.find.upper),
-    )
 
 
 def _groups(model: Model, unknowns: Sequence[Unknown]) -> list[tuple[int, ...]]:

@@ -166,8 +166,7 @@ class PriorBody:
 def default_knowledge(model: Model) -> Knowledge:
     """What the model file says: its bodies, and the bounds of the terms' parameters.
 
-    Bodies that cannot be are repaired, thin ones widened, unknown ones replaced by simple shapes;
-    the notes say so.
+    The notes say which bodies were repaired, widened, or replaced by simple shapes.
     """
     bodies = rigid_bodies(model)
     return knowledge_with(
