@@ -30,10 +30,17 @@ from steelyard.base.progress import Stopped
 from steelyard.excite.constraints.workspace import HalfSpaces
 from steelyard.excite.problem import Problem
 from steelyard.excite.problem_from_tables import build
+from steelyard.excite.search.feasibility import random_starts
 from steelyard.excite.search.newton import InequalityConstraints
-from steelyard.excite.search.population import CmaEsSearch, GeneticSearch
+from steelyard.excite.search.population import (
+    CmaEsSearch,
+    GeneticSearch,
+    Gradient,
+    Method,
+    Watch,
+    seeded,
+)
 from steelyard.excite.search.repair import scaled
-from steelyard.excite.search.starts import Gradient, Method, Watch, random_starts, searches
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.viscous import Viscous
@@ -203,7 +210,8 @@ def visited(
         way[int(now / TICK)] = now, x
 
     try:
-        for _, x in searches(method, problem, SEED, count(), watch):
+        for number in count():
+            x = method.search(problem, seeded(SEED, number), watch)
             ends.append((time.perf_counter() - begun, x))
     except Stopped:
         pass

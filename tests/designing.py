@@ -8,18 +8,19 @@ from invented import dh_arm
 from steelyard.base.arrays import Parameters
 from steelyard.estimate.information.regressor import InformationEvaluator
 from steelyard.excite.constraints.constraint import Constraint, MotionLimits
-from steelyard.excite.constraints.markers import Marker
 from steelyard.excite.constraints.torque import torque_limit
-from steelyard.excite.constraints.workspace import tool_box
+from steelyard.excite.constraints.workspace import Marker, tool_box
 from steelyard.excite.criteria import CRITERIA
 from steelyard.excite.problem import Case, Problem
-from steelyard.excite.trajectories.fourier_bases import (
-    BlendedFourier,
-    RampedFourier,
-    RawFourier,
-    RestFourier,
+from steelyard.excite.trajectories.bases import (
+    Basis,
+    blended_fourier,
+    ramped_fourier,
+    raw_fourier,
+    reaching,
+    rest_fourier,
+    splines,
 )
-from steelyard.excite.trajectories.linear_bases import Basis, ReachingBasis, SplineBasis
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.viscous import Viscous
@@ -30,20 +31,20 @@ MODEL = Model(ARM, (RigidBody(), Coulomb(), Viscous()))
 START, END = np.array([0.1, -0.05, 0.45]), np.array([-0.3, 0.25, 0.15])
 MIDDLE = np.array([-0.1, 0.1, 0.3])
 FAMILIES: dict[str, Basis] = {
-    "rest": RestFourier(3, 8.0, 4),
-    "rest, from": RestFourier(3, 8.0, 3, START),
-    "rest, from to": RestFourier(3, 8.0, 4, START, END),
-    "raw": RawFourier(3, 8.0, 3),
-    "blended": BlendedFourier(3, 6.0, 3, 2, 1.5),
-    "blended, from": BlendedFourier(3, 6.0, 3, 1, 1.5, START),
-    "ramped": RampedFourier(3, 8.0, 3, 1, 2.0),
-    "ramped, from": RampedFourier(3, 8.0, 3, 1, 4.0, START),
-    "cubic": SplineBasis(3, 8.0, 10, 3),
-    "quintic, from": SplineBasis(3, 8.0, 14, 5, START),
-    "quintic, from to": SplineBasis(3, 8.0, 14, 5, START, END),
-    "reaching": ReachingBasis(3, 4, 1.6, 0.2),
-    "reaching, from": ReachingBasis(3, 3, 1.6, 0.2, START),
-    "reaching, open": ReachingBasis(3, 3, 1.6, closed=False),
+    "rest": rest_fourier(3, 8.0, 4),
+    "rest, from": rest_fourier(3, 8.0, 3, START),
+    "rest, from to": rest_fourier(3, 8.0, 4, START, END),
+    "raw": raw_fourier(3, 8.0, 3),
+    "blended": blended_fourier(3, 6.0, 3, 2, 1.5),
+    "blended, from": blended_fourier(3, 6.0, 3, 1, 1.5, START),
+    "ramped": ramped_fourier(3, 8.0, 3, 1, 2.0),
+    "ramped, from": ramped_fourier(3, 8.0, 3, 1, 4.0, START),
+    "cubic": splines(3, 8.0, 10, 3),
+    "quintic, from": splines(3, 8.0, 14, 5, START),
+    "quintic, from to": splines(3, 8.0, 14, 5, START, END),
+    "reaching": reaching(3, 4, 1.6, 0.2),
+    "reaching, from": reaching(3, 3, 1.6, 0.2, START),
+    "reaching, open": reaching(3, 3, 1.6, closed=False),
 }
 
 

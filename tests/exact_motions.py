@@ -1,22 +1,17 @@
 """Random motions of all kinds."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
-from steelyard.excite.trajectories.composed import (
-    ChainedMotion,
-    TrendedMotion,
-    WindowedMotion,
-    repeated,
-)
-from steelyard.excite.trajectories.fourier import FourierMotion
+from steelyard.excite.trajectories.fourier import FourierMotion, repeated
 from steelyard.excite.trajectories.polynomials import (
     PiecewiseMotion,
     SampledMotion,
     through_postures,
 )
-from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.excite.trajectories.trajectory import ChainedMotion, ExactTrajectory
 
 
 def rest_fourier(rng: np.random.Generator, periods: int = 2) -> FourierMotion:
@@ -50,16 +45,16 @@ def chained(rng: np.random.Generator) -> ChainedMotion:
     return ChainedMotion((first, through_postures(way, [0.7, 1.3, 0.4], 0.2), first), times=3)
 
 
-def trended(rng: np.random.Generator) -> TrendedMotion:
+def trended(rng: np.random.Generator) -> FourierMotion:
     series = rest_fourier(rng, periods=1)
     line = through_postures(rng.standard_normal((3, 3)), 0.5 * series.duration)
-    return TrendedMotion(series, PiecewiseMotion(line.breaks, line.coefficients))
+    return replace(series, trend=PiecewiseMotion(line.breaks, line.coefficients))
 
 
-def windowed(rng: np.random.Generator) -> WindowedMotion:
+def windowed(rng: np.random.Generator) -> FourierMotion:
     series = raw_fourier(rng, periods=2)
     ramp = series.duration * rng.choice([0.03, 0.2, 0.5])
-    return WindowedMotion(rng.standard_normal(3), series, ramp)
+    return series.ramped(rng.standard_normal(3), ramp)
 
 
 def several(rng: np.random.Generator) -> ExactTrajectory:

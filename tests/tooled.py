@@ -14,8 +14,8 @@ from oracles import body_positions, pinocchio_model
 from steelyard.base.arrays import Array
 from steelyard.excite.constraints.constraint import MotionLimits, motion_limits
 from steelyard.excite.planned.inverse_kinematics import Pointing
-from steelyard.excite.planned.moves import ProcessMotion
-from steelyard.excite.planned.process import Box, Process
+from steelyard.excite.planned.plans import Box, Process
+from steelyard.excite.planned.route import ProcessMotion
 from steelyard.model.equations.kinematics import frame_of
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Robot

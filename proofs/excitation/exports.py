@@ -16,9 +16,14 @@ from proofs.support.claims import Claim, data_folder, main_of
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from excite.interpreters import Follower, URController, moments
 from steelyard.excite.motion_export import exported
+from steelyard.excite.trajectories.bases import (
+    Basis,
+    blended_fourier,
+    ramped_fourier,
+    reaching,
+    splines,
+)
 from steelyard.excite.trajectories.fourier import random_fourier
-from steelyard.excite.trajectories.fourier_bases import BlendedFourier, RampedFourier
-from steelyard.excite.trajectories.linear_bases import LinearBasis, ReachingBasis, SplineBasis
 from steelyard.excite.trajectories.trajectory import ExactTrajectory, SlowedMotion
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.robot import Robot
@@ -54,18 +59,18 @@ def motions(robot: Robot) -> list[ExactTrajectory]:
     return drawn
 
 
-def bases(joints: int, seconds: float) -> dict[str, LinearBasis]:
+def bases(joints: int, seconds: float) -> dict[str, Basis]:
     """Kinds of motions made of pieces, from rest to rest."""
     return {
-        "blended": BlendedFourier(joints, seconds, 4, 2, 0.2713 * seconds),
-        "ramped": RampedFourier(joints, seconds, 4, 2, 0.3137 * seconds),
-        "splines of degree 3": SplineBasis(joints, 2.0 * seconds, 13, 3),
-        "splines of degree 5": SplineBasis(joints, 2.0 * seconds, 13, 5),
-        "reaching": ReachingBasis(joints, 4, 0.37 * seconds, 0.0731 * seconds),
+        "blended": blended_fourier(joints, seconds, 4, 2, 0.2713 * seconds),
+        "ramped": ramped_fourier(joints, seconds, 4, 2, 0.3137 * seconds),
+        "splines of degree 3": splines(joints, 2.0 * seconds, 13, 3),
+        "splines of degree 5": splines(joints, 2.0 * seconds, 13, 5),
+        "reaching": reaching(joints, 4, 0.37 * seconds, 0.0731 * seconds),
     }
 
 
-def shrunk(basis: LinearBasis, robot: Robot, rng: np.random.Generator) -> ExactTrajectory:
+def shrunk(basis: Basis, robot: Robot, rng: np.random.Generator) -> ExactTrajectory:
     """Random coefficients, shrunk about the middle posture until range and speeds are kept."""
     limits = [c.limits for c in robot.coordinates]
     lower, upper = np.array([(max(own.lower, -3.0), min(own.upper, 3.0)) for own in limits]).T

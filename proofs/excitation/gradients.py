@@ -20,9 +20,9 @@ from steelyard.estimate.information.regressor import InformationEvaluator
 from steelyard.excite.criteria import CRITERIA, Measure
 from steelyard.excite.problem import Case, Objective, Problem
 from steelyard.excite.problem_from_tables import Recipe
-from steelyard.excite.search.starts import random_starts, seeded
-from steelyard.excite.trajectories.fourier_bases import RestFourier
-from steelyard.excite.trajectories.linear_bases import Basis
+from steelyard.excite.search.feasibility import random_starts
+from steelyard.excite.search.population import seeded
+from steelyard.excite.trajectories.bases import Basis, rest_fourier
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import load_robot
@@ -54,7 +54,7 @@ def of_laws() -> Claim:
     from moving import geared
 
     robot = geared()
-    basis = RestFourier(robot.n, 4.0, 4)
+    basis = rest_fourier(robot.n, 4.0, 4)
     random = np.random.default_rng(3)
     t = np.linspace(0.0, 4.0, 80)
     worst, judged = 0.0, 0

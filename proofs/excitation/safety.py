@@ -24,13 +24,13 @@ from proofs.support.safety_panda import panda_claims
 
 from steelyard.base.errors import SteelyardError
 from steelyard.excite.collision.cell import WALLS_NAME
-from steelyard.excite.constraints.certificate import Certificate, Proof, certify
+from steelyard.excite.constraints.constraint import Certificate, Proof, certify
 from steelyard.excite.constraints.constraints_from_tables import Earlier
 from steelyard.excite.problem import Problem
 from steelyard.excite.problem_from_tables import build
 from steelyard.excite.search.feasibility import refuse_impossible
+from steelyard.excite.search.population import Gradient, seeded
 from steelyard.excite.search.repair import finished
-from steelyard.excite.search.starts import Gradient, seeded
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.model.robot_file_model import model_with_open_friction
 from steelyard.robot.file.robot_file import load_robot

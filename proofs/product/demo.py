@@ -21,9 +21,9 @@ from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
 from steelyard.excite.problem_from_tables import build
+from steelyard.excite.search.feasibility import nearest_free
 from steelyard.excite.search.repair import finished
-from steelyard.excite.search.starts import nearest_free
-from steelyard.excite.trajectories.fourier_bases import BlendedFourier
+from steelyard.excite.trajectories.bases import blended_fourier
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.excite.trajectories.trajectory_files import read_motion
 from steelyard.logs.formats import open_log
@@ -51,7 +51,7 @@ def sines(loaded: LoadedRobot, frequency: float, seconds: float) -> ExactTraject
     problem = build(loaded, model_with_open_friction(loaded))
     n, limits = loaded.robot.n, problem.limits
     periods = round((seconds - 2.0 * BLEND) * frequency)
-    basis = BlendedFourier(n, (seconds - 2.0 * BLEND) / periods, 1, periods, BLEND)
+    basis = blended_fourier(n, (seconds - 2.0 * BLEND) / periods, 1, periods, BLEND)
     phase = np.linspace(0.0, np.pi, n, endpoint=False)
     middle = nearest_free(limits, problem.constraints, 0.5 * (limits.lower + limits.upper)).posture
     x = np.column_stack([LARGE * np.cos(phase), LARGE * np.sin(phase), middle])

@@ -1,6 +1,7 @@
 """`steelyard simulate`: motions, payloads, and the causes of torque of the robot file."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,9 @@ from cli.conftest import Command
 from cli.mistakes import ROBOT
 from steelyard.base.files import write_json
 from steelyard.excite.motion_export import write_export
-from steelyard.excite.trajectories.composed import ChainedMotion, TrendedMotion, WindowedMotion
 from steelyard.excite.trajectories.fourier import FourierMotion, random_fourier
 from steelyard.excite.trajectories.polynomials import PiecewiseMotion, SampledMotion, from_scipy
-from steelyard.excite.trajectories.trajectory import SlowedMotion
+from steelyard.excite.trajectories.trajectory import ChainedMotion, SlowedMotion
 from steelyard.excite.trajectories.trajectory_files import KINDS, trajectory_from_dict
 from steelyard.robot.file.robot_file import load_robot
 
@@ -102,8 +102,8 @@ def kinds(given: Path, tmp_path: Path) -> dict[str, Path]:
         "sampled": table,
         "piecewise": moves,
         "chained": ChainedMotion([fourier, table]),
-        "trended": TrendedMotion(fourier, moves),
-        "windowed": WindowedMotion(fourier.start, drawn, 0.7),
+        "trended": replace(fourier, trend=moves),
+        "windowed": drawn.ramped(fourier.start, 0.7),
         "slowed": SlowedMotion(fourier, 0.5),
     }
     files = {kind: tmp_path / f"{kind}.json" for kind in motions}

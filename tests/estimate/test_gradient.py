@@ -16,8 +16,7 @@ from steelyard.base.arrays import Array
 from steelyard.estimate.information.regressor import InformationEvaluator, Regressor, base_regressor
 from steelyard.excite.criteria import CRITERIA, Measure, worst
 from steelyard.excite.problem import Case, Objective
-from steelyard.excite.trajectories.fourier_bases import RestFourier
-from steelyard.excite.trajectories.linear_bases import Basis, SplineBasis
+from steelyard.excite.trajectories.bases import Basis, rest_fourier, splines
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.coupled import Coupled
 from steelyard.model.laws.offset import Offset
@@ -208,9 +207,9 @@ def test_passive_joints_move_with_the_independent_ones(chain: str) -> None:
 # Criteria of whole motions, by the coefficients of a basis.
 
 BASES: dict[str, Basis] = {
-    "rest": RestFourier(4, 6.0, 4),
-    "start and end": RestFourier(4, 6.0, 4, [0.1, 0.2, 0.3, 0.4], [0.4, 0.0, -0.3, 0.2]),
-    "spline": SplineBasis(4, 6.0, 14, 5),
+    "rest": rest_fourier(4, 6.0, 4),
+    "start and end": rest_fourier(4, 6.0, 4, [0.1, 0.2, 0.3, 0.4], [0.4, 0.0, -0.3, 0.2]),
+    "spline": splines(4, 6.0, 14, 5),
 }
 FEW = (RigidBody(), Coulomb(), Viscous())
 

@@ -18,7 +18,7 @@ SOME = ["rest", "rest, from to", "raw", "quintic, from", "blended", "reaching"]
 
 
 @dataclass(frozen=True, eq=False)
-class Straight:
+class Straight(Constraint):
     """A constraint that is linear in position, speed and acceleration: no second derivatives."""
 
     level: float

@@ -6,34 +6,36 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from steelyard.excite.trajectories.composed import ChainedMotion
-from steelyard.excite.trajectories.fourier import fourier_basis, rest_basis
-from steelyard.excite.trajectories.fourier_bases import (
-    BlendedFourier,
-    RampedFourier,
-    RawFourier,
-    RestFourier,
+from steelyard.excite.trajectories.bases import (
+    Basis,
+    blended_fourier,
+    ramped_fourier,
+    raw_fourier,
+    reaching,
+    rest_fourier,
+    splines,
 )
-from steelyard.excite.trajectories.linear_bases import Basis, ReachingBasis, SplineBasis
+from steelyard.excite.trajectories.fourier import fourier_basis, rest_basis
+from steelyard.excite.trajectories.trajectory import ChainedMotion
 
 START, END = np.array([0.3, -0.2, 1.0]), np.array([-0.5, 0.4, 1.5])
 BASES: dict[str, Basis] = {
-    "rest": RestFourier(3, 10.0, 5),
-    "rest, from": RestFourier(3, 8.0, 2, START),
-    "rest, from to": RestFourier(3, 10.0, 5, START, END),
-    "raw": RawFourier(3, 10.0, 1),
-    "blended": BlendedFourier(3, 10.0, 5, 2, 1.5),
-    "blended, from": BlendedFourier(3, 10.0, 3, 1, 0.5, START),
-    "ramped": RampedFourier(3, 10.0, 5, 2, 3.0),
-    "ramped, from": RampedFourier(3, 10.0, 5, 1, 5.0, START),
-    "cubic": SplineBasis(3, 6.0, 7, 3),
-    "cubic, from": SplineBasis(3, 6.0, 12, 3, START),
-    "quintic": SplineBasis(3, 6.0, 15, 5),
-    "quintic, from to": SplineBasis(3, 6.0, 15, 5, START, END),
-    "reaching": ReachingBasis(3, 4, 1.2, 0.3),
-    "reaching, open": ReachingBasis(3, 2, 1.2, closed=False),
-    "reaching, from": ReachingBasis(3, 1, 1.2, 0.3, START),
-    "reaching, from, open": ReachingBasis(3, 3, 1.2, 0.3, START, closed=False),
+    "rest": rest_fourier(3, 10.0, 5),
+    "rest, from": rest_fourier(3, 8.0, 2, START),
+    "rest, from to": rest_fourier(3, 10.0, 5, START, END),
+    "raw": raw_fourier(3, 10.0, 1),
+    "blended": blended_fourier(3, 10.0, 5, 2, 1.5),
+    "blended, from": blended_fourier(3, 10.0, 3, 1, 0.5, START),
+    "ramped": ramped_fourier(3, 10.0, 5, 2, 3.0),
+    "ramped, from": ramped_fourier(3, 10.0, 5, 1, 5.0, START),
+    "cubic": splines(3, 6.0, 7, 3),
+    "cubic, from": splines(3, 6.0, 12, 3, START),
+    "quintic": splines(3, 6.0, 15, 5),
+    "quintic, from to": splines(3, 6.0, 15, 5, START, END),
+    "reaching": reaching(3, 4, 1.2, 0.3),
+    "reaching, open": reaching(3, 2, 1.2, closed=False),
+    "reaching, from": reaching(3, 1, 1.2, 0.3, START),
+    "reaching, from, open": reaching(3, 3, 1.2, 0.3, START, closed=False),
 }
 ALL = pytest.mark.parametrize("name", list(BASES))
 
@@ -121,9 +123,9 @@ def test_other_shapes_of_coefficients_are_refused(name: str) -> None:
 def test_rest_functions_are_the_null_space() -> None:
     t = np.linspace(0.0, 10.0, 33)
     for order, values in enumerate(fourier_basis(t, 10.0, 5)):
-        got = RestFourier(3, 10.0, 5, START).shapes(t, order)
+        got = rest_fourier(3, 10.0, 5, START).shapes(t, order)
         np.testing.assert_allclose(got, values @ rest_basis(5), atol=1e-12)
-        with_posture = RestFourier(3, 10.0, 5).shapes(t, order)
+        with_posture = rest_fourier(3, 10.0, 5).shapes(t, order)
         np.testing.assert_allclose(with_posture[:, :-1], got, atol=1e-12)
         np.testing.assert_allclose(with_posture[:, -1], float(order == 0), atol=1e-12)
 
@@ -133,14 +135,14 @@ def test_raw_functions_are_sines_cosines_and_one() -> None:
     w = 2.0 * np.pi / 4.0
     by_hand = [np.sin(w * t), np.sin(2 * w * t), np.cos(w * t), np.cos(2 * w * t), np.ones(9)]
     np.testing.assert_allclose(
-        RawFourier(1, 4.0, 2).shapes(t, 0), np.transpose(by_hand), atol=1e-14
+        raw_fourier(1, 4.0, 2).shapes(t, 0), np.transpose(by_hand), atol=1e-14
     )
 
 
 def test_blend_meets_the_series() -> None:
-    basis = BlendedFourier(3, 10.0, 4, 2, 1.5, START)
+    basis = blended_fourier(3, 10.0, 4, 2, 1.5, START)
     x = drawn(basis)
-    motion, series = basis.motion(x), RawFourier(3, 10.0, 4).motion(x)
+    motion, series = basis.motion(x), raw_fourier(3, 10.0, 4).motion(x)
     assert isinstance(motion, ChainedMotion) and motion.duration == 23.0
     np.testing.assert_allclose(motion.breaks, [0.0, 1.5, 21.5, 23.0])
     inside = np.linspace(0.0, 10.0, 41)
@@ -157,11 +159,11 @@ def test_blend_meets_the_series() -> None:
 
 
 def test_ramp_is_a_smooth_step_of_the_series() -> None:
-    basis = RampedFourier(3, 10.0, 4, 1, 2.0, START)
+    basis = ramped_fourier(3, 10.0, 4, 1, 2.0, START)
     x = drawn(basis)
     t = np.array([0.5, 1.0, 2.0, 5.0, 8.0, 9.0])
     factor = np.array([0.103515625, 0.5, 1.0, 1.0, 1.0, 0.5])[:, None]
-    series = RawFourier(3, 10.0, 4).motion(x).derivative(t, 0)
+    series = raw_fourier(3, 10.0, 4).motion(x).derivative(t, 0)
     np.testing.assert_allclose(
         basis.motion(x).derivative(t, 0), START + factor * (series - START), atol=1e-12
     )
@@ -169,7 +171,7 @@ def test_ramp_is_a_smooth_step_of_the_series() -> None:
 
 @pytest.mark.parametrize("degree", [3, 5])
 def test_splines_are_those_of_scipy(degree: int) -> None:
-    basis, t = SplineBasis(1, 6.0, 12, degree, [0.5], [2.0]), np.linspace(0.0, 6.0, 101)
+    basis, t = splines(1, 6.0, 12, degree, [0.5], [2.0]), np.linspace(0.0, 6.0, 101)
     x = drawn(basis)
     points = np.concatenate([[0.5] * 3, x[0], [2.0] * 3])
     inner = np.linspace(0.0, 6.0, 12 - degree + 1)
@@ -181,7 +183,7 @@ def test_splines_are_those_of_scipy(degree: int) -> None:
 
 
 def test_reaching_passes_its_targets_in_order() -> None:
-    basis = ReachingBasis(3, 2, 1.0, 0.5, START)
+    basis = reaching(3, 2, 1.0, 0.5, START)
     x = drawn(basis)
     stops = basis.motion(x).derivative([0.0, 1.0, 1.4, 2.5, 3.0, 4.5], 0)
     wanted = [START, x[:, 0], x[:, 0], x[:, 1], x[:, 1], START]
@@ -192,25 +194,25 @@ def test_reaching_passes_its_targets_in_order() -> None:
 
 
 WRONG: list[tuple[Callable[[], Basis], str]] = [
-    (lambda: RestFourier(3, 10.0, 1), "2 harmonics or more, not 1"),
-    (lambda: RestFourier(3, 0.0, 5), r"period = 0\.0 s: it must be above 0"),
-    (lambda: RestFourier(3, 10.0, 5, START[:2]), "expected an array of 3"),
-    (lambda: RestFourier(3, 10.0, 5, end=END), "needs a start posture"),
-    (lambda: RestFourier(0, 10.0, 5), "a joint or more, not 0"),
-    (lambda: RawFourier(3, 10.0, 0), "1 harmonic or more, not 0"),
-    (lambda: RawFourier(3, np.nan, 2), "period = nan s"),
-    (lambda: BlendedFourier(3, 10.0, 2, 1, 0.0), r"blend = 0\.0 s"),
-    (lambda: BlendedFourier(3, 10.0, 2, 0, 1.0), "0 periods are not a valid motion"),
-    (lambda: RampedFourier(3, 10.0, 2, 0, 1.0), r"0 periods of 10\.0 s are no motion"),
-    (lambda: RampedFourier(3, 10.0, 2, 1, 6.0), "6 s does not fit twice into 10 s"),
-    (lambda: SplineBasis(3, 6.0, 6), "7 control points or more, not 6"),
-    (lambda: SplineBasis(3, 6.0, 12, 4), "degree is 3 or 5, not 4"),
-    (lambda: SplineBasis(3, 6.0, 12, end=END), "needs a start posture"),
-    (lambda: SplineBasis(3, -1.0, 12), r"seconds = -1\.0 s"),
-    (lambda: ReachingBasis(3, 1, 1.0), "1 targets are no motion, 2 or more are"),
-    (lambda: ReachingBasis(3, 0, 1.0, start=START), "0 targets are no motion, 1 or more are"),
-    (lambda: ReachingBasis(3, 2, 0.0), r"move_s = 0\.0 s"),
-    (lambda: ReachingBasis(3, 2, 1.0, -0.5), "dwells 0 s or more"),
+    (lambda: rest_fourier(3, 10.0, 1), "2 harmonics or more, not 1"),
+    (lambda: rest_fourier(3, 0.0, 5), r"period = 0\.0 s: it must be above 0"),
+    (lambda: rest_fourier(3, 10.0, 5, START[:2]), "expected an array of 3"),
+    (lambda: rest_fourier(3, 10.0, 5, end=END), "needs a start posture"),
+    (lambda: rest_fourier(0, 10.0, 5), "a joint or more, not 0"),
+    (lambda: raw_fourier(3, 10.0, 0), "1 harmonic or more, not 0"),
+    (lambda: raw_fourier(3, np.nan, 2), "period = nan s"),
+    (lambda: blended_fourier(3, 10.0, 2, 1, 0.0), r"blend = 0\.0 s"),
+    (lambda: blended_fourier(3, 10.0, 2, 0, 1.0), "0 periods are not a valid motion"),
+    (lambda: ramped_fourier(3, 10.0, 2, 0, 1.0), r"0 periods of 10\.0 s are no motion"),
+    (lambda: ramped_fourier(3, 10.0, 2, 1, 6.0), "6 s does not fit twice into 10 s"),
+    (lambda: splines(3, 6.0, 6), "7 control points or more, not 6"),
+    (lambda: splines(3, 6.0, 12, 4), "degree is 3 or 5, not 4"),
+    (lambda: splines(3, 6.0, 12, end=END), "needs a start posture"),
+    (lambda: splines(3, -1.0, 12), r"seconds = -1\.0 s"),
+    (lambda: reaching(3, 1, 1.0), "1 targets are no motion, 2 or more are"),
+    (lambda: reaching(3, 0, 1.0, start=START), "0 targets are no motion, 1 or more are"),
+    (lambda: reaching(3, 2, 0.0), r"move_s = 0\.0 s"),
+    (lambda: reaching(3, 2, 1.0, -0.5), "dwells 0 s or more"),
 ]
 
 

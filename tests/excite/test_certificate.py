@@ -10,11 +10,15 @@ from exact_motions import MAKERS, chained, raw_fourier, rest_fourier, several, t
 from invented import dh_arm
 from steelyard.base.arrays import Array
 from steelyard.base.progress import Event, Progress, silent
-from steelyard.excite.constraints.certificate import certify, trajectory_hash
-from steelyard.excite.constraints.constraint import Constraint, Margins, MotionLimits
-from steelyard.excite.constraints.markers import Marker
+from steelyard.excite.constraints.constraint import (
+    Constraint,
+    Margins,
+    MotionLimits,
+    certify,
+    trajectory_hash,
+)
 from steelyard.excite.constraints.torque import power_limit, torque_limit
-from steelyard.excite.constraints.workspace import tool_box
+from steelyard.excite.constraints.workspace import Marker, tool_box
 from steelyard.excite.trajectories.fourier import FourierMotion
 from steelyard.excite.trajectories.polynomials import PiecewiseMotion
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
@@ -93,7 +97,7 @@ def test_a_wall_that_is_passed_is_named() -> None:
     assert any(line.startswith("torque: torque of") for line in certificate.failures)
 
 
-class Touching:
+class Touching(Constraint):
     """A wall that every sample keeps exactly, and of which nothing can be proven."""
 
     name, labels, unit, activation_distance = "touch", ("first", "second"), "m", np.ones(2)

@@ -10,8 +10,9 @@ import pytest
 from excite.tabled import OPEN, QUICK, arm, designed, model_with_open_friction, problem_of
 from steelyard.base.progress import Progress, silent
 from steelyard.excite import design as designs
-from steelyard.excite.constraints.certificate import certify, trajectory_hash
+from steelyard.excite.constraints.constraint import certify, trajectory_hash
 from steelyard.excite.constraints.torque import EffortLimit
+from steelyard.excite.search.feasibility import random_starts
 from steelyard.excite.search.parallel_search import (
     RESERVED_SECONDS,
     Found,
@@ -20,7 +21,6 @@ from steelyard.excite.search.parallel_search import (
     SearchResult,
     time_after,
 )
-from steelyard.excite.search.starts import random_starts
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 
 
@@ -71,7 +71,7 @@ def test_what_comes_before_the_search_is_taken_from_its_time(
         given.append(next(x for x in arguments if isinstance(x, SearchBudget)).seconds)
         raise StopIteration
 
-    monkeypatch.setattr(designs, "harvested", watched)
+    monkeypatch.setattr(designs, "search_in_parallel", watched)
     loaded = arm(tmp_path, OPEN + QUICK)
     with pytest.raises(StopIteration):
         designs.design(
@@ -90,7 +90,7 @@ def test_the_best_motion_is_finished_first(tmp_path: Path, monkeypatch: pytest.M
     found = tuple(
         Found(k, x, problem.criterion_value(x), 1.0, True) for k, x in enumerate((best, middle))
     )
-    monkeypatch.setattr(designs, "composed", lambda *arguments: iter([worst]))
+    monkeypatch.setattr(designs, "composed_motions", lambda *arguments: iter([worst]))
     first, *rest = designs._candidates(problem, SearchResult(found, 2, (), False), None)
     assert first is best and len(rest) == 2
     given = designs._candidates(problem, SearchResult(found[1:], 2, (), False), best)

@@ -1,26 +1,25 @@
 """Laws of exact trajectories, for all kinds."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from exact_motions import MAKERS
 from steelyard.base.errors import DataError
-from steelyard.excite.trajectories.composed import (
-    ChainedMotion,
-    TrendedMotion,
-    WindowedMotion,
-    repeated,
-)
-from steelyard.excite.trajectories.fourier import FourierMotion
+from steelyard.excite.trajectories.fourier import FourierMotion, repeated
 from steelyard.excite.trajectories.polynomials import (
     PiecewiseMotion,
     from_scipy,
     quintic,
     through_postures,
 )
-from steelyard.excite.trajectories.trajectory import ExactTrajectory, SlowedMotion
+from steelyard.excite.trajectories.trajectory import (
+    ChainedMotion,
+    ExactTrajectory,
+    SlowedMotion,
+)
 from steelyard.excite.trajectories.trajectory_files import KINDS, trajectory_from_dict
 
 CASES = pytest.mark.parametrize("seed", range(2))
@@ -263,10 +262,10 @@ def test_sums_and_ramps_that_do_not_fit_are_refused() -> None:
         (PiecewiseMotion(series.breaks, np.zeros((1, 15, 3))), "degree above 13"),
     ):
         with pytest.raises(ValueError, match=words):
-            TrendedMotion(series, trend)
+            replace(series, trend=trend)
     for ramp in (0.0, 0.51 * series.duration, np.nan):
         with pytest.raises(ValueError, match="does not fit twice into"):
-            WindowedMotion(np.zeros(3), series, ramp)
+            series.ramped(np.zeros(3), ramp)
 
 
 def test_postures_and_times_are_checked() -> None:
@@ -281,4 +280,4 @@ def test_a_posture_that_is_no_number_is_refused() -> None:
     series = MAKERS[1](np.random.default_rng(0))
     assert isinstance(series, FourierMotion)
     with pytest.raises(ValueError, match="ends of the motion is not finite"):
-        WindowedMotion(np.array([0.0, np.nan, 0.0]), series, 0.1)
+        series.ramped([0.0, np.nan, 0.0], 0.1)

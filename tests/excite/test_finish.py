@@ -11,13 +11,13 @@ from designing import FAMILIES, START, box, limits, problem, torques
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Event, Progress, Stopped, silent
-from steelyard.excite.constraints.constraint import Margins
+from steelyard.excite.constraints.constraint import Constraint, Margins
 from steelyard.excite.problem import Problem
 from steelyard.excite.search import repair as finish
+from steelyard.excite.search.feasibility import random_starts
 from steelyard.excite.search.newton import joint_bounds
 from steelyard.excite.search.repair import LEAST_MOTION_SHARE, finished, scaled
-from steelyard.excite.search.starts import random_starts
-from steelyard.excite.trajectories.fourier_bases import RestFourier
+from steelyard.excite.trajectories.bases import rest_fourier
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 
 ALL = pytest.mark.parametrize("name", FAMILIES)
@@ -100,11 +100,11 @@ def test_joints_are_scaled_one_by_one(name: str) -> None:
 @pytest.mark.parametrize("share", [0.5, 0.9, 0.99, 0.999])
 def test_a_way_that_needs_nearly_all_of_a_limit(share: float) -> None:
     """The move from start to end takes most of the speed; there is little left for the series."""
-    design = problem(RestFourier(3, 8.0, 4))
+    design = problem(rest_fourier(3, 8.0, 4))
     way = share * 8.0 * 8.0 / 15.0 * design.limits.velocity
     way = np.minimum(way, 0.9 * (design.limits.upper - design.limits.lower))
     start = 0.5 * (design.limits.upper + design.limits.lower - way)
-    design = problem(RestFourier(3, 8.0, 4, start, start + way))
+    design = problem(rest_fourier(3, 8.0, 4, start, start + way))
     kept = scaled(design, wild(design, 0, 10.0))
     assert kept is not None and np.all(np.abs(kept).max(axis=1) > 0.0)
     assert excess(design, kept).max() <= ROUNDING
@@ -114,7 +114,7 @@ def test_a_way_that_needs_nearly_all_of_a_limit(share: float) -> None:
 
 def test_a_way_beyond_the_limits_cannot_be_scaled() -> None:
     lower, upper = limits().lower, limits().upper
-    design = problem(RestFourier(3, 1.5, 4, lower + 0.1, upper - 0.1))
+    design = problem(rest_fourier(3, 1.5, 4, lower + 0.1, upper - 0.1))
     x = wild(design, 0, 1.0)
     assert scaled(design, x) is None
     with pytest.raises(DataError, match="no motion was found that can be proven"):
@@ -130,7 +130,7 @@ def test_a_start_outside_is_brought_inside() -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Reach:
+class Reach(Constraint):
     """A constraint whose proof looks at the first joint's swing, and counts how often."""
 
     most: float
@@ -181,7 +181,7 @@ def test_what_is_not_proven_is_shrunk_until_it_is(share: float) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Slab:
+class Slab(Constraint):
     """Positions of the first joint that are forbidden, so few that samples may step over them."""
 
     at: float
@@ -271,7 +271,10 @@ def test_after_the_deadline_one_motion_is_finished_and_no_more(
 ) -> None:
     design = problem(FAMILIES["rest, from"])
     tried: list[Array] = []
-    monkeypatch.setattr(finish, "scaled", lambda p, x: tried.append(x) or scaled(p, x))
+    polished = finish._polished_motions
+    monkeypatch.setattr(
+        finish, "_polished_motions", lambda *of: tried.extend(made := polished(*of)) or made
+    )
     candidates = [wild(design, seed, 1.0) for seed in range(4)]
     one = finished(design, candidates, deadline=time.monotonic() - 1.0)
     assert len(tried) == 1, "neither polished nor followed by others"

@@ -4,7 +4,6 @@ import pytest
 from invented import dh_arm, tree
 from steelyard.base.errors import ModelError
 from steelyard.excite.planned.inverse_kinematics import (
-    AnyAttitude,
     Attitude,
     InverseKinematics,
     Pointing,
@@ -37,7 +36,7 @@ def test_postures_bring_the_tool_to_the_place_in_the_attitude(name: str) -> None
     places, rotations = random_places(tooled, 12)
     start = 0.5 * (tooled.limits.lower + tooled.limits.upper)
     for place, rotation in zip(places, rotations, strict=True):
-        for attitude in (AnyAttitude(), Pointing(rotation[:, 2])):
+        for attitude in (Attitude(), Pointing(rotation[:, 2])):
             found = solver_of(tooled, attitude).reach(place, start, seed=1, restarts=40)
             assert found.reached.all()
             for q in found.q[:3]:
@@ -53,7 +52,7 @@ def test_postures_bring_the_tool_to_the_place_in_the_attitude(name: str) -> None
 )
 def test_invented_arms_reach_where_they_can_be(tooled: Arm) -> None:
     places, _ = random_places(tooled, 10)
-    solver = solver_of(tooled, AnyAttitude())
+    solver = solver_of(tooled, Attitude())
     for place in places:
         found = solver.reach(place, np.zeros(tooled.robot.n), seed=0)
         assert found.reached[0]
@@ -112,7 +111,7 @@ def test_the_least_shift_is_that_of_geometry() -> None:
     tooled = invented_arm(robot, frame)
     lower, upper = np.full(3, -3.0), np.full(3, 3.0)
     at = InverseKinematics.of(robot, frame, tooled.limits).kinematics
-    solver = InverseKinematics(at, lower, upper, AnyAttitude())
+    solver = InverseKinematics(at, lower, upper, Attitude())
     outside = np.array([[1.2, 1.6, 0.0]])
     shift = least_shift(solver, outside, np.zeros(3), 0)
     assert shift is not None

@@ -13,13 +13,13 @@ from steelyard.base.arrays import Array
 from steelyard.base.progress import Stopped
 from steelyard.estimate.information.regressor import InformationEvaluator
 from steelyard.excite.constraints.constraint import motion_limits
-from steelyard.excite.constraints.markers import Marker, points_of
-from steelyard.excite.constraints.workspace import tool_box
+from steelyard.excite.constraints.workspace import Marker, points_of, tool_box
 from steelyard.excite.criteria import CRITERIA
 from steelyard.excite.problem import Case, JointGroup, Problem, composed_motions, joint_groups_of
-from steelyard.excite.search import starts as methods
-from steelyard.excite.search.starts import Gradient, each_start, random_starts, seeded
-from steelyard.excite.trajectories.fourier_bases import RestFourier
+from steelyard.excite.search import population as methods
+from steelyard.excite.search.feasibility import each_start, random_starts
+from steelyard.excite.search.population import Gradient, seeded
+from steelyard.excite.trajectories.bases import rest_fourier
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.viscous import Viscous
@@ -50,7 +50,7 @@ def shows(robot: Robot) -> InformationEvaluator:
 def design() -> Problem:
     robot = two_limbs()
     case = Case(shows(robot), CRITERIA["d_optimal"])
-    return Problem(robot, RestFourier(4, 8.0, 4), motion_limits(robot), (), (case,))
+    return Problem(robot, rest_fourier(4, 8.0, 4), motion_limits(robot), (), (case,))
 
 
 def test_branches_on_the_base_are_limbs() -> None:
@@ -80,9 +80,7 @@ def test_information_of_limbs_is_block_diagonal() -> None:
 def test_every_limb_takes_its_own_best_start() -> None:
     problem = design()
     starts = random_starts(problem.inequalities, np.random.default_rng(2), 12)
-    reported = list(
-        composed_motions(problem.objective, problem.inequalities, problem.limbs, starts)
-    )
+    reported = list(composed_motions(problem, starts))
     values = [problem.objective.value(x, 4.0) for x in reported]
     assert len(reported) == len(starts) and values == sorted(values, reverse=True)
     assert problem.inequalities.smallest_margin(reported[-1]) > 0.0
@@ -108,7 +106,7 @@ def test_limbs_that_each_motion_leaves_at_rest_are_put_together() -> None:
         half[list(joints)] = x[list(joints)]
         halves.append(half)
     assert all(np.isinf(problem.objective.value(half, 4.0)) for half in halves)
-    first, both = composed_motions(problem.objective, problem.inequalities, problem.limbs, halves)
+    first, both = composed_motions(problem, halves)
     assert first is halves[0]
     assert np.isfinite(problem.objective.value(both, 4.0))
 
@@ -168,7 +166,7 @@ def test_limbs_are_found_better_with_as_many_steps_than_all_joints_at_once() -> 
     )
     values = []
     for problem in (limbs, whole):
-        whole_of = partial(composed_motions, problem.objective, problem.inequalities, problem.limbs)
+        whole_of = partial(composed_motions, problem)
         best = [list(whole_of(found(problem, 250, seed)))[-1] for seed in range(2)]
         values.append([problem.objective.value(x, 64.0) for x in best])
     assert np.mean(values[0]) < np.mean(values[1])

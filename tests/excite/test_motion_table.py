@@ -19,7 +19,8 @@ from steelyard.excite.design import design
 from steelyard.excite.planned.plans import PLANS, planned
 from steelyard.excite.problem_from_tables import limits_of
 from steelyard.excite.search.parallel_search import SearchBudget
-from steelyard.excite.trajectories.families import FAMILIES
+from steelyard.excite.trajectories.bases import FAMILIES
+from steelyard.excite.trajectories.fourier import FourierMotion
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.excite.trajectories.trajectory_files import read_motion
 from steelyard.model.equations.kinematics import frame_of
@@ -72,7 +73,8 @@ def test_every_kind_is_searched_or_planned() -> None:
 
 def test_a_table_without_kind_is_a_fourier_series(tmp_path: Path) -> None:
     basis = problem_of(tmp_path, f"{ANY}{ALONE}period = 20.0\n").basis
-    assert (type(basis).__name__, basis.duration) == ("RestFourier", 20.0)
+    motion = basis.motion(basis.still(np.zeros(basis.joints)))
+    assert isinstance(motion, FourierMotion) and motion.rests and basis.duration == 20.0
     assert problem_of(tmp_path, ANY).basis.duration == 10.0
 
 

@@ -9,9 +9,9 @@ import pytest
 from designing import FAMILIES, box, problem, torques
 from steelyard.base.arrays import Array
 from steelyard.base.progress import Stopped
+from steelyard.excite.search.feasibility import random_starts
 from steelyard.excite.search.newton import STAGES, InequalityConstraints, joint_bounds, minimised
-from steelyard.excite.search.starts import random_starts
-from steelyard.excite.trajectories.linear_bases import ReachingBasis
+from steelyard.excite.trajectories.bases import reaching
 
 MIDDLE = np.array([-0.1, 0.1, 0.3])
 SHARP = tuple((1.0, 10.0**-k) for k in range(1, 9))
@@ -103,7 +103,7 @@ def test_a_lowest_point_outside_is_sought_along_the_walls(name: str, seed: int) 
 
 def test_two_coefficients_in_a_box_end_in_its_corner() -> None:
     """Reaching moves so slow that only positions bind: the corner is known."""
-    basis = ReachingBasis(3, 2, 60.0)
+    basis = reaching(3, 2, 60.0)
     inequalities = problem(basis).inequalities
     upper, lower = inequalities.limits.upper, inequalities.limits.lower
     beyond = np.stack([upper + 1.0, lower - 1.0], axis=1)

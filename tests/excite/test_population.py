@@ -13,13 +13,15 @@ from steelyard.base.errors import DataError
 from steelyard.base.progress import Stopped
 from steelyard.excite.constraints.constraint import Constraint
 from steelyard.excite.problem import Problem
+from steelyard.excite.search.feasibility import random_starts
 from steelyard.excite.search.population import (
     NOTHING_SHOWN_COST,
     CmaEsSearch,
     GeneticSearch,
+    Method,
     _Genes,
+    seeded,
 )
-from steelyard.excite.search.starts import Method, random_starts, seeded
 
 METHODS: dict[str, Method] = {
     "genetic": GeneticSearch(population=20, generations=15),

@@ -11,24 +11,22 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Event, Stopped
 from steelyard.excite.search.population import (
-    AdaptedResult,
-    EvolvedResult,
+    PopulationResult,
     minimised_by_cma_es,
     minimised_by_genes,
 )
 
 LOWER, UPPER = np.array([-2.0, -20.0, 5.0]), np.array([3.0, 40.0, 5.5])
 BEST = np.array([0.5, -3.0, 5.4])
-Found = EvolvedResult | AdaptedResult
-Search = Callable[..., Found]
+Search = Callable[..., PopulationResult]
 
 
-def genetic(criterion: Callable[[Array], Array], **settings: Any) -> EvolvedResult:
+def genetic(criterion: Callable[[Array], Array], **settings: Any) -> PopulationResult:
     seed = settings.pop("seed", 0)
     return minimised_by_genes(criterion, LOWER, UPPER, seed=seed, **settings)
 
 
-def cma(criterion: Callable[[Array], Array], **settings: Any) -> AdaptedResult:
+def cma(criterion: Callable[[Array], Array], **settings: Any) -> PopulationResult:
     random = np.random.default_rng(settings.pop("seed", 0))
     units = 1.0 / (UPPER - LOWER)
     return minimised_by_cma_es(criterion, LOWER, UPPER, units=units, random=random, **settings)

@@ -13,8 +13,8 @@ from steelyard.base.progress import Stopped
 from steelyard.estimate.information.regressor import InformationEvaluator, base_regressor
 from steelyard.excite.criteria import CRITERIA, Measure
 from steelyard.excite.problem import KEPT_PER_WAVE, SHOWN_PER_WAVE, Case, Problem, jumping
-from steelyard.excite.search.population import METHODS, method_of
-from steelyard.excite.search.starts import Gradient, random_starts, searches, seeded
+from steelyard.excite.search.feasibility import random_starts
+from steelyard.excite.search.population import METHODS, Gradient, method_of, seeded
 from steelyard.model.laws.coulomb import Coulomb
 
 ALL = pytest.mark.parametrize("name", FAMILIES)
@@ -122,16 +122,12 @@ def test_searches_are_repeatable_and_end_inside() -> None:
     design = problem(FAMILIES["rest"], [box(0.7)])
     method = Gradient(screened=5)
     margins: list[float] = []
+
+    def watch(x: Array) -> None:
+        margins.append(design.inequalities.smallest_margin(x))
+
     runs = [
-        dict(
-            searches(
-                method,
-                design,
-                3,
-                iter(numbers),
-                lambda x: margins.append(design.inequalities.smallest_margin(x)),
-            )
-        )
+        {number: method.search(design, seeded(3, number), watch) for number in numbers}
         for numbers in ([0, 1], [1])
     ]
     np.testing.assert_array_equal(runs[0][1], runs[1][1])

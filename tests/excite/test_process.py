@@ -6,10 +6,11 @@ import pytest
 from invented import dh_arm, single, tree
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
+from steelyard.excite.collision.cell import up_of
 from steelyard.excite.constraints.constraint import MotionLimits
-from steelyard.excite.planned.inverse_kinematics import AnyAttitude, Attitude
-from steelyard.excite.planned.moves import ProcessMotion, ToolGuidance, ToolLimits
-from steelyard.excite.planned.process import PickAndPlace, Square, Waypoints, upwards
+from steelyard.excite.planned.inverse_kinematics import Attitude
+from steelyard.excite.planned.plans import PickAndPlace, Square, Waypoints
+from steelyard.excite.planned.route import ProcessMotion, ToolGuidance, ToolLimits
 from tooled import DOWN, Arm, arm, boxes, invented_arm, plan
 
 
@@ -59,7 +60,7 @@ def off_segments(motion: ProcessMotion, tooled: Arm, count: int = 60) -> float:
 
 
 @pytest.mark.parametrize("name", ["ur10", "panda"])
-@pytest.mark.parametrize("attitude", [AnyAttitude(), DOWN])
+@pytest.mark.parametrize("attitude", [Attitude(), DOWN])
 def test_picks_and_places_on_straight_lines(name: str, attitude: Attitude) -> None:
     tooled, (pick, place) = arm(name), boxes(name)
     manner = ToolGuidance(attitude=attitude, dwell=0.05)
@@ -146,12 +147,12 @@ def test_traces_the_edges_of_a_horizontal_square() -> None:
 
 def test_horizontal_is_across_gravity() -> None:
     robot = tree()
-    up = upwards(robot)
+    up = up_of(robot)
     np.testing.assert_allclose(up, -np.array(robot.gravity) / np.linalg.norm(robot.gravity))
     corners = Square((0.1, 0.2, 0.3), 0.4).corners(robot)
     np.testing.assert_allclose((corners - corners[0]) @ up, 0.0, atol=1e-12)
     np.testing.assert_allclose(corners.mean(axis=0), [0.1, 0.2, 0.3])
-    np.testing.assert_array_equal(upwards(robot.changed(gravity=np.zeros(3))), [0.0, 0.0, 1.0])
+    np.testing.assert_array_equal(up_of(robot.changed(gravity=np.zeros(3))), [0.0, 0.0, 1.0])
 
 
 @pytest.mark.parametrize("path", ["line", "joint"])

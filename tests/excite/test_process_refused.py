@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from steelyard.base.errors import DataError
-from steelyard.excite.planned.moves import ToolGuidance, ToolLimits
+from steelyard.excite.planned.plans import Box, PickAndPlace, Square, Waypoints
 from steelyard.excite.planned.postures import UnfollowableWay
-from steelyard.excite.planned.process import Box, PickAndPlace, Square, Waypoints
+from steelyard.excite.planned.route import ToolGuidance, ToolLimits
 from tooled import DOWN, arm, boxes, plan
 
 

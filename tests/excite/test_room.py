@@ -9,10 +9,10 @@ from closed_chains import five_bar
 from excite.colliding import ARM_WITHOUT, distances, link, postures, ur10, urdf, waves, written
 from excite.tabled import OPEN, arm, model_with_open_friction, problem_of, some_motion
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.cell import WALL_RESERVE, Room, up_of
+from steelyard.excite.collision.cell import WALL_RESERVE, WALLS_NAME, up_of
+from steelyard.excite.collision.collision import Clearance
 from steelyard.excite.collision.solids import Ball, Box, Capsule
-from steelyard.excite.constraints.certificate import certify
-from steelyard.excite.constraints.constraint import Declined, Gap
+from steelyard.excite.constraints.constraint import Declined, Gap, certify
 from steelyard.excite.problem_from_tables import build
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
@@ -26,9 +26,9 @@ keep_out = [{x = [0.4, 0.7], y = [-0.2, 0.3], z = [0.0, 0.5]}]
 """
 
 
-def room(folder: Path, tables: str) -> Room:
+def room(folder: Path, tables: str) -> Clearance:
     """The constraint of tables."""
-    (found,) = [c for c in problem_of(folder, ANY + tables).constraints if isinstance(c, Room)]
+    (found,) = [c for c in problem_of(folder, ANY + tables).constraints if c.name == WALLS_NAME]
     return found
 
 
@@ -67,9 +67,9 @@ def test_all_links_and_the_tool_are_kept_off_every_wall(tmp_path: Path) -> None:
 
 def test_the_tool_alone_if_that_is_requested(tmp_path: Path) -> None:
     constraints = problem_of(tmp_path, ANY + WALLS + "only_tool = true\n").constraints
-    (whole,) = [c for c in constraints if isinstance(c, Room)]
+    (whole,) = [c for c in constraints if c.name == WALLS_NAME]
     assert {pair.second for pair in whole.pairs} == {"floor"}
-    others = {c.name: c.scope for c in constraints if not isinstance(c, Room)}
+    others = {c.name: c.scope for c in constraints if c.name != WALLS_NAME}
     assert others == {"planes": "tool point only", "forbidden boxes": "tool point only"}
 
 
@@ -125,7 +125,7 @@ def test_a_link_that_no_joint_brings_out_of_a_wall_is_a_gap(tmp_path: Path) -> N
 BARE = ARM_WITHOUT
 
 
-def bare(folder: Path, tables: str = "floor = 0.0\n", text: str = BARE) -> Room:
+def bare(folder: Path, tables: str = "floor = 0.0\n", text: str = BARE) -> Clearance:
     """The constraint of an arm without collision shapes."""
     written(folder, text)
     head = '[robot]\nurdf = "arm.urdf"\n[model]\nterms = ["rigid_body"]\n'
@@ -133,7 +133,7 @@ def bare(folder: Path, tables: str = "floor = 0.0\n", text: str = BARE) -> Room:
     (found,) = [
         c
         for c in build(loaded, model_with_open_friction(loaded)).constraints
-        if isinstance(c, Room)
+        if c.name == WALLS_NAME
     ]
     return found
 
@@ -202,7 +202,7 @@ def test_a_table_of_dh_parameters_has_capsules(tmp_path: Path) -> None:
     (found,) = [
         c
         for c in build(loaded, model_with_open_friction(loaded)).constraints
-        if isinstance(c, Room)
+        if c.name == WALLS_NAME
     ]
     rods = {s.name: s.solid for s in found.scene.shapes if isinstance(s.solid, Capsule)}
     lengths = {name: rod.length for name, rod in rods.items()}
@@ -241,7 +241,7 @@ def test_the_tool_and_loads_keep_clear_of_the_cell(tmp_path: Path) -> None:
     tables += '[excitation.collision]\nworld = "cell.urdf"\nmargin = 0.02\n'
     tables += "[[excitation.loads]]\nmass = 5.0\n"
     problem = problem_of(tmp_path, tables)
-    (found,) = [c for c in problem.constraints if isinstance(c, Room)]
+    (found,) = [c for c in problem.constraints if c.name == WALLS_NAME]
     assert set(found.labels) == {
         "distance of 'ball of radius 50 mm at tool' and 'post' above 0.02 m",
         "distance of 'load 1 (ball of radius 106 mm)' and 'post' above 0.02 m",
@@ -256,7 +256,7 @@ def test_the_floor_is_level_where_the_robot_leans(tmp_path: Path) -> None:
     (found,) = [
         c
         for c in build(loaded, model_with_open_friction(loaded)).constraints
-        if isinstance(c, Room)
+        if c.name == WALLS_NAME
     ]
     floor = next(s for s in found.scene.shapes if s.name == "floor")
     np.testing.assert_allclose(floor.rotation[:, 2], [-1.0, 0.0, 0.0])
@@ -268,11 +268,11 @@ def test_links_to_go_without_are_named_as_requested(tmp_path: Path) -> None:
     tables = '[excitation.limits]\neffort = "any"\n[excitation.collision]\nwithout = ["stick"]\n'
     walls = f"{tables}[excitation.workspace]\nfloor = 0.0\n"
     every = problem_of(tmp_path, walls)
-    (room,) = [c for c in every.constraints if isinstance(c, Room)]
+    (room,) = [c for c in every.constraints if c.name == WALLS_NAME]
     assert any("'stick' clear of 'floor'" in label for label in room.labels)
     assert room.scope.startswith("all links, tool")
     less = problem_of(tmp_path, f'{walls}without = ["stick"]\n')
-    (room,) = [c for c in less.constraints if isinstance(c, Room)]
+    (room,) = [c for c in less.constraints if c.name == WALLS_NAME]
     assert not any("'stick'" in label for label in room.labels)
     assert room.scope.startswith("all links but stick, tool")
     assert any(
@@ -325,7 +325,7 @@ def test_the_elbow_of_a_ur10_stays_above_its_table(tmp_path: Path) -> None:
 def test_the_demo_arm_stays_above_its_table(tmp_path: Path) -> None:
     loaded = write_demo_arm(tmp_path)
     problem = build(loaded, model_with_open_friction(loaded))
-    (found,) = [c for c in problem.constraints if isinstance(c, Room)]
+    (found,) = [c for c in problem.constraints if c.name == WALLS_NAME]
     assert {pair.second for pair in found.pairs} == {"floor"}
     assert {"upper_arm", "forearm", "wrist", "hand", "flange"} <= {p.first for p in found.pairs}
     below = 0
@@ -338,7 +338,7 @@ def test_the_demo_arm_stays_above_its_table(tmp_path: Path) -> None:
     assert below > 0, "no motion needed the table"
 
 
-def _lowest(found: Room, motion: ExactTrajectory) -> float:
+def _lowest(found: Clearance, motion: ExactTrajectory) -> float:
     """Least height of all that moves above its floor, by coal [m]."""
     q = motion.derivative(np.linspace(0.0, motion.duration, 500), 0)
     ways = [way for pair in found.pairs for way in pair.shapes]

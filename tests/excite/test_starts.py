@@ -10,7 +10,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
 from steelyard.excite.constraints.constraint import Constraint, Margins
-from steelyard.excite.search.starts import (
+from steelyard.excite.search.feasibility import (
     POSTURE_ATTEMPTS,
     nearest_free,
     postures,
@@ -29,7 +29,7 @@ CONSTRAINTS: dict[str, list[Constraint]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Nowhere:
+class Nowhere(Constraint):
     """Nothing keeps it; it says nothing of where to go."""
 
     name: str = "nowhere"

@@ -3,7 +3,7 @@ import pytest
 
 from steelyard.base.errors import DataError
 from steelyard.excite.constraints.constraint import MotionLimits
-from steelyard.excite.planned.sweeps import friction_sweeps, static_postures
+from steelyard.excite.planned.tool_paths import friction_sweeps, static_postures
 from steelyard.excite.trajectories.polynomials import PiecewiseMotion
 
 LIMITS = MotionLimits(

@@ -12,8 +12,14 @@ from oracles import pinocchio_model
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
 from steelyard.excite.constraints.constraint import Constraint
-from steelyard.excite.constraints.markers import MARKER_TOLERANCE, Marker
-from steelyard.excite.constraints.workspace import box_distance, keep_out, planes, tool_box
+from steelyard.excite.constraints.workspace import (
+    MARKER_TOLERANCE,
+    Marker,
+    box_distance,
+    keep_out,
+    planes,
+    tool_box,
+)
 from steelyard.excite.trajectories.fourier import FourierMotion
 from steelyard.robot.robot import Frame, Robot
 

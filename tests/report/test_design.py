@@ -16,8 +16,8 @@ from report.designed import REACH, designed_for, renamed
 from report.test_page import own_html
 from steelyard.base.progress import silent
 from steelyard.excite.constraints.constraint import Declined, Gap, proof_of
-from steelyard.excite.constraints.markers import Marker
 from steelyard.excite.constraints.torque import torque_limit
+from steelyard.excite.constraints.workspace import Marker
 from steelyard.excite.designed import Advice, Designed
 from steelyard.excite.page.design_words import (
     DesignContent,
@@ -35,7 +35,7 @@ from steelyard.excite.page.design_words import (
     used,
 )
 from steelyard.excite.page.proof_sections import DESIGN_SECTIONS, render_design
-from steelyard.excite.page.robot_in_space import skeleton, tool_path
+from steelyard.excite.page.tool_section import skeleton, tool_path
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.identify.page.section_register import SECTIONS
 from steelyard.model.laws.rigid_body import RigidBody

@@ -17,9 +17,8 @@ from steelyard.excite.collision.solids import (
     HalfSpace,
     Hull,
 )
-from steelyard.excite.constraints.markers import Marker
-from steelyard.excite.page.replay import mesh_of
-from steelyard.excite.page.stage import Stage, staged, sticks
+from steelyard.excite.constraints.workspace import Marker
+from steelyard.excite.page.replay import Stage, mesh_of, staged, sticks
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.loop_closures import all_joints, gaps

@@ -168,8 +168,7 @@ def replay(
 
     Example: steelyard replay panda.toml panda-motion/trajectory.json
     """
-    from steelyard.excite.page.replay import replayed
-    from steelyard.excite.page.stage import staged
+    from steelyard.excite.page.replay import replayed, staged
     from steelyard.excite.trajectories.trajectory_files import read_motion
     from steelyard.robot.file.robot_file import load_robot
 

@@ -6,10 +6,10 @@ estimate [Swevers1997], [Pukelsheim2006].
 """
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,7 +98,7 @@ def assembled(vectors: Array, values: Array) -> Array:
     return result
 
 
-class Criterion(Protocol):
+class Criterion(ABC):
     r"""A scalar of an information matrix; less is better.
 
     With growing sharpness, `smooth` falls to the logarithm of `value`: its distance is at most
@@ -109,11 +109,9 @@ class Criterion(Protocol):
         name: For messages and reports, such as `condition number (raw)`.
     """
 
-    @property
-    def name(self) -> str:
-        """For messages and reports."""
-        ...
+    name: str
 
+    @abstractmethod
     def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
         r"""A smooth approximation of the logarithm of the value, to be minimised.
 
@@ -125,15 +123,14 @@ class Criterion(Protocol):
             The value, and its symmetric slope $\partial/\partial G$, shape `(c, c)`: a change
             $dG$ changes the value by $\sum_{ij} S_{ij}\,dG_{ij}$; zeros where it is infinite.
         """
-        ...
 
     def value(self, gram: Array) -> float:
-        """The value itself."""
-        ...
+        """The value itself; here of criteria that are smooth at any sharpness."""
+        return math.exp(self.smooth(gram, 1.0)[0])
 
 
 @dataclass(frozen=True)
-class Condition:
+class Condition(Criterion):
     r"""Condition number of the regressor as it is, $\sqrt{\lambda_{max}/\lambda_{min}}$ of $G$.
 
     Smooth: $\frac{1}{2p}\left(\log\sum_i\lambda_i^p + \log\sum_i\lambda_i^{-p}\right)$.
@@ -159,7 +156,7 @@ class Condition:
 
 
 @dataclass(frozen=True)
-class NormalisedCondition:
+class NormalisedCondition(Criterion):
     r"""Condition number once every column of the regressor has unit norm: free of units.
 
     That of $D G D$ with $D = \mathrm{diag}(G)^{-1/2}$; the slope goes through $D$ too.
@@ -182,7 +179,7 @@ class NormalisedCondition:
 
 
 @dataclass(frozen=True)
-class DOptimal:
+class DOptimal(Criterion):
     r"""Geometric mean of the variances along the axes of the covariance, $\det(G)^{-1/c}$.
 
     Smooth at any sharpness: $-\log\det(G)/c$. Column scales only add a constant to it.
@@ -198,13 +195,9 @@ class DOptimal:
         half = np.sum(np.log(np.diagonal(np.linalg.cholesky(unit)))) - np.sum(np.log(d))
         return -2.0 * float(half) / len(gram), inverse(gram) / -len(gram)
 
-    def value(self, gram: Array) -> float:
-        """See `Criterion`."""
-        return math.exp(self.smooth(gram, 1.0)[0])
-
 
 @dataclass(frozen=True)
-class AOptimal:
+class AOptimal(Criterion):
     r"""Sum of the parameters' variances, $\mathrm{tr}\,G^{-1}$: give `Measure.sizes` with it.
 
     Smooth at any sharpness: $\log\mathrm{tr}\,G^{-1}$.
@@ -220,13 +213,9 @@ class AOptimal:
         total = float(np.trace(covariance))
         return math.log(total), covariance @ covariance / -total
 
-    def value(self, gram: Array) -> float:
-        """See `Criterion`."""
-        return math.exp(self.smooth(gram, 1.0)[0])
-
 
 @dataclass(frozen=True)
-class EOptimal:
+class EOptimal(Criterion):
     r"""Variance of the worst shown combination of parameters, $\lambda_{max}(G^{-1})$.
 
     Smooth: $\frac{1}{p}\log\sum_i\lambda_i^{-p}$.
@@ -266,12 +255,8 @@ def worst(
 ) -> tuple[float, tuple[Array, ...]]:
     r"""Smooth maximum of criteria over cases such as payloads, $\frac1p\log\sum_k e^{p\,s_k}$.
 
-    Args:
-        cases: Criteria, and the information matrix of each.
-        sharpness: The order $p$, of the criteria too.
-
-    Returns:
-        The value, and its slope by each information matrix.
+    The order $p$ is the `sharpness`, of the criteria too. Also its slope by each information
+    matrix.
     """
     values, slopes = zip(*(kind.smooth(gram, sharpness) for kind, gram in cases), strict=True)
     highest = max(values)
@@ -293,7 +278,7 @@ def _unknown_criterion(gram: Array) -> tuple[float, Array]:
 
 
 @dataclass(frozen=True, eq=False)
-class Measure:
+class Measure(Criterion):
     r"""A criterion of what a motion adds to earlier runs, of chosen parameters, in fitting units.
 
     In this order: $G + G_0$; then the Schur complement
@@ -303,7 +288,6 @@ class Measure:
     either: leave it out of $G$, or give prior information of it.
 
     Attributes:
-        kind: The criterion.
         prior: Information $G_0$ of earlier runs in the same columns and weights, shape `(c, c)`,
             positive semidefinite; it need not be definite.
         chosen: Indices of the columns that matter; all, if `None`.
@@ -315,13 +299,10 @@ class Measure:
     prior: Array | None = None
     chosen: tuple[int, ...] | None = None
     sizes: Array | None = None
+    name: str = field(init=False)
 
     def __post_init__(self) -> None:
-        """Own what is kept.
-
-        Raises:
-            ValueError: Shapes do not fit, a size is not positive, or a column is chosen twice.
-        """
+        """Own what is kept."""
         if self.prior is not None:
             object.__setattr__(self, "prior", frozen(self.prior, (len(self.prior),) * 2))
         if self.sizes is not None:
@@ -332,15 +313,11 @@ class Measure:
             not self.chosen or min(self.chosen) < 0 or len(set(self.chosen)) < len(self.chosen)
         ):
             raise ValueError("chosen columns must be some, from 0 on, and each one once")
-
-    @property
-    def name(self) -> str:
-        """The criterion's, and what it is computed of."""
         parts = [self.kind.name]
         parts += [] if self.chosen is None else [f"of {len(self.chosen)} chosen parameters"]
         parts += [] if self.prior is None else ["with earlier runs"]
         parts += [] if self.sizes is None else ["relative to expected values"]
-        return ", ".join(parts)
+        object.__setattr__(self, "name", ", ".join(parts))
 
     def smooth(self, gram: Array, sharpness: float) -> tuple[float, Array]:
         """See `Criterion`."""

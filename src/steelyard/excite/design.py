@@ -11,21 +11,13 @@ from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.information.base_parameters import base_parameters, clear_map
 from steelyard.excite.collision.cell import tool_of
-from steelyard.excite.constraints.certificate import certify
-from steelyard.excite.constraints.constraint import Constraint, Gap, MotionLimits
+from steelyard.excite.constraints.constraint import Constraint, Gap, MotionLimits, certify
 from steelyard.excite.constraints.constraints_from_tables import Earlier, constraints_of
-from steelyard.excite.designed import (
-    Advice,
-    Designed,
-    PredictedAccuracy,
-    advised_motions,
-    predicted_accuracy,
-    samples_of,
-)
+from steelyard.excite.designed import Designed, advised_motions, predicted_accuracy, samples_of
 from steelyard.excite.planned.plans import planned
 from steelyard.excite.problem import Case, Problem, composed_motions
 from steelyard.excite.problem_from_tables import Recipe, build, cases_of, limits_of, memoryless
-from steelyard.excite.search.feasibility import explained_no_motion, refuse_impossible
+from steelyard.excite.search.feasibility import NoMotion, explained_no_motion, refuse_impossible
 from steelyard.excite.search.parallel_search import (
     ProcessPace,
     SearchBudget,
@@ -35,9 +27,7 @@ from steelyard.excite.search.parallel_search import (
 )
 from steelyard.excite.search.population import method_of
 from steelyard.excite.search.repair import finished
-from steelyard.excite.search.starts import NoMotion
-from steelyard.excite.trajectories.families import FAMILIES
-from steelyard.excite.trajectories.linear_bases import coefficients_of
+from steelyard.excite.trajectories.bases import FAMILIES, coefficients_of
 from steelyard.excite.trajectories.trajectory import ExactTrajectory, holds_note
 from steelyard.model.equations.kinematics import positions_of
 from steelyard.model.model import Model
@@ -58,8 +48,8 @@ HURRY_SECONDS = 1.0
 FEW_SEARCHES = 4
 """Searches below which a note says that more time would help."""
 
-_FIRST = 0.5
-_LOOKS = 500
+_LEAST_SEARCH_SECONDS = 0.5
+_HEIGHT_SAMPLES = 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +60,7 @@ class _Motion:
     cases: Sequence[Case]
     limits: MotionLimits
     constraints: Sequence[Constraint]
-    harvest: SearchResult | None
+    result: SearchResult | None
     notes: tuple[str, ...]
     hints: tuple[str, ...] = ()
     proven: Sequence[Array] | None = None
@@ -121,7 +111,7 @@ def condition_of_motion(
     section = loaded.excitation
     plain, _ = memoryless(model)
     cases = cases_of(section, plain, limits_of(loaded.robot, section.limits), earlier)
-    samples = _samples(trajectory, section.samples)
+    samples = max(section.samples, samples_of(trajectory.duration))
     return predicted_accuracy(trajectory, cases, np.ones(loaded.robot.n), samples).raw
 
 
@@ -152,51 +142,51 @@ def _searched(
     deadline = begun + effort.seconds - time_after(problem, effort.seconds, pace)
     left = deadline - max(FINISH_SHARE * effort.seconds, 1.0) - time.monotonic()
     try:
-        harvest = search_in_parallel(
+        result = search_in_parallel(
             Recipe.of(loaded, model, earlier),
             problem,
             loaded.excitation.search.method,
-            replace(effort, seconds=max(left, _FIRST)),
+            replace(effort, seconds=max(left, _LEAST_SEARCH_SECONDS)),
             progress,
         )
-        if harvest.stopped:
+        if result.stopped:
             deadline = min(deadline, time.monotonic() + HURRY_SECONDS)
-        best = finished(problem, _candidates(problem, harvest, first), deadline)
+        best = finished(problem, _candidates(problem, result, first), deadline)
     except NoMotion as error:
         raise explained_no_motion(problem, error) from None
-    notes = (*problem.notes, *_joint_groups(problem))
-    if harvest.killed:
-        notes += (f"{harvest.killed} of {effort.useful} search processes were killed externally",)
+    notes, sizes = problem.notes, [f"{len(limb.joints)}" for limb in problem.limbs]
+    if len(sizes) > 1:
+        notes += (
+            f"{len(sizes)} limbs share no parameter ({', '.join(sizes)} joints): each starts with "
+            "its own best motion; limits apply to all together",
+        )
+    if result.killed:
+        notes += (f"{result.killed} of {effort.useful} search processes were killed externally",)
+    hints: tuple[str, ...] = ()
+    converged = result.searches
+    if not result.stopped and converged < min(FEW_SEARCHES, effort.searches or FEW_SEARCHES):
+        whole = {0: "no search converged", 1: "only 1 search converged"}.get(
+            converged, f"only {converged} searches converged"
+        )
+        hints = (f"{whole} in the time limit: a longer --budget finds better motions",)
     return _Motion(
         best.trajectory,
         problem.cases,
         problem.limits,
         problem.constraints,
-        harvest,
+        result,
         notes,
-        _few_searches_note(harvest, effort),
+        hints,
         best.proven,
     )
 
 
-def _candidates(problem: Problem, harvest: SearchResult, first: Array | None) -> list[Array]:
+def _candidates(problem: Problem, result: SearchResult, first: Array | None) -> list[Array]:
     """The best motions and one of the best of every limb, best first: time may end after one."""
-    found = [one.x for one in harvest.best] + ([] if first is None else [first])
-    *_, mixed = composed_motions(problem.objective, problem.inequalities, problem.limbs, found)
+    found = [one.x for one in result.best] + ([] if first is None else [first])
+    *_, mixed = composed_motions(problem, found)
     every = found if any(mixed is x for x in found) else [mixed, *found]
     return sorted(every, key=problem.criterion_value)
-
-
-def _joint_groups(problem: Problem) -> tuple[str, ...]:
-    """That limbs were searched by themselves, if there are several."""
-    sizes = [len(limb.joints) for limb in problem.limbs]
-    if len(sizes) < 2:
-        return ()
-    joints = ", ".join(f"{size}" for size in sizes)
-    return (
-        f"{len(sizes)} limbs share no parameter ({joints} joints): each starts with its own best "
-        "motion; limits apply to all together",
-    )
 
 
 def _planned(
@@ -233,15 +223,15 @@ def _described(
     )
     noise, rate, source = noise_of(loaded, earlier)
     weights = rate / noise**2
-    seen = predicted_accuracy(
-        motion.trajectory, motion.cases, weights, _samples(motion.trajectory, section.samples)
-    )
+    # as many samples as requested, and 50 a second of long motions
+    samples = max(section.samples, samples_of(motion.trajectory.duration))
+    seen = predicted_accuracy(motion.trajectory, motion.cases, weights, samples)
     shows = motion.cases[0].shows
     base = shows.base
     prior = None
     if earlier is not None and section.criterion.after_earlier:
         prior = earlier.information(base, shows.absent)
-    harvest = motion.harvest
+    result = motion.result
     return Designed(
         robot=robot,
         trajectory=motion.trajectory,
@@ -250,15 +240,17 @@ def _described(
         certificate=certificate,
         criterion=motion.cases[0].criterion.name,
         shown=seen,
-        course=() if harvest is None else harvest.course,
-        searches=0 if harvest is None else harvest.searches,
+        course=() if result is None else result.course,
+        searches=0 if result is None else result.searches,
         seconds=time.monotonic() - begun,
-        stopped=harvest is not None and harvest.stopped,
+        stopped=result is not None and result.stopped,
         noise=noise,
         noise_from=source,
         prior=prior,
         values={} if earlier is None else dict(zip(earlier.names, earlier.values, strict=True)),
-        advice=_advice(seen, motion, weights, prior),
+        advice=advised_motions(
+            seen, motion.trajectory, motion.cases, weights, motion.limits, prior
+        ),
         tool=tool_of(section.workspace, robot),
         notes=(*loaded.notes, *notes, *motion.hints),
         constraints=tuple(motion.constraints),
@@ -276,7 +268,7 @@ def _cell(loaded: LoadedRobot, trajectory: ExactTrajectory) -> tuple[str, ...]:
     if limits_links or robot.passive or (collision is not None and collision.world is not None):
         return ()
     moving = [frame for frame in robot.frames if frame.body >= 0]
-    q = trajectory.derivative(np.linspace(0.0, trajectory.duration, _LOOKS), 0)
+    q = trajectory.derivative(np.linspace(0.0, trajectory.duration, _HEIGHT_SAMPLES), 0)
     carriers, places = [f.body for f in moving], [f.position for f in moving]
     heights = positions_of(robot, carriers, places, q)[:, :, 2]
     lowest = int(heights.min(axis=0).argmin())
@@ -290,47 +282,16 @@ def _cell(loaded: LoadedRobot, trajectory: ExactTrajectory) -> tuple[str, ...]:
     )
 
 
-def _few_searches_note(harvest: SearchResult, effort: SearchBudget) -> tuple[str, ...]:
-    """That the time was short, if it was."""
-    if harvest.stopped or harvest.searches >= min(FEW_SEARCHES, effort.searches or FEW_SEARCHES):
-        return ()
-    whole = {0: "no search converged", 1: "only 1 search converged"}.get(
-        harvest.searches, f"only {harvest.searches} searches converged"
-    )
-    return (f"{whole} in the time limit: a longer --budget finds better motions",)
-
-
-def _advice(
-    seen: PredictedAccuracy, motion: _Motion, weights: Array, prior: Array | None
-) -> tuple[Advice, ...]:
-    return advised_motions(seen, motion.trajectory, motion.cases, weights, motion.limits, prior)
-
-
-def _samples(trajectory: ExactTrajectory, least: int) -> int:
-    """Samples of what is shown: as many as requested, and 50 a second of long motions."""
-    return max(least, samples_of(trajectory.duration))
-
-
 def noise_of(loaded: LoadedRobot, earlier: Earlier | None) -> tuple[Array, float, str]:
     """Noise of the efforts `(n,)`, independent samples per second, and where both come from."""
     if earlier is not None:
         return earlier.noise, earlier.independent_rate, "the residuals of the earlier log"
     own = np.array([joint.limits.effort for joint in loaded.robot.coordinates])
     known = np.isfinite(own) & (own > 0.0)
+    each = f"{ASSUMED_RATE:g} independent samples per second"
     if not known.any():
-        noise = np.ones(loaded.robot.n)
-        return (
-            noise,
-            ASSUMED_RATE,
-            f"assumed: 1 Nm (1 N), {ASSUMED_RATE:g} independent samples per second",
-        )
+        return np.ones(loaded.robot.n), ASSUMED_RATE, f"assumed: 1 Nm (1 N), {each}"
     own[~known] = np.median(own[known])
-    source = (
-        f"assumed: {100.0 * ASSUMED_NOISE:g} % of each joint's greatest effort, "
-        f"{ASSUMED_RATE:g} independent"
-    )
-    return (
-        frozen(ASSUMED_NOISE * own),
-        ASSUMED_RATE,
-        f"{source} samples per second; --earlier MODEL gives the actual noise",
-    )
+    share = f"assumed: {100.0 * ASSUMED_NOISE:g} % of each joint's greatest effort"
+    source = f"{share}, {each}; --earlier MODEL gives the actual noise"
+    return frozen(ASSUMED_NOISE * own), ASSUMED_RATE, source

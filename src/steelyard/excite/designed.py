@@ -8,11 +8,10 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.motion import Trajectory
-from steelyard.excite.constraints.certificate import Certificate
-from steelyard.excite.constraints.constraint import Constraint, Gap, MotionLimits
-from steelyard.excite.constraints.markers import Marker
+from steelyard.excite.constraints.constraint import Certificate, Constraint, MotionLimits
+from steelyard.excite.constraints.workspace import Marker
 from steelyard.excite.criteria import CRITERIA, worst_value
-from steelyard.excite.planned.sweeps import friction_sweeps, static_postures
+from steelyard.excite.planned.tool_paths import friction_sweeps, static_postures
 from steelyard.excite.problem import Case, jumping
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.robot.robot import Robot
@@ -30,9 +29,7 @@ class PredictedAccuracy:
 
     Attributes:
         names: Base parameters, `b` of them.
-        units: Their units.
         gram: Information with the noise given, shape `(b, b)`.
-        criterion_value: The requested criterion.
         raw: Condition number of the regressor, columns as they are.
         normalised: The same with columns of unit norm.
         singular: Singular values of the regressor with columns of unit norm, falling, `(b,)`.
@@ -51,8 +48,7 @@ class PredictedAccuracy:
 
         Infinite for what neither the motion nor the `prior` information `(b, b)` shows.
         """
-        gram = self.gram if prior is None else self.gram + prior
-        return deviations(gram)
+        return deviations(self.gram if prior is None else self.gram + prior)
 
 
 def deviations(gram: Array) -> Array:
@@ -73,13 +69,9 @@ def deviations(gram: Array) -> Array:
 def predicted_accuracy(
     trajectory: Trajectory, cases: Sequence[Case], noise_weights: Array, samples: int
 ) -> PredictedAccuracy:
-    """What a motion shows.
+    """What a motion shows, from samples over it, the end left out.
 
-    Args:
-        trajectory: The motion.
-        cases: What it is judged by.
-        noise_weights: Independent samples a second over the variance of the noise, shape `(n,)`.
-        samples: Samples over the motion, the end left out.
+    Weights are independent samples a second over the variance of the noise, shape `(n,)`.
     """
     sharp = jumping(cases)
     pairs = [(case.criterion, information_of_motion(case, trajectory, samples)) for case in sharp]
@@ -131,13 +123,9 @@ _ADVICE_POSTURES = 20
 
 @dataclass(frozen=True, eq=False)
 class Advice:
-    """A motion beside the designed one.
+    """A motion beside the designed one, its length [s] and the deviations with both, `(b,)`.
 
-    Attributes:
-        what: The motion, in a few words.
-        seconds: Its length [s].
-        std: Deviations of the parameters with both, shape `(b,)`.
-        helps: Parameters whose deviation falls most, with the share that is left, best first.
+    It `helps` the parameters whose deviation falls most, with the share that is left, best first.
     """
 
     what: str
@@ -165,7 +153,7 @@ def advised_motions(
         prior: Information of earlier runs, shape `(b, b)`.
     """
     first = jumping(cases)[0]
-    case = _weighed_motion(first, noise_weights)
+    case = replace(first, shows=replace(first.shows, weights=noise_weights))
     found = [
         _advice_of_motion("repeating the motion", trajectory.duration, shown.gram, shown, prior)
     ]
@@ -196,10 +184,6 @@ def _other_motions(limits: MotionLimits) -> list[tuple[str, Trajectory]]:
     return others
 
 
-def _weighed_motion(case: Case, weights: Array) -> Case:
-    return replace(case, shows=replace(case.shows, weights=weights))
-
-
 def _advice_of_motion(
     what: str, seconds: float, gram: Array, shown: PredictedAccuracy, prior: Array | None
 ) -> Advice:
@@ -220,23 +204,14 @@ class Designed:
     """A designed motion.
 
     Attributes:
-        robot: The robot.
-        trajectory: The motion.
         kind: Which motion it is, in a few words.
-        limits: What the joints had to keep.
-        certificate: What is proven of it.
-        criterion: Name of the criterion that was minimised.
-        shown: What the motion shows.
         course: Time [s] and criterion of every improvement of the search; empty if it was planned.
         searches: Searches that came to their end.
-        seconds: What the design took [s].
         stopped: Whether the user ended it early.
         noise: Standard deviations of effort that predictions assume, shape `(n,)` [Nm; N].
         noise_from: Where they come from, for people.
         prior: Information of earlier runs about the base parameters, if it counts.
         values: Values of base parameters, as far as they are known.
-        advice: What else would help.
-        tool: The point whose path is shown.
         notes: What was assumed and decided, one sentence each.
         constraints: What the certificate's proofs are of, in their order.
         chosen: Base parameters that matter; all if `None`.
@@ -271,8 +246,3 @@ class Designed:
     def chosen_parameters(self) -> tuple[int, ...]:
         """The base parameters that were to be shown: those chosen, or all."""
         return tuple(range(len(self.shown.names))) if self.chosen is None else self.chosen
-
-    def with_gaps(self, gaps: Sequence[Gap]) -> "Designed":
-        """The same with more that is not covered."""
-        more = replace(self.certificate, notes=(*self.certificate.notes, *gaps))
-        return replace(self, certificate=more, notes=(*self.notes, *gaps))

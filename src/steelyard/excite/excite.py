@@ -14,7 +14,7 @@ from steelyard.base.arguments import checked
 from steelyard.base.errors import DataError
 from steelyard.base.progress import DESIGN_BUDGET_S, Progress, silent
 from steelyard.estimate.identified import IdentifiedModel, load_model
-from steelyard.excite.constraints.certificate import COVERS
+from steelyard.excite.constraints.constraint import COVERS
 from steelyard.excite.constraints.constraints_from_tables import Earlier
 from steelyard.excite.design import design
 from steelyard.excite.designed import Designed
@@ -23,7 +23,7 @@ from steelyard.excite.motion_points import grid_times
 from steelyard.excite.page.design_words import DesignContent, design_headline, print_design, scopes
 from steelyard.excite.page.proof_sections import render_design
 from steelyard.excite.search.parallel_search import SearchBudget
-from steelyard.excite.trajectories.families import FAMILIES, basis_of
+from steelyard.excite.trajectories.bases import FAMILIES, basis_of
 from steelyard.excite.trajectories.polynomials import through_postures
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.excite.trajectories.trajectory_files import read_motion, write_motion
@@ -33,21 +33,6 @@ from steelyard.report.result import Result
 from steelyard.robot.file.excitation_sections import changed_excitation
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
-
-
-def with_options(loaded: LoadedRobot, **options: Any) -> LoadedRobot:
-    """The robot with what options say in the place of its `[excitation]` tables.
-
-    Raises:
-        DataError: An option does not fit the kind of motion.
-    """
-    try:
-        section = changed_excitation(loaded.excitation, **options)
-    except ValueError as error:
-        raise DataError(
-            str(error), where="options of steelyard excite", fix="see steelyard excite --help"
-        ) from None
-    return replace(loaded, excitation=section)
 
 
 def refuse_formats(loaded: LoadedRobot, formats: Sequence[str], rate: float | None) -> None:
@@ -86,11 +71,7 @@ def earlier_of(identified: IdentifiedModel) -> Earlier:
 def identified_before(
     earlier: str | Path | IdentifiedModel, loaded: LoadedRobot
 ) -> IdentifiedModel:
-    """An earlier model of the robot.
-
-    Raises:
-        DataError: It is of another robot, or knows no noise.
-    """
+    """An earlier model of the robot."""
     known = load_model(earlier)
     where = "earlier model" if isinstance(earlier, IdentifiedModel) else str(earlier)
     theirs, ours = known.model.robot.joint_names, loaded.robot.joint_names
@@ -113,11 +94,7 @@ def identified_before(
 class DesignedMotion(Result):
     """A designed motion, its certificate, and the files that it is written to.
 
-    Attributes:
-        designed: The motion and all that is known of it.
-        loaded: The robot and its tables.
-        formats: Formats of the motion's files.
-        rate: Points a second in those files; each format's own if `None`.
+    These have `rate` points a second; each format's own if `None`.
     """
 
     designed: Designed
@@ -133,7 +110,8 @@ class DesignedMotion(Result):
     @property
     def written_formats(self) -> tuple[str, ...]:
         """The formats that are written: no controller program of a motion that is not proven."""
-        return _may_write(self.designed, self.formats)
+        wanted = tuple(dict.fromkeys(self.formats))
+        return wanted if self.designed.certificate.holds else tuple(f for f in wanted if f == "csv")
 
     def report(self) -> str:
         """The report as one self-contained HTML page."""
@@ -208,13 +186,7 @@ class DesignedMotion(Result):
 class DesignTask:
     """A design problem, checked as far as possible before the search.
 
-    Attributes:
-        loaded: The robot and its tables.
-        model: The model whose parameters are to be identified.
-        earlier: The model identified from a previous log, if any.
-        formats: Formats of the motion's files.
-        rate: Points a second in those files; each format's own if `None`.
-        start: Motion to start from, if any.
+    The files have `rate` points a second; each format's own if `None`.
     """
 
     loaded: LoadedRobot
@@ -242,8 +214,12 @@ class DesignTask:
             progress=progress,
             since=since,
         )
-        gaps = gaps_of_files(designed, _may_write(designed, self.formats), self.rate)
-        return DesignedMotion(designed.with_gaps(gaps), self.loaded, self.formats, self.rate)
+        found = DesignedMotion(designed, self.loaded, self.formats, self.rate)
+        gaps = gaps_of_files(designed, found.written_formats, self.rate)
+        certificate = designed.certificate
+        certificate = replace(certificate, notes=(*certificate.notes, *gaps))
+        designed = replace(designed, certificate=certificate, notes=(*designed.notes, *gaps))
+        return replace(found, designed=designed)
 
 
 def design_task(
@@ -261,7 +237,13 @@ def design_task(
     Raises:
         SteelyardError: The problem has no solution, or a file cannot be used.
     """
-    loaded = with_options(load_robot(robot, base=fixed_base), **tables)
+    loaded = load_robot(robot, base=fixed_base)
+    try:
+        loaded = replace(loaded, excitation=changed_excitation(loaded.excitation, **tables))
+    except ValueError as error:
+        raise DataError(
+            str(error), where="options of steelyard excite", fix="see steelyard excite --help"
+        ) from None
     known = None if earlier is None else identified_before(earlier, loaded)
     model = with_friction(model_with_open_friction(loaded), loaded)
     if known is not None:
@@ -349,9 +331,3 @@ def design_excitation(
     )
     effort = SearchBudget(budget, searches, processes or os.cpu_count() or 1, seed)
     return task.done(effort, progress=progress)
-
-
-def _may_write(designed: Designed, formats: Sequence[str]) -> tuple[str, ...]:
-    """No program for a controller of a motion that is not proven."""
-    wanted = tuple(dict.fromkeys(formats))
-    return wanted if designed.certificate.holds else tuple(f for f in wanted if f == "csv")

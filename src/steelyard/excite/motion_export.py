@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -52,11 +51,7 @@ SLOW_START_NOTE = (
 
 
 def urscript_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
-    """A `servoj` for every step of the controller, after a slow `movej` to the start.
-
-    Raises:
-        OutputError: The robot is not one of six revolute joints, or the rate is not a UR's.
-    """
+    """A `servoj` for every step of the controller, after a slow `movej` to the start."""
     kinds = [c.kind for c in robot.coordinates]
     if kinds != ["revolute"] * 6:
         raise _unfit_motion(robot, "URScript", "six revolute joints", kinds.count("prismatic"))
@@ -88,11 +83,7 @@ def urscript_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
 
 
 def krl_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
-    """A spline through points at equal times, after a slow PTP to the start; degrees and mm.
-
-    Raises:
-        OutputError: The robot has more axes than KRL.
-    """
+    """A spline through points at equal times, after a slow PTP to the start; degrees and mm."""
     if robot.n > len(KRL_AXES):
         raise _unfit_motion(robot, "KRL", f"at most {len(KRL_AXES)} axes")
     refuse_moving_ends(trajectory, robot, "a KRL program")
@@ -129,11 +120,7 @@ def krl_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
 
 
 def rapid_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
-    r"""A `MoveAbsJ` per point with its time as `\T`, after a slow one to the start; degrees and mm.
-
-    Raises:
-        OutputError: The robot does not have six to twelve axes.
-    """
+    r"""A `MoveAbsJ` per point with its time as `\T`, first a slow one to the start; degrees, mm."""
     if not 6 <= robot.n <= 12:
         raise _unfit_motion(robot, "RAPID", "six axes, and up to six external ones")
     refuse_moving_ends(trajectory, robot, "a RAPID program")
@@ -175,8 +162,6 @@ class Export:
     """A format of motions.
 
     Attributes:
-        title: What it is.
-        file: Name of the file.
         text: The file's content, from a motion, its robot and points a second.
         rate: Points a second, if none is requested.
         between: What a controller does between points, see `between_points`; `None` if the file
@@ -206,17 +191,7 @@ EXPORTS: dict[str, Export] = {
 def exported(
     trajectory: ExactTrajectory, robot: Robot, form: str, rate: float | None = None
 ) -> str:
-    """A motion as the text of a file.
-
-    Args:
-        trajectory: The motion.
-        robot: Its robot: names, kinds and order of the joints.
-        form: One of `EXPORTS`.
-        rate: Points a second; the format's own if `None`.
-
-    Raises:
-        OutputError: There is no such format, or it cannot hold this motion of this robot.
-    """
+    """A motion as the text of a file in a format of `EXPORTS`, with `rate` points a second."""
     export = _format_of_name(form)
     rate = export.rate if rate is None else rate
     if not 0.0 < rate < inf:
@@ -229,17 +204,9 @@ def exported(
 
 
 def write_export(
-    trajectory: ExactTrajectory,
-    robot: Robot,
-    form: str,
-    folder: Path,
-    rate: float | None = None,
+    trajectory: ExactTrajectory, robot: Robot, form: str, folder: Path, rate: float | None = None
 ) -> Path:
-    """Write a motion to a folder, under the format's file name; the file.
-
-    Raises:
-        OutputError: As `exported`, or the file exists already or cannot be written.
-    """
+    """Write a motion to a folder, under the format's file name; the file."""
     path = folder / _format_of_name(form).file
     if path.exists():
         raise OutputError(
@@ -269,57 +236,11 @@ _MOST_ADVISED_RATE = 2000.0
 _SPLINE_ERROR = 1e-6
 
 
-@runtime_checkable
-class Reaching(Protocol):
-    """A constraint that bounds how its margins change with the joints."""
-
-    def reaches(self, lower: Array, upper: Array) -> Array:
-        """Change of every margin per change of each joint within bounds, `(k, n)` [m/rad; 1]."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class ProvenDistances:
-    """The proven margins of a motion that depend on where the robot is.
-
-    Attributes:
-        labels: What each of the `k` margins is.
-        proven: Shape `(k,)` [m].
-        reaches: Their change per change of each joint, shape `(k, n)` [m/rad; 1].
-    """
-
-    labels: tuple[str, ...]
-    proven: Array
-    reaches: Array
-
-    @classmethod
-    def of(cls, designed: Designed, error: Array) -> "ProvenDistances":
-        """Those of a design, for a robot that is at most `error` from the motion, `(n,)`."""
-        lower, upper = designed.trajectory.extremes(0)
-        pairs = zip(designed.constraints, designed.certificate.proofs, strict=True)
-        kept = [(c, proof) for c, proof in pairs if isinstance(c, Reaching)]
-        reaches = [c.reaches(lower - error, upper + error) for c, _ in kept]
-        return cls(
-            tuple(label for _, proof in kept for label in proof.labels),
-            np.array([x for _, proof in kept for x in proof.proven]),
-            np.concatenate([np.zeros((0, designed.robot.n)), *reaches]),
-        )
-
-    def short(self, error: Array) -> tuple[str, float] | None:
-        """The margin that lacks most, and how much [m], if that is more than 0.05 mm."""
-        left = self.proven - self.reaches @ error
-        k = int(np.argmin(left)) if len(left) else -1
-        return (self.labels[k], -float(left[k])) if k >= 0 and left[k] < -WALL_RESERVE else None
-
-
 def error_between(trajectory: ExactTrajectory, between: str, rate: float) -> Array:
     """Bound of what a controller leaves a motion by between points, shape `(n,)` [rad; m].
 
-    Args:
-        trajectory: The motion.
-        between: What the controller does there: `lines`, `rounded lines`, `cubic spline` or
-            `quintic splines`, of which there are as many as they need.
-        rate: Points a second.
+    There are `rate` points a second. What the controller does `between` them is `lines`, `rounded
+    lines`, `cubic spline` or `quintic splines`, of which there are as many as they need.
     """
     if between == "quintic splines":
         return np.full(len(trajectory.extremes(0)[0]), _SPLINE_ERROR)
@@ -339,10 +260,7 @@ def error_between(trajectory: ExactTrajectory, between: str, rate: float) -> Arr
 def gaps_of_files(designed: Designed, forms: Sequence[str], rate: float | None) -> list[Gap]:
     """What is not proven of files for controllers, one sentence each.
 
-    Args:
-        designed: The motion; none of one whose certificate does not hold.
-        forms: Names of formats.
-        rate: Points a second; each format's own if `None`.
+    None of a motion whose certificate does not hold.
     """
     if not designed.certificate.holds:
         return []
@@ -356,23 +274,33 @@ def gaps_of_files(designed: Designed, forms: Sequence[str], rate: float | None) 
 
 def _gap_of_file(designed: Designed, export: Export, between: str, rate: float) -> list[str]:
     """What the way between the points of one file lacks, none or one sentence."""
-    error = error_between(designed.trajectory, between, rate)
-    kept = ProvenDistances.of(designed, error)
-    lacking = kept.short(error)
-    if lacking is None:
+    trajectory = designed.trajectory
+    error = error_between(trajectory, between, rate)
+    lower, upper = trajectory.extremes(0)
+    labels, margins, rates = list[str](), list[float](), [np.zeros((0, designed.robot.n))]
+    for constraint, proof in zip(designed.constraints, designed.certificate.proofs, strict=True):
+        reaches = constraint.reaches(lower - error, upper + error)
+        if reaches is not None:
+            labels, margins = [*labels, *proof.labels], [*margins, *proof.proven]
+            rates.append(reaches)
+
+    def lack(error: Array) -> tuple[float, int]:
+        """How much the margin that lacks most lacks [m], and its number."""
+        left = np.array(margins) - np.concatenate(rates) @ error
+        k = int(np.argmin(left)) if len(left) else -1
+        return (-float(left[k]), k) if k >= 0 else (0.0, k)
+
+    most, number = lack(error)
+    if not most > WALL_RESERVE:
         return []
     enough = rate
-    while enough <= _MOST_ADVISED_RATE and kept.short(error) is not None:
+    while enough <= _MOST_ADVISED_RATE and lack(error)[0] > WALL_RESERVE:
         enough = float(np.ceil(_RATE_FACTOR * enough))
-        error = error_between(designed.trajectory, between, enough)
+        error = error_between(trajectory, between, enough)
+    millimetres = 1e3 * most
+    words = f"{millimetres:.0f}" if millimetres >= 10.0 else f"{millimetres:.2g}"
     fix = f"; --rate {enough:g} is enough" if enough <= _MOST_ADVISED_RATE else ""
-    label, lack = lacking
     return [
         f"{export.file} has {rate:g} points per second; between them ({between}) a controller may "
-        f"violate a constraint by up to {_two_digits(1e3 * lack)} mm: {label}{fix}"
+        f"violate a constraint by up to {words} mm: {labels[number]}{fix}"
     ]
-
-
-def _two_digits(value: float) -> str:
-    """Two digits, without an exponent."""
-    return f"{value:.0f}" if value >= 10.0 else f"{value:.2g}"

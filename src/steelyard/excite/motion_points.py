@@ -10,7 +10,6 @@ is the greatest integral of the magnitude of its Peano kernel [Davis1963].
 import csv
 import io
 import json
-from collections.abc import Iterable
 from math import ceil, floor
 
 import numpy as np
@@ -67,11 +66,7 @@ def orders_at(trajectory: ExactTrajectory, t: Array) -> tuple[Array, Array, Arra
 
 
 def refuse_moving_ends(trajectory: ExactTrajectory, robot: Robot, what: str) -> None:
-    """A controller begins and ends at rest, whatever the motion states.
-
-    Raises:
-        OutputError: The motion begins or ends with a speed.
-    """
+    """A controller begins and ends at rest, whatever the motion states."""
     for end, time in (("begins", 0.0), ("ends", trajectory.duration)):
         speed = trajectory.derivative([time], 1)[0]
         worst = int(np.argmax(np.abs(speed)))
@@ -135,9 +130,6 @@ def keyframes_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
 
     A keyframe has a position and a velocity for every joint of MuJoCo, depth first along the
     tree; joints that follow others (mimic) have theirs.
-
-    Raises:
-        OutputError: The robot has joints that loops determine.
     """
     if robot.loops:
         raise OutputError(
@@ -162,7 +154,7 @@ def keyframes_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
     for t, position, velocity in zip(
         times.tolist(), q[:, followed] * ratio + offset, dq[:, followed] * ratio, strict=True
     ):
-        qpos, qvel = (_keyframe_numbers(state.tolist()) for state in (position, velocity))
+        qpos, qvel = (" ".join(map(repr, state.tolist())) for state in (position, velocity))
         state = f'qpos="{qpos}" qvel="{qvel}"'
         lines.append(f'    <key time="{t!r}" {state}/>')
     return "\n".join([*lines, "  </keyframe>", "</mujoco>", ""])
@@ -175,10 +167,6 @@ def _depth_first(robot: Robot, parent: int = -1) -> list[int]:
         if body.parent == parent:
             found += [index, *_depth_first(robot, index)]
     return found
-
-
-def _keyframe_numbers(values: Iterable[float]) -> str:
-    return " ".join(repr(value) for value in values)
 
 
 APPROACH_SECONDS = 10
@@ -201,10 +189,7 @@ Nanoseconds = np.ndarray[tuple[int], np.dtype[np.int64]]
 def joint_trajectory_of(trajectory: ExactTrajectory, robot: Robot, rate: float) -> str:
     """YAML of a message whose splines stay within 1e-6 rad (m) of the motion at all times.
 
-    Args:
-        trajectory: The motion, from rest to rest.
-        robot: Names its joints.
-        rate: Points a second, at least; there are more if the motion needs them.
+    It has `rate` points a second, or more if the motion needs them.
 
     Raises:
         OutputError: The motion begins or ends with a speed, or there are too many points.
@@ -235,12 +220,7 @@ def joint_trajectory_of(trajectory: ExactTrajectory, robot: Robot, rate: float) 
 
 
 def spline_points(trajectory: ExactTrajectory, rate: float) -> Nanoseconds:
-    """Times of points from which splines of degree five follow the motion, `(N,)` [ns].
-
-    Args:
-        trajectory: The motion.
-        rate: Points a second, at least.
-    """
+    """Times of points from which splines of degree five follow the motion, `(N,)` [ns]."""
     least, greatest = trajectory.extremes(3)
     step = np.cbrt(
         SPLINE_TOLERANCE / (PEANO_BOUND * max(float(np.max(greatest - least)) / 2.0, 1e-9))

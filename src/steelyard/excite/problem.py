@@ -21,7 +21,7 @@ from steelyard.estimate.information.regressor import (
 from steelyard.excite.constraints.constraint import Constraint, MotionLimits
 from steelyard.excite.criteria import Criterion, DOptimal, Measure, worst, worst_value
 from steelyard.excite.search.newton import InequalityConstraints
-from steelyard.excite.trajectories.linear_bases import Basis
+from steelyard.excite.trajectories.bases import Basis
 from steelyard.robot.robot import Robot
 
 
@@ -40,14 +40,9 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class Objective:
-    """A criterion of the information at sample times, the worst over all loads.
+    """A criterion of the information at sample times `(N,)` [s], the worst over all loads.
 
     A sample stands for the time from it to the next: the information is that of the whole motion.
-
-    Attributes:
-        basis: The family of motions.
-        cases: The loads, one or more.
-        t: Sample times, shape `(N,)` [s].
     """
 
     basis: Basis
@@ -63,14 +58,10 @@ class Objective:
         return [self.basis.offset(self.t, order).T for order in range(3)]
 
     def __call__(self, x: Array, sharpness: float) -> tuple[float, Array]:
-        """The smooth criterion and its slope.
+        """The smooth criterion of coefficients `(n, m)`, and its slope, `(n, m)`.
 
-        Args:
-            x: Coefficients, shape `(n, m)`.
-            sharpness: The larger, the nearer to the criterion itself.
-
-        Returns:
-            Infinite where the motion shows too little; the slope, shape `(n, m)`, is zero then.
+        The larger the sharpness, the nearer to the criterion itself. Infinite where the motion
+        shows too little; the slope is zero then.
         """
         seen = self.seen(x)
         value, slopes = worst(
@@ -97,11 +88,8 @@ class Objective:
             np.ascontiguousarray((shape @ x.T).T + offset)
             for shape, offset in zip(self._shapes, self._offsets, strict=True)
         )
-        return [case.shows.at(q, dq, ddq, step=self._step) for case in self.cases]
-
-    @property
-    def _step(self) -> float:
-        return self.basis.duration / len(self.t)
+        step = self.basis.duration / len(self.t)
+        return [case.shows.at(q, dq, ddq, step=step) for case in self.cases]
 
 
 COMPOSING_SHARPNESS = 4.0
@@ -110,11 +98,9 @@ COMPOSING_SHARPNESS = 4.0
 
 @dataclass(frozen=True)
 class JointGroup:
-    """Joints whose efforts share parameters, directly or by way of others.
+    """Joints whose efforts share parameters, directly or by way of others, ascending.
 
-    Attributes:
-        joints: Numbers of the joints, ascending.
-        columns: Base parameters that their efforts depend on, ascending.
+    The `columns` are the base parameters that their efforts depend on, ascending.
     """
 
     joints: tuple[int, ...]
@@ -144,84 +130,6 @@ def joint_groups_of(shows: InformationEvaluator) -> tuple[JointGroup, ...]:
     return tuple(sorted(limbs, key=lambda limb: limb.joints))
 
 
-def composed_motions(
-    objective: Objective,
-    inequalities: InequalityConstraints,
-    limbs: Sequence[JointGroup],
-    motions: Iterable[Array],
-) -> Iterator[Array]:
-    """The best of motions in the feasible set so far, after each of them, mixed limb by limb.
-
-    What a limb shows does not depend on the others: where another motion shows its parameters
-    better, by D-optimality, the limb takes it over as far as constraints and criterion permit.
-
-    Args:
-        objective: What is minimised.
-        inequalities: Inequality constraints of the motion.
-        limbs: The limbs.
-        motions: Coefficients, each of shape `(n, m)`.
-
-    Yields:
-        Coefficients in the feasible set, shape `(n, m)`; as many as there are motions.
-    """
-    best: _Mixed | None = None
-    for x in motions:
-        one = _Mixed.of(objective, limbs, x)
-        if best is None:
-            best = one
-        else:
-            first, second = (best, one) if best.value <= one.value else (one, best)
-            best = first.with_limbs_of(second, objective, inequalities, limbs)
-        yield best.x
-
-
-@dataclass(frozen=True, eq=False)
-class _Mixed:
-    """A motion, its criterion, and that of every limb."""
-
-    x: Array
-    value: float
-    each: tuple[float, ...]
-
-    @classmethod
-    def of(cls, objective: Objective, limbs: Sequence[JointGroup], x: Array) -> "_Mixed":
-        value = objective.value(x, COMPOSING_SHARPNESS)
-        if len(limbs) < 2:
-            return cls(x, value, ())
-        grams = [seen.gram for seen in objective.seen(x)]
-        parts = [np.ix_(limb.columns, limb.columns) for limb in limbs]
-        return cls(x, value, tuple(max(_group_criterion(g[part]) for g in grams) for part in parts))
-
-    def with_limbs_of(
-        self,
-        other: "_Mixed",
-        objective: Objective,
-        inequalities: InequalityConstraints,
-        limbs: Sequence[JointGroup],
-    ) -> "_Mixed":
-        """The motion with those of the other's limbs that show more, if they fit to it."""
-        best = self
-        for number, (limb, new) in enumerate(zip(limbs, other.each, strict=False)):
-            if not new < best.each[number]:
-                continue
-            x = best.x.copy()
-            x[list(limb.joints)] = other.x[list(limb.joints)]
-            value = (
-                objective.value(x, COMPOSING_SHARPNESS)
-                if inequalities.smallest_margin(x) > 0.0
-                else np.nan
-            )
-            if value <= best.value:
-                each = (*best.each[:number], new, *best.each[number + 1 :])
-                best = _Mixed(x, value, each)
-        return best
-
-
-def _group_criterion(gram: Array) -> float:
-    """D-optimality; what is not definite is infinite, of no parameters zero."""
-    return DOptimal().smooth(gram, 1.0)[0] if len(gram) else 0.0
-
-
 SHOWN_PER_WAVE = 20
 """Samples of the criterion per wave of the highest frequency."""
 
@@ -245,13 +153,8 @@ class Problem:
     """What is designed.
 
     Attributes:
-        robot: The robot.
-        basis: The family of motions.
-        limits: Of the joints.
-        constraints: All else that must hold at all times.
         cases: What the motion shows and how that is judged, one per load of the robot.
         samples: Samples of the criterion that people read.
-        notes: What was assumed, one sentence each, for the user.
     """
 
     robot: Robot
@@ -296,3 +199,47 @@ class Problem:
     def _spread(self, count: int) -> Array:
         """Times without the end, which a periodic motion has at its start already."""
         return np.linspace(0.0, self.basis.duration, count, endpoint=False)
+
+
+def composed_motions(problem: Problem, motions: Iterable[Array]) -> Iterator[Array]:
+    """The best of motions in the feasible set so far, after each of them, mixed limb by limb.
+
+    What a limb shows does not depend on the others: where another motion shows its parameters
+    better, by D-optimality, the limb takes it over as far as constraints and criterion permit. As
+    many coefficients, shape `(n, m)`, as there are motions.
+    """
+    objective, limbs = problem.objective, problem.limbs
+    parts = [np.ix_(limb.columns, limb.columns) for limb in limbs]
+
+    def judged(x: Array) -> tuple[Array, float, list[float]]:
+        """A motion, its criterion, and that of every limb; of no parameters zero."""
+        value = objective.value(x, COMPOSING_SHARPNESS)
+        if len(limbs) < 2:
+            return x, value, []
+        grams = [seen.gram for seen in objective.seen(x)]
+        each = [[gram[part] for gram in grams] for part in parts]
+        return (
+            x,
+            value,
+            [max(DOptimal().smooth(g, 1.0)[0] if len(g) else 0.0 for g in own) for own in each],
+        )
+
+    best: tuple[Array, float, list[float]] | None = None
+    for motion in motions:
+        one = judged(motion)
+        first, second = (one, one) if best is None else (best, one)
+        if second[1] < first[1]:
+            first, second = second, first
+        x, value, each = first
+        for k, (limb, better) in enumerate(zip(limbs, second[2], strict=False)):
+            if not better < each[k]:
+                continue
+            tried = x.copy()
+            tried[list(limb.joints)] = second[0][list(limb.joints)]
+            if not problem.inequalities.smallest_margin(tried) > 0.0:
+                continue
+            now = objective.value(tried, COMPOSING_SHARPNESS)
+            if now <= value:
+                x, value, each = tried, now, [*each[:k], better, *each[k + 1 :]]
+        best = x, value, each
+        yield x

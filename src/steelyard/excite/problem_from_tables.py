@@ -26,10 +26,11 @@ from steelyard.excite.constraints.constraints_from_tables import (
     Earlier,
     constraints_of,
     load_numbers,
+    without_memory,
 )
 from steelyard.excite.criteria import CRITERIA, Measure
 from steelyard.excite.problem import Case, Problem
-from steelyard.excite.trajectories.families import basis_of, per_joint
+from steelyard.excite.trajectories.bases import basis_of, per_joint
 from steelyard.model.laws.register import description_of, term_of
 from steelyard.model.model import Model
 from steelyard.model.terms.term import StatefulTerm
@@ -55,9 +56,7 @@ class Recipe:
     """All that a process needs to build the problem anew.
 
     Attributes:
-        robot: Path of the robot file.
         terms: Descriptions of the model's terms.
-        excitation: The tables, as plain values.
         earlier: What an earlier identification knows, as plain values, if anything.
         base: The link of a model file that is fixed to the world; `None` if a robot file says so.
     """
@@ -91,12 +90,7 @@ class Recipe:
 
 
 def build(loaded: LoadedRobot, model: Model, earlier: Earlier | None = None) -> Problem:
-    """The problem that a robot file's tables describe.
-
-    Args:
-        loaded: The robot and its tables; its kind of motion is one of `FAMILIES`.
-        model: What the motion is to show.
-        earlier: What an earlier identification of the robot knows.
+    """The problem that a robot file's tables describe, for a kind of motion of `FAMILIES`.
 
     Raises:
         DataError: The tables do not fit the robot.
@@ -120,10 +114,9 @@ def build(loaded: LoadedRobot, model: Model, earlier: Earlier | None = None) -> 
 
 def memoryless(model: Model) -> tuple[Model, tuple[str, ...]]:
     """The model without terms with internal states; notes on what the criterion lacks."""
-    left = [term for term in model.terms if isinstance(term, StatefulTerm)]
-    kept = tuple(term for term in model.terms if not isinstance(term, StatefulTerm))
-    notes = [f"'{term.law}' has internal states: it is left out of the criterion" for term in left]
-    bare = Model(model.robot, kept)
+    bare = without_memory(model)
+    left = [term.law for term in model.terms if isinstance(term, StatefulTerm)]
+    notes = [f"'{law}' has internal states: it is left out of the criterion" for law in left]
     clear = clear_map(bare).base_names
     if faint := [name for name in base_parameters(bare).base_names if name not in clear]:
         notes.append(
@@ -134,19 +127,15 @@ def memoryless(model: Model) -> tuple[Model, tuple[str, ...]]:
 
 
 def limits_of(robot: Robot, section: MotionLimitsSection) -> MotionLimits:
-    """The limits of the robot, as the tables change, share and narrow them.
-
-    Raises:
-        DataError: A joint is left without room.
-    """
-    own = motion_limits(robot)
-    notes = own.notes
+    """The limits of the robot, as the tables change, share and narrow them."""
+    robot_limits = motion_limits(robot)
+    notes = robot_limits.notes
     if section.acceleration is None:
         notes += (ACCELERATIONS_ASSUMED,)
-    span = own.upper - own.lower
+    span = robot_limits.upper - robot_limits.lower
     share = RANGE_MARGIN * span
     margin = share if section.position_margin is None else np.full(robot.n, section.position_margin)
-    lower, upper = own.lower + margin, own.upper - margin
+    lower, upper = robot_limits.lower + margin, robot_limits.upper - margin
     for joint, low, high, whole in zip(robot.coordinates, lower, upper, span, strict=True):
         if not low < high:
             raise DataError(
@@ -156,8 +145,15 @@ def limits_of(robot: Robot, section: MotionLimitsSection) -> MotionLimits:
                 fix=f"give a margin below {0.5 * whole:.4g}, or lock the joint",
             )
     default = np.array([DEFAULT_ACCELERATION[joint.kind] for joint in robot.coordinates])
-    velocity = per_joint(section.velocity, robot, "velocity", own.velocity)
-    notes += _faster(robot, section.share * velocity)
+    velocity = per_joint(section.velocity, robot, "velocity", robot_limits.velocity)
+    joints = zip(robot.coordinates, section.share * velocity, strict=True)
+    if faster := [
+        f"{joint.name} {most:.3g} against {joint.limits.velocity:.3g} {joint.unit}/s"
+        for joint, most in joints
+        if most > joint.limits.velocity > 0.0
+    ]:
+        text = "the model file's speed limits are exceeded, as velocity sets higher ones: "
+        notes += (Declined(text + ", ".join(faster)),)
     acceleration = per_joint(section.acceleration, robot, "acceleration", default)
     jerk = None
     if section.jerk is not None:
@@ -176,35 +172,20 @@ def limits_of(robot: Robot, section: MotionLimitsSection) -> MotionLimits:
 
 def _assumed(robot: Robot, section: MotionLimitsSection) -> frozenset[tuple[str, str]]:
     """Quantity and joint of every limit that neither the tables nor the model file give."""
-    named = robot.joint_names
-    rest = {
-        quantity: set(named)
-        if given is None
-        else set(named) - set(given)
-        if isinstance(given, dict)
-        else set[str]()
-        for quantity, given in (
-            ("velocity", section.velocity),
-            ("acceleration", section.acceleration),
-        )
-    }
-    known = {j.name for j in robot.coordinates if 0.0 < j.limits.velocity < np.inf}
-    rest["velocity"] -= known
-    rest["position"] = {
-        j.name for j in robot.coordinates if not np.isfinite([j.limits.lower, j.limits.upper]).all()
-    }
-    return frozenset((quantity, joint) for quantity, joints in rest.items() for joint in joints)
 
+    def given(limit: object, joint: str) -> bool:
+        return joint in limit if isinstance(limit, dict) else limit is not None
 
-def _faster(robot: Robot, velocity: Array) -> tuple[str, ...]:
-    """That joints may move faster than the model file allows, if so: its limit is not kept."""
-    beyond = [
-        f"{joint.name} {most:.3g} against {joint.limits.velocity:.3g} {joint.unit}/s"
-        for joint, most in zip(robot.coordinates, velocity, strict=True)
-        if most > joint.limits.velocity > 0.0
-    ]
-    text = "the model file's speed limits are exceeded, as velocity sets higher ones: "
-    return (Declined(text + ", ".join(beyond)),) if beyond else ()
+    found = set[tuple[str, str]]()
+    for joint in robot.coordinates:
+        own = joint.limits
+        stated = {
+            "position": bool(np.isfinite([own.lower, own.upper]).all()),
+            "velocity": given(section.velocity, joint.name) or 0.0 < own.velocity < np.inf,
+            "acceleration": given(section.acceleration, joint.name),
+        }
+        found |= {(quantity, joint.name) for quantity, known in stated.items() if not known}
+    return frozenset(found)
 
 
 def cases_of(
@@ -262,11 +243,7 @@ def weights_of(wanted: CriterionSection, robot: Robot, earlier: Earlier | None) 
 
 
 def absent_of(wanted: CriterionSection, model: Model, earlier: Earlier | None) -> tuple[str, ...]:
-    """Base parameters that the model does without.
-
-    Raises:
-        DataError: A name is none of the model's, or nothing would be left.
-    """
+    """Base parameters that the model does without."""
     base = clear_map(model)
     if wanted.without is None:
         removed = () if earlier is None else earlier.removed
@@ -313,11 +290,7 @@ def _needed(earlier: Earlier | None, key: str) -> Earlier:
 
 
 def _named(wanted: Sequence[str], model: Model, base: BaseMap, key: str) -> set[str]:
-    """Names of base parameters that are named, or belong to a law that is.
-
-    Raises:
-        DataError: A name is neither.
-    """
+    """Names of base parameters that are named, or belong to a law that is."""
     first, laws = 0, dict[str, set[str]]()
     for term in model.terms:
         count = len(term.parameters(model.robot))

@@ -10,8 +10,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.identified import IdentifiedModel, load_model
-from steelyard.excite.trajectories.composed import repeated
-from steelyard.excite.trajectories.fourier import random_fourier
+from steelyard.excite.trajectories.fourier import random_fourier, repeated
 from steelyard.excite.trajectories.trajectory import ExactTrajectory, SlowedMotion
 from steelyard.excite.trajectories.trajectory_files import read_motion
 from steelyard.model.equations.kinematics import last_frame

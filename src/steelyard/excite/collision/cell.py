@@ -2,22 +2,19 @@
 
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
 from steelyard.excite.collision.collision import CLEARANCE_ROOM, Clearance
-from steelyard.excite.collision.distances import Scene
 from steelyard.excite.collision.model_shapes import world_shapes
 from steelyard.excite.collision.pairs import Pair, random_postures
 from steelyard.excite.collision.robot_shapes import WholeRobot, load_balls, whole_robot
 from steelyard.excite.collision.shapes import Shape, obstacle, wall
 from steelyard.excite.collision.solids import Box
 from steelyard.excite.constraints.constraint import Constraint, Gap
-from steelyard.excite.constraints.markers import Marker
-from steelyard.excite.constraints.workspace import checked_boxes, keep_out, planes, tool_box
+from steelyard.excite.constraints.workspace import Marker, checked_boxes, keep_out, planes, tool_box
 from steelyard.model.equations.kinematics import frame_of, last_frame
 from steelyard.robot.file.excitation_sections import WorkspaceSection
 from steelyard.robot.file.loaded_robot import LoadedRobot, beside
@@ -36,65 +33,38 @@ _NEAR_DISTANCE = 1e-3
 _INSIDE_DISTANCE = 1e-6
 
 
-@dataclass(frozen=True, eq=False)
-class Room(Clearance):
-    """A `Clearance` of things that move from walls that do not.
-
-    Attributes:
-        walls: Names of the walls; from what else stands there a distance is kept.
-    """
-
-    walls: frozenset[str] = frozenset()
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """What each margin is."""
-        own = super().labels
-        return tuple(
-            f"'{pair.first}' clear of '{pair.second}'" if pair.second in self.walls else label
-            for pair, label in zip(self.pairs, own, strict=True)
-        )
-
-    @property
-    def how(self) -> str:
-        """How it is proven, in one sentence."""
-        return (
-            "distances of convex shapes with bounds of their rate of change, over time intervals; "
-            f"{1e3 * WALL_RESERVE:g} mm are reserved at every boundary"
-        )
+WALLS_PROOF = (
+    "distances of convex shapes with bounds of their rate of change, over time intervals; "
+    f"{1e3 * WALL_RESERVE:g} mm are reserved at every boundary"
+)
+"""How it is proven."""
 
 
-def room_of(
+def clearance_of_walls(
     robot: Robot,
     whole: WholeRobot,
     walls: Sequence[Shape],
     cell: Sequence[Shape] = (),
     margin: float = 0.0,
     aside: Collection[str] = (),
-) -> tuple[Room | None, tuple[str, ...]]:
-    """All that moves against walls, and what it carries against the cell.
+) -> tuple[Clearance | None, tuple[str, ...]]:
+    """All that moves against walls, and what it carries against the cell; `None` for nothing.
 
-    Args:
-        robot: The robot.
-        whole: What it moves.
-        walls: Half-spaces and boxes.
-        cell: What stands in the cell; links are kept from it elsewhere.
-        margin: Distance to keep from the cell [m].
-        aside: What is carried that is kept from the cell elsewhere, too.
-
-    Returns:
-        The constraint, or `None` if nothing can be kept from anything; and what the user should
-        know, one sentence each.
+    Links are kept from the `cell` elsewhere, and so is what is carried and named in `aside`; all
+    else keeps the distance `margin` [m] from it. Also what the user should know, one sentence each.
     """
     shapes = (*whole.links, *whole.carried, *walls, *cell)
     first = len(whole.links) + len(whole.carried)
-    standing = range(first + len(walls), len(shapes))
+    standing = first + len(walls)
     loose = [k for k in range(len(whole.links), first) if shapes[k].name not in aside]
-    pairs = _wall_pairs(shapes, range(first), range(first, standing.start))
-    pairs += _wall_pairs(shapes, loose, standing)
+    meeting = [(i, j) for i in range(first) for j in range(first, standing)]
+    meeting += [(i, j) for i in loose for j in range(standing, len(shapes))]
+    ways: dict[tuple[str, str], list[tuple[int, int]]] = {}
+    for i, j in meeting:
+        ways.setdefault((shapes[i].name, shapes[j].name), []).append((i, j))
+    pairs = tuple(Pair(first, second, tuple(own)) for (first, second), own in ways.items())
     if not pairs:
         return None, whole.notes
-    names = frozenset(wall.name for wall in walls)
     kept, notes = _changing_pairs(robot, shapes, pairs)
     notes = (*whole.notes, *notes)
     if walls and whole.still:
@@ -102,61 +72,47 @@ def room_of(
         notes += (f"the base does not move, so workspace limits ignore its links: {still}",)
     if not kept:
         return None, notes
-    wanted = np.array([WALL_RESERVE if pair.second in names else margin for pair in kept])
+    names = frozenset(wall.name for wall in walls)
     things = len({pair.first for pair in kept})
-    scope = f"{whole.scope}, tool and loads: {things} moving bodies"
-    return _built_room(robot, shapes, kept, wanted, names, scope), notes
-
-
-def _wall_pairs(
-    shapes: Sequence[Shape], movers: Sequence[int], stands: Sequence[int]
-) -> list[Pair]:
-    """Every named thing with every named wall."""
-    found: dict[tuple[str, str], list[tuple[int, int]]] = {}
-    for i in movers:
-        for j in stands:
-            found.setdefault((shapes[i].name, shapes[j].name), []).append((i, j))
-    return [Pair(first, second, tuple(ways)) for (first, second), ways in found.items()]
-
-
-def _built_room(
-    robot: Robot,
-    shapes: tuple[Shape, ...],
-    pairs: tuple[Pair, ...],
-    wanted: Array,
-    walls: frozenset[str],
-    scope: str = "",
-) -> Room:
-    ways = [way for pair in pairs for way in pair.shapes]
-    activation_distance = np.full(len(pairs), CLEARANCE_ROOM)
-    scene = Scene(robot, shapes, ways)
-    return Room(
-        robot, scene, pairs, wanted, activation_distance, name=WALLS_NAME, scope=scope, walls=walls
-    )
+    return Clearance(
+        robot,
+        shapes,
+        kept,
+        np.array([WALL_RESERVE if pair.second in names else margin for pair in kept]),
+        np.full(len(kept), CLEARANCE_ROOM),
+        name=WALLS_NAME,
+        scope=f"{whole.scope}, tool and loads: {things} moving bodies",
+        walls=names,
+        how=WALLS_PROOF,
+    ), notes
 
 
 def _changing_pairs(
-    robot: Robot, shapes: tuple[Shape, ...], pairs: Sequence[Pair]
+    robot: Robot, shapes: tuple[Shape, ...], pairs: tuple[Pair, ...]
 ) -> tuple[tuple[Pair, ...], tuple[str, ...]]:
     """Pairs whose distance the joints change, or that are well apart; and notes on the others."""
-    every = _built_room(robot, shapes, tuple(pairs), np.zeros(len(pairs)), frozenset())
-    seen = every.distances(random_postures(robot)[:_WALL_POSTURES])
+    zero = np.zeros(len(pairs))
+    seen = Clearance(robot, shapes, pairs, zero, zero + CLEARANCE_ROOM).distances(
+        random_postures(robot)[:_WALL_POSTURES]
+    )
     same, least = np.ptp(seen, axis=0) < _SAME_DISTANCE, seen.min(axis=0)
+    close = [
+        (pair, float(d))
+        for pair, d, s in zip(pairs, least, same, strict=True)
+        if s and d < _NEAR_DISTANCE
+    ]
     inside = [
-        (p, d) for p, d, s in zip(pairs, least, same, strict=True) if s and d < -_INSIDE_DISTANCE
+        f"{p.first} in {p.second} by {-1e3 * d:.3g} mm" for p, d in close if d < -_INSIDE_DISTANCE
     ]
-    close = same & (least < _NEAR_DISTANCE)
-    touching = [
-        p for p, d, c in zip(pairs, least, close, strict=True) if c and d >= -_INSIDE_DISTANCE
-    ]
+    touching = [f"{p.first} and {p.second}" for p, d in close if d >= -_INSIDE_DISTANCE]
     notes = list[str]()
     if inside:
-        names = ", ".join(f"{p.first} in {p.second} by {-1e3 * d:.3g} mm" for p, d in inside)
+        names = ", ".join(inside)
         notes.append(Gap(f"outside the workspace limits in every posture, so left out: {names}"))
     if touching:
-        names = ", ".join(f"{p.first} and {p.second}" for p in touching)
-        notes.append(f"in contact in every posture, so left out: {names}")
-    return tuple(p for p, c in zip(pairs, close, strict=True) if not c), tuple(notes)
+        notes.append(f"in contact in every posture, so left out: {', '.join(touching)}")
+    left = [pair for pair, _ in close]
+    return tuple(pair for pair in pairs if pair not in left), tuple(notes)
 
 
 _AXES = "xyz"
@@ -239,7 +195,7 @@ def _constraints_of_robot(
         whole = whole_robot(loaded, tool, section.without)
     walls = walls_of(section, loaded.robot)
     own = [ball.name for ball, load in zip(load_balls(loaded), loads, strict=True) if load.radius]
-    built, notes = room_of(loaded.robot, whole, walls, world, margin, own)
+    built, notes = clearance_of_walls(loaded.robot, whole, walls, world, margin, own)
     level = (
         [Gap(ASSUMED_FLOOR_NOTE)]
         if section.floor is not None and not loaded.robot.gravity.any()
@@ -279,11 +235,7 @@ def up_of(robot: Robot) -> Array:
 
 
 def _boxes(section: WorkspaceSection) -> tuple[Array, Array]:
-    """Lower and upper corners, shape `(b, 3)` each [m].
-
-    Raises:
-        ModelError: One is open.
-    """
+    """Lower and upper corners, shape `(b, 3)` each [m]."""
     boxes = [_sides(box) for box in section.keep_out]
     if any(None in low or None in high for low, high in boxes):
         raise ModelError(

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from steelyard.excite.collision.pairs import (
 )
 from steelyard.excite.collision.robot_shapes import reach
 from steelyard.excite.collision.shapes import Geometry, Poses, Shape, rates, sides
-from steelyard.excite.constraints.constraint import Margins
+from steelyard.excite.constraints.constraint import PROOF_BY_BOUNDS, Constraint, Margins
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.robot import Robot
@@ -35,29 +36,9 @@ ROOM_REACH_SHARE = 0.1
 """The same over how far the robot reaches, for small ones: fingers are nowhere 50 mm apart."""
 
 
-@dataclass(frozen=True)
-class Nearest:
-    """The pair that comes nearest to its margin at a posture.
-
-    Attributes:
-        first: Name of a link, tool or obstacle.
-        second: Name of the other.
-        distance: Signed [m]; negative by the depth of the overlap.
-    """
-
-    first: str
-    second: str
-    distance: float
-
-    def __str__(self) -> str:
-        """Such as `'panda_link5' and 'panda_hand' overlap by 12 mm`."""
-        how = "overlap by" if self.distance < 0.0 else "are apart by"
-        return f"'{self.first}' and '{self.second}' {how} {abs(self.distance) * 1e3:.3g} mm"
-
-
 @dataclass(frozen=True, eq=False)
-class Clearance:
-    r"""A `Constraint`: every pair stays apart by its margin.
+class Clearance(Constraint):
+    r"""Every pair stays apart by its margin.
 
     A margin is the signed distance $s$ less the distance to keep. With the nearest points
     $p_a, p_b$ and the unit vector $n$ from $a$ to $b$, its gradient is
@@ -65,47 +46,47 @@ class Clearance:
     be only a lower bound of it, and its gradient zero.
 
     Attributes:
-        robot: The robot.
-        scene: Its shapes.
-        pairs: Which must keep apart.
         wanted: Distance to keep of each pair, shape `(k,)` [m].
-        activation_distance: Shape `(k,)` [m].
-        notes: What the user should know, one sentence each.
-        name: For certificates and messages.
-        unit: Of the margins.
-        scope: What it covers, for certificates.
+        walls: Names of the walls; from what else stands in the cell a distance is kept.
     """
 
     robot: Robot
-    scene: Scene
+    shapes: tuple[Shape, ...]
     pairs: tuple[Pair, ...]
     wanted: Array
     activation_distance: Array
     notes: tuple[str, ...] = ()
     name: str = "clearance"
-    unit: str = "m"
     scope: str = ""
+    walls: frozenset[str] = frozenset()
+    how: str = PROOF_BY_BOUNDS
+    unit: str = "m"
+    labels: tuple[str, ...] = field(init=False)
+    scene: Scene = field(init=False)
     _owner: Indices = field(init=False)
     _sides: Array = field(init=False)
 
     def __post_init__(self) -> None:
+        scene = Scene(self.robot, self.shapes, [way for pair in self.pairs for way in pair.shapes])
         owner = [k for k, pair in enumerate(self.pairs) for _ in pair.shapes]
-        bodies = [[self.scene.shapes[s].body for s in way] for way in self.scene.ways]
+        bodies = [[self.shapes[s].body for s in way] for way in scene.ways]
         signs = np.array([sides(self.robot, a, b) for a, b in bodies], dtype=np.float64)
-        object.__setattr__(self, "wanted", frozen(self.wanted, (len(self.pairs),)))
-        object.__setattr__(
-            self, "activation_distance", frozen(self.activation_distance, (len(self.pairs),))
-        )
-        object.__setattr__(self, "_owner", np.array(owner, dtype=np.intp))
-        object.__setattr__(self, "_sides", signs)
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """What each margin is."""
-        return tuple(
-            f"distance of '{pair.first}' and '{pair.second}' above {wanted:g} m"
+        count = (len(self.pairs),)
+        labels = tuple(
+            f"'{pair.first}' clear of '{pair.second}'"
+            if pair.second in self.walls
+            else f"distance of '{pair.first}' and '{pair.second}' above {wanted:g} m"
             for pair, wanted in zip(self.pairs, self.wanted, strict=True)
         )
+        for name, value in (
+            ("wanted", frozen(self.wanted, count)),
+            ("activation_distance", frozen(self.activation_distance, count)),
+            ("labels", labels),
+            ("scene", scene),
+            ("_owner", np.array(owner, dtype=np.intp)),
+            ("_sides", signs),
+        ):
+            object.__setattr__(self, name, value)
 
     def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
         """Margins at positions `q`, shape `(N, n)`; velocities and accelerations do not matter."""
@@ -157,20 +138,22 @@ class Clearance:
         first = np.searchsorted(self._owner, np.arange(len(self.pairs)))
         return np.asarray(np.minimum.reduceat(by_way, first, axis=1))
 
-    def nearest(self, q: Array) -> Nearest:
-        """The pair that is nearest to its margin, or farthest below it, at a posture `(n,)`."""
+    def nearest(self, q: Array) -> str:
+        """Such as `'panda_link5' and 'panda_hand' overlap by 12 mm`, at a posture `(n,)`.
+
+        It is the pair that is nearest to its margin, or farthest below it.
+        """
         distances = self.distances(np.asarray(q, dtype=np.float64)[None])[0]
         k = int(np.argmin(distances - self.wanted))
-        return Nearest(self.pairs[k].first, self.pairs[k].second, float(distances[k]))
+        how = "overlap by" if distances[k] < 0.0 else "are apart by"
+        first, second = self.pairs[k].first, self.pairs[k].second
+        return f"'{first}' and '{second}' {how} {abs(distances[k]) * 1e3:.3g} mm"
 
     def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
-        """Lower bounds of all margins that hold at all times, shape `(k,)` [m].
+        """See `Constraint`.
 
-        They are at most a tenth of a millimetre below the least margin, or that much below
+        Bounds are at most a tenth of a millimetre below the least margin, or that much below
         `activation_distance` or higher.
-
-        Raises:
-            Stopped: `progress` requested a stop.
         """
         enough = self.wanted + self.activation_distance
         found = proven_distances(
@@ -179,7 +162,7 @@ class Clearance:
         return found - self.wanted
 
     def reaches(self, lower: Array, upper: Array) -> Array:
-        """Change of every margin per change of each joint within bounds, `(k, n)` [m/rad; 1]."""
+        """See `Constraint`."""
         shapes, most = self.scene.shapes, np.zeros((len(self.pairs), self.robot.n))
         for k, (a, b) in zip(self._owner, self.scene.ways, strict=True):
             most[k] = np.maximum(most[k], rates(self.robot, shapes[a], shapes[b], lower, upper))
@@ -220,49 +203,26 @@ def clearance(
     shapes = (*geometry.shapes, *others)
     pairs, notes, left = candidate_pairs(robot, geometry, shapes, ignore, bodies)
     _check_pairs(robot, pairs)
-    count = len(pairs)
-    activation_distance = (
-        min(CLEARANCE_ROOM, ROOM_REACH_SHARE * reach(robot))
-        if activation_distance is None
-        else activation_distance
-    )
-    whole = _built(
-        robot, shapes, pairs, np.full(count, margin), np.full(count, activation_distance)
-    )
+    if activation_distance is None:
+        activation_distance = min(CLEARANCE_ROOM, ROOM_REACH_SHARE * reach(robot))
+    far = np.full(len(pairs), activation_distance)
+    whole = Clearance(robot, shapes, pairs, np.full(len(pairs), margin), far)
     farthest = whole.distances(random_postures(robot)).max(axis=0)
     kept, wanted, more = separable(shapes, pairs, farthest, margin)
     _check_pairs(robot, kept)
-    built = _built(robot, shapes, kept, wanted, np.full(len(kept), activation_distance))
-    left += count - len(kept)
+    left += len(pairs) - len(kept)
     scope = f"{len(kept)} pair{'s' * (len(kept) != 1)}" + (f", {left} left out" if left else "")
-    return replace(built, notes=(*geometry.notes, *notes, *more), scope=scope)
+    notes = (*geometry.notes, *notes, *more)
+    return Clearance(robot, shapes, kept, wanted, far[: len(kept)], notes, scope=scope)
 
 
-def self_clearance(
-    loaded: LoadedRobot,
-    *,
-    skip: Collection[str] = (),
-    margin: float = CLEARANCE_MARGIN,
-    activation_distance: float | None = None,
-    others: Sequence[Shape] = (),
-    ignore: Sequence[tuple[str, str]] = (),
-    bodies: bool = True,
-) -> Clearance:
+def self_clearance(loaded: LoadedRobot, *, skip: Collection[str] = (), **options: Any) -> Clearance:
     """`clearance` with the shapes of the robot's own model file, and the SRDF beside it.
 
     Args:
         loaded: The robot and the files it came from.
         skip: Links to go without.
-        margin: Distance to keep [m].
-        activation_distance: Distance beyond the margin from which on a pair does not matter [m];
-            `CLEARANCE_ROOM`, or `ROOM_REACH_SHARE` of how far the robot reaches, whichever is less,
-            if `None`.
-        others: Tools, payloads and what stands in the cell.
-        ignore: Pairs of names that may touch.
-        bodies: Whether the robot and its tools keep clear of themselves, too, not only of the cell.
-
-    Raises:
-        ModelError: See `robot_shapes` and `clearance`; or the robot has no model file.
+        options: Those of `clearance`.
     """
     model = loaded.sources[-1].path
     if model.suffix.lower() == ".toml":
@@ -277,26 +237,7 @@ def self_clearance(
         never = geometry.never | disabled_pairs(srdf)
         notes = (*geometry.notes, f"pairs of links that may touch are taken from '{srdf}'")
         geometry = replace(geometry, never=never, notes=notes)
-    return clearance(
-        loaded.robot,
-        geometry,
-        margin=margin,
-        activation_distance=activation_distance,
-        others=others,
-        ignore=ignore,
-        bodies=bodies,
-    )
-
-
-def _built(
-    robot: Robot,
-    shapes: tuple[Shape, ...],
-    pairs: tuple[Pair, ...],
-    wanted: Array,
-    activation_distance: Array,
-) -> Clearance:
-    ways = [way for pair in pairs for way in pair.shapes]
-    return Clearance(robot, Scene(robot, shapes, ways), pairs, wanted, activation_distance)
+    return clearance(loaded.robot, geometry, **options)
 
 
 def _check_pairs(robot: Robot, pairs: tuple[Pair, ...]) -> None:

@@ -9,8 +9,7 @@ an order in time.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Protocol
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.excite.collision.shapes import Poses, Shape, ShapeKinematics, rates
-from steelyard.excite.collision.solids import HalfSpace, height
+from steelyard.excite.collision.solids import height
 from steelyard.excite.constraints.bounding import goals
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.robot.robot import Robot
@@ -29,17 +28,6 @@ HEIGHT_ROUNDING = 1e-9
 """What rounding may add to a bound that comes from the heights of two solids [m]."""
 
 
-class Solver(Protocol):
-    """What measures distances of solids; see `mujoco_geometry.Distances`."""
-
-    def between(
-        self, pairs: Indices, samples: Indices, at: tuple[Array, Array]
-    ) -> tuple[Array, Array]:
-        """Signed distances `(H,)` and nearest points `(H, 2, 3)` of pairs at samples."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
 class Scene:
     """Shapes on a robot and around it, and the pairs of them that matter.
 
@@ -47,27 +35,20 @@ class Scene:
         shapes: `G` shapes.
         ways: Numbers of the two shapes of each pair, shape `(W, 2)`; of a pair with a half-space
             that is the second.
-        kinematics: Where the shapes are.
     """
-
-    shapes: tuple[Shape, ...]
-    ways: Indices
-    kinematics: ShapeKinematics = field(init=False)
-    _solver: Solver = field(init=False)
-    _flat: NDArray[np.bool_] = field(init=False)
 
     def __init__(
         self, robot: Robot, shapes: Sequence[Shape], ways: Sequence[tuple[int, int]]
     ) -> None:
         from steelyard.excite.collision.mujoco_geometry import Distances
 
-        flat = [isinstance(shape.solid, HalfSpace) for shape in shapes]
+        flat = [shape.flat for shape in shapes]
         ordered = [(j, i) if flat[i] else (i, j) for i, j in ways]
-        object.__setattr__(self, "shapes", tuple(shapes))
-        object.__setattr__(self, "ways", np.array(ordered, dtype=np.intp).reshape(-1, 2))
-        object.__setattr__(self, "kinematics", ShapeKinematics(robot, shapes))
-        object.__setattr__(self, "_solver", Distances(tuple(s.solid for s in shapes)))
-        object.__setattr__(self, "_flat", np.array(flat)[self.ways[:, 1]])
+        self.shapes = tuple(shapes)
+        self.ways: Indices = np.array(ordered, dtype=np.intp).reshape(-1, 2)
+        self.kinematics = ShapeKinematics(robot, shapes)
+        self._solver = Distances(tuple(s.solid for s in shapes))
+        self._flat = np.array(flat)[self.ways[:, 1]]
 
     def balls(self, poses: Poses) -> Array:
         """Lower bounds of all ways' distances from balls around the shapes, shape `(N, W)` [m]."""
@@ -83,17 +64,10 @@ class Scene:
         return np.asarray(gaps - HEIGHT_ROUNDING)
 
     def along(self, poses: Poses, ways: Indices, samples: Indices, normals: Array) -> Array:
-        """Lower bounds of distances from the shapes' heights along a direction.
+        """Lower bounds of `H` ways' distances at samples, by heights along a direction, `(H,)` [m].
 
-        Args:
-            poses: Poses at `N` samples.
-            ways: `H` numbers of ways.
-            samples: `H` numbers of samples.
-            normals: Unit vectors from the first shape to the second, shape `(H, 3)`; of a
-                half-space its own is taken.
-
-        Returns:
-            Shape `(H,)` [m]; exact if the direction is that of the nearest points.
+        Exact if the unit vectors `normals` from the first to the second shape, `(H, 3)`, are those
+        of the nearest points; of a half-space its own is taken.
         """
         both = self.ways[ways].T
         own = -poses.rotations[samples, both[1], :, 2]
@@ -113,12 +87,7 @@ class Scene:
         return directions(poses.centres[samples, second] - poses.centres[samples, first])
 
     def exact(self, poses: Poses, ways: Indices, samples: Indices) -> tuple[Array, Array, Array]:
-        """Distances, nearest points and their direction.
-
-        Args:
-            poses: Poses at `N` samples.
-            ways: `H` numbers of ways.
-            samples: `H` numbers of samples, ascending.
+        """Distances, nearest points and their direction of `H` ways, each at a sample, ascending.
 
         Returns:
             Signed distances, shape `(H,)` [m]; nearest points, shape `(H, 2, 3)`; unit vectors
@@ -170,12 +139,9 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class _Intervals:
-    """Pairs of shapes, each over an interval of time.
+    """Numbers of pairs of shapes, each over an interval of time of a middle and a half length [s].
 
-    Attributes:
-        ways: Numbers of the pairs, shape `(I,)`.
-        middle: Shape `(I,)` [s].
-        half: Half lengths, shape `(I,)` [s].
+    All have shape `(I,)`.
     """
 
     ways: Indices
@@ -217,13 +183,15 @@ def proven_distances(
         kept: Distances that must be kept: near above them, bounds are sharper, shape `(k,)` [m].
         tolerance: How far below the least distance a bound may be otherwise [m].
         progress: Told of the share of the time that is done.
-
-    Raises:
-        Stopped: `progress` requested a stop.
     """
     search = _Search(robot, scene, trajectory)
     least, proven = np.full(len(enough), np.inf), np.full(len(enough), np.inf)
-    work = _first_intervals(trajectory, len(owner))
+    even = np.linspace(0.0, trajectory.duration, FIRST_PROOF_PIECES + 1)
+    times = np.union1d(even, trajectory.breaks)
+    times = times[(times >= 0.0) & (times <= trajectory.duration)]
+    middle, half = 0.5 * (times[1:] + times[:-1]), 0.5 * np.diff(times)
+    which, ways = np.repeat(np.arange(len(owner)), len(middle)), len(owner)
+    work = _Intervals(which, np.tile(middle, ways), np.tile(half, ways))
     total, used = float(work.half.sum()), 0
     while len(work.ways):
         pair = owner[work.ways]
@@ -241,25 +209,11 @@ def proven_distances(
     return proven
 
 
-def _first_intervals(trajectory: ExactTrajectory, ways: int) -> _Intervals:
-    """All ways over pieces that no break of the motion lies in."""
-    even = np.linspace(0.0, trajectory.duration, FIRST_PROOF_PIECES + 1)
-    times = np.union1d(even, trajectory.breaks)
-    times = times[(times >= 0.0) & (times <= trajectory.duration)]
-    middle, half = 0.5 * (times[1:] + times[:-1]), 0.5 * np.diff(times)
-    which = np.repeat(np.arange(ways), len(middle))
-    return _Intervals(which, np.tile(middle, ways), np.tile(half, ways))
-
-
 class _Search:
     """What bounds an interval.
 
-    Attributes:
-        scene: The shapes.
-        trajectory: The motion.
-        rates: Change of distance per speed of each joint, shape `(W, n)`.
-        speed: Greatest speeds, shape `(n,)`.
-        acceleration: Greatest accelerations, shape `(n,)`.
+    It takes `rates`, the change of distance per speed of each joint, `(W, n)`, and the greatest
+    speeds and accelerations, `(n,)` each.
     """
 
     def __init__(self, robot: Robot, scene: Scene, trajectory: ExactTrajectory) -> None:
@@ -274,11 +228,9 @@ class _Search:
         )
 
     def bounds(self, work: _Intervals, enough: Array) -> tuple[Array, Array, Array]:
-        """Per interval the bound, the distance's bound at its middle, and what lies between.
+        """The bound, the distance's bound at the middle, and what lies between, `(I,)` each [m].
 
-        Args:
-            work: `I` intervals.
-            enough: Bounds that need not be better, shape `(I,)` [m].
+        Bounds need not be better than `enough`, shape `(I,)` [m].
         """
         times, samples = np.unique(work.middle, return_inverse=True)
         poses = self.scene.kinematics(self.trajectory.derivative(times, 0))
@@ -287,22 +239,12 @@ class _Search:
         speed = np.abs(self.trajectory.derivative(times, 1))[samples]
         speed = np.minimum(speed + half[:, None] * self.acceleration, self.speed)
         slack = half * np.einsum("ij,ij->i", speed, self.rates[work.ways])
-        gap = self._balls(poses, work.ways, samples)
-        for better in (self._centre_lines, self._nearest):
+        gap = self.scene.balls(poses)[samples, work.ways]
+        for normals in (self.scene.centre_lines, lambda *at: self.scene.exact(*at)[2]):
             short = np.flatnonzero(gap - slack < enough)
             # the solver moves fastest from sample to sample
             short = short[np.argsort(samples[short], kind="stable")]
-            found = better(poses, work.ways[short], samples[short])
+            at = (poses, work.ways[short], samples[short])
+            found = self.scene.along(*at, normals(*at))
             gap[short] = np.maximum(gap[short], found)
         return gap - slack, gap, slack
-
-    def _balls(self, poses: Poses, ways: Indices, samples: Indices) -> Array:
-        return self.scene.balls(poses)[samples, ways]
-
-    def _centre_lines(self, poses: Poses, ways: Indices, samples: Indices) -> Array:
-        lines = self.scene.centre_lines(poses, ways, samples)
-        return self.scene.along(poses, ways, samples, lines)
-
-    def _nearest(self, poses: Poses, ways: Indices, samples: Indices) -> Array:
-        normals = self.scene.exact(poses, ways, samples)[2]
-        return self.scene.along(poses, ways, samples, normals)

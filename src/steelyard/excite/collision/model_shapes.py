@@ -36,18 +36,10 @@ Kind = Literal["collision", "visual"]
 
 
 def robot_shapes(robot: Robot, model: Path, skip: Collection[str] = ()) -> Geometry:
-    """The collision shapes that a robot's model file gives its links.
+    """The collision shapes that a robot's model file, URDF or MJCF, gives its links but `skip`.
 
     Fixed and locked links' shapes go to the body that their links merged into. Meshes become
     their convex hulls.
-
-    Args:
-        robot: The robot as it was read from the file, its joints locked or not.
-        model: The URDF or MJCF.
-        skip: Links to go without.
-
-    Raises:
-        ModelError: A shape cannot be read, there is none, or the robot has closed chains.
     """
     if robot.loops:
         raise ModelError(
@@ -81,17 +73,10 @@ def robot_shapes(robot: Robot, model: Path, skip: Collection[str] = ()) -> Geome
 
 
 def world_shapes(path: Path, skip: Collection[str] = ()) -> tuple[Shape, ...]:
-    """The shapes of a cell that stands still, from a URDF or MJCF.
+    """The shapes of a cell that stands still, from a URDF or MJCF, but for the links `skip`.
 
     Its root frame is the robot's base frame; what could move stands where its joints are at zero,
     or at the limit nearest to it.
-
-    Args:
-        path: The file.
-        skip: Links to go without.
-
-    Raises:
-        ModelError: The file or a shape cannot be read, or there is no shape.
     """
     if expansion := expand(path, {}):
         path = expansion.path
@@ -103,11 +88,17 @@ def world_shapes(path: Path, skip: Collection[str] = ()) -> tuple[Shape, ...]:
     else:
         mechanism = read_mechanism(path)
         _check_links(skip, mechanism, path)
-        frames = {link.name: _standing(mechanism, link.name) for link in mechanism.links}
+        frames = dict[str, Frame]()
+        for link in mechanism.links:
+            placement = Placement()
+            for joint in mechanism.to_link(link.name):
+                rest = float(np.clip(0.0, joint.limits.lower, joint.limits.upper))
+                placement = placement @ joint.at(rest)
+            frames[link.name] = Frame(link.name, -1, placement.rotation, placement.position)
         shapes = tuple(
             Shape(s.name, -1, s.rotation, s.position, s.solid, "world")
-            for link in root.all("link")
-            for s in _shapes(link, frames, path, skip)
+            for element in root.all("link")
+            for s in _shapes(element, frames, path, skip)
         )
     if not shapes:
         raise ModelError(
@@ -127,15 +118,6 @@ def _check_links(skip: Collection[str], mechanism: Mechanism, path: Path) -> Non
                 where=str(path),
                 fix=advice(name, names, "links"),
             )
-
-
-def _standing(mechanism: Mechanism, link: str) -> Frame:
-    """A link of a cell in its root's frame."""
-    placement = Placement()
-    for joint in mechanism.to_link(link):
-        rest = float(np.clip(0.0, joint.limits.lower, joint.limits.upper))
-        placement = placement @ joint.at(rest)
-    return Frame(link, -1, placement.rotation, placement.position)
 
 
 def _notes(

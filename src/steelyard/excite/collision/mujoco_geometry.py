@@ -1,7 +1,6 @@
 """MuJoCo: geoms of MJCF files, and distances between convex solids."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
-from steelyard.excite.collision.shapes import Shape, placed
+from steelyard.excite.collision.shapes import Shape, obstacle, placed
 from steelyard.excite.collision.solids import (
     WITHOUT_MESH_ADVICE,
     Ball,
@@ -32,20 +31,12 @@ FARTHEST_DISTANCE = 1e6
 _GEOM = mujoco.mjtGeom
 
 
-@dataclass(frozen=True, eq=False)
 class Distances:
     """Signed distances between pairs of solids, by GJK and EPA on MuJoCo's geoms.
 
-    Attributes:
-        model: MuJoCo's model, one free-standing geom per solid.
-        position: Origin of each geom in the frame of its solid, shape `(G, 3)` [m].
-        rotation: Its axes there, shape `(G, 3, 3)`.
+    MuJoCo's model has one free-standing geom per solid. Its origin and axes in the frame of its
+    solid are `_position`, shape `(G, 3)` [m], and `_rotation`, shape `(G, 3, 3)`.
     """
-
-    model: Any
-    position: Array
-    rotation: Array
-    _spare: list[Any]
 
     def __init__(self, solids: tuple[Solid, ...]) -> None:
         spec = mujoco.MjSpec()
@@ -53,13 +44,12 @@ class Distances:
         spec.memory = 1 << 22
         for number, solid in enumerate(solids):
             _add(spec, number, solid)
-        model = spec.compile()
-        data = mujoco.MjData(model)
-        mujoco.mj_kinematics(model, data)
-        object.__setattr__(self, "model", model)
-        object.__setattr__(self, "position", data.geom_xpos.copy())
-        object.__setattr__(self, "rotation", data.geom_xmat.reshape(-1, 3, 3).copy())
-        object.__setattr__(self, "_spare", [])
+        self._model = spec.compile()
+        data = mujoco.MjData(self._model)
+        mujoco.mj_kinematics(self._model, data)
+        self._position = data.geom_xpos.copy()
+        self._rotation = data.geom_xmat.reshape(-1, 3, 3).copy()
+        self._spare = list[Any]()
 
     def between(
         self, pairs: NDArray[np.intp], samples: NDArray[np.intp], at: tuple[Array, Array]
@@ -77,11 +67,11 @@ class Distances:
             the solids were drawn apart.
         """
         # memory for the solver takes longer to get than a hundred distances
-        model, data = self.model, self._spare.pop() if self._spare else mujoco.MjData(self.model)
+        model, data = self._model, self._spare.pop() if self._spare else mujoco.MjData(self._model)
         place, turn = data.geom_xpos, data.geom_xmat
         used, samples = np.unique(samples, return_inverse=True)
-        rotations = at[0][used] @ self.rotation
-        positions = at[1][used] + (at[0][used] @ self.position[..., None])[..., 0]
+        rotations = at[0][used] @ self._rotation
+        positions = at[1][used] + (at[0][used] @ self._position[..., None])[..., 0]
         flat = rotations.reshape(*rotations.shape[:2], 9)
         distances, points = np.empty(len(pairs)), np.empty((len(pairs), 6, 1))
         measure, last = mujoco.mj_geomDistance, -1
@@ -120,13 +110,7 @@ def _add(spec: Any, number: int, solid: Solid) -> None:
 def mjcf_shapes(
     path: Path, frames: Mapping[str, Frame], skip: Collection[str]
 ) -> tuple[tuple[Shape, ...], frozenset[frozenset[str]], frozenset[str]]:
-    """Shapes of a robot's MJCF, the pairs of links that it excludes, and other links with shapes.
-
-    Args:
-        path: The file.
-        frames: Frames of the robot's links by name.
-        skip: Links to go without.
-    """
+    """Shapes of an MJCF robot, pairs of links that it excludes, and other links with shapes."""
     file = compiled(path)
     model, shapes, outside = file.model, list[Shape](), set[str]()
     for geom in _colliding(model):
@@ -141,7 +125,8 @@ def mjcf_shapes(
         last = int(model.body_jntadr[body]) + int(model.body_jntnum[body]) - 1
         anchor = model.jnt_pos[last] if model.body_jntnum[body] else np.zeros(3)
         rotation, position = _matrix(model.geom_quat[geom]), model.geom_pos[geom] - anchor
-        shapes.append(_shape(model, geom, frames[name], path, position, rotation))
+        solid = _solid(model, geom, name, path)
+        shapes.append(placed(frames[name], name, solid, position, rotation))
     return tuple(shapes), _excluded(model), frozenset(outside)
 
 
@@ -157,10 +142,8 @@ def mjcf_world(path: Path, skip: Collection[str]) -> tuple[Shape, ...]:
         if name in skip:
             continue
         _refuse_absent(file, geom, name, path)
-        base = Frame(name, -1, np.eye(3), np.zeros(3))
-        rotation = data.geom_xmat[geom].reshape(3, 3)
-        shape = _shape(model, geom, base, path, data.geom_xpos[geom], rotation)
-        shapes.append(Shape(name, -1, shape.rotation, shape.position, shape.solid, "world"))
+        solid, rotation = _solid(model, geom, name, path), data.geom_xmat[geom].reshape(3, 3)
+        shapes.append(obstacle(name, solid, data.geom_xpos[geom], rotation))
     return tuple(shapes)
 
 
@@ -175,15 +158,15 @@ def _refuse_absent(file: Compiled, geom: int, link: str, path: Path) -> None:
         )
 
 
+def _link(model: Any, body: int) -> str:
+    """What the robot calls the link of a body."""
+    return str(model.body(body).name) or f"body_{body}"
+
+
 def _colliding(model: Any) -> list[int]:
     """Geoms that collide with anything."""
     active = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
     return [int(geom) for geom in np.flatnonzero(active)]
-
-
-def _link(model: Any, body: int) -> str:
-    """What the robot calls the link of a body."""
-    return str(model.body(body).name) or f"body_{body}"
 
 
 def _excluded(model: Any) -> frozenset[frozenset[str]]:
@@ -202,13 +185,6 @@ def _excluded(model: Any) -> frozenset[frozenset[str]]:
             if first < second and not meet:
                 pairs.add(frozenset((first, second)))
     return frozenset(pairs)
-
-
-def _shape(
-    model: Any, geom: int, frame: Frame, path: Path, position: Array, rotation: Array
-) -> Shape:
-    """One geom as a shape."""
-    return placed(frame, frame.name, _solid(model, geom, frame.name, path), position, rotation)
 
 
 def _solid(model: Any, geom: int, link: str, path: Path) -> Solid:

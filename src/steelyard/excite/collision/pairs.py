@@ -9,20 +9,14 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError, advice
 from steelyard.excite.collision.shapes import Geometry, Shape
-from steelyard.excite.collision.solids import HalfSpace, Hull
+from steelyard.excite.collision.solids import Hull
 from steelyard.robot.models.xml_reader import Element, read_xml
-from steelyard.robot.robot import Body, Robot
+from steelyard.robot.robot import Robot
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Two things that may touch.
-
-    Attributes:
-        first: Name of a link, tool or obstacle.
-        second: Name of another.
-        shapes: Numbers of their shapes, one of each in every way.
-    """
+    """Two things that may touch, by name, and numbers of their shapes, one each in every way."""
 
     first: str
     second: str
@@ -56,9 +50,6 @@ def candidate_pairs(
 
     Returns:
         The pairs, notes on those left out, and how many these are.
-
-    Raises:
-        ModelError: A name in `ignore` does not exist, or two things have one name.
     """
     groups = _groups(shapes)
     _check_names(groups, shapes, ignore)
@@ -69,7 +60,13 @@ def candidate_pairs(
         for second in names[k + 1 :]:
             both = frozenset((first, second))
             mine, theirs = groups[first], groups[second]
-            ways = tuple((i, j) for i in mine for j in theirs if _can_touch(shapes[i], shapes[j]))
+            # two shapes move against each other, and one of them ends
+            ways = tuple(
+                (i, j)
+                for i in mine
+                for j in theirs
+                if shapes[i].body != shapes[j].body and not (shapes[i].flat and shapes[j].flat)
+            )
             origins = {shapes[mine[0]].origin, shapes[theirs[0]].origin}
             links = origins == {"link"}
             if not ways or not (bodies or "world" in origins):
@@ -109,9 +106,7 @@ def _groups(shapes: Sequence[Shape]) -> dict[str, list[int]]:
 
 
 def _check_names(
-    groups: Mapping[str, list[int]],
-    shapes: Sequence[Shape],
-    ignore: Sequence[tuple[str, str]],
+    groups: Mapping[str, list[int]], shapes: Sequence[Shape], ignore: Sequence[tuple[str, str]]
 ) -> None:
     for name, members in groups.items():
         if len({(shapes[k].origin, shapes[k].body) for k in members}) > 1:
@@ -130,22 +125,20 @@ def _check_names(
                 )
 
 
-def _can_touch(first: Shape, second: Shape) -> bool:
-    """Whether two shapes move against each other, and one of them ends."""
-    planes = isinstance(first.solid, HalfSpace) and isinstance(second.solid, HalfSpace)
-    return first.body != second.body and not planes
-
-
 def _neighbours(robot: Robot, geometry: Geometry, first: Shape, second: Shape) -> bool:
     """Whether a joint connects two links, or several in one place, and no shape lies between."""
     inner, outer = sorted((first.body, second.body))
     carrier = robot.bodies[outer].parent
     # a link with several joints is a chain of bodies that are nothing but frames
-    while carrier > inner and _only_a_frame(robot.bodies[carrier]):
+    while carrier > inner and (robot.bodies[carrier].massless or not robot.bodies[carrier].known):
         carrier = robot.bodies[carrier].parent
     if carrier != inner:
         return False
-    way, other = (_ancestry(geometry.parents, shape.name) for shape in (first, second))
+    ways = ([first.name], [second.name])
+    for links in ways:
+        while links[-1] in geometry.parents:
+            links.append(geometry.parents[links[-1]])
+    way, other = ways
     shared = set(way) & set(other)
     meet = next(name for name in way if name in shared)
     between = [*way[: way.index(meet) + 1], *other[: other.index(meet)]]
@@ -153,24 +146,10 @@ def _neighbours(robot: Robot, geometry: Geometry, first: Shape, second: Shape) -
     return not shaped & (set(between) - {first.name, second.name})
 
 
-def _only_a_frame(body: Body) -> bool:
-    return body.massless or not body.known
-
-
-def _ancestry(parents: Mapping[str, str], link: str) -> list[str]:
-    """A link and all that carry it."""
-    way = [link]
-    while way[-1] in parents:
-        way.append(parents[way[-1]])
-    return way
-
-
 def find_srdf(model: Path, given: Path | None = None) -> Path | None:
     """The SRDF of a URDF: in its folder or in `srdf` beside it, for a robot of the same name.
 
-    Args:
-        model: The URDF.
-        given: The file it was expanded from, if it was: its folder is the one.
+    The folder is that of `given`, the file that the URDF was expanded from, if it was.
     """
     name = read_xml(model).attributes.get("name")
     folder = (given or model).resolve().parent
@@ -182,11 +161,7 @@ def find_srdf(model: Path, given: Path | None = None) -> Path | None:
 
 
 def disabled_pairs(path: Path) -> frozenset[frozenset[str]]:
-    """Pairs of links that an SRDF lets touch.
-
-    Raises:
-        ModelError: The file is no SRDF.
-    """
+    """Pairs of links that an SRDF lets touch."""
     pairs = set()
     for element in _srdf(path).all("disable_collisions"):
         links = [element.attributes.get(key, "").strip() for key in ("link1", "link2")]
@@ -232,19 +207,11 @@ def random_postures(robot: Robot) -> Array:
 def separable(
     shapes: Sequence[Shape], pairs: Sequence[Pair], farthest: Array, margin: float
 ) -> tuple[tuple[Pair, ...], Array, tuple[str, ...]]:
-    """The pairs that can be kept apart, and how far.
+    """The pairs that can be kept apart, and how far, `(k,)` [m].
 
-    Links on the fixed base make no pairs with the cell, so whatever does can move.
-
-    Args:
-        shapes: All shapes.
-        pairs: Pairs of them.
-        farthest: The greatest distance of each pair that was seen, shape `(k,)` [m].
-        margin: Distance to keep [m].
-
-    Returns:
-        Pairs, distance to keep of each, shape `(k,)` [m], and notes on those of the robot itself
-        that cannot keep the margin.
+    Links on the fixed base make no pairs with the cell, so whatever does can move. `farthest` are
+    the greatest distances that were seen, shape `(k,)` [m]. Notes name pairs of the robot itself
+    that cannot keep the margin.
 
     Raises:
         ModelError: The cell overlaps a link in every posture, or is never `margin` away.

@@ -15,9 +15,9 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError, advice
 from steelyard.excite.collision.model_shapes import readable_shapes
 from steelyard.excite.collision.shapes import Origin, Shape, placed
-from steelyard.excite.collision.solids import Ball, Capsule, HalfSpace
+from steelyard.excite.collision.solids import Ball, Capsule
 from steelyard.excite.constraints.constraint import Declined, Gap
-from steelyard.excite.constraints.markers import Marker
+from steelyard.excite.constraints.workspace import Marker
 from steelyard.model.equations.kinematics import frame_of, last_frame
 from steelyard.robot.file.loaded_robot import LoadedRobot, read_mechanism
 from steelyard.robot.rigid_body import Inertia
@@ -37,10 +37,8 @@ SHORT_REACH = 1e-3
 class LinkTree:
     """The links of a robot, whether they move or are merged into others.
 
-    Attributes:
-        frames: Where each link is.
-        parents: The link that carries a link, for all but the root.
-        inertias: Of links whose mass is known, in their own frames.
+    Frames of links, the `parents` that carry all but the root, and inertias of links whose mass is
+    known, in their own frames.
     """
 
     frames: Mapping[str, Frame]
@@ -51,16 +49,11 @@ class LinkTree:
 def assumed_shapes(
     robot: Robot, links: LinkTree, shaped: Collection[str], ends: Mapping[str, Sequence[Array]]
 ) -> tuple[Shape, ...]:
-    """Capsules and balls for moving links without shapes that must have some.
+    """Capsules and balls for moving links that are not `shaped` but must have a shape.
 
-    Those are links with a mass, and links that carry a joint, a real link, or one of `ends`.
-
-    Args:
-        robot: The robot.
-        links: Its links.
-        shaped: Links that have shapes, or are to go without.
-        ends: Frames that something real is fixed to, such as the tool's, and where on their
-            bodies, each of shape `(3,)` [m]; a link that is more than a frame reaches there.
+    Those are links with a mass, and links that carry a joint, a real link, or one of `ends`: frames
+    that something real is fixed to, such as the tool's, and where on their bodies, each of shape
+    `(3,)` [m]; a link that is more than a frame reaches there.
     """
     real = _carrying(robot, links, {*shaped, *links.inertias, *ends})
     usual, bodies = SLENDER_RADIUS_SHARE * reach(robot), {body.name for body in robot.bodies}
@@ -113,19 +106,25 @@ def _link_shapes(
 ) -> list[Shape]:
     """A capsule to every end of a link; a ball at its origin if it has a mass and no end."""
     frame, inertia = links.frames[name], links.inertias.get(name)
-    radius = usual if inertia is None else _radius(inertia, usual)
-    children = _children(links, name, real)
+    radius = usual
+    if inertia is not None:
+        least = float(np.linalg.eigvalsh(inertia.inertia_com)[0])
+        even = np.sqrt(2.0 * max(least, 0.0) / inertia.mass) if inertia.mass > 0.0 else 0.0
+        radius = float(np.clip(even, usual / WIDEST_RADIUS_FACTOR, usual * WIDEST_RADIUS_FACTOR))
+    children = [
+        c for c, p in links.parents.items() if p == name and c in real and c in links.frames
+    ]
     ends = [*more, *(x for child in children for x in _places(robot, links, child))]
     if inertia is not None and inertia.mass > 0.0:
         ends.append(frame.position + frame.rotation @ (2.0 * inertia.com))
-    own = [rod(name, frame, end, radius) for end in ends if _apart(end, frame.position)]
+    own = [
+        rod(name, frame, end, radius)
+        for end in ends
+        if np.linalg.norm(end - frame.position) > SHORT_REACH
+    ]
     if own or inertia is None:
         return own
     return [Shape(name, frame.body, np.eye(3), frame.position, Ball(radius))]
-
-
-def _children(links: LinkTree, name: str, real: Collection[str]) -> list[str]:
-    return [c for c, p in links.parents.items() if p == name and c in real and c in links.frames]
 
 
 def _places(robot: Robot, links: LinkTree, child: str) -> list[Array]:
@@ -134,17 +133,6 @@ def _places(robot: Robot, links: LinkTree, child: str) -> list[Array]:
         if body.name == child:
             return _origins(robot, number)
     return [links.frames[child].position]
-
-
-def _apart(first: Array, second: Array) -> bool:
-    return float(np.linalg.norm(first - second)) > SHORT_REACH
-
-
-def _radius(inertia: Inertia, usual: float) -> float:
-    """Of the even cylinder about the axis of least moment, within reason."""
-    least = float(np.linalg.eigvalsh(inertia.inertia_com)[0])
-    own = np.sqrt(2.0 * max(least, 0.0) / inertia.mass) if inertia.mass > 0.0 else 0.0
-    return float(np.clip(own, usual / WIDEST_RADIUS_FACTOR, usual * WIDEST_RADIUS_FACTOR))
 
 
 def rod(name: str, frame: Frame, end: Array, radius: float, origin: Origin = "link") -> Shape:
@@ -176,7 +164,6 @@ class WholeRobot:
         carried: Balls of the tool and of the loads.
         still: Names of links that the base carries: they do not move.
         without: Names of links that were left out.
-        notes: What the user should know, one sentence each.
     """
 
     links: tuple[Shape, ...]
@@ -192,16 +179,7 @@ class WholeRobot:
 
 
 def whole_robot(loaded: LoadedRobot, tool: Marker, skip: Collection[str] = ()) -> WholeRobot:
-    """All that a robot moves: collision shapes, or visual ones, or assumed capsules.
-
-    Args:
-        loaded: The robot, its tables and the files it came from.
-        tool: Its tool.
-        skip: Links to go without.
-
-    Raises:
-        ModelError: The robot has closed chains, or a frame or a link does not exist.
-    """
+    """All that a robot moves but `skip`: collision shapes, or visual ones, or assumed capsules."""
     robot = loaded.robot
     if robot.loops:
         raise ModelError(
@@ -230,10 +208,16 @@ def whole_robot(loaded: LoadedRobot, tool: Marker, skip: Collection[str] = ()) -
         drawn += readable_shapes(robot, model, bare, "visual")
     shaped = {*skip, *(shape.name for shape in (*given, *drawn))}
     assumed = assumed_shapes(robot, tree, shaped, ends)
-    links = [s for s in (*given, *drawn, *assumed) if not isinstance(s.solid, HalfSpace)]
+    links = [s for s in (*given, *drawn, *assumed) if not s.flat]
+    # the ball of the tool, and a rod as wide from the frame's origin to it
+    frame, radius = frame_of(robot, tool.frame), max(tool.radius, POINT_TOOL_RADIUS)
+    name = f"{tool.ball if tool.radius > 0.0 else 'tool point'} at {tool.frame}"
+    carried = [placed(frame, name, Ball(radius), tool.offset, origin="tool")]
+    if np.linalg.norm(tool.offset) > 0.0:
+        carried.append(rod(name, frame, ends[tool.frame][0], radius, "tool"))
     return WholeRobot(
         tuple(shape for shape in links if shape.body >= 0),
-        tuple(s for s in (*_tool_shapes(robot, tool), *load_balls(loaded)) if s.body >= 0),
+        tuple(s for s in (*carried, *load_balls(loaded)) if s.body >= 0),
         tuple(dict.fromkeys(shape.name for shape in links if shape.body < 0)),
         _notes_on_shapes(drawn, assumed, skip),
         tuple(skip),
@@ -259,19 +243,6 @@ def _link_tree(loaded: LoadedRobot) -> LinkTree:
     for name in roots:
         parents.pop(name, None)
     return LinkTree(frames, parents, masses)
-
-
-def _tool_shapes(robot: Robot, tool: Marker) -> list[Shape]:
-    """The ball of the tool, and a rod as wide from the frame's origin to it."""
-    frame, radius = frame_of(robot, tool.frame), max(tool.radius, POINT_TOOL_RADIUS)
-    name = f"tool point at {tool.frame}"
-    if tool.radius > 0.0:
-        name = f"{tool.ball} at {tool.frame}"
-    shapes = [placed(frame, name, Ball(radius), tool.offset, origin="tool")]
-    if np.linalg.norm(tool.offset) > 0.0:
-        end = _place_on_body(robot, tool.frame, tool.offset)
-        shapes.append(rod(name, frame, end, radius, "tool"))
-    return shapes
 
 
 def _place_on_body(robot: Robot, name: str, place: ArrayLike) -> Array:

@@ -10,7 +10,6 @@ bounded over all postures by a ball around it that is swept about one joint afte
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from types import MappingProxyType
 from typing import Literal
 
@@ -36,8 +35,6 @@ class Shape:
         body: Index of the body that carries it; -1 is the base, and the world.
         rotation: Shape `(3, 3)`, axes of the solid in the body's frame.
         position: Shape `(3,)` [m], origin of the solid in the body's frame.
-        solid: What it is.
-        origin: Whose it is.
     """
 
     name: str
@@ -51,6 +48,11 @@ class Shape:
         object.__setattr__(self, "rotation", frozen(self.rotation, (3, 3)))
         object.__setattr__(self, "position", frozen(self.position, (3,)))
 
+    @property
+    def flat(self) -> bool:
+        """Whether it is a half-space."""
+        return isinstance(self.solid, HalfSpace)
+
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
@@ -61,7 +63,6 @@ class Geometry:
         parents: The link that carries a link, for all links but the root.
         never: Pairs of links that the model itself lets pass through each other.
         skipped: Links whose shapes are left out.
-        notes: What the user should know, one sentence each.
     """
 
     shapes: tuple[Shape, ...]
@@ -86,15 +87,9 @@ def obstacle(
 
 
 def wall(name: str, normal: ArrayLike, offset: float) -> Shape:
-    """A plane that nothing may go behind: kept is `normal @ p >= offset` in the base frame.
+    """A plane that nothing may go behind: kept is `normal @ p >= offset` [m] in the base frame.
 
-    Args:
-        name: What it is called.
-        normal: Shape `(3,)`, of any length but zero.
-        offset: [m] for a normal of length one.
-
-    Raises:
-        ModelError: The normal has no direction.
+    The offset is that for a normal of length one.
     """
     vector = frozen(normal, (3,))
     length = float(np.linalg.norm(vector))
@@ -131,12 +126,9 @@ def placed(
 class Poses:
     """All shapes and all joints' axes at `N` samples, in the base frame.
 
-    Attributes:
-        rotations: Axes of the solids, shape `(N, G, 3, 3)`.
-        origins: Origins of the solids, shape `(N, G, 3)` [m].
-        centres: Centres of the balls around them, shape `(N, G, 3)` [m].
-        axes: Axes of the bodies' joints, shape `(N, B, 3)`.
-        anchors: A point on each of these axes, shape `(N, B, 3)` [m].
+    Axes `(N, G, 3, 3)` and origins `(N, G, 3)` of the solids, `centres` of the balls around them
+    `(N, G, 3)`, axes of the bodies' joints `(N, B, 3)` and points on these (`anchors`) `(N, B, 3)`
+    [m].
     """
 
     rotations: Array
@@ -146,38 +138,27 @@ class Poses:
     anchors: Array
 
 
-@dataclass(frozen=True, eq=False)
 class ShapeKinematics:
-    """Forward kinematics of a robot's bodies and what is fixed to them.
-
-    Attributes:
-        robot: A tree without loops.
-        carriers: Body of each shape, plus one; 0 is the base. Shape `(G,)`.
-        rotations: Axes of each solid in its body's frame, shape `(G, 3, 3)`.
-        positions: Origins there, shape `(G, 3)` [m].
-        centres: Centres of the balls around the solids there, shape `(G, 3)` [m].
-    """
-
-    robot: Robot
-    carriers: NDArray[np.intp] = field(init=False)
-    rotations: Array = field(init=False)
-    positions: Array = field(init=False)
-    centres: Array = field(init=False)
+    """Forward kinematics of a tree's bodies without loops, and of shapes that are fixed to them."""
 
     def __init__(self, robot: Robot, shapes: Sequence[Shape]) -> None:
-        object.__setattr__(self, "robot", robot)
-        carriers = np.array([shape.body + 1 for shape in shapes], dtype=np.intp)
-        object.__setattr__(self, "carriers", carriers)
-        object.__setattr__(self, "rotations", frozen(np.array([s.rotation for s in shapes])))
-        object.__setattr__(self, "positions", frozen(np.array([s.position for s in shapes])))
-        centres = [s.position + s.rotation @ s.solid.centre for s in shapes]
-        object.__setattr__(self, "centres", frozen(np.array(centres)))
+        self.robot, self._count = robot, len(shapes)
+        # per body (plus one; 0 is the base) that has shapes their numbers, and rotations, origins
+        # and centres of the balls around them side by side
+        self._carried = list[tuple[int, NDArray[np.intp], Array]]()
+        for carrier in sorted({shape.body for shape in shapes}):
+            which = np.array([k for k, s in enumerate(shapes) if s.body == carrier], dtype=np.intp)
+            own = [
+                np.column_stack([s.rotation, s.position, s.position + s.rotation @ s.solid.centre])
+                for s in (shapes[k] for k in which)
+            ]
+            self._carried.append((carrier + 1, which, np.concatenate(own, axis=1)))
 
     def __call__(self, q: Array) -> Poses:
         """Poses at positions of the joints, shape `(N, n)`."""
         rotation, origin = bodies_along(self.robot, q)
         axes = [(r @ b.axis) for r, b in zip(rotation[1:], self.robot.bodies, strict=True)]
-        count, shapes = len(q), len(self.carriers)
+        count, shapes = len(q), self._count
         frames = np.empty((count, shapes, 3, 3))
         places = np.empty((2, count, shapes, 3))
         for carrier, which, own in self._carried:
@@ -189,35 +170,14 @@ class ShapeKinematics:
         origins, centres = places
         return Poses(frames, origins, centres, np.stack(axes, axis=1), np.stack(origin[1:], axis=1))
 
-    @cached_property
-    def _carried(self) -> list[tuple[int, NDArray[np.intp], Array]]:
-        """Per body that has shapes their numbers, and rotations, origins, centres side by side."""
-        found = []
-        for carrier in np.unique(self.carriers):
-            which = np.flatnonzero(self.carriers == carrier)
-            at = np.stack([self.positions[which], self.centres[which]], axis=2)
-            own = np.concatenate([self.rotations[which], at], axis=2)
-            found.append((int(carrier), which, own.transpose(1, 0, 2).reshape(3, -1)))
-        return found
-
 
 _POINT = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class _Ball:
-    """A ball in a frame: centre `(3,)` and radius [m]."""
-
-    centre: Array
-    radius: float
-
-
 def sides(robot: Robot, first: int, second: int) -> NDArray[np.int8]:
-    """Per body what its joint moves of two bodies.
+    """Per body what its joint moves of two bodies, shape `(B,)`.
 
-    Returns:
-        Shape `(B,)`: -1 for a joint that moves only the first, 1 for one that moves only the
-        second, 0 for those that move both or none.
+    That is -1 for a joint that moves only the first, 1 for only the second, 0 for both or none.
     """
     signs = np.zeros(len(robot.bodies), dtype=np.int8)
     for body, sign in ((first, -1), (second, 1)):
@@ -228,17 +188,9 @@ def sides(robot: Robot, first: int, second: int) -> NDArray[np.int8]:
 
 
 def rates(robot: Robot, first: Shape, second: Shape, lower: Array, upper: Array) -> Array:
-    """Bound of the change of two shapes' distance per speed of each coordinate.
+    """Bound of the change of two shapes' distance per speed of each coordinate, `(n,)` [m/rad; 1].
 
-    Args:
-        robot: The robot.
-        first: A shape.
-        second: Another.
-        lower: Least positions that occur, shape `(n,)` [rad; m].
-        upper: Greatest positions, shape `(n,)`.
-
-    Returns:
-        Shape `(n,)` [m/rad; 1].
+    It holds for positions from `lower` to `upper`, shape `(n,)` each [rad; m].
     """
     ways = sides(robot, first.body, second.body)
     up = _to_base(robot, first.body, ways)
@@ -274,36 +226,31 @@ def _to_base(robot: Robot, body: int, ways: NDArray[np.int8]) -> list[int]:
 
 
 def _reaches(
-    robot: Robot,
-    shape: Shape,
-    up: Sequence[int],
-    down: Sequence[int],
-    lower: Array,
-    upper: Array,
+    robot: Robot, shape: Shape, up: Sequence[int], down: Sequence[int], lower: Array, upper: Array
 ) -> dict[int, float]:
     """How far a shape may be from the axes of joints, which it passes first up, then down."""
-    centre = shape.position + shape.rotation @ shape.solid.centre
-    ball, reaches = _Ball(centre, shape.solid.radius), {}
+    centre, radius = shape.position + shape.rotation @ shape.solid.centre, shape.solid.radius
+    reaches = {}
     for index in up:
         body = robot.bodies[index]
-        ball, reaches[index] = _swept(robot, index, ball, lower, upper, 1.0)
-        ball = _Ball(body.rotation @ ball.centre + body.position, ball.radius)
+        centre, radius, reaches[index] = _swept(robot, index, centre, radius, lower, upper, 1.0)
+        centre = body.rotation @ centre + body.position
     for index in down:
         body = robot.bodies[index]
-        ball = _Ball(body.rotation.T @ (ball.centre - body.position), ball.radius)
-        ball, reaches[index] = _swept(robot, index, ball, lower, upper, -1.0)
+        centre = body.rotation.T @ (centre - body.position)
+        centre, radius, reaches[index] = _swept(robot, index, centre, radius, lower, upper, -1.0)
     return reaches
 
 
 def _swept(
-    robot: Robot, index: int, ball: _Ball, lower: Array, upper: Array, sign: float
-) -> tuple[_Ball, float]:
-    """A ball that holds a ball while a joint moves it, and its reach from the joint's axis."""
+    robot: Robot, index: int, centre: Array, radius: float, lower: Array, upper: Array, sign: float
+) -> tuple[Array, float, float]:
+    """A ball that holds a ball while a joint moves it, and its reach from the joint's axis [m]."""
     body = robot.bodies[index]
-    along = body.axis * (body.axis @ ball.centre)
-    reach = float(np.linalg.norm(ball.centre - along)) + ball.radius
+    along = body.axis * (body.axis @ centre)
+    reach = float(np.linalg.norm(centre - along)) + radius
     if body.kind == "revolute":
-        return _Ball(along, reach), reach
+        return along, reach, reach
     ends = body.ratio * np.array([lower[body.coordinate], upper[body.coordinate]]) + body.offset
-    middle, half = ends.mean(), abs(ends[1] - ends[0]) / 2.0
-    return _Ball(ball.centre + sign * middle * body.axis, ball.radius + half), reach
+    middle, half = ends.mean(), float(abs(ends[1] - ends[0])) / 2.0
+    return centre + sign * middle * body.axis, radius + half, reach

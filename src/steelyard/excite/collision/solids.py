@@ -66,11 +66,7 @@ def _positive(what: str, *sizes: float) -> None:
 
 @dataclass(frozen=True)
 class Ball(_Centred):
-    """A sphere.
-
-    Attributes:
-        radius: [m].
-    """
+    """A sphere of a radius [m]."""
 
     radius: float
 
@@ -84,11 +80,7 @@ class Ball(_Centred):
 
 @dataclass(frozen=True)
 class Box(_Centred):
-    """A box along the axes.
-
-    Attributes:
-        size: Full lengths of the edges [m].
-    """
+    """A box along the axes, by the full lengths of its edges [m]."""
 
     size: tuple[float, float, float]
 
@@ -109,11 +101,7 @@ class Box(_Centred):
 
 @dataclass(frozen=True)
 class Ellipsoid(_Centred):
-    """An ellipsoid along the axes.
-
-    Attributes:
-        semi: Its three semi-axes [m].
-    """
+    """An ellipsoid along the axes, by its three semi-axes [m]."""
 
     semi: tuple[float, float, float]
 
@@ -135,11 +123,9 @@ class Ellipsoid(_Centred):
 
 @dataclass(frozen=True)
 class _Round(_Centred):
-    """What turns about z.
+    """What turns about z with a radius `disc` [m].
 
-    Attributes:
-        disc: Radius about z [m].
-        length: Along z [m]; of a capsule without its caps.
+    The `length` along z [m] is that of a capsule without its caps.
     """
 
     disc: float
@@ -221,11 +207,7 @@ class HalfSpace(_Centred):
         return float("inf")
 
     def farthest(self, directions: Array) -> Array:
-        """The origin: only the direction of z has a farthest point, and no other is requested.
-
-        Raises:
-            ValueError: Another direction.
-        """
+        """The origin: only the direction of z has a farthest point, and no other is requested."""
         if not np.allclose(directions, (0.0, 0.0, 1.0), atol=1e-6):
             raise ValueError("a half-space has no end but along z")
         return np.zeros_like(directions)
@@ -274,10 +256,6 @@ def find_mesh(name: str, model: Path) -> Path | None:
     looked for by its name in the model's folder and in every folder above it. Where that finds
     nothing, leading parts of the path are left out, one after the other, but for the file's own
     folder.
-
-    Args:
-        name: As the model writes it.
-        model: The model's path.
     """
     url = urlsplit(name)
     folder = model.resolve().parent
@@ -297,15 +275,7 @@ def find_mesh(name: str, model: Path) -> Path | None:
 
 
 def mesh_points(path: Path, where: str) -> Array:
-    """All corners of a mesh's faces, shape `(V, 3)`, each once.
-
-    Args:
-        path: An STL or OBJ file.
-        where: What names it, for messages.
-
-    Raises:
-        ModelError: The file is of another kind, or not what its ending says.
-    """
+    """All corners of the faces of an STL or OBJ file, shape `(V, 3)`, each once."""
     if path.suffix.lower() not in READABLE_MESHES:
         raise _refused_mesh(
             f"the mesh '{path}' is of an unsupported format ('{path.suffix}')",
@@ -319,7 +289,7 @@ def mesh_points(path: Path, where: str) -> Array:
             f"the mesh '{path}' cannot be read: {error.strerror}", where, "check its permissions"
         ) from None
     try:
-        points = _stl(data) if path.suffix.lower() == ".stl" else _obj(data)
+        points = _stl(data) if path.suffix.lower() == ".stl" else _numbers_of_obj(data, b"v")
     except (ValueError, IndexError) as error:
         points = np.empty((0, 3))
         what: object = error
@@ -355,11 +325,6 @@ def _stl(data: bytes) -> Array:
     if not data.lstrip().startswith(b"solid"):
         raise ValueError("its length does not fit its number of facets")
     return _numbers_of_obj(data, b"vertex")
-
-
-def _obj(data: bytes) -> Array:
-    """Corners of an OBJ."""
-    return _numbers_of_obj(data, b"v")
 
 
 def _numbers_of_obj(data: bytes, word: bytes) -> Array:

@@ -57,10 +57,8 @@ class Stretches:
     def middles(self, program: Program, *shared: Array) -> tuple[Array, Array]:
         """Bounds of a program at the middles, each `(outputs, B)`.
 
-        Args:
-            program: Its inputs are as many of position, velocity, acceleration and jerk as it
-                takes, in this order, and those of `shared`.
-            shared: What does not change in time.
+        Its inputs are as many of position, velocity, acceleration and jerk as it takes, in this
+        order, and those of `shared`, which does not change in time.
         """
         count = len(program.inputs) - len(shared)
         lower = [x - r for x, r in zip(self.at[:count], self.rounding, strict=False)]
@@ -154,9 +152,6 @@ def proven_minimum(
     Returns:
         Shape `(k,)`; farther below than `tolerance` only where `MOST_STRETCHES` stretches were not
         enough.
-
-    Raises:
-        Stopped: `progress` requested a stop.
     """
     course = Course(trajectory)
     edges = course.edges(count)

@@ -1,13 +1,25 @@
 """Limits and constraints of a motion: their margins, and what is proven of them at all times."""
 
+import hashlib
+import json
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.base.progress import Progress, silent
-from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.base.files import write_json
+from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.excite.trajectories.trajectory import (
+    ORDERS,
+    ExactTrajectory,
+    Jump,
+    unrest,
+    velocity_jumps,
+)
 from steelyard.robot.robot import Coordinate, Robot
 
 DEFAULT_ACCELERATION = {"revolute": 5.0, "prismatic": 1.0}
@@ -58,7 +70,14 @@ def motion_limits(robot: Robot) -> MotionLimits:
     """
     assumed: dict[str, list[str]] = {}
     ranges = [_position_range(c, assumed) for c in robot.coordinates]
-    speeds = [_speed_limit(c, assumed) for c in robot.coordinates]
+    speeds = []
+    for joint in robot.coordinates:
+        speed = joint.limits.velocity
+        if not (np.isfinite(speed) and speed > 0.0):
+            speed = DEFAULT_VELOCITY[joint.kind]
+            what = f"without a speed limit, moved at {speed:.3g} {joint.unit}/s at most"
+            assumed.setdefault(what, []).append(joint.name)
+        speeds.append(speed)
     notes = [f"{what}: {', '.join(joints)}" for what, joints in assumed.items()]
     bounds = [DEFAULT_ACCELERATION[c.kind] for c in robot.coordinates]
     lower, upper = np.array(ranges).reshape(-1, 2).T
@@ -82,16 +101,6 @@ def _position_range(joint: Coordinate, assumed: dict[str, list[str]]) -> tuple[f
     return lower, upper
 
 
-def _speed_limit(joint: Coordinate, assumed: dict[str, list[str]]) -> float:
-    """Speed limit of a joint."""
-    if np.isfinite(joint.limits.velocity) and joint.limits.velocity > 0.0:
-        return joint.limits.velocity
-    speed = DEFAULT_VELOCITY[joint.kind]
-    what = f"without a speed limit, moved at {speed:.3g} {joint.unit}/s at most"
-    assumed.setdefault(what, []).append(joint.name)
-    return speed
-
-
 class Gap(str):
     """A note on something that was not looked at, though it may matter."""
 
@@ -106,62 +115,15 @@ class Declined(Gap):
 
 @dataclass(frozen=True, eq=False)
 class Margins:
-    """Margins at samples, and how they change; a derivative that is zero by structure is `None`.
+    """Margins at samples, `(N, k)`, and how they change, `(N, k, n)` each.
 
-    Attributes:
-        values: Shape `(N, k)`, in the constraint's unit; positive is kept.
-        by_q: Shape `(N, k, n)`.
-        by_dq: Shape `(N, k, n)`.
-        by_ddq: Shape `(N, k, n)`.
+    Positive is kept. A derivative that is zero by structure is `None`.
     """
 
     values: Array
     by_q: Array | None = None
     by_dq: Array | None = None
     by_ddq: Array | None = None
-
-
-class Constraint(Protocol):
-    """Something that must hold at all times and is not linear in the motion.
-
-    Attributes:
-        name: For certificates and messages, such as `tool box`.
-        labels: What each of the `k` margins is, such as `x of 'flange' above -0.75 m`.
-        unit: Of the margins.
-        activation_distance: Shape `(k,)`: the barrier acts on margins below it.
-    """
-
-    @property
-    def name(self) -> str:
-        """For certificates and messages."""
-        ...
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """What each margin is."""
-        ...
-
-    @property
-    def unit(self) -> str:
-        """Of the margins."""
-        ...
-
-    @property
-    def activation_distance(self) -> Array:
-        """How far from zero a margin begins to matter, shape `(k,)`."""
-        ...
-
-    def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
-        """Margins at states of shape `(N, n)`."""
-        ...
-
-    def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
-        """A lower bound of every margin that holds at all times of the trajectory, shape `(k,)`.
-
-        Raises:
-            Stopped: `progress` requested a stop.
-        """
-        ...
 
 
 PROOF_SAMPLES = 1000
@@ -171,31 +133,43 @@ PROOF_BY_BOUNDS = "bounds over time intervals that cover the whole motion"
 """How a constraint is proven that does not say more."""
 
 
-@runtime_checkable
-class Explained(Protocol):
-    """A constraint that says how it is proven."""
+class Constraint(ABC):
+    """Something that must hold at all times and is not linear in the motion.
 
-    @property
-    def how(self) -> str:
-        """One sentence."""
+    Attributes:
+        name: For certificates and messages, such as `tool box`.
+        labels: What each of the `k` margins is, such as `x of 'flange' above -0.75 m`.
+        activation_distance: Shape `(k,)`: the barrier acts on margins below it.
+        scope: What of the robot it is about, such as `tool point only`.
+        how: How it is proven, in one sentence.
+    """
 
-
-@runtime_checkable
-class Scoped(Protocol):
-    """A constraint that says what of the robot it is about."""
-
-    @property
-    def scope(self) -> str:
-        """Such as `tool point only`."""
-
-
-@runtime_checkable
-class Scaled(Protocol):
-    """A constraint of quantities that have a limit other than zero."""
+    name: str
+    labels: tuple[str, ...]
+    unit: str
+    activation_distance: Array
+    scope: str = ""
+    how: str = PROOF_BY_BOUNDS
 
     @property
     def scale(self) -> Array:
-        """The limit behind every margin, shape `(k,)`."""
+        """What each margin is a share of, shape `(k,)`; the limit, if that is not zero."""
+        return self.activation_distance
+
+    @abstractmethod
+    def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
+        """Margins at states of shape `(N, n)`."""
+
+    @abstractmethod
+    def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
+        """A lower bound of every margin that holds at all times of the trajectory, shape `(k,)`."""
+
+    def reaches(self, lower: Array, upper: Array) -> Array | None:
+        """Change of every margin per change of each joint within bounds, `(k, n)` [m/rad; 1].
+
+        `None` if the margins depend on more than positions.
+        """
+        return None
 
 
 @dataclass(frozen=True)
@@ -203,14 +177,10 @@ class Proof:
     """Margins of one constraint.
 
     Attributes:
-        name: Of the constraint.
-        unit: Of the margins.
         how: How they were proven, in one sentence.
-        labels: What each margin is.
         proven: A lower bound of each that holds at all times.
         sampled: The least of each at samples; from the constraint's `activation_distance` on it may
             be less, as the constraint computes no more there, but it is never less than `proven`.
-        activation_distance: Activation distance of each.
         scope: What of the robot the constraint is about, if it says so.
         scale: What each margin is a share of: the limit of an effort or power; of a distance, whose
             least value is no measure of it, the activation distance.
@@ -257,15 +227,197 @@ def proof_of(
     sampled = np.where(
         sampled >= constraint.activation_distance, np.maximum(sampled, proven), sampled
     )
-    distances = tuple(float(x) for x in constraint.activation_distance)
     return Proof(
         constraint.name,
         constraint.unit,
-        constraint.how if isinstance(constraint, Explained) else PROOF_BY_BOUNDS,
+        constraint.how,
         tuple(constraint.labels),
         tuple(float(x) for x in proven),
         tuple(float(x) for x in sampled),
-        distances,
-        constraint.scope if isinstance(constraint, Scoped) else "",
-        tuple(map(float, constraint.scale)) if isinstance(constraint, Scaled) else distances,
+        tuple(float(x) for x in constraint.activation_distance),
+        constraint.scope,
+        tuple(float(x) for x in constraint.scale),
     )
+
+
+EXTREMES = (
+    "extremes over all times from the motion's polynomials, enlarged by a bound of the rounding "
+    "error"
+)
+"""How limits of single joints are proven."""
+
+COVERS = (
+    "the motion from start to end; not covered are the approach to the start posture, and "
+    "accelerations and torques that a controller adds between the points of a file"
+)
+"""What a certificate is about."""
+
+
+@dataclass(frozen=True)
+class Extreme:
+    """How far one derivative of one joint goes over all times.
+
+    It may go from `lower` to `upper`; `None` for any.
+    """
+
+    joint: str
+    quantity: str
+    unit: str
+    least: float
+    greatest: float
+    lower: float | None
+    upper: float | None
+
+    @property
+    def margin(self) -> float | None:
+        """What is left to the nearer limit, negative beyond it; `None` without limits."""
+        below = None if self.lower is None else self.least - self.lower
+        above = None if self.upper is None else self.upper - self.greatest
+        return min((x for x in (below, above) if x is not None), default=None)
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What is proven of one motion of one robot.
+
+    Attributes:
+        trajectory: SHA-256 of the motion's JSON, see `trajectory_hash`.
+        duration: Length in time [s].
+        how: How the extremes were found, in one sentence.
+        extremes: Joint by joint, the four quantities of each.
+        notes: What was assumed and not looked at, one sentence each.
+    """
+
+    robot: str
+    trajectory: str
+    duration: float
+    how: str
+    extremes: tuple[Extreme, ...]
+    proofs: tuple[Proof, ...]
+    jumps: tuple[Jump, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def holds(self) -> bool:
+        """Whether no limit is passed, no velocity jumps, and no proven margin is negative."""
+        return not self.failures
+
+    @property
+    def gaps(self) -> tuple[str, ...]:
+        """What is not covered, though not left out by request, one sentence each."""
+        return tuple(n for n in self.notes if isinstance(n, Gap) and not isinstance(n, Declined))
+
+    @property
+    def declined(self) -> tuple[str, ...]:
+        """What is not covered by the user's request, one sentence each."""
+        return tuple(n for n in self.notes if isinstance(n, Declined))
+
+    @property
+    def uncovered(self) -> tuple[str, ...]:
+        """What is not covered, for whatever reason, one sentence each."""
+        return (*self.gaps, *self.declined)
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """What is not proven, and by how much, one line each."""
+        beyond = [
+            f"{x.quantity} of '{x.joint}' exceeds its limit by {-x.margin:.3g} {x.unit}"
+            for x in self.extremes
+            if x.margin is not None and not x.margin >= 0.0
+        ]
+        negative = [
+            f"{proof.name}: {label}: "
+            + (f"violated by {-seen:.3g} {proof.unit}" if seen < 0.0 else "not proven")
+            for proof in self.proofs
+            for label, least, seen in zip(proof.labels, proof.proven, proof.sampled, strict=True)
+            if not least >= 0.0
+        ]
+        return (*beyond, *(str(jump) for jump in self.jumps), *negative)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As values for JSON; a margin without a bound is `None`."""
+        return {
+            "kind": "certificate",
+            "holds": self.holds,
+            "robot": self.robot,
+            "trajectory_sha256": self.trajectory,
+            "duration_s": self.duration,
+            "covers": COVERS,
+            "not_covered": list(self.gaps),
+            "not_covered_as_asked": list(self.declined),
+            "how": self.how,
+            "extremes": [{**vars(x), "margin": x.margin} for x in self.extremes],
+            "jumps": [dict(vars(x)) for x in self.jumps],
+            "constraints": [proof.to_dict() for proof in self.proofs],
+            "notes": list(self.notes),
+        }
+
+    def write(self, path: Path) -> None:
+        """Write as JSON."""
+        write_json(path, self.to_dict())
+
+
+def certify(
+    robot: Robot,
+    trajectory: ExactTrajectory,
+    limits: MotionLimits,
+    constraints: Sequence[Constraint] = (),
+    progress: Progress = silent,
+    notes: Sequence[str] = (),
+    proven: Sequence[Array] | None = None,
+) -> Certificate:
+    """Find out what holds of a motion at all times.
+
+    Args:
+        robot: Gives names and units.
+        trajectory: The motion.
+        limits: Of single joints.
+        constraints: What else it must keep.
+        progress: Told of every constraint and of its proof.
+        notes: What was assumed and not looked at; motions that do not rest at their ends add some.
+        proven: Margins of each constraint, `(k,)` each, where they were proven of this motion
+            before; proven here if `None`.
+    """
+    allowed: list[tuple[Array, Array] | None] = [
+        (limits.lower, limits.upper),
+        (-limits.velocity, limits.velocity),
+        (-limits.acceleration, limits.acceleration),
+        None if limits.jerk is None else (-limits.jerk, limits.jerk),
+    ]
+    reached = [trajectory.extremes(order) for order in range(len(ORDERS))]
+    units = ("", "/s", "/s²", "/s³")
+    extremes = [
+        Extreme(
+            joint.name,
+            quantity,
+            joint.unit + power,
+            float(least[j]),
+            float(greatest[j]),
+            None if ends is None else float(ends[0][j]),
+            None if ends is None else float(ends[1][j]),
+        )
+        for j, joint in enumerate(robot.coordinates)
+        for quantity, power, (least, greatest), ends in zip(
+            ORDERS, units, reached, allowed, strict=True
+        )
+    ]
+    proofs = []
+    for number, constraint in enumerate(constraints):
+        report_progress(progress, "certificate", number, len(constraints))
+        known = None if proven is None else proven[number]
+        proofs.append(proof_of(trajectory, constraint, progress, known))
+    return Certificate(
+        robot=robot.name,
+        trajectory=trajectory_hash(trajectory),
+        duration=trajectory.duration,
+        how=EXTREMES,
+        extremes=tuple(extremes),
+        proofs=tuple(proofs),
+        jumps=velocity_jumps(robot, trajectory, limits.velocity),
+        notes=(*notes, *unrest(trajectory, limits.velocity)),
+    )
+
+
+def trajectory_hash(trajectory: ExactTrajectory) -> str:
+    """SHA-256 of the motion's JSON with sorted keys."""
+    return hashlib.sha256(json.dumps(trajectory.to_dict(), sort_keys=True).encode()).hexdigest()

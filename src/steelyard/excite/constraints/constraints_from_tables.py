@@ -1,6 +1,6 @@
 """Constraints from the `[excitation]` tables, with loads and what an earlier model knows."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,11 +17,11 @@ from steelyard.excite.collision.shapes import Shape
 from steelyard.excite.constraints.constraint import Constraint, Declined, Gap
 from steelyard.excite.constraints.torque import EffortLimit, power_limit, torque_limit
 from steelyard.excite.constraints.torque import loaded as loaded_with
-from steelyard.excite.trajectories.families import per_joint
+from steelyard.excite.trajectories.bases import per_joint
 from steelyard.model.equations.kinematics import frame_of, last_frame
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.terms.term import StatefulTerm
-from steelyard.robot.file.excitation_sections import ExcitationSection, LoadSection
+from steelyard.robot.file.excitation_sections import LoadSection
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.rigid_body import INERTIAL_NAMES, Inertia
 from steelyard.robot.robot import Robot
@@ -35,17 +35,6 @@ LOADS_COUNTED = (
     "about its centre of mass, alike about all axes; not for an elongated one"
 )
 """What torques count of loads."""
-
-
-def load_inertias(load: LoadSection) -> Mapping[str, Inertia]:
-    """Mass properties of a load in its frame, by what it is: between these torques are linear."""
-    shell = SHELL_INERTIA * load.mass * load.ball**2
-    return {
-        "as a point": Inertia.about_com(load.mass, load.com, np.zeros((3, 3))),
-        f"as a hollow sphere of {1e3 * load.ball:.3g} mm": Inertia.about_com(
-            load.mass, load.com, shell * np.eye(3)
-        ),
-    }
 
 
 def load_numbers(load: LoadSection, robot: Robot) -> Mapping[str, float]:
@@ -107,14 +96,9 @@ class Earlier:
         return np.asarray(self.independent_rate / self.noise**2)
 
     def information(self, base: BaseMap, absent: Collection[str] = ()) -> Array:
-        """Information on a model's base parameters; none on those that were not estimated.
+        """Information on a model's base parameters, shape `(b, b)`; none on those not estimated.
 
-        Args:
-            base: The base parameters.
-            absent: Parameters that the model does without; they are known to be zero.
-
-        Returns:
-            Shape `(b, b)`.
+        Parameters that the model does without (`absent`) are known to be zero.
         """
         place = {name: k for k, name in enumerate(base.base_names)}
         known = [k for k, name in enumerate(self.names) if name in place or name in absent]
@@ -127,39 +111,19 @@ class Earlier:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values; exact."""
-        return {
-            "noise": self.noise.tolist(),
-            "cutoff_hz": self.cutoff,
-            "names": list(self.names),
-            "values": self.values.tolist(),
-            "covariance": self.covariance.tolist(),
-            "standard": dict(self.standard),
-            "removed": list(self.removed),
-        }
+        arrays = {key: getattr(self, key).tolist() for key in ("noise", "values", "covariance")}
+        return {**vars(self), **arrays, "standard": dict(self.standard)}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "Earlier":
         """The inverse of `to_dict`."""
-        return cls(
-            data["noise"],
-            float(data["cutoff_hz"]),
-            tuple(data["names"]),
-            data["values"],
-            data["covariance"],
-            dict(data["standard"]),
-            tuple(data["removed"]),
-        )
+        return cls(**{**data, "names": tuple(data["names"]), "removed": tuple(data["removed"])})
 
 
 def constraints_of(
     loaded: LoadedRobot, model: Model, earlier: Earlier | None
 ) -> tuple[tuple[Constraint, ...], tuple[str, ...]]:
     """All that must hold at all times beside the limits of the joints, and what was assumed.
-
-    Args:
-        loaded: The robot and its tables.
-        model: Its terms, with memory or without.
-        earlier: What an earlier identification of the robot knows.
 
     Raises:
         ModelError: A frame or a shape is missing, or what must hold cannot be proven.
@@ -174,8 +138,11 @@ def constraints_of(
     ):
         found += part
         notes += part_notes
-    idle = not (section.criterion.relative or _loads_seen(section) or _limited_efforts(found))
-    if section.loads and idle:
+    space, collision = section.workspace, section.collision
+    used = section.criterion.relative or any(isinstance(c, EffortLimit) for c in found)
+    used |= space is not None and space.limits_links
+    used |= collision is not None and collision.world is not None
+    if section.loads and not used:
         notes.append(
             "loads have no effect: neither torque nor workspace is limited, no criterion relative"
         )
@@ -184,22 +151,8 @@ def constraints_of(
     return tuple(found), tuple(notes)
 
 
-def _limited_efforts(found: Sequence[Constraint]) -> bool:
-    return any(isinstance(constraint, EffortLimit) for constraint in found)
-
-
-def _loads_seen(section: ExcitationSection) -> bool:
-    """Whether workspace limits or the cell apply to loads."""
-    limits_links = section.workspace is not None and section.workspace.limits_links
-    return limits_links or (section.collision is not None and section.collision.world is not None)
-
-
 def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> ConstraintsAndNotes:
-    """Torque and power of the prior model, without and with every load.
-
-    Raises:
-        ModelError: Limits are requested, but torque is not known beforehand.
-    """
+    """Torque and power of the prior model, without and with every load."""
     section = loaded.excitation
     wanted, robot = section.limits, model.robot
     own = np.array([joint.limits.effort for joint in robot.coordinates])
@@ -209,8 +162,14 @@ def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> Co
     powers = per_joint(wanted.power, robot, "power", np.full(robot.n, np.inf))
     requested = given is None or wanted.power is not None or wanted.total_power is not None
     limited = wanted.effort != "any" and bool(np.isfinite(efforts).any())
-    free: list[str] = [Declined("torque is not limited, as specified")]
-    notes = free if wanted.effort == "any" else _unlimited_note(robot, efforts)
+    notes = list[str]()
+    if wanted.effort == "any":
+        notes.append(Declined("torque is not limited, as specified"))
+    elif not np.isfinite(efforts).all():
+        joints = zip(robot.joint_names, efforts, strict=True)
+        free = ", ".join(f"'{name}'" for name, most in joints if not np.isfinite(most))
+        text = f"torque is not limited for joints without a known effort limit: {free}"
+        notes.append(Gap(text))
     if not (limited or requested):
         return [], notes
     why = _unknown_efforts(loaded, model, earlier)
@@ -222,33 +181,25 @@ def efforts_of(loaded: LoadedRobot, model: Model, earlier: Earlier | None) -> Co
                 fix='leave out effort and power, or say effort = "any"',
             )
         return [], [Gap(f"torque is not limited: {why}")]
-    cases = _load_cases(loaded, _memoryless(model), earlier)
+    cases = _load_cases(loaded, without_memory(model), earlier)
     found = list[EffortLimit]()
     if limited:
         found.append(torque_limit(cases, efforts))
     if wanted.power is not None or wanted.total_power is not None:
         total = np.inf if wanted.total_power is None else wanted.total_power
         found.append(power_limit(cases, powers, total))
-    source = (
-        "of the earlier model" if earlier is not None else "of the model file, without friction"
-    )
-    sprung = not _stiffnesses(loaded).keys().isdisjoint(model.names)
-    known = "masses and springs" if sprung else "masses"
-    scope = f"{known} of the model file, without friction" if earlier is None else ""
+    source = scope = "of the earlier model"
+    if earlier is None:
+        source = "of the model file, without friction"
+        sprung = not _stiffnesses(loaded).keys().isdisjoint(model.names)
+        scope = f"{'masses and springs' if sprung else 'masses'} {source}"
     notes = [f"torques are limited with the values {source}", *notes]
-    found = [replace(limit, scope=scope or "of the earlier model") for limit in found]
+    found = [replace(limit, scope=scope) for limit in found]
     return list(found), [*notes, LOADS_COUNTED] if section.loads else notes
 
 
-def _unlimited_note(robot: Robot, efforts: Array) -> list[str]:
-    """A note that names the joints without a limit of effort, if there are any."""
-    joints = zip(robot.joint_names, efforts, strict=True)
-    free = ", ".join(f"'{name}'" for name, most in joints if not np.isfinite(most))
-    text = f"torque is not limited for joints without a known effort limit: {free}"
-    return [Gap(text)] if free else []
-
-
-def _memoryless(model: Model) -> Model:
+def without_memory(model: Model) -> Model:
+    """The model without terms with internal states."""
     kept = tuple(term for term in model.terms if not isinstance(term, StatefulTerm))
     return Model(model.robot, kept)
 
@@ -301,7 +252,13 @@ def _load_cases(
     cases = {"without load": arm}
     for number, load in enumerate(loaded.excitation.loads, start=1):
         frame = load.frame or last_frame(model.robot)
-        for what, inertia in load_inertias(load).items():
+        # what it is as a mass; between both torques are linear
+        shell = SHELL_INERTIA * load.mass * load.ball**2
+        for what, about_com in (
+            ("as a point", np.zeros((3, 3))),
+            (f"as a hollow sphere of {1e3 * load.ball:.3g} mm", shell * np.eye(3)),
+        ):
+            inertia = Inertia.about_com(load.mass, load.com, about_com)
             with written("loads] frame"):
                 case = loaded_with(arm, frame, inertia)
             cases[f"with load {number}, {load.mass:g} kg {what}"] = case

@@ -6,7 +6,7 @@ says how.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
 
@@ -17,7 +17,7 @@ from steelyard.base.arrays import Array, Parameters, frozen
 from steelyard.base.errors import ModelError
 from steelyard.base.progress import Progress, silent
 from steelyard.excite.constraints.bounding import Stretches, proven_minimum
-from steelyard.excite.constraints.constraint import Margins
+from steelyard.excite.constraints.constraint import Constraint, Margins
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.model.equations.effort_bounds import EffortBounds, effort_bounds
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar
@@ -34,13 +34,11 @@ TORQUE_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class EffortLimit:
+class EffortLimit(Constraint):
     """Efforts or powers within limits, either way, in every case.
 
     Attributes:
-        name: For certificates and messages.
         labels: What each margin is; case by case, all upper sides before all lower ones.
-        unit: Of the margins.
         model: The model whose efforts or powers are limited.
         power: Whether the power of every joint and of all together is limited, not the effort.
         which: Numbers of those that have a limit.
@@ -58,19 +56,10 @@ class EffortLimit:
     limits: Array
     cases: tuple[Array, ...]
     scope: str = ""
+    activation_distance: Array = field(init=False)
+    how: str = field(init=False)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """What pickle keeps: compiled code is of one process."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
-
-    @cached_property
-    def bounds(self) -> EffortBounds:
-        """Programs of the greatest and least values, `K` of each."""
-        return _programs(self.model, self.power)
-
-    @property
-    def how(self) -> str:
-        """How it is proven, in one sentence."""
+    def __post_init__(self) -> None:
         own = {
             parameter.name
             for term in self.model.terms
@@ -78,24 +67,29 @@ class EffortLimit:
             for parameter in term.parameters(self.model.robot)
         }
         rubs = [name in own for name in self.model.names]
-        says = "interval arithmetic bounds the rate of change of efforts over every time interval"
+        how = "interval arithmetic bounds the rate of change of efforts over every time interval"
         worse = "; friction has its worse sign" if any(x[rubs].any() for x in self.cases) else ""
-        return says + worse
+        object.__setattr__(self, "how", how + worse)
+        object.__setattr__(self, "activation_distance", TORQUE_ROOM * self.scale)
 
-    @property
-    def activation_distance(self) -> Array:
-        """A tenth of each limit."""
-        return TORQUE_ROOM * self.scale
+    def __getstate__(self) -> dict[str, Any]:
+        """What pickle keeps: compiled code is of one process."""
+        return {own.name: getattr(self, own.name) for own in fields(self)}
+
+    @cached_property
+    def bounds(self) -> EffortBounds:
+        """Programs of the greatest and least values, `K` of each."""
+        return _programs(self.model, self.power)
 
     def margins(self, q: Array, dq: Array, ddq: Array) -> Margins:
-        """Margins at states of shape `(N, n)`."""
+        """See `Constraint`."""
         parts = [self._margins([q.T, dq.T, ddq.T, case]) for case in self.cases]
         values, slopes = (np.concatenate(x, axis=1) for x in zip(*parts, strict=True))
         by_q, by_dq, by_ddq = (slopes[:, :, k] for k in range(3))
         return Margins(values, by_q, by_dq, by_ddq)
 
     def proven(self, trajectory: ExactTrajectory, progress: Progress = silent) -> Array:
-        """Lower bounds of the margins at all times."""
+        """See `Constraint`."""
         tolerance = TORQUE_TOLERANCE * self.scale
         return proven_minimum(trajectory, self._bound, tolerance, progress, self.name)
 
@@ -115,6 +109,7 @@ class EffortLimit:
         return values, np.concatenate([-slopes[:, upper], slopes[:, lower]], axis=1)
 
     def _bound(self, stretches: Stretches) -> tuple[Array, Array]:
+        """Margins at the middles of stretches, and bounds all over them, of all cases."""
         parts = [self._case_bound(stretches, case) for case in self.cases]
         values, lower = (np.concatenate(x) for x in zip(*parts, strict=True))
         return values, lower
@@ -144,7 +139,7 @@ def torque_limit(
     """
     model = _one_model(cases, name)
     own = [joint.limits.effort for joint in model.robot.coordinates]
-    given = _checked(own if limits is None else limits, model.robot.n, name, "effort")
+    given = own if limits is None else limits
     units = model.robot.effort_units
     titles = [
         f"{'torque' if u == 'Nm' else 'force'} of '{joint}'"
@@ -162,33 +157,20 @@ def power_limit(
     """Mechanical powers within limits, whether joints drive or brake.
 
     Args:
-        cases: The same model with values, such as without and with a payload, by name.
+        cases: See `torque_limit`, also for the errors.
         limits: Greatest powers, shape `(n,)` [W], infinite for any; `None` for any of all joints.
         total: Greatest power of all joints together [W].
         name: For certificates and messages.
-
-    Raises:
-        ModelError: A term remembers the motion, a chain is closed, or there is no limit.
     """
     model = _one_model(cases, name)
     own = np.full(model.robot.n, np.inf) if limits is None else frozen(limits, (None,))
-    given = _checked([*own, total], model.robot.n + 1, name, "power")
     titles = [f"power of '{joint}'" for joint in model.robot.joint_names]
     titles.append("power of all joints")
-    return _limit(cases, given, titles, ["W"] * len(titles), name, power=True)
+    return _limit(cases, [*own, total], titles, ["W"] * len(titles), name, power=True)
 
 
 def loaded(arm: ValuedModel, frame: str, payload: Inertia) -> ValuedModel:
-    """A model with a payload on one of its frames.
-
-    Args:
-        arm: The model without.
-        frame: Name of the frame that carries the payload.
-        payload: Mass properties in that frame.
-
-    Raises:
-        ModelError: The frame does not exist or does not move, or the model has no bodies.
-    """
+    """A model with a payload, given in one of its frames, which must move."""
     robot = arm.model.robot
     place = frame_of(robot, frame)
     body = robot.bodies[place.body].name if place.body >= 0 else None
@@ -210,14 +192,24 @@ def loaded(arm: ValuedModel, frame: str, payload: Inertia) -> ValuedModel:
 
 def _limit(
     cases: Mapping[str, ValuedModel],
-    limits: Array,
+    limits: ArrayLike,
     titles: Sequence[str],
     units: Sequence[str],
     name: str,
     power: bool,
 ) -> EffortLimit:
-    which = tuple(int(k) for k in np.flatnonzero(np.isfinite(limits)))
-    chosen = limits[list(which)]
+    """A limit of positive values, at least one of them finite."""
+    every, what = frozen(limits, (len(titles),)), "power" if power else "effort"
+    if not np.all(every > 0.0) or not np.isfinite(every).any():
+        raise ModelError(
+            f"no joint has a limit of {what}"
+            if np.all(every > 0.0)
+            else f"a limit of {what} is not above zero: {', '.join(f'{x:g}' for x in every)}",
+            where=name,
+            fix=f"give a limit of {what} above zero for at least one joint",
+        )
+    which = tuple(int(k) for k in np.flatnonzero(np.isfinite(every)))
+    chosen = every[list(which)]
     endings = [f", {case}" if len(cases) > 1 else "" for case in cases]
     labels = [
         f"{titles[k]} {side}{size:g} {units[k]}{ending}"
@@ -256,11 +248,7 @@ def _programs(model: Model, power: bool) -> EffortBounds:
 
 
 def _one_model(cases: Mapping[str, ValuedModel], name: str) -> Model:
-    """The model of all cases; it is a tree of laws without memory.
-
-    Raises:
-        ModelError: It is not, or there is no case.
-    """
+    """The model of all cases; it is a tree of laws without memory."""
     models = [case.model for case in cases.values()]
     if not models or len({model.fingerprint for model in models}) > 1:
         raise ModelError(
@@ -282,21 +270,3 @@ def _one_model(cases: Mapping[str, ValuedModel], name: str) -> Model:
             fix=f"leave out the limit '{name}', or describe the robot as a tree",
         )
     return model
-
-
-def _checked(limits: ArrayLike, count: int, name: str, what: str) -> Array:
-    """Positive limits, at least one of them finite.
-
-    Raises:
-        ModelError: They are not.
-    """
-    values = frozen(limits, (count,))
-    if not np.all(values > 0.0) or not np.isfinite(values).any():
-        raise ModelError(
-            f"no joint has a limit of {what}"
-            if np.all(values > 0.0)
-            else f"a limit of {what} is not above zero: {', '.join(f'{x:g}' for x in values)}",
-            where=name,
-            fix=f"give a limit of {what} above zero for at least one joint",
-        )
-    return values

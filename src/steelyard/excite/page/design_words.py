@@ -10,19 +10,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.excite.constraints.certificate import COVERS
+from steelyard.excite.constraints.constraint import COVERS
 from steelyard.excite.designed import HELPFUL_SHARE
-from steelyard.excite.trajectories.families import FAMILIES
+from steelyard.excite.trajectories.bases import FAMILIES
 from steelyard.report.page import LabelledValues, PageContent
 from steelyard.report.tables import light_table
 from steelyard.report.words import COLOURS, NONE, Level, count, percent, relative, significant
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.table import Table
 
-    from steelyard.excite.constraints.certificate import Extreme
-    from steelyard.excite.constraints.constraint import Proof
+    from steelyard.excite.constraints.constraint import Extreme, Proof
     from steelyard.excite.designed import Advice, Designed
     from steelyard.robot.file.excitation_sections import WorkspaceSection
 
@@ -87,8 +85,6 @@ class Expected:
     """What a motion will show of one parameter.
 
     Attributes:
-        name: The base parameter.
-        unit: Its unit.
         std: Predicted standard deviation; infinite if nothing shows it.
         value: As far as it is known.
         relative_percent: `std` over the value [%]; `None` without a value, or at zero.
@@ -143,8 +139,7 @@ def used(extreme: Extreme) -> float | None:
 
 def hardest(designed: Designed) -> tuple[Extreme, float] | None:
     """The limit of a joint that is used most, and the share that is used of it."""
-    shares = [(one, used(one)) for one in designed.certificate.extremes]
-    known = [(one, share) for one, share in shares if share is not None]
+    known = [(x, share) for x in designed.certificate.extremes if (share := used(x)) is not None]
     return max(known, key=lambda pair: pair[1], default=None)
 
 
@@ -152,12 +147,8 @@ def hardest(designed: Designed) -> tuple[Extreme, float] | None:
 class Near:
     """A limit and how near the motion comes to it.
 
-    Attributes:
-        kind: What is limited: a quantity of the joints, or a constraint.
-        name: Which limit of that kind: a joint, or a margin of the constraint.
-        left: What is left, negative beyond the limit.
-        unit: Of `left`.
-        used: Share of the limit that is used; see `used` and `Proof.used`.
+    The `kind` is a quantity of the joints or a constraint, the `name` a joint or one of its
+    margins. What is `left` is negative beyond the limit; see `used` and `Proof.used` for the share.
     """
 
     kind: str
@@ -205,15 +196,10 @@ def tightest(designed: Designed) -> list[str]:
     ]
     for proof in designed.certificate.proofs:
         near = sorted((one for one in margins_of(proof) if one.used >= LEAST_TIGHT_SHARE), key=rank)
-        near_ones = [
-            f"{one.name}, {margin(one.left, one.unit)} left" for one in near[:MOST_NAMED_PARAMETERS]
-        ]
-        near_ones += (
-            [f"{len(near) - MOST_NAMED_PARAMETERS} more"]
-            if len(near) > MOST_NAMED_PARAMETERS
-            else []
-        )
-        lines += [(near[0].used, f"{proof.name}: {'; '.join(near_ones)}")] if near_ones else []
+        named = [f"{x.name}, {margin(x.left, x.unit)} left" for x in near[:MOST_NAMED_PARAMETERS]]
+        if (more := len(near) - len(named)) > 0:
+            named.append(f"{more} more")
+        lines += [(near[0].used, f"{proof.name}: {'; '.join(named)}")] if named else []
     return [line for _, line in sorted(lines, key=lambda pair: -pair[0])]
 
 
@@ -300,7 +286,7 @@ def design_headline(designed: Designed) -> str:
     certificate = designed.certificate
     if certificate.failures:
         return f"{shows}; not safe: {count(len(certificate.failures), 'limit')} not proven"
-    limits = "every checked limit" if uncovered(designed) else "every limit"
+    limits = "every checked limit" if designed.certificate.uncovered else "every limit"
     return f"{shows}; {limits} is proven to hold at all times"
 
 
@@ -308,11 +294,6 @@ def scopes(designed: Designed) -> str:
     """What of the robot each constraint is about, such as `tool box (tool point only)`."""
     proofs = designed.certificate.proofs
     return "; ".join(f"{proof.name} ({proof.scope})" for proof in proofs if proof.scope)
-
-
-def uncovered(designed: Designed) -> tuple[str, ...]:
-    """What was not looked at, one sentence each."""
-    return (*designed.certificate.gaps, *designed.certificate.declined)
 
 
 def figure_of(designed: Designed) -> str:
@@ -346,13 +327,7 @@ def unseen(designed: Designed) -> int:
 
 
 def brings(designed: Designed, one: Advice, most: int = MOST_NAMED_PARAMETERS) -> str:
-    """What a further motion would bring, such as `viscous.j3 from 0.12 to 0.05 Nm s/rad`.
-
-    Args:
-        designed: The motion.
-        one: The further motion.
-        most: So many parameters are named.
-    """
+    """What a further motion would bring, such as `viscous.j3 from 0.12 to 0.05 Nm s/rad`."""
     if not one.helps:
         return f"no std below {100.0 * HELPFUL_SHARE:.0f} %"
     shares = [share for _, share in one.helps]
@@ -389,11 +364,6 @@ def helpful(advice: Sequence[Advice]) -> list[Advice]:
     return sorted(advice, key=lambda one: -len(one.helps))
 
 
-def spread_words(value: float | None) -> str:
-    """How much of a deviation is owed to the other parameters, like `3.2 ×`."""
-    return NONE if value is None else f"{significant(value, 2)} ×"
-
-
 MOST_NAMED_WORST = 5
 """Parameters that are named."""
 
@@ -407,10 +377,7 @@ MOST_UNPROVEN_LINES = 5
 def print_design(designed: Designed, console: Console, verbose: bool = False) -> None:
     """Print the verdict, what is not covered, the tightest limit, the least accurate parameters.
 
-    Args:
-        designed: The motion.
-        console: Where to print.
-        verbose: Whether to print scopes, all tight limits, all advice and the notes too.
+    With `verbose` also scopes, all tight limits, all advice and the notes.
     """
     from rich.text import Text
 
@@ -425,47 +392,12 @@ def print_design(designed: Designed, console: Console, verbose: bool = False) ->
     if len(failures) > MOST_UNPROVEN_LINES:
         console.print(Text(f"not proven: {len(failures) - MOST_UNPROVEN_LINES} more", style="red"))
     console.print(Text(f"covered: {COVERS}"))
-    for line in uncovered(designed):
+    for line in designed.certificate.uncovered:
         console.print(Text(f"not covered: {line}", style="yellow"))
     for line in tight if verbose else tight[:1]:
         console.print(Text(f"smallest margins: {line}"))
     console.print()
     console.print(Text("least accurate parameters"))
-    console.print(_worst(designed))
-    missing = unseen(designed)
-    if missing:
-        console.print(
-            Text(f"{count(missing, 'parameter')} will not be identifiable", style="yellow")
-        )
-    console.print()
-    advice = helpful(designed.advice)[:MOST_ADVICE_LINES]
-    for one in advice if verbose else advice[:1]:
-        console.print(
-            Text(
-                f"{capitalised(one.what)} ({one.seconds:.3g} s) reduces the std of "
-                f"{brings(designed, one, 1)}"
-            )
-        )
-    if verbose:
-        for line in _details(designed):
-            console.print(Text(line))
-
-
-def _details(designed: Designed) -> list[str]:
-    """What the verdict is about, what columns and deviations mean, and the notes."""
-    scope = scopes(designed)
-    return [
-        *([f"limits: {scope}"] if scope else []),
-        "inflation: std divided by what it would be if all other parameters were known (√VIF)",
-        f"noise: {designed.noise_from}",
-        *(f"note: {note}" for note in designed.notes if note not in uncovered(designed)),
-    ]
-
-
-def _worst(designed: Designed) -> Table:
-    """The parameters that are least accurate."""
-    from rich.text import Text
-
     rows = expected(designed)[:MOST_NAMED_WORST]
     valued = any(one.relative_percent is not None for one in rows)
     of_value = ("of value",) if valued else ()
@@ -473,5 +405,26 @@ def _worst(designed: Designed) -> Table:
     for one in rows:
         std = significant(one.std, 2) if isfinite(one.std) else "not identifiable"
         share = [relative(one.relative_percent)] if valued else []
-        table.add_row(Text(one.name), std, Text(one.unit), *share, spread_words(one.spread))
-    return table
+        # how much of a deviation is owed to the other parameters
+        spread = NONE if one.spread is None else f"{significant(one.spread, 2)} ×"
+        table.add_row(Text(one.name), std, Text(one.unit), *share, spread)
+    console.print(table)
+    missing = unseen(designed)
+    if missing:
+        console.print(
+            Text(f"{count(missing, 'parameter')} will not be identifiable", style="yellow")
+        )
+    console.print()
+    advice = helpful(designed.advice)[:MOST_ADVICE_LINES]
+    for more in advice if verbose else advice[:1]:
+        what = f"{capitalised(more.what)} ({more.seconds:.3g} s) reduces the std of "
+        console.print(Text(what + brings(designed, more, 1)))
+    if verbose:
+        scope = scopes(designed)
+        for line in (
+            *([f"limits: {scope}"] if scope else []),
+            "inflation: std divided by what it would be if all other parameters were known (√VIF)",
+            f"noise: {designed.noise_from}",
+            *(f"note: {n}" for n in designed.notes if n not in designed.certificate.uncovered),
+        ):
+            console.print(Text(line))

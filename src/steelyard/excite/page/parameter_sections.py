@@ -121,7 +121,13 @@ def _joint_figure(
                 },
             }
         )
-        shapes += _limits_band(f"y{axis}", float(low), float(high))
+        # the allowed band, with its edges
+        across = {"xref": "paper", "x0": 0, "x1": 1, "yref": f"y{axis}", "layer": "below"}
+        edge = {"type": "line", **across, "line": {"color": "--poor", "width": 1, "dash": "dot"}}
+        band = {"type": "rect", **across, "fillcolor": "--allowed", "line": {"width": 0}}
+        ends = rounded(float(low)), rounded(float(high))
+        shapes.append({**band, "y0": ends[0], "y1": ends[1]})
+        shapes += [{**edge, "y0": end, "y1": end} for end in ends]
         room = LIMITS_ROOM_SHARE * (high - low)
         layout[f"yaxis{axis}"] = {
             "domain": JOINT_DOMAINS[k],
@@ -133,19 +139,6 @@ def _joint_figure(
     layout |= {"shapes": shapes, "showlegend": False, "hovermode": "x unified"}
     layout["xaxis"] = {"anchor": "y3", "range": [0.0, rounded(t[-1])]}
     return {"x": "time [s]", "y": units[0], "traces": traces, "layout": layout}
-
-
-def _limits_band(axis: str, low: float, high: float) -> list[dict[str, Any]]:
-    """The allowed band, with its edges."""
-    across = {"xref": "paper", "x0": 0, "x1": 1, "yref": axis, "layer": "below"}
-    edge = {"type": "line", **across, "line": {"color": "--poor", "width": 1, "dash": "dot"}}
-    band = {"type": "rect", **across, "fillcolor": "--allowed", "line": {"width": 0}}
-    low_, high_ = rounded(low), rounded(high)
-    return [
-        {**band, "y0": low_, "y1": high_},
-        {**edge, "y0": low_, "y1": low_},
-        {**edge, "y0": high_, "y1": high_},
-    ]
 
 
 OPEN_ROWS = 12
@@ -173,7 +166,10 @@ class DesignShownSection(
             "values": any(row["value"] is not None for row in rows),
             "unseen": sum(row["grade"] == "poor" for row in rows),
             "well": WELL,
-            "noise": _noise_rows(designed),
+            "noise": [
+                (joint.name, f"{significant(float(x), 2)} {joint.effort_unit}")
+                for joint, x in zip(designed.robot.coordinates, designed.noise, strict=True)
+            ],
             "noise_from": capitalised(designed.noise_from),
             "prior": designed.prior is not None,
             "picture": script_json(_singular_values_figure(designed)),
@@ -197,17 +193,13 @@ def _accuracy_row(one: Expected) -> dict[str, Any]:
     return {**vars(one), "grade": grade, "bar": bar}
 
 
-def _noise_rows(designed: Designed) -> list[tuple[str, str]]:
-    """Joints and their noise."""
-    joints = zip(designed.robot.coordinates, designed.noise, strict=True)
-    return [(joint.name, f"{significant(float(x), 2)} {joint.effort_unit}") for joint, x in joints]
-
-
 def _singular_values_figure(designed: Designed) -> dict[str, Any]:
     """Singular values over the greatest, falling, on a logarithmic axis."""
     singular = designed.shown.singular
     top = float(singular.max(initial=0.0)) or 1.0
     share = np.maximum(singular / top, SINGULAR_VALUES_FLOOR)
+    # a bit beyond the values, and a decade at least
+    decades = [min(float(np.log10(share.min())) - 0.15, -1.15), 0.15]
     return {
         "x": "number",
         "y": "singular value over the greatest",
@@ -228,14 +220,9 @@ def _singular_values_figure(designed: Designed) -> dict[str, Any]:
         "layout": {
             "showlegend": False,
             "xaxis": {"range": [0.0, len(share) + 1.0]},
-            "yaxis": {"type": "log", "dtick": 1, "range": _decades(share)},
+            "yaxis": {"type": "log", "dtick": 1, "range": decades},
         },
     }
-
-
-def _decades(share: Any) -> list[float]:
-    """Ends of the axis, a bit beyond the values, and a decade at least."""
-    return [min(float(np.log10(share.min())) - 0.15, -1.15), 0.15]
 
 
 class DesignAdviceSection(

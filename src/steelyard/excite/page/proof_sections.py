@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from steelyard.excite.constraints.certificate import COVERS
+from steelyard.excite.constraints.constraint import COVERS
 from steelyard.excite.page.design_words import (
     USED_SHARE_HEADING,
     DesignContent,
@@ -20,7 +20,6 @@ from steelyard.excite.page.design_words import (
     rank,
     scopes,
     searches,
-    uncovered,
     unseen,
     used,
     used_words,
@@ -43,8 +42,7 @@ from steelyard.report.tables import PlainTable, Row
 from steelyard.report.words import NONE, count, significant
 
 if TYPE_CHECKING:
-    from steelyard.excite.constraints.certificate import Certificate, Extreme
-    from steelyard.excite.constraints.constraint import Proof
+    from steelyard.excite.constraints.constraint import Extreme, Proof
     from steelyard.excite.designed import Designed
 
 
@@ -56,6 +54,10 @@ class DesignVerdictSection(
     def numbers(self, content: DesignContent) -> Numbers | None:
         """Everything, if a motion was designed."""
         designed = content.design
+        rows = [
+            Row((one.kind, one.name, left_words(one), used_words(one))) for one in nearest(designed)
+        ]
+        headings = ("Limit", "Where it is nearest", "Left", USED_SHARE_HEADING)
         return {
             "level": design_level(designed),
             "headline": design_headline(designed),
@@ -63,21 +65,12 @@ class DesignVerdictSection(
             "scopes": scopes(designed),
             "facts": _facts(designed),
             "failures": designed.certificate.failures,
-            "tables": [_margins_table(designed)],
+            "tables": [PlainTable("Smallest margins", "", headings, rows, (0, 1))],
             "title": self.title,
             "share": 100.0 * designed.limits.share,
             "covers": COVERS,
-            "uncovered": uncovered(designed),
+            "uncovered": designed.certificate.uncovered,
         }
-
-
-def _margins_table(designed: Designed) -> PlainTable:
-    """Of every kind of limit the nearest one."""
-    rows = [
-        Row((one.kind, one.name, left_words(one), used_words(one))) for one in nearest(designed)
-    ]
-    headings = ("Limit", "Where it is nearest", "Left", USED_SHARE_HEADING)
-    return PlainTable("Smallest margins", "", headings, rows, (0, 1))
 
 
 def _facts(designed: Designed) -> list[tuple[str, str]]:
@@ -112,21 +105,15 @@ class DesignProofSection(
             "sha": certificate.trajectory,
             "quantities": list(dict.fromkeys(one.quantity for one in certificate.extremes)),
             "called": QUANTITY_NAMES,
-            "joints": _extremes_of_joints(certificate),
+            "joints": [
+                (joint, [_extreme_cell(one) for one in certificate.extremes if one.joint == joint])
+                for joint in dict.fromkeys(one.joint for one in certificate.extremes)
+            ],
             "covers": COVERS,
-            "uncovered": uncovered(content.design),
-            "notes": [n for n in certificate.notes if n not in uncovered(content.design)],
+            "uncovered": certificate.uncovered,
+            "notes": [n for n in certificate.notes if n not in certificate.uncovered],
             "constraints": [_constraint_margins(proof) for proof in certificate.proofs],
         }
-
-
-def _extremes_of_joints(certificate: Certificate) -> list[tuple[str, list[dict[str, Any]]]]:
-    """Joint by joint the extremes of each quantity."""
-    joints = dict.fromkeys(one.joint for one in certificate.extremes)
-    return [
-        (joint, [_extreme_cell(one) for one in certificate.extremes if one.joint == joint])
-        for joint in joints
-    ]
 
 
 def _extreme_cell(one: Extreme) -> dict[str, Any]:

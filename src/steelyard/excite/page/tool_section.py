@@ -2,29 +2,166 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from steelyard.base.arrays import Array
+from steelyard.excite.collision.cell import up_of
+from steelyard.excite.collision.robot_shapes import along
 from steelyard.excite.page.design_words import DesignContent
-from steelyard.excite.page.robot_in_space import (
-    SPACE_AXES,
-    Face,
-    all_lines,
-    box_corners,
-    face_segment,
-    faces_of,
-    skeleton,
-    tool_path,
-)
+from steelyard.model.equations.kinematics import frame_of
 from steelyard.report.page import Numbers, Section, packed, rounded, script_json
 from steelyard.report.words import significant
 from steelyard.robot.loop_closures import all_joints
+from steelyard.robot.robot import Frame, Robot, body_frames, frame_origins, sticks
 
 if TYPE_CHECKING:
+    from steelyard.excite.constraints.workspace import Marker
     from steelyard.robot.file.excitation_sections import WorkspaceSection
+    from steelyard.robot.file.motion_sections import BoxSpans
+    from steelyard.robot.robot import Robot
+
+SPACE_AXES = "xyz"
+
+OPEN_WALL_LENGTH = 0.1
+"""A wall without an end is drawn so far beyond what is seen [m]."""
+
+LINES_OF_OPEN_FACE = 7
+"""Lines each way of a face that goes on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Face:
+    """A rectangle of a wall.
+
+    Attributes:
+        corner: Shape `(3,)` [m].
+        edges: From the corner along its two sides, shape `(2, 3)` [m].
+        ends: Per side whether the wall ends at its beginning and at its end, shape `(2, 2)`.
+        forbidden: Whether it belongs to a box that is kept out of.
+        name: Such as `floor`, `plane 1` or `forbidden box 1`.
+    """
+
+    corner: Array
+    edges: Array
+    ends: tuple[tuple[bool, bool], tuple[bool, bool]]
+    forbidden: bool
+    name: str
+
+    @property
+    def normal(self) -> Array:
+        """Of length one, shape `(3,)`."""
+        normal = np.cross(self.edges[0], self.edges[1])
+        return np.asarray(normal / np.linalg.norm(normal))
+
+    def lines(self) -> Array:
+        """Its outline, or lines across it with none where it goes on, shape `(L, 2, 3)` [m]."""
+        closed = all(end for side in self.ends for end in side)
+        found, shares = [], np.linspace(0.0, 1.0, 2 if closed else LINES_OF_OPEN_FACE)
+        for side, (begins, stops) in enumerate(self.ends):
+            own = shares[0 if begins else 1 : len(shares) if stops else -1]
+            for share in own:
+                first = self.corner + share * self.edges[side]
+                found.append((first, first + self.edges[1 - side]))
+        return np.array(found)
+
+
+def faces_of(workspace: WorkspaceSection | None, robot: Robot, seen: Array) -> tuple[Face, ...]:
+    """All walls of a room, beside what is drawn (`seen`, shape `(N, 3)` [m], NaN for gaps)."""
+    if workspace is None:
+        return ()
+    found = [*_of_box(workspace.box, seen, "box of the tool", forbidden=False)]
+    for number, box in enumerate(workspace.keep_out, start=1):
+        found += _of_box(box, seen, f"forbidden box {number}", forbidden=True)
+    for number, plane in enumerate(workspace.planes, start=1):
+        found.append(_of_plane(np.array(plane.normal), plane.above, seen, f"plane {number}"))
+    if workspace.floor is not None:
+        found.append(_of_plane(up_of(robot), workspace.floor, seen, "floor"))
+    return tuple(found)
+
+
+def _of_box(box: BoxSpans, seen: Array, name: str, *, forbidden: bool) -> Iterator[Face]:
+    """The faces that a box has."""
+    low, high = box_corners(box, seen)
+    spans = [getattr(box, axis) for axis in SPACE_AXES]
+    for axis, span in enumerate(spans):
+        u, v = (k for k in range(3) if k != axis)
+        size = np.zeros((2, 3))
+        size[0, u], size[1, v] = high[u] - low[u], high[v] - low[v]
+        closed = [spans[k] is not None for k in (u, v)]
+        for level in span or ():
+            corner = low.copy()
+            corner[axis] = level
+            ends = ((closed[0], closed[0]), (closed[1], closed[1]))
+            yield Face(corner, size, ends, forbidden, name)
+
+
+def _of_plane(normal: Array, above: float, seen: Array, name: str) -> Face:
+    """A piece of a plane beside what is seen."""
+    length = float(np.linalg.norm(normal))
+    axes = along(normal / length)
+    inside = (seen @ axes)[:, :2]
+    low, high = (
+        np.nanmin(inside, axis=0) - OPEN_WALL_LENGTH,
+        np.nanmax(inside, axis=0) + OPEN_WALL_LENGTH,
+    )
+    corner = axes @ np.array([*low, above / length])
+    edges = (axes[:, :2] * (high - low)).T
+    return Face(corner, edges, ((False, False), (False, False)), False, name)
+
+
+def box_corners(box: BoxSpans, seen: Array) -> tuple[Array, Array]:
+    """Least and greatest corner, each `(3,)` [m]; an open side goes beyond what is drawn."""
+    low, high = (
+        np.nanmin(seen, axis=0) - OPEN_WALL_LENGTH,
+        np.nanmax(seen, axis=0) + OPEN_WALL_LENGTH,
+    )
+    for k, axis in enumerate(SPACE_AXES):
+        span = getattr(box, axis)
+        if span is not None:
+            low[k], high[k] = span
+    return low, high
+
+
+def face_segment(face: Face, a: int, b: int) -> Array | None:
+    """The face as a line in the plane of two axes, shape `(2, 2)` [m]; `None` if seen flat on."""
+    across = 3 - a - b
+    if abs(face.normal[across]) > 1e-9:
+        return None
+    ends = [face.corner, *(face.corner + edge for edge in (*face.edges, face.edges.sum(axis=0)))]
+    flat = np.array(ends)[:, [a, b]]
+    way = flat - flat[0]
+    far = int(np.argmax(np.linalg.norm(way, axis=1)))
+    return flat[[0, far]]
+
+
+def all_lines(faces: Sequence[Face]) -> Array:
+    """The lines of faces, shape `(L, 2, 3)` [m]."""
+    return np.concatenate([face.lines() for face in faces]) if faces else np.zeros((0, 2, 3))
+
+
+def tool_frame(robot: Robot, tool: Marker) -> Frame:
+    """The tool's centre, as a frame on its body."""
+    own = frame_of(robot, tool.frame)
+    return Frame(own.name, own.body, own.rotation, own.position + own.rotation @ tool.offset)
+
+
+def tool_path(robot: Robot, tool: Marker, joints: Array) -> Array:
+    """Positions of the tool's centre, shape `(N, 3)` [m]."""
+    return frame_origins(robot, [tool_frame(robot, tool)], joints)[:, 0]
+
+
+def skeleton(robot: Robot, tool: Marker, joints: Array) -> Array:
+    """The robot as one broken line, from each joint to the next, and to the tool.
+
+    Two ends and a gap of NaN per stick, shape `(3 sticks, 3)` [m], at positions of all joints.
+    """
+    last = tool_frame(robot, tool)
+    ends = frame_origins(robot, [body_frames(robot)[last.body + 1], last], joints[None])[0]
+    return np.concatenate([sticks(robot, joints), ends, np.full((1, 3), np.nan)])
 
 
 TOOL_PATH_POINTS = 1500
@@ -53,11 +190,18 @@ class DesignToolSection(
         arm = skeleton(robot, tool, joints[0])
         drawn = np.concatenate([path, arm])
         faces = faces_of(content.workspace, robot, drawn)
-        boxes = _forbidden(content.workspace, drawn)
+        workspace = content.workspace
+        forbidden = () if workspace is None else workspace.keep_out
+        boxes = [box_corners(box, drawn) for box in forbidden]
         return {
             "tool": tool.title,
             "radius": f"{1e3 * tool.radius:.3g} mm" if tool.radius > 0.0 else "",
-            "spans": _spans(path),
+            "spans": ", ".join(
+                f"{axis} from {low:.3f} to {high:.3f} m"
+                for axis, low, high in zip(
+                    SPACE_AXES, path.min(axis=0), path.max(axis=0), strict=True
+                )
+            ),
             "length": significant(float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())),
             "walls": list(dict.fromkeys(face.name for face in faces if not face.forbidden)),
             "forbidden": bool(boxes),
@@ -69,51 +213,43 @@ class DesignToolSection(
         }
 
 
-def _spans(path: Array) -> str:
-    low, high = path.min(axis=0), path.max(axis=0)
-    ends = zip(SPACE_AXES, low, high, strict=True)
-    return ", ".join(f"{axis} from {a:.3f} to {b:.3f} m" for axis, a, b in ends)
-
-
 def _space(t: Array, path: Array, arm: Array, faces: Sequence[Face]) -> dict[str, Any]:
     """Path and arm in space, coloured by time."""
-    x, y, z = (packed(axis) for axis in path.T)
-    way = {
-        "name": "tool",
-        "kind": "line",
-        "x": x,
-        "y": y,
-        "more": {
-            "type": "scatter3d",
-            "z": z,
-            "line": {
-                "width": 4,
-                "color": packed(t),
-                "colorscale": TIME_COLOURS,
-                "showscale": True,
-                "colorbar": {"title": {"text": "time [s]"}, "thickness": 10, "len": 0.7},
-            },
-            "hovertemplate": "%{x:.3f}, %{y:.3f}, %{z:.3f} m<extra></extra>",
+    way = _in_space(
+        "tool",
+        path,
+        line={
+            "width": 4,
+            "color": packed(t),
+            "colorscale": TIME_COLOURS,
+            "showscale": True,
+            "colorbar": {"title": {"text": "time [s]"}, "thickness": 10, "len": 0.7},
         },
-    }
-    body = {
-        "name": "arm at the start",
-        "kind": "line",
-        "x": packed(arm[:, 0]),
-        "y": packed(arm[:, 1]),
-        "more": {
-            "type": "scatter3d",
-            "mode": "lines+markers",
-            "z": packed(arm[:, 2]),
-            "line": {"color": ARM, "width": 7},
-            "marker": {"color": ARM, "size": 3},
-            "hoverinfo": "skip",
-        },
-    }
-    walls = [
-        _walls([face for face in faces if face.name == name])
-        for name in dict.fromkeys(face.name for face in faces)
-    ]
+        hovertemplate="%{x:.3f}, %{y:.3f}, %{z:.3f} m<extra></extra>",
+    )
+    body = _in_space(
+        "arm at the start",
+        arm,
+        mode="lines+markers",
+        line={"color": ARM, "width": 7},
+        marker={"color": ARM, "size": 3},
+        hoverinfo="skip",
+    )
+    walls = []
+    for name in dict.fromkeys(face.name for face in faces):
+        # faces of one name as one broken line
+        own = [face for face in faces if face.name == name]
+        lines = all_lines(own)
+        gaps = np.full((len(lines), 1, 3), np.nan)
+        wall = _in_space(
+            name,
+            np.concatenate([lines, gaps], axis=1).reshape(-1, 3),
+            mode="lines",
+            opacity=1.0 if own[0].forbidden else 0.4,
+            line={"color": WALL, "width": 2},
+            hovertemplate=f"{name}<extra></extra>",
+        )
+        walls.append(wall)
     axes = {
         f"{axis}axis": {
             "title": {"text": f"{axis} [m]"},
@@ -127,29 +263,15 @@ def _space(t: Array, path: Array, arm: Array, faces: Sequence[Face]) -> dict[str
     return {"x": "", "y": "", "traces": [way, body, *walls], "layout": layout}
 
 
-def _forbidden(workspace: WorkspaceSection | None, seen: Array) -> list[tuple[Array, Array]]:
-    """Corners of the boxes to keep out of [m]."""
-    return [] if workspace is None else [box_corners(box, seen) for box in workspace.keep_out]
-
-
-def _walls(faces: Sequence[Face]) -> dict[str, Any]:
-    """Faces of one name as one broken line."""
-    first = faces[0]
-    lines = all_lines(faces)
-    points = np.concatenate([lines, np.full((len(lines), 1, 3), np.nan)], axis=1).reshape(-1, 3)
+def _in_space(name: str, points: Array, **more: Any) -> dict[str, Any]:
+    """A line through points, shape `(N, 3)` [m]."""
+    x, y, z = (packed(axis) for axis in points.T)
     return {
-        "name": first.name,
+        "name": name,
         "kind": "line",
-        "x": packed(points[:, 0]),
-        "y": packed(points[:, 1]),
-        "more": {
-            "type": "scatter3d",
-            "mode": "lines",
-            "z": packed(points[:, 2]),
-            "opacity": 1.0 if first.forbidden else 0.4,
-            "line": {"color": WALL, "width": 2},
-            "hovertemplate": f"{first.name}<extra></extra>",
-        },
+        "x": x,
+        "y": y,
+        "more": {"type": "scatter3d", "z": z, **more},
     }
 
 
@@ -174,7 +296,8 @@ def _view(
         line("tool", path, PATH, 1.3, hovertemplate="%{x:.3f}, %{y:.3f} m<extra></extra>"),
         line("start", path[:1], START, 1.0, mode="markers", marker={"color": START, "size": 8}),
     ]
-    shapes = [_rectangle(low[[a, b]], high[[a, b]]) for low, high in boxes]
+    filled = {"type": "rect", "fillcolor": FORBIDDEN, "layer": "below"}
+    shapes = [_line(np.stack([low[[a, b]], high[[a, b]]])) | filled for low, high in boxes]
     seen = [face_segment(face, a, b) for face in faces if not face.forbidden]
     shapes += [_line(ends) for ends in seen if ends is not None]
     return {
@@ -187,15 +310,6 @@ def _view(
             "shapes": shapes,
             "showlegend": False,
         },
-    }
-
-
-def _rectangle(low: Array, high: Array) -> dict[str, Any]:
-    """A forbidden box, from its corners `(2,)` [m]."""
-    return _line(np.stack([low, high])) | {
-        "type": "rect",
-        "fillcolor": FORBIDDEN,
-        "layer": "below",
     }
 
 

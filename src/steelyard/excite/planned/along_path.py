@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike
 from steelyard.base.arrays import Array
 from steelyard.excite.constraints.constraint import MotionLimits
 from steelyard.excite.planned.inverse_kinematics import (
-    AnyAttitude,
     Attitude,
     InverseKinematics,
     refuse_fixed,
@@ -93,7 +92,7 @@ def along_path(
     start: ArrayLike | None = None,
     seed: int = 0,
 ) -> PathMotion:
-    """The motion of the joints that leads a frame along a path.
+    """The motion of the joints that leads the origin of a frame along a path.
 
     Args:
         robot: The robot; it may have closed loops, and the frame may hang on their passive joints.
@@ -108,12 +107,12 @@ def along_path(
     Raises:
         ModelError: The robot has no such frame, or it does not move.
         DataError: The start posture is none of the robot's.
-        Astray: The path cannot be followed; says where, and why.
+        UnfollowableWay: The path cannot be followed; says where, and why.
     """
     chosen = frame_of(robot, frame) if isinstance(frame, str) else frame
     refuse_fixed(robot, chosen)
     posture = None if start is None else start_posture(robot, limits, start)
-    walk = _Walk(robot, chosen, limits, path, AnyAttitude() if attitude is None else attitude)
+    walk = _Walk(robot, chosen, limits, path, attitude or Attitude())
     made: list[PathMotion] = []
     failed: list[UnfollowableWay] = []
     for first in walk.first_postures(posture, seed):
@@ -180,11 +179,7 @@ class _Walk:
         return Follower(self.robot)
 
     def first_postures(self, start: Array | None, seed: int) -> Array:
-        """Postures to begin in, the best first, shape `(B, n)`.
-
-        Raises:
-            Astray: None reaches the start of the path, or all that do are singular.
-        """
+        """Postures to begin in, the best first, shape `(B, n)`."""
         closed, robot, limits = bool(self.robot.passive), self.robot, self.limits
         kinematics = _Poses(self.motion) if closed else frame_kinematics(robot, self.frame)
         solver = InverseKinematics(kinematics, limits.lower, limits.upper, self.attitude)
@@ -218,11 +213,7 @@ class _Walk:
         return best
 
     def run(self, first: Array) -> PathMotion:
-        """The motion that starts in a posture.
-
-        Raises:
-            Astray: It cannot go on.
-        """
+        """The motion that starts in a posture."""
         if self.robot.passive:
             assembly = loop_equations(self.robot).assembly
             self.loops.restart((assembly[: self.robot.n], assembly[self.robot.n :]))
@@ -258,7 +249,9 @@ class _Walk:
         yield last
         while times:
             t = times[-1]
-            knot = self._solved(t, _ahead(last, t), free)
+            seconds = t - last.t
+            ahead = last.q + seconds * (last.dq + 0.5 * seconds * last.ddq)
+            knot = self._solved(t, ahead, free)
             if knot is not None and self._close(last, knot):
                 times.pop()
                 yield knot
@@ -266,14 +259,17 @@ class _Walk:
             elif t - last.t > _SHORTEST * duration:
                 times.append(0.5 * (last.t + t))
             else:
-                raise self._stuck(knot, t)
+                reason = "it is out of reach"
+                reason += ", or a loop does not close" if self.robot.passive else ""
+                raise self._astray(
+                    f"the path cannot be followed: {reason}"
+                    if knot is None
+                    else "the joints would have to move too fast to follow the path",
+                    t,
+                )
 
     def _solved(self, t: float, guess: Array, free: list[int]) -> _Knot | None:
-        """The knot at a time, near a guess; `None` if there is none.
-
-        Raises:
-            Astray: It is singular, or a joint leaves its range.
-        """
+        """The knot at a time, near a guess; `None` if there is none."""
         place, velocity, acceleration = self.path.at(t)
         q, still = np.array(guess), np.zeros(self.robot.n)
         for _ in range(_ROUNDS):
@@ -296,9 +292,11 @@ class _Walk:
             raise self._astray("the posture is singular there", t)
         self._check_range(q, t)
         dq, ddq = np.zeros(self.robot.n), np.zeros(self.robot.n)
-        dq[free] = np.linalg.lstsq(rates, self._task(velocity), rcond=None)[0]
+        unturned = np.zeros(self.attitude.rows)
+        dq[free] = np.linalg.lstsq(rates, np.append(velocity, unturned), rcond=None)[0]
         drift = self._rows(self.motion(q, passive, dq)[3][:, None])[:, 0]
-        ddq[free] = np.linalg.lstsq(rates, self._task(acceleration) - drift, rcond=None)[0]
+        needed = np.append(acceleration, unturned) - drift
+        ddq[free] = np.linalg.lstsq(rates, needed, rcond=None)[0]
         return _Knot(t, q, dq, ddq, passive)
 
     def _close(self, a: _Knot, b: _Knot) -> bool:
@@ -330,10 +328,6 @@ class _Walk:
         rows: Array = np.concatenate([rates[:3], turned]) * weights_of(self.attitude)[:, None]
         return rows
 
-    def _task(self, linear: Array) -> Array:
-        """Rates of place and turns along the path, shape `(3 + k,)`."""
-        return np.concatenate([linear, np.zeros(self.attitude.rows)])
-
     def _excess(self, curve: PiecewiseMotion) -> tuple[float, str]:
         """Greatest factor on the time that a limit needs, and the limit."""
         found = []
@@ -359,15 +353,6 @@ class _Walk:
                 f"joint '{joint.name}' exceeds its {end} limit of {limit:.4g} {joint.unit} there", t
             )
 
-    def _stuck(self, knot: _Knot | None, t: float) -> UnfollowableWay:
-        """The path ends before a time."""
-        if knot is not None:
-            return self._astray("the joints would have to move too fast to follow the path", t)
-        reason = "it is out of reach"
-        if self.robot.passive:
-            reason += ", or a loop does not close"
-        return self._astray(f"the path cannot be followed: {reason}", t)
-
     def _astray(self, wrong: str, t: float) -> UnfollowableWay:
         """An error with time and place."""
         place = ", ".join(f"{x:.3f}" for x in self.path.at(t)[0] + 0.0)
@@ -386,12 +371,6 @@ def _ratios(rates: Array) -> Array:
     """Singular values over the greatest, descending."""
     sizes = np.linalg.svd(rates, compute_uv=False)
     return np.asarray(sizes / max(sizes[0], np.finfo(np.float64).tiny))
-
-
-def _ahead(knot: _Knot, t: float) -> Array:
-    """Where the joints would be at constant acceleration."""
-    seconds = t - knot.t
-    return np.asarray(knot.q + seconds * (knot.dq + 0.5 * seconds * knot.ddq))
 
 
 def _piece(a: _Knot, b: _Knot) -> Array:

@@ -10,9 +10,9 @@ would leave it stand still, so the method ends at the nearest place within the r
 target itself is out of reach.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,59 +20,38 @@ from numpy.typing import ArrayLike
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError, ModelError
 from steelyard.excite.constraints.constraint import MotionLimits
+from steelyard.excite.constraints.workspace import unit_vectors_across
 from steelyard.model.equations.kinematics import frame_kinematics, refuse_passive
 from steelyard.robot.robot import Frame, Robot
 
 
-class Attitude(Protocol):
-    """Requirements on a frame's orientation, as turns that must be zero.
+class Attitude:
+    """Requirements on a frame's orientation, as turns that must be zero; here there are none."""
 
-    Attributes:
-        rows: Number of turns `k` that must be zero, 0 to 2.
-    """
-
-    @property
-    def rows(self) -> int:
-        """Number of turns that must be zero."""
-        ...
+    rows: ClassVar[int] = 0
+    """Number of turns `k` that must be zero, 0 to 2."""
 
     def turns(self, rotation: Array) -> Array:
         """Turns that are left to make, shape `(N, k)` [rad], at orientations `(N, 3, 3)`."""
-        ...
-
-    def slopes(self, angular: Array) -> Array:
-        """How the turns made grow with the joints, `(N, k, n)`, from rates `(N, 3, n)`."""
-        ...
-
-
-@dataclass(frozen=True)
-class AnyAttitude:
-    """The tool may turn as it likes."""
-
-    rows: int = 0
-
-    def turns(self, rotation: Array) -> Array:
-        """Nothing is left to turn, shape `(N, 0)`."""
         return np.zeros((len(rotation), 0))
 
     def slopes(self, angular: Array) -> Array:
-        """No rows, shape `(N, 0, n)`."""
+        """How the turns made grow with the joints, `(N, k, n)`, from rates `(N, 3, n)`."""
         return angular[:, :0]
 
 
 @dataclass(frozen=True, eq=False)
-class Pointing:
+class Pointing(Attitude):
     """An axis of the tool points in a direction; the turn about it is free.
 
     Attributes:
         direction: Shape `(3,)`, in the base frame.
         axis: Shape `(3,)`, in the tool's frame.
-        rows: Two turns, about two axes across the direction.
     """
 
+    rows: ClassVar[int] = 2
     direction: Array
     axis: Array
-    rows: int
 
     def __init__(self, direction: ArrayLike, axis: ArrayLike = (0.0, 0.0, 1.0)) -> None:
         for name, values in (("direction", direction), ("axis", axis)):
@@ -81,10 +60,9 @@ class Pointing:
             if not 1e-9 < length < np.inf:
                 raise ValueError(f"the {name} of a tool has no direction: {vector}")
             object.__setattr__(self, name, frozen(vector / length))
-        object.__setattr__(self, "rows", 2)
 
     def turns(self, rotation: Array) -> Array:
-        """Turn from the tool's axis to the direction along the two cross axes, `(N, 2)` [rad]."""
+        """See `Attitude`; from the tool's axis to the direction along the two cross axes."""
         axis = rotation @ self.axis
         normal = np.cross(axis, self.direction)
         sine = np.linalg.norm(normal, axis=1)
@@ -97,17 +75,14 @@ class Pointing:
         return turned
 
     def slopes(self, angular: Array) -> Array:
-        """Turning rates about the two cross axes, shape `(N, 2, n)`."""
+        """See `Attitude`."""
         rates: Array = self._across @ angular
         return rates
 
     @cached_property
     def _across(self) -> Array:
         """Two unit vectors across the direction, shape `(2, 3)`."""
-        least = np.eye(3)[int(np.argmin(np.abs(self.direction)))]
-        first = np.cross(self.direction, least)
-        first /= np.linalg.norm(first)
-        return np.stack([first, np.cross(self.direction, first)])
+        return unit_vectors_across(self.direction)
 
 
 REACHED = 1e-8
@@ -134,12 +109,10 @@ class Kinematics(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Postures:
-    """Postures found for targets.
+    """Postures `(N, n)` found for targets.
 
-    Attributes:
-        q: Shape `(N, n)` [rad; m].
-        missed: Distance to the target, shape `(N,)` [m].
-        turned: Turn that is left to the attitude, shape `(N,)` [rad].
+    What is `missed` is the distance to the target, shape `(N,)` [m], what is `turned` the turn that
+    is left to the attitude, shape `(N,)` [rad].
     """
 
     q: Array
@@ -154,14 +127,7 @@ class Postures:
 
 @dataclass(frozen=True, eq=False)
 class InverseKinematics:
-    """Solves for postures of one frame.
-
-    Attributes:
-        kinematics: Of the frame.
-        lower: Lowest positions, shape `(n,)` [rad; m].
-        upper: Highest positions, shape `(n,)` [rad; m].
-        attitude: What is required of the frame's orientation.
-    """
+    """Solves for postures of one frame within ranges of positions `(n,)` [rad; m]."""
 
     kinematics: Kinematics
     lower: Array
@@ -180,12 +146,7 @@ class InverseKinematics:
         kinematics = frame_kinematics(robot, frame)
         refuse_passive(robot, kinematics.frame.body, frame)
         refuse_fixed(robot, kinematics.frame)
-        return cls(
-            kinematics,
-            limits.lower,
-            limits.upper,
-            AnyAttitude() if attitude is None else attitude,
-        )
+        return cls(kinematics, limits.lower, limits.upper, attitude or Attitude())
 
     @property
     def spare(self) -> int:
@@ -199,13 +160,9 @@ class InverseKinematics:
     def solve(
         self, targets: Array, seeds: Array, *, near: bool = False, rounds: int = 100
     ) -> Postures:
-        """The postures that come nearest, from seeds.
+        """The postures that come nearest to targets `(N, 3)` [m], from seeds `(N, n)` [rad; m].
 
-        Args:
-            targets: Shape `(N, 3)` [m].
-            seeds: Shape `(N, n)` [rad; m].
-            near: The seeds are close: hardly any damping to begin with.
-            rounds: Steps at most.
+        With `near` the seeds are close: hardly any damping to begin with.
         """
         q = np.clip(seeds, self.lower, self.upper)
         rest = self.missing(q, targets)
@@ -223,33 +180,20 @@ class InverseKinematics:
             damping[active] = np.clip(damping[active] * np.where(better, 0.1, 10.0), 1e-14, 1e6)
             small = np.abs(rest[active]).max(axis=1) < 1e-3 * REACHED
             active = active[~small & (moved > 1e-12)]
-        left = rest / self._weights()
+        left = rest / weights_of(self.attitude)
         missed = np.linalg.norm(left[:, :3], axis=1)
         return Postures(q, missed, np.linalg.norm(left[:, 3:], axis=1))
 
     def reach(self, target: Array, seed_posture: Array, seed: int, restarts: int = 24) -> Postures:
-        """All postures found for one target, nearest to the seed posture first.
-
-        Those that reach it come first; where none does, the one that comes nearest.
-
-        Args:
-            target: Shape `(3,)` [m].
-            seed_posture: Shape `(n,)` [rad; m].
-            seed: Of the random starts.
-            restarts: Random starts beside the seed posture.
-        """
+        """`nearest` from a seed posture `(n,)` and random starts."""
         rng = np.random.default_rng(seed)
         starts = rng.uniform(self.lower, self.upper, (restarts, len(self.lower)))
         return self.nearest(target, np.vstack([seed_posture, starts]))
 
     def nearest(self, target: Array, starts: Array) -> Postures:
-        """All postures found for one target from given starts, nearest to the first one first.
+        """Postures found for one target `(3,)` from starts `(k, n)`, by distance from the first.
 
         Those that reach it come first; where none does, the one that comes nearest.
-
-        Args:
-            target: Shape `(3,)` [m].
-            starts: Shape `(k, n)` [rad; m].
         """
         found = self.solve(np.tile(target, (len(starts), 1)), starts)
         far = np.linalg.norm(found.q - starts[0], axis=1)
@@ -275,11 +219,7 @@ class InverseKinematics:
     def drawn(self, target: Array, q: Array, towards: Array, share: float = 0.2) -> Array:
         """A posture `(n,)` that keeps the target, its spare joints drawn towards another posture.
 
-        Args:
-            target: Shape `(3,)` [m].
-            q: A posture that reaches it, shape `(n,)`.
-            towards: Shape `(n,)`.
-            share: How much of the way the spare joints go; by `_DRAW` at most.
+        They go a share of the way, and at most by `_DRAW`.
         """
         if self.spare <= 0:
             return q
@@ -293,17 +233,16 @@ class InverseKinematics:
     def missing(self, q: Array, targets: Array) -> Array:
         """What is left to go and to turn, shape `(N, 3 + k)`; turns weighed as lengths [m]."""
         place, rotation = self.kinematics.pose(q)
-        return np.hstack([targets - place, self.attitude.turns(rotation)]) * self._weights()
+        return np.hstack([targets - place, self.attitude.turns(rotation)]) * weights_of(
+            self.attitude
+        )
 
     def rates(self, q: Array) -> Array:
         """How the way made grows with the joints, shape `(N, 3 + k, n)`, weighed alike."""
         rates = self.kinematics.jacobian(q)
         rows = np.concatenate([rates[:, :3], self.attitude.slopes(rates[:, 3:])], axis=1)
-        weighed: Array = rows * self._weights()[:, None]
+        weighed: Array = rows * weights_of(self.attitude)[:, None]
         return weighed
-
-    def _weights(self) -> Array:
-        return weights_of(self.attitude)
 
     def _step(self, q: Array, rest: Array, damping: Array) -> Array:
         """One damped step, shape `(N, n)`; joints that would leave their range stand still."""
@@ -326,11 +265,7 @@ def weights_of(attitude: Attitude) -> Array:
 
 
 def refuse_fixed(robot: Robot, frame: Frame) -> None:
-    """A frame that is to be led moves.
-
-    Raises:
-        ModelError: It is fixed to the base.
-    """
+    """A frame that is to be led moves."""
     if frame.body < 0:
         raise ModelError(
             f"frame '{frame.name}' does not move: it is fixed to the base",
@@ -364,11 +299,4 @@ def start_posture(robot: Robot, limits: MotionLimits, start: ArrayLike) -> Array
 def within(limits: MotionLimits, margin: float = 1e-3) -> MotionLimits:
     """The limits with position ranges narrower at both ends by `margin` [rad; m], 1 % at most."""
     narrow = np.minimum(margin, 0.01 * (limits.upper - limits.lower))
-    return MotionLimits(
-        frozen(limits.lower + narrow),
-        frozen(limits.upper - narrow),
-        limits.velocity,
-        limits.acceleration,
-        limits.notes,
-        limits.jerk,
-    )
+    return replace(limits, lower=limits.lower + narrow, upper=limits.upper - narrow)

@@ -33,13 +33,9 @@ class UnfollowableWay(DataError):
 
 @dataclass(frozen=True, eq=False)
 class Followed:
-    """Postures along a line from one place to another.
+    """Postures `(k, n)` along a line between two places, shape `(2, 3)` [m].
 
-    Attributes:
-        solver: Of the inverse kinematics.
-        ends: The two places, shape `(2, 3)` [m].
-        shares: Shares of the line where postures are known, ascending from 0 to 1, shape `(k,)`.
-        q: The postures there, shape `(k, n)` [rad; m].
+    They are known at `shares` of the line, ascending from 0 to 1, shape `(k,)`.
     """
 
     solver: InverseKinematics
@@ -83,9 +79,6 @@ def follow(
         names: Of the joints, for messages.
         to: Posture to arrive in, shape `(n,)`; any by default.
         where: The move, for messages.
-
-    Raises:
-        Astray: The line leaves what the joints can do, needs a jump, or arrives in another posture.
     """
     most = 1.0 / max(4, int(np.ceil(np.linalg.norm(ends[1] - ends[0]) / _STEP)))
     shares, postures, step = [0.0], [start], most
@@ -110,23 +103,24 @@ def follow(
 
 def _arriving(followed: Followed, to: Array, names: Sequence[str], where: str) -> Followed:
     """The same line, its spare joints led to a given posture at the end."""
-    off = to - followed.q[-1]
-    if followed.solver.spare <= 0:
-        if np.abs(off).max() > 1e-6:
-            raise _other_posture(off, names, where)
-        return followed
-    s = followed.shares
-    blend = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-    line = followed.ends[0] + s[:, None] * (followed.ends[1] - followed.ends[0])
-    found = followed.solver.solve(line, followed.q + blend[:, None] * off, near=True)
-    far = np.abs(found.q[-1] - to).max() > 1e-6
-    if (
-        far
-        or not found.reached.all()
-        or np.abs(np.diff(found.q, axis=0)).max() > 2.0 * _LARGEST_CHANGE
-    ):
-        raise _other_posture(off, names, where)
-    return Followed(followed.solver, followed.ends, s, found.q)
+    off, solver, s = to - followed.q[-1], followed.solver, followed.shares
+    if solver.spare <= 0:
+        q, arrives = followed.q, bool(np.abs(off).max() <= 1e-6)
+    else:
+        blend = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+        line = followed.ends[0] + s[:, None] * (followed.ends[1] - followed.ends[0])
+        found = solver.solve(line, followed.q + blend[:, None] * off, near=True)
+        q, smooth = found.q, np.abs(np.diff(found.q, axis=0)).max() <= 2.0 * _LARGEST_CHANGE
+        arrives = bool(np.abs(q[-1] - to).max() <= 1e-6 and found.reached.all() and smooth)
+    if not arrives:
+        j = int(np.argmax(np.abs(off)))
+        raise unfollowable_error(
+            "the posture at the end of the straight line differs from that of the motion: joint "
+            f"'{names[j]}' is off by {abs(off[j]):.2f}",
+            where,
+            1.0,
+        )
+    return Followed(solver, followed.ends, s, q)
 
 
 def _obstacle_of_line(
@@ -154,16 +148,6 @@ def _obstacle_of_line(
     else:
         wrong = f"joint '{names[j]}' would have to jump by {change[j]:.2f} {at} of a straight line"
     return unfollowable_error(wrong, where, share)
-
-
-def _other_posture(off: Array, names: Sequence[str], where: str) -> UnfollowableWay:
-    j = int(np.argmax(np.abs(off)))
-    return unfollowable_error(
-        f"the posture at the end of the straight line differs from that of the motion: joint "
-        f"'{names[j]}' is off by {abs(off[j]):.2f}",
-        where,
-        1.0,
-    )
 
 
 def unfollowable_error(wrong: str, where: str, share: float) -> UnfollowableWay:
@@ -202,18 +186,10 @@ def postures_at(solver: InverseKinematics, places: Array, start: Array, seed: in
 def refuse_out_of_reach(
     solver: InverseKinematics, places: Array, start: Array, seed: int, *, what: str, where: str
 ) -> None:
-    """Refuse places that are out of reach.
+    """Refuse places `(K, 3)` [m], which would be moved together, if one is out of reach.
 
-    Args:
-        solver: Of the inverse kinematics.
-        places: Shape `(K, 3)` [m]; they would be moved together.
-        start: Posture to search from, shape `(n,)` [rad; m].
-        seed: Of the random starts.
-        what: What the places are, such as `the pick box`.
-        where: Whose reach it is.
-
-    Raises:
-        DataError: One is; says how far, and the least move of all that would help.
+    The error says how far, and the least move of all that would help. `what` the places are is such
+    as `the pick box`; the search begins at the posture `start`.
     """
     if postures_at(solver, places, start, seed) is not None:
         return
@@ -241,10 +217,8 @@ def least_shift(solver: InverseKinematics, places: Array, start: Array, seed: in
     r"""The least common shift of places, shape `(3,)` [m], after which all can be reached.
 
     Minimises $\|d\|^2 + w^2 \sum_k \|p(q_k) - p_k - d\|^2$ over the shift and all postures within
-    their ranges, then lengthens the shift by little until every place is seen to be reached.
-
-    Returns:
-        To the millimetre; `None` if no shift was found.
+    their ranges, then lengthens the shift by little until every place is seen to be reached. To the
+    millimetre; `None` if no shift was found.
     """
     nearest = _nearest(solver, places, start, seed)
     off = solver.place(nearest) - places
@@ -280,7 +254,16 @@ def _shifted(
         return np.concatenate([x[:3], _OFF_TARGET_WEIGHT * missing.ravel()])
 
     def slopes(x: Array) -> Array:
-        return _slopes(solver.rates(x[3:].reshape(count, n)))
+        """How shift and misses grow with shift and postures."""
+        rates = solver.rates(x[3:].reshape(count, n))
+        rows = rates.shape[1]
+        matrix = np.zeros((3 + count * rows, 3 + count * n))
+        matrix[:3, :3] = np.eye(3)
+        for k, block in enumerate(rates):
+            at = 3 + k * rows
+            matrix[at : at + 3, :3] = _OFF_TARGET_WEIGHT * np.eye(3)
+            matrix[at : at + rows, 3 + k * n : 3 + (k + 1) * n] = -_OFF_TARGET_WEIGHT * block
+        return matrix
 
     first = np.concatenate([shift, inside.ravel()])
     found = least_squares(rest, first, slopes, bounds=(lower, upper), max_nfev=_MOST_SHIFT_STEPS)
@@ -289,18 +272,6 @@ def _shifted(
         if postures_at(solver, places + advised, found.x[3:].reshape(count, n), seed) is not None:
             return advised
     return None
-
-
-def _slopes(rates: Array) -> Array:
-    """How shift and misses grow with shift and postures, from rates `(K, rows, n)`."""
-    count, rows, n = rates.shape
-    matrix = np.zeros((3 + count * rows, 3 + count * n))
-    matrix[:3, :3] = np.eye(3)
-    for k, block in enumerate(rates):
-        at = 3 + k * rows
-        matrix[at : at + 3, :3] = _OFF_TARGET_WEIGHT * np.eye(3)
-        matrix[at : at + rows, 3 + k * n : 3 + (k + 1) * n] = -_OFF_TARGET_WEIGHT * block
-    return matrix
 
 
 def _point_text(place: Array) -> str:

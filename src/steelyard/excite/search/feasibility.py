@@ -1,8 +1,8 @@
-"""Why no motion is possible, and the smallest change of the constraints that allows one."""
+"""Feasible postures, random motions to start from, and why no motion is possible."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,11 +10,204 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.excite.constraints.constraint import Constraint, MotionLimits
 from steelyard.excite.problem import Problem
-from steelyard.excite.search.newton import joint_bounds
-from steelyard.excite.search.starts import NoMotion, Standing, nearest_free, postures, standing
-from steelyard.excite.trajectories.families import posture_of
+from steelyard.excite.search.newton import InequalityConstraints, joint_bounds
+from steelyard.excite.trajectories.bases import posture_of
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.robot import Robot
+
+POSTURE_ATTEMPTS = 60
+"""Random postures among which a free one is sought before none is reported."""
+
+_MIDDLE_SHARE = 0.4
+_EDGE_SHARE = 0.95
+_FREE_ROOM_SHARE = 0.8
+_SIZE_SHRINK = 0.7
+_POWERS = 20
+"""Times that a motion is shrunk before it is next to nothing, a thousandth."""
+_WANTED_MARGIN = 0.05
+_POSTURES = 30
+_DRAWN_POSTURES = 180
+
+
+class NoMotion(DataError):
+    """No motion was found that keeps everything."""
+
+
+class Lack(NamedTuple):
+    """A margin of a constraint that is not positive."""
+
+    constraint: Constraint
+    label: str
+    value: float
+
+    def __str__(self) -> str:
+        return f"{self.label} (violated by {-self.value:.3g} {self.constraint.unit})"
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """A posture, shape `(n,)`, and what it lacks, worst first."""
+
+    posture: Array
+    lacks: tuple[Lack, ...]
+
+
+def standing(constraints: Sequence[Constraint], posture: Array) -> Standing:
+    """What standing still at a posture lacks."""
+    still = np.zeros((1, len(posture)))
+    lacks = [
+        Lack(constraint, label, float(value))
+        for constraint in constraints
+        for label, value in zip(
+            constraint.labels,
+            constraint.margins(posture[None], still, still).values[0],
+            strict=True,
+        )
+        if not value > 0.0
+    ]
+    return Standing(posture, tuple(sorted(lacks, key=lambda lack: lack.value)))
+
+
+def nearest_free(
+    limits: MotionLimits, constraints: Sequence[Constraint], posture: Array
+) -> Standing:
+    """Where a descent of what is lacking ends that begins at a posture."""
+    from scipy.optimize import minimize
+
+    if not constraints or not standing(constraints, posture).lacks:
+        return Standing(posture, ())
+    edge = (1.0 - _EDGE_SHARE) * 0.5 * (limits.upper - limits.lower)
+    bounds = list(zip(limits.lower + edge, limits.upper - edge, strict=True))
+    still = np.zeros((1, len(posture)))
+
+    def lack(q: Array) -> tuple[float, Array]:
+        value, slope = 0.0, np.zeros(len(q))
+        for constraint in constraints:
+            margins = constraint.margins(q[None], still, still)
+            short = np.minimum(
+                margins.values[0] / constraint.activation_distance - _WANTED_MARGIN, 0.0
+            )
+            value += float(short @ short)
+            if margins.by_q is not None:
+                slope += 2.0 * (short / constraint.activation_distance) @ margins.by_q[0]
+        return value, slope
+
+    found = minimize(lack, posture, jac=True, method="L-BFGS-B", bounds=bounds)
+    return standing(constraints, np.asarray(found.x))
+
+
+def postures(
+    limits: MotionLimits,
+    constraints: Sequence[Constraint],
+    random: np.random.Generator,
+    attempts: int = POSTURE_ATTEMPTS,
+) -> Iterator[Standing]:
+    """Postures that descents from random ones end at; the first half of them in the middle."""
+    middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
+    for attempt in range(attempts):
+        share = _MIDDLE_SHARE if attempt < attempts // 2 else _EDGE_SHARE
+        yield nearest_free(
+            limits, constraints, middle + share * half * random.uniform(-1.0, 1.0, len(middle))
+        )
+
+
+def random_starts(
+    inequalities: InequalityConstraints, random: np.random.Generator, count: int
+) -> list[Array]:
+    """All of `each_start` with all joints at once."""
+    return list(each_start(inequalities, random, count))
+
+
+def each_start(
+    inequalities: InequalityConstraints,
+    random: np.random.Generator,
+    count: int,
+    limbs: Sequence[Sequence[int]] = (),
+) -> Iterator[Array]:
+    """Motions about random postures, as large as the constraints allow but for a fifth.
+
+    Args:
+        inequalities: Inequality constraints of the motion.
+        random: Source of all random choices.
+        count: How many, if so many postures are free; some of them, but one at least, if not.
+        limbs: Joints that are given as much room as there is one limb after the other, in random
+            order; all at once if empty.
+    """
+    found = 0
+    for posture in _free(inequalities, random, count):
+        still = inequalities.basis.still(posture)
+        if inequalities.smallest_margin(still) > 0.0:
+            moved = _widened_in_turn(inequalities, still, random, limbs)
+            if moved is not None:
+                found += 1
+                yield moved
+        if found == count:
+            return
+    if not found:
+        raise NoMotion(
+            f"no motion about any of {count + _POSTURES} random postures keeps all limits and "
+            "constraints",
+            where="[excitation]",
+            fix="widen the limits or the boxes, or give a start posture farther from the limits",
+        )
+
+
+def _free(
+    inequalities: InequalityConstraints, random: np.random.Generator, count: int
+) -> Iterator[Array]:
+    """Random postures that are free, and where too few are, ends of descents from others."""
+    limits = inequalities.limits
+    middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
+    drawn = middle + _MIDDLE_SHARE * half * random.uniform(
+        -1.0, 1.0, (max(3 * count, _DRAWN_POSTURES), len(middle))
+    )
+    still, free = np.zeros_like(drawn), np.ones(len(drawn), dtype=bool)
+    for constraint in inequalities.constraints:
+        free &= (constraint.margins(drawn, still, still).values > 0.0).all(axis=1)
+    yield from drawn[free]
+    if free.sum() < count:
+        for place in postures(limits, inequalities.constraints, random, _POSTURES):
+            yield place.posture
+
+
+def _widened_in_turn(
+    inequalities: InequalityConstraints,
+    still: Array,
+    random: np.random.Generator,
+    limbs: Sequence[Sequence[int]],
+) -> Array | None:
+    """A random change of standing still, as much of it as the constraints allow each limb."""
+    change = random.standard_normal(still.shape)
+    if len(limbs) < 2:
+        return widened(inequalities, still, change)
+    moved, any_ = still, False
+    for number in random.permutation(len(limbs)):
+        part, joints = np.zeros_like(change), list(limbs[number])
+        part[joints] = change[joints]
+        wider = widened(inequalities, moved, part)
+        if wider is not None:
+            moved, any_ = wider, True
+    return moved if any_ else None
+
+
+def widened(inequalities: InequalityConstraints, still: Array, change: Array) -> Array | None:
+    """Standing still plus as much of a change as the constraints allow; `None` if hardly any."""
+    rates, margins = inequalities.margin_rates(change), inequalities.limit_margins(still)
+    room = np.min(margins / np.maximum(-rates, 1e-12), axis=1)
+    sized = _FREE_ROOM_SHARE * room[:, None] * change
+    # the power of the shrinking at which the motion comes inside, by halving their range
+    low, high = 0, _POWERS
+    while low < high:
+        middle = (low + high) // 2
+        moved = still + _SIZE_SHRINK**middle * sized
+        inside = inequalities.coarser.smallest_margin(moved) > 0.0
+        low, high = (low, middle) if inside else (middle + 1, high)
+    for power in range(low, _POWERS):
+        moved = still + _SIZE_SHRINK**power * sized
+        if inequalities.smallest_margin(moved) > 0.0:
+            return np.asarray(moved)
+    return None
+
 
 WORTHY_MOTION_SIZE = 0.1
 """Size of a motion that is worth its name, over the largest that the limits of joints allow."""
@@ -24,39 +217,11 @@ _WIDENING_TRIES = 4
 _WIDENING_FACTOR = 1.05
 
 
-@dataclass(frozen=True, eq=False)
-class Lack:
-    """By how much a constraint is missed.
-
-    Attributes:
-        constraint: The constraint.
-        label: Which of its margins.
-        amount: Positive, in its unit.
-    """
-
-    constraint: Constraint
-    label: str
-    amount: float
-
-    def __str__(self) -> str:
-        return f"{self.label} (violated by {self.amount:.3g} {self.constraint.unit})"
-
-    @property
-    def widened(self) -> str:
-        """What would be enough."""
-        return (
-            f"'{self.label}' by {rounded_up(_WIDENING_FACTOR * self.amount)} {self.constraint.unit}"
-        )
-
-
 def lacking(problem: Problem, places: Iterable[Array]) -> tuple[Lack, ...]:
     """What a small motion lacks that lacks as little as can be, worst first.
 
-    A witness: with everything widened by that much, it is a motion that keeps all samples.
-
-    Args:
-        problem: What is designed.
-        places: Postures to move about, each `(n,)`; a start that is given takes their place.
+    A witness: with everything widened by that much, it is a motion that keeps all samples. It is
+    about one of `places`, each `(n,)`, or about the given start.
     """
     inequalities, random = problem.inequalities, np.random.default_rng(0)
     best: tuple[float, tuple[Lack, ...]] | None = None
@@ -68,7 +233,7 @@ def lacking(problem: Problem, places: Iterable[Array]) -> tuple[Lack, ...]:
             rates = inequalities.margin_rates(change)
             most = np.min(room / np.maximum(-rates, 1e-12), axis=1)
             lacks = _lacks(problem, still + WORTHY_MOTION_SIZE * most[:, None] * change)
-            size = sum(lack.amount / _room_of_motion(lack) for lack in lacks)
+            size = sum(_share_of_room(lack) for lack in lacks)
             if best is None or size < best[0]:
                 best = size, lacks
     return () if best is None else best[1]
@@ -97,8 +262,12 @@ def constraint_names(lacks: Sequence[Lack]) -> str:
 
 
 def widening_advice(lacks: Sequence[Lack]) -> str:
-    """What to do about it."""
-    return f"widen {' and '.join(lack.widened for lack in lacks)}, or more"
+    """What would be enough."""
+    widened = " and ".join(
+        f"'{x.label}' by {rounded_up(-_WIDENING_FACTOR * x.value)} {x.constraint.unit}"
+        for x in lacks
+    )
+    return f"widen {widened}, or more"
 
 
 def rounded_up(value: float) -> str:
@@ -113,12 +282,14 @@ def _lacks(problem: Problem, x: Array) -> tuple[Lack, ...]:
     for constraint in problem.constraints:
         least = constraint.margins(*state).values.min(axis=0)
         short = zip(constraint.labels, least, strict=True)
-        found += [Lack(constraint, label, -float(v)) for label, v in short if v < 0.0]
-    return tuple(sorted(found, key=lambda lack: -lack.amount / _room_of_motion(lack)))
+        found += [Lack(constraint, label, float(v)) for label, v in short if v < 0.0]
+    return tuple(sorted(found, key=lambda lack: -_share_of_room(lack)))
 
 
-def _room_of_motion(lack: Lack) -> float:
-    return float(lack.constraint.activation_distance[lack.constraint.labels.index(lack.label)])
+def _share_of_room(lack: Lack) -> float:
+    """How much is lacking, over the activation distance."""
+    constraint = lack.constraint
+    return -lack.value / float(constraint.activation_distance[constraint.labels.index(lack.label)])
 
 
 LEAST_SWING = {"revolute": 2e-3, "prismatic": 5e-4}
@@ -135,10 +306,6 @@ _WHERE = "[excitation.motion]"
 
 def refuse_impossible(problem: Problem, loaded: LoadedRobot) -> None:
     """Whatever can be seen to allow no motion.
-
-    Args:
-        problem: What is designed.
-        loaded: The robot and its tables.
 
     Raises:
         DataError: Says what is impossible, by how much, and the smallest change that would work.
@@ -244,10 +411,10 @@ def _refuse_lacking(
     near = _nearest_posture(limits, constraints, posture)
     fix = "choose another posture"
     if near is not None:
-        fix = f"nearby, {_listed(near)} satisfies all constraints"
-    raise DataError(
-        f"the {key} posture violates: {lacks_text(here)}", where=f"{_WHERE} {key}", fix=fix
-    )
+        places = ", ".join(f"{x:.3f}" for x in near)
+        fix = f"nearby, [{places}] satisfies all constraints"
+    lacks = "; ".join(str(lack) for lack in here.lacks[:4])
+    raise DataError(f"the {key} posture violates: {lacks}", where=f"{_WHERE} {key}", fix=fix)
 
 
 def _refuse_nowhere(problem: Problem) -> None:
@@ -259,24 +426,16 @@ def _refuse_nowhere(problem: Problem) -> None:
     for place in postures(limits, constraints, np.random.default_rng(0)):
         if not place.lacks:
             return
-        if best is None or place.lacks[0][2] > best.lacks[0][2]:
+        if best is None or place.lacks[0].value > best.lacks[0].value:
             best = place
     assert best is not None
     lacks = lacking(problem, [best.posture])
     raise DataError(
-        "no posture was found that satisfies all constraints; "
-        f"the nearest violates: {lacks_text(best)}",
+        "no posture was found that satisfies all constraints; the nearest violates: "
+        + "; ".join(str(lack) for lack in best.lacks[:4]),
         where=f"[excitation] {constraint_names(lacks)}",
         fix=f"{widening_advice(lacks)}: this allows a motion of {WORTHY_MOTION_SIZE:.0%} of the "
         "joints' ranges about it",
-    )
-
-
-def lacks_text(place: Standing) -> str:
-    """The constraints that a posture violates, as text."""
-    return "; ".join(
-        f"{label} (violated by {-value:.3g} {constraint.unit})"
-        for constraint, label, value in place.lacks[:4]
     )
 
 
@@ -306,7 +465,3 @@ def _posture_between(constraints: Sequence[Constraint], bad: Array, free: Array)
             high = middle
     tried = np.round(bad + min(1.0, high + _SPARE_SHARE) * (free - bad), 3)
     return free if standing(constraints, tried).lacks else tried
-
-
-def _listed(posture: Array) -> str:
-    return "[" + ", ".join(f"{x:.3f}" for x in posture) + "]"

@@ -1,6 +1,6 @@
 r"""Newton's method on a criterion with a logarithmic barrier of inequality constraints.
 
-Limits of joints are linear in the coefficients, $o_{jr} - \sum_i s_{ri} x_{ji} \ge 0$; their
+Limits of joints are linear in the coefficients, $o_{jr} - \totali s_{ri} x_{ji} \ge 0$; their
 barrier is $-\sum \log$ of the margins in units of the limit. Other constraints matter only nearer
 than their activation distance: with $s$ the margin over the activation distance their barrier is
 $-\log s - (1 - s) - \tfrac12 (1 - s)^2$ for $s < 1$ and zero beyond, twice differentiable at 1.
@@ -11,7 +11,7 @@ BFGS [Nocedal2006]): every step is a small linear system, and every step stays f
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,7 +20,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.progress import Stopped
 from steelyard.excite.constraints.constraint import Constraint, MotionLimits
-from steelyard.excite.trajectories.linear_bases import Basis
+from steelyard.excite.trajectories.bases import Basis
 
 _DIP_FACTOR = 1.2
 _MOST_OF_MARGIN = 0.9
@@ -32,13 +32,9 @@ CONSTRAINT_STEP = 2
 
 @dataclass(frozen=True, eq=False)
 class Barrier:
-    """The barrier at one motion, with the derivatives that Newton's method takes.
+    """Mean of the barrier over samples, its gradient `(n, m)`, and its hessian `(n m, n m)`.
 
-    Attributes:
-        value: Mean over the samples.
-        gradient: Shape `(n, m)`.
-        hessian: Shape `(n m, n m)`; of constraints that are not linear the part without their
-            second derivatives.
+    Of constraints that are not linear the hessian lacks their second derivatives.
     """
 
     value: float
@@ -51,9 +47,6 @@ class InequalityConstraints:
     """Margins of a motion at sample times.
 
     Attributes:
-        basis: The family of motions.
-        limits: Of the joints.
-        constraints: All else that must hold.
         t: Sample times, shape `(N,)` [s]; constraints are looked at in each second one.
         reserves: What each constraint's margins keep for the time between samples, each `(N', k)`;
             nothing if empty.
@@ -133,11 +126,8 @@ class InequalityConstraints:
         """Constraints that keep what margins dip between the samples of a motion inside.
 
         Between two samples a margin with second difference $c$ dips by $c/8$ at most, as far as it
-        is a parabola; no more than nine tenths of a margin is reserved.
-
-        Args:
-            x: The motion.
-            extra: What each constraint's margins keep on top, each `(k,)`; nothing if empty.
+        is a parabola; no more than nine tenths of a margin is reserved. On top, each constraint's
+        margins keep `extra`, `(k,)` each, if given.
         """
         state = self.state(x)
         found = []
@@ -160,23 +150,21 @@ class InequalityConstraints:
 
     def barrier(self, x: Array) -> Barrier | None:
         """The barrier at `x`, or `None` where a margin is not positive."""
-        value, gradient, hessian = 0.0, np.zeros_like(x), np.zeros((x.size, x.size))
-        for part in self._parts(x):
+        total = self._limited(x)
+        state = self.state(x) if self.constraints and total is not None else None
+        for number, constraint in enumerate(self.constraints):
+            if total is None or state is None:
+                return None
+            reserve = self.reserves[number] if self.reserves else 0.0
+            part = self._curved(constraint, state, x.shape, reserve)
             if part is None:
                 return None
-            value += part.value
-            gradient += part.gradient
-            hessian += part.hessian
-        return Barrier(value, gradient, hessian)
-
-    def _parts(self, x: Array) -> Iterator[Barrier | None]:
-        """Barriers of the limits and of each constraint, until one is not inside."""
-        yield self._limited(x)
-        state = self.state(x) if self.constraints else None
-        for number, constraint in enumerate(self.constraints):
-            assert state is not None
-            reserve = self.reserves[number] if self.reserves else 0.0
-            yield self._curved(constraint, state, x.shape, reserve)
+            total = Barrier(
+                total.value + part.value,
+                total.gradient + part.gradient,
+                total.hessian + part.hessian,
+            )
+        return total
 
     def _limited(self, x: Array) -> Barrier | None:
         """The barrier of the joints' limits."""
@@ -287,6 +275,48 @@ class _Point:
     barrier: Barrier
 
 
+@dataclass(frozen=True, eq=False)
+class _Stage:
+    """What is minimised at one sharpness of the criterion and one weight of the barrier."""
+
+    objective: ObjectiveFunction
+    inequalities: InequalityConstraints
+    sharpness: float
+    weight: float
+
+    def at(self, x: Array) -> _Point | None:
+        """The point, if it is inside and shows something."""
+        barrier = self.inequalities.barrier(x)
+        if barrier is None:
+            return None
+        value, gradient = self.objective(x, self.sharpness)
+        return _Point(x, value, gradient, barrier) if np.isfinite(value) else None
+
+    def step(self, point: _Point, hessian: Array) -> tuple[_Point | None, float]:
+        """A step that lowers criterion and barrier, and the gain that its model foretold."""
+        inequalities, weight = self.inequalities, self.weight
+        gradient = (point.gradient + weight * point.barrier.gradient).ravel()
+        full = hessian + weight * point.barrier.hessian
+        try:
+            dx = np.asarray(np.linalg.solve(full, -gradient)).reshape(point.x.shape)
+        except np.linalg.LinAlgError:  # curvatures too far apart for the digits there are
+            dx = np.linalg.lstsq(full, -gradient, rcond=None)[0].reshape(point.x.shape)
+        gain = -float(gradient @ dx.ravel())
+        now = point.value + weight * point.barrier.value
+        margins, change = inequalities.limit_margins(point.x), inequalities.margin_rates(dx)
+        towards = change < 0.0
+        to_boundary = np.min(margins[towards] / -change[towards], initial=np.inf)
+        size = min(1.0, _FRACTION_TO_BOUNDARY * float(to_boundary))
+        for _ in range(_STEP_TRIALS):
+            tried = self.at(point.x + size * dx)
+            if tried is not None:
+                then = tried.value + weight * tried.barrier.value
+                if then <= now - _ENOUGH_GAIN * size * gain:
+                    return tried, gain
+            size *= _STEP_SHRINK
+        return None, gain
+
+
 def minimised(
     objective: ObjectiveFunction,
     inequalities: InequalityConstraints,
@@ -316,12 +346,13 @@ def minimised(
     hessian = np.eye(x.size)
     for sharpness, weight in stages:
         inner = inequalities.with_reserves(x, extra) if between else inequalities
-        point = _point_at(objective, inner, x, sharpness)
+        stage = _Stage(objective, inner, sharpness, weight)
+        point = stage.at(x)
         if point is None:
             return x
         for _ in range(steps):
             watch(point.x)
-            moved, gain = _step(objective, inner, point, hessian, sharpness, weight)
+            moved, gain = stage.step(point, hessian)
             if moved is None:
                 break
             hessian = _learnt(hessian, moved.x - point.x, moved.gradient - point.gradient)
@@ -347,48 +378,6 @@ def minimised_by(
         return minimised(objective, inequalities, x, stages=stages, extra=extra, watch=watch)
     except Stopped:
         return watch.latest[0]
-
-
-def _point_at(
-    objective: ObjectiveFunction, inequalities: InequalityConstraints, x: Array, sharpness: float
-) -> _Point | None:
-    """The point, if it is inside and shows something."""
-    barrier = inequalities.barrier(x)
-    if barrier is None:
-        return None
-    value, gradient = objective(x, sharpness)
-    return _Point(x, value, gradient, barrier) if np.isfinite(value) else None
-
-
-def _step(
-    objective: ObjectiveFunction,
-    inequalities: InequalityConstraints,
-    point: _Point,
-    hessian: Array,
-    sharpness: float,
-    weight: float,
-) -> tuple[_Point | None, float]:
-    """A step that lowers criterion and barrier, and the gain that its quadratic model foretold."""
-    gradient = (point.gradient + weight * point.barrier.gradient).ravel()
-    full = hessian + weight * point.barrier.hessian
-    try:
-        dx = np.asarray(np.linalg.solve(full, -gradient)).reshape(point.x.shape)
-    except np.linalg.LinAlgError:  # curvatures too far apart for the digits there are
-        dx = np.linalg.lstsq(full, -gradient, rcond=None)[0].reshape(point.x.shape)
-    gain = -float(gradient @ dx.ravel())
-    now = point.value + weight * point.barrier.value
-    margins, change = inequalities.limit_margins(point.x), inequalities.margin_rates(dx)
-    towards = change < 0.0
-    to_boundary = np.min(margins[towards] / -change[towards], initial=np.inf)
-    size = min(1.0, _FRACTION_TO_BOUNDARY * float(to_boundary))
-    for _ in range(_STEP_TRIALS):
-        tried = _point_at(objective, inequalities, point.x + size * dx, sharpness)
-        if tried is not None:
-            then = tried.value + weight * tried.barrier.value
-            if then <= now - _ENOUGH_GAIN * size * gain:
-                return tried, gain
-        size *= _STEP_SHRINK
-    return None, gain
 
 
 def _learnt(hessian: Array, dx: Array, change: Array) -> Array:

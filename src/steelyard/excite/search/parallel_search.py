@@ -22,7 +22,7 @@ from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, Stopped, module_command, report_progress, silent
 from steelyard.excite.problem import Problem
 from steelyard.excite.problem_from_tables import Recipe
-from steelyard.excite.search.starts import NoMotion
+from steelyard.excite.search.feasibility import NoMotion
 
 KEPT_MOTIONS = 4
 """Best motions that are kept for the end."""
@@ -33,14 +33,9 @@ _GRACE_SECONDS = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A motion that a search ended with.
+    """A motion, coefficients `(n, m)`, that search `number` ended with after `seconds`.
 
-    Attributes:
-        number: Of the search.
-        x: Coefficients, shape `(n, m)`.
-        criterion_value: The criterion.
-        seconds: When, since the searches began [s].
-        whole: Whether the search came to its end, not only to the end of the time.
+    It is `whole` if the search came to its end, not only to the end of the time.
     """
 
     number: int
@@ -52,14 +47,10 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """What the searches found.
+    """What the searches found, the best first, and how many of them came to their end.
 
-    Attributes:
-        best: The best of them, best first.
-        searches: Searches that came to their end.
-        course: Time [s] and criterion of every improvement.
-        stopped: Whether the user stopped them before the time.
-        lost: Processes that something else ended.
+    The `course` is time [s] and criterion of every improvement. The searches are `stopped` if the
+    user stopped them before the time; `killed` is how many processes something else ended.
     """
 
     best: tuple[Found, ...]
@@ -74,9 +65,7 @@ class SearchBudget:
     """How much is searched.
 
     Attributes:
-        seconds: How long.
         searches: After how many to stop before that; `None` for never.
-        processes: How many search side by side.
         seed: Same seed, same searches.
     """
 
@@ -91,30 +80,12 @@ class SearchBudget:
         return self.processes if self.searches is None else min(self.processes, self.searches)
 
 
-@dataclass(frozen=True, eq=False)
-class _ExitRecord:
-    """How processes ended.
-
-    Attributes:
-        ends: Exit codes.
-        refused: Searches that found no way to begin.
-    """
-
-    ends: list[int] = field(default_factory=list)
-    refused: list[DataError] = field(default_factory=list)
-
-
 def search_in_parallel(
     recipe: Recipe, problem: Problem, method: str, effort: SearchBudget, progress: Progress = silent
 ) -> SearchResult:
     """Search until the time is spent; the best so far if the watcher stops it.
 
-    Args:
-        recipe: From which every process builds the problem.
-        problem: The same, built.
-        method: Name of the search method.
-        effort: How much is searched.
-        progress: Told how much time is spent, and of the best value of the criterion.
+    Every process builds the `problem` from the `recipe` again.
 
     Raises:
         NoMotion: No motion keeps everything.
@@ -123,31 +94,25 @@ def search_in_parallel(
     """
     begun = time.monotonic()
     found, course, stopped = list[Found](), list[tuple[float, float]](), False
-    over = _ExitRecord()
+    ends, refused = list[int](), list[DataError]()
     with _workers(recipe, method, effort) as messages:
         try:
-            for line in _lines(messages, effort, begun, found, over, progress):
+            for line in _lines(messages, effort, begun, found, ends, refused, progress):
                 x = np.array(line["x"])
-                one = Found(
-                    line["number"],
-                    x,
-                    problem.criterion_value(x),
-                    time.monotonic() - begun,
-                    line["whole"],
-                )
-                if not found or one.criterion_value < found[0].criterion_value:
-                    course.append((one.seconds, one.criterion_value))
-                found.append(one)
+                value, seconds = problem.criterion_value(x), time.monotonic() - begun
+                if not found or value < found[0].criterion_value:
+                    course.append((seconds, value))
+                found.append(Found(line["number"], x, value, seconds, line["whole"]))
                 found.sort(key=lambda f: (f.criterion_value, f.number))
         except Stopped:
             if not found:
                 raise
             stopped = True
-    exit_codes = [code for code in over.ends if code]
+    killed = [code for code in ends if code]
     if not found:
-        raise over.refused[0] if over.refused else _no_motion_error(exit_codes)
+        raise refused[0] if refused else _no_motion_error(killed)
     whole = sum(f.whole for f in found)
-    return SearchResult(tuple(found[:KEPT_MOTIONS]), whole, tuple(course), stopped, len(exit_codes))
+    return SearchResult(tuple(found[:KEPT_MOTIONS]), whole, tuple(course), stopped, len(killed))
 
 
 def _no_motion_error(exit_codes: Sequence[int]) -> DataError:
@@ -171,20 +136,20 @@ def _lines(
     effort: SearchBudget,
     begun: float,
     found: Sequence[Found],
-    over: _ExitRecord,
+    ends: list[int],
+    refused: list[DataError],
     progress: Progress,
 ) -> Iterator[dict[str, Any]]:
-    """What the processes say, until all of them have ended; how they did goes into `over`."""
-    while len(over.ends) < effort.useful:
+    """What the processes say, until all of them have ended; then `ends` has their exit codes.
+
+    Searches that found no way to begin go into `refused`.
+    """
+    while len(ends) < effort.useful:
         spent = time.monotonic() - begun
         note = f"best {found[0].criterion_value:.4g} of {len(found)}" if found else ""
-        report_progress(
-            progress,
-            "designing",
-            effort.seconds * _budget_share(spent, found, effort),
-            effort.seconds,
-            note,
-        )
+        searched = 0.0 if effort.searches is None else len(found) / effort.searches
+        done = effort.seconds * min(max(spent / effort.seconds, searched), 1.0)
+        report_progress(progress, "designing", done, effort.seconds, note)
         if spent > effort.seconds + _GRACE_SECONDS and found:
             return
         try:
@@ -192,23 +157,17 @@ def _lines(
         except queue.Empty:
             continue
         if "ended" in line:
-            over.ends.append(line["ended"])
+            ends.append(line["ended"])
         elif "error" in line:
             kind = NoMotion if line["none"] else DataError
             error = kind(line["error"], where=line["where"], fix=line["fix"])
             if not line["none"]:
                 raise error
-            over.refused.append(error)
+            refused.append(error)
         elif "broken" in line:
             raise RuntimeError(f"a search process failed:\n{line['broken']}")
         else:
             yield line
-
-
-def _budget_share(spent: float, found: Sequence[Found], effort: SearchBudget) -> float:
-    """How much of the budget is used, by seconds or by searches."""
-    searched = 0.0 if effort.searches is None else len(found) / effort.searches
-    return min(max(spent / effort.seconds, searched), 1.0)
 
 
 @contextmanager
@@ -287,9 +246,7 @@ MOST_RESERVED_SHARE = 0.25
 class ProcessPace:
     """How fast this process gets on since the pace was made: other programs slow it down.
 
-    Attributes:
-        clock: Of `time.monotonic` [s].
-        processor: Of `time.process_time` [s].
+    Times are of `time.monotonic` and `time.process_time` [s].
     """
 
     clock: float = field(default_factory=time.monotonic)
@@ -303,24 +260,14 @@ class ProcessPace:
 
 
 def time_after(problem: Problem, seconds: float, pace: ProcessPace) -> float:
-    """Time to keep for what comes after the search [s].
-
-    Args:
-        problem: What is designed.
-        seconds: Of the whole design.
-        pace: Of the process so far.
-    """
-    return min(
-        pace.slower * (RESERVED_SECONDS + RESERVED_EVALUATIONS * _evaluation_seconds(problem)),
-        MOST_RESERVED_SHARE * seconds,
-    )
-
-
-def _evaluation_seconds(problem: Problem) -> float:
-    """Processor time that it takes to find out what a motion shows [s], with its code there."""
+    """Time to keep for what comes after the search [s], of the seconds of the whole design."""
+    slower = pace.slower
+    # processor time that it takes to find out what a motion shows, with its code there
     still = problem.basis.still(np.zeros(problem.robot.n))
     problem.objective(still, 1.0)
     problem.criterion_value(still)
     start = time.process_time()
     problem.criterion_value(still)
-    return time.process_time() - start
+    evaluation = time.process_time() - start
+    reserved = slower * (RESERVED_SECONDS + RESERVED_EVALUATIONS * evaluation)
+    return min(reserved, MOST_RESERVED_SHARE * seconds)

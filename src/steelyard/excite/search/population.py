@@ -1,4 +1,4 @@
-"""Genetic algorithm and CMA-ES as search methods, and all search methods by their names.
+"""Search methods by their names: Newton from random starts, genetic algorithm, CMA-ES.
 
 Real genes, tournaments of two, simulated binary crossover [Deb1995] and polynomial mutation; of
 parents and offspring together the best survive, so the best one is never lost.
@@ -7,30 +7,76 @@ parents and offspring together the best survive, so the best one is never lost.
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from math import ceil
 from types import MappingProxyType
+from typing import Protocol
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, advice
 from steelyard.base.progress import Event, Progress, report_progress, silent
-from steelyard.excite.problem import Problem
-from steelyard.excite.search.starts import Gradient, Method, Watch, random_starts
+from steelyard.excite.problem import Problem, composed_motions
+from steelyard.excite.search.feasibility import each_start, random_starts
+from steelyard.excite.search.newton import STAGES, minimised
+
+Watch = Callable[[Array], None]
+"""Told of coefficients in the feasible set; may raise `progress.Stopped`."""
+
+
+class Method(Protocol):
+    """A way to search."""
+
+    def search(self, problem: Problem, random: np.random.Generator, watch: Watch) -> Array:
+        """The coefficients that one search ends with, feasible at their samples.
+
+        Args:
+            problem: What is designed.
+            random: Source of all random choices: another one makes another search.
+            watch: Told of every step.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Gradient:
+    """Random starts, and Newton's method within a barrier from the best of them.
+
+    Attributes:
+        screened: Random starts of which the best is improved; of a robot with `l` limbs one for
+            `l**2`: each start takes `l` looks at the constraints, and gives each limb one of its
+            own.
+    """
+
+    screened: int = 60
+
+    def search(self, problem: Problem, random: np.random.Generator, watch: Watch) -> Array:
+        """See `Method`; starts that show too little are not reported."""
+        count = ceil(self.screened / len(problem.limbs) ** 2)
+        joints = [limb.joints for limb in problem.limbs]
+        starts = each_start(problem.inequalities, random, count, joints)
+        for start in composed_motions(problem, starts):
+            if np.isfinite(problem.objective.value(start, STAGES[0][0])):
+                watch(start)
+        return minimised(problem.objective, problem.inequalities, start, watch=watch)
+
+
+def seeded(seed: int, number: int) -> np.random.Generator:
+    """The source of random choices of search `number`, the same on every machine."""
+    return np.random.default_rng([seed, number])
 
 
 @dataclass(frozen=True, eq=False)
-class EvolvedResult:
-    """The best individual.
+class PopulationResult:
+    """The best point that was tried, shape `(k,)`, its criterion, and evaluations of that.
 
-    Attributes:
-        values: Its genes, shape `(k,)`.
-        cost: Its criterion.
-        evaluations: How often the criterion was evaluated.
+    The search is `spent` if its budget of evaluations ended it.
     """
 
     values: Array
     cost: float
     evaluations: int
+    spent: bool = False
 
 
 def minimised_by_genes(
@@ -42,21 +88,10 @@ def minimised_by_genes(
     generations: int = 100,
     seed: int = 0,
     progress: Progress = silent,
-) -> EvolvedResult:
-    """Minimise any criterion within a box by a genetic algorithm with elitism.
+) -> PopulationResult:
+    """Minimise any criterion within a box `(k,)` by a genetic algorithm with elitism.
 
-    Args:
-        criterion: Costs `(B,)` of individuals `(B, k)`.
-        lower: Shape `(k,)`.
-        upper: Shape `(k,)`.
-        population: Individuals of a generation.
-        generations: How many.
-        seed: Of all random choices.
-        progress: Told about every generation.
-
-    Raises:
-        DataError: pymoo is missing.
-        Stopped: `progress` requested a stop.
+    The criterion gives costs `(B,)` of individuals `(B, k)`.
     """
     try:
         from pymoo.algorithms.soo.nonconvex.ga import GA
@@ -69,7 +104,12 @@ def minimised_by_genes(
             where="genetic algorithm",
             fix='pip install "steelyard[population]"',
         ) from error
-    refuse_small_population(population, generations)
+    if population < 2 or generations < 1:
+        raise DataError(
+            f"a population of {population} over {generations} generations",
+            where="genetic algorithm",
+            fix="give at least two individuals and one generation, such as 30 and 100",
+        )
     span = upper - lower
     genes = Problem(n_var=len(span), n_obj=1, xl=np.zeros(len(span)), xu=np.ones(len(span)))
     algorithm = GA(pop_size=population)
@@ -85,21 +125,7 @@ def minimised_by_genes(
         Evaluator().eval(StaticProblem(genes, F=costs[:, None]), individuals)
         algorithm.tell(infills=individuals)
         report_progress(progress, "genetic algorithm", generation + 1, generations)
-    return EvolvedResult(values, cost, evaluations)
-
-
-def refuse_small_population(population: int, generations: int) -> None:
-    """There must be someone to pair, at least once.
-
-    Raises:
-        DataError: There is not.
-    """
-    if population < 2 or generations < 1:
-        raise DataError(
-            f"a population of {population} over {generations} generations",
-            where="genetic algorithm",
-            fix="give at least two individuals and one generation, such as 30 and 100",
-        )
+    return PopulationResult(values, cost, evaluations)
 
 
 FIRST_DEVIATION_SHARE = 0.3
@@ -107,23 +133,6 @@ FIRST_DEVIATION_SHARE = 0.3
 
 BUDGET_SPENT = "maxfevals"
 """How cma says that its budget is spent."""
-
-
-@dataclass(frozen=True, eq=False)
-class AdaptedResult:
-    """The best point that was tried.
-
-    Attributes:
-        values: Shape `(k,)`.
-        cost: Its criterion.
-        evaluations: How often the criterion was evaluated.
-        spent: Whether the budget of evaluations ended it.
-    """
-
-    values: Array
-    cost: float
-    evaluations: int
-    spent: bool
 
 
 def minimised_by_cma_es(
@@ -136,8 +145,8 @@ def minimised_by_cma_es(
     least: float = 0.0,
     random: np.random.Generator,
     progress: Progress = silent,
-) -> AdaptedResult:
-    """Minimise any criterion within a box by CMA-ES [Hansen2001], from its middle.
+) -> PopulationResult:
+    """Minimise any criterion within a box `(k,)` by CMA-ES [Hansen2001], from its middle.
 
     Args:
         criterion: Costs `(B,)` of points `(B, k)`.
@@ -148,10 +157,6 @@ def minimised_by_cma_es(
         least: Difference of costs that counts as none.
         random: Source of all random choices.
         progress: Told about every generation.
-
-    Raises:
-        DataError: cma is missing.
-        Stopped: `progress` requested a stop.
     """
     lengths = np.ones_like(lower) if units is None else units
     spans = (upper - lower) * lengths
@@ -186,7 +191,7 @@ def minimised_by_cma_es(
         strategy.tell(points, costs.tolist())
         report_progress(progress, "CMA-ES", strategy.countevals, evaluations)
     spent = BUDGET_SPENT in strategy.stop()
-    return AdaptedResult(values, best, int(strategy.countevals), spent)
+    return PopulationResult(values, best, int(strategy.countevals), spent)
 
 
 POPULATION_SHARPNESS = 64.0
@@ -202,7 +207,6 @@ class _Genes:
     """Variables from -1 to 1: a posture per joint, then how far each function is moved.
 
     Attributes:
-        problem: What is designed.
         units: How far each function alone may be moved, shape `(n, m)`.
     """
 
@@ -280,73 +284,64 @@ NOTHING_SHOWN_COST = 50.0
 """Cost of a motion that shows too little, that of a condition number of 5e21; more if not free."""
 
 
+def _evolved(
+    problem: Problem,
+    random: np.random.Generator,
+    watch: Watch,
+    minimise: Callable[[Callable[[Array], Array], Array, Progress], PopulationResult],
+) -> Array:
+    """Minimise over postures and amplitudes; the best so far is reported at every generation."""
+    genes = _Genes.of(problem)
+    best = random_starts(problem.inequalities, random, 1)
+
+    def report(x: Array) -> None:
+        best.append(x)
+        watch(x)
+
+    def progress(event: Event) -> bool:
+        watch(best[-1])
+        return True
+
+    minimise(genes.costs(report, best[-1]), np.ones(genes.count), progress)
+    return best[-1]
+
+
 @dataclass(frozen=True)
 class GeneticSearch:
-    """A genetic algorithm over postures and amplitudes, shrunk until feasible.
-
-    Attributes:
-        population: Individuals of a generation.
-        generations: How many.
-    """
+    """A genetic algorithm over postures and amplitudes, shrunk until feasible."""
 
     population: int = 100
     generations: int = 400
 
     def search(self, problem: Problem, random: np.random.Generator, watch: Watch) -> Array:
         """See `Method`."""
-        genes = _Genes.of(problem)
-        last = _BestMotion(random_starts(problem.inequalities, random, 1)[0], watch)
-        minimised_by_genes(
-            genes.costs(last, last.x),
-            -np.ones(genes.count),
-            np.ones(genes.count),
-            population=self.population,
-            generations=self.generations,
-            seed=int(random.integers(2**31)),
-            progress=last.progress,
+        options: dict[str, int] = {"population": self.population, "generations": self.generations}
+        return _evolved(
+            problem,
+            random,
+            watch,
+            lambda costs, box, progress: minimised_by_genes(
+                costs, -box, box, **options, seed=int(random.integers(2**31)), progress=progress
+            ),
         )
-        return last.x
 
 
 @dataclass(frozen=True)
 class CmaEsSearch:
-    """CMA-ES over postures and amplitudes, shrunk until feasible.
-
-    Attributes:
-        evaluations: Most evaluations of the criterion.
-    """
+    """CMA-ES over postures and amplitudes, shrunk until feasible; most `evaluations`."""
 
     evaluations: int = 40_000
 
     def search(self, problem: Problem, random: np.random.Generator, watch: Watch) -> Array:
         """See `Method`."""
-        genes = _Genes.of(problem)
-        last = _BestMotion(random_starts(problem.inequalities, random, 1)[0], watch)
-        minimised_by_cma_es(
-            genes.costs(last, last.x),
-            -np.ones(genes.count),
-            np.ones(genes.count),
-            evaluations=self.evaluations,
-            random=random,
-            progress=last.progress,
+        return _evolved(
+            problem,
+            random,
+            watch,
+            lambda costs, box, progress: minimised_by_cma_es(
+                costs, -box, box, evaluations=self.evaluations, random=random, progress=progress
+            ),
         )
-        return last.x
-
-
-class _BestMotion:
-    """The best motion so far, reported to the watcher again at every generation."""
-
-    def __init__(self, x: Array, watch: Watch) -> None:
-        self.x, self._watch = x, watch
-
-    def __call__(self, x: Array) -> None:
-        self.x = x
-        self._watch(x)
-
-    def progress(self, event: Event) -> bool:
-        """Heard at every generation."""
-        self._watch(self.x)
-        return True
 
 
 METHODS: Mapping[str, Method] = MappingProxyType(
@@ -355,11 +350,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
 
 
 def method_of(name: str) -> Method:
-    """The method of a name.
-
-    Raises:
-        DataError: There is none.
-    """
+    """The method of a name."""
     if name not in METHODS:
         raise DataError(
             f"there is no search method '{name}'",

@@ -11,13 +11,13 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
 from steelyard.excite.problem import Problem
+from steelyard.excite.search.feasibility import NoMotion
 from steelyard.excite.search.newton import (
     BACK_STAGES,
     InequalityConstraints,
     joint_bounds,
     minimised_by,
 )
-from steelyard.excite.search.starts import NoMotion
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 
 _SHRINK_ROUNDS = 12
@@ -48,46 +48,38 @@ REPAIR_RESERVE = 1.5
 class Kept:
     """A motion that keeps the limits of its joints, and what is proven of its constraints.
 
-    Attributes:
-        x: Coefficients, shape `(n, m)`.
-        proven: Margins of each constraint that hold at all times, `(k,)` each.
+    Coefficients `(n, m)`, the motion, and margins of each constraint at all times, `(k,)` each.
     """
 
     x: Array
+    trajectory: ExactTrajectory
     proven: tuple[Array, ...]
+
+    @classmethod
+    def of(cls, problem: Problem, x: Array, progress: Progress) -> "Kept":
+        """Prove what can be proven."""
+        motion = problem.basis.motion(x)
+        return cls(x, motion, tuple(c.proven(motion, progress) for c in problem.constraints))
 
     @property
     def holds(self) -> bool:
         """Whether all constraints hold at all times."""
         return all(bool(np.all(margins >= 0.0)) for margins in self.proven)
 
-    @property
-    def lacks(self) -> list[Array]:
-        """By how much each margin of each constraint is not proven, `(k,)` each."""
-        return [np.maximum(-margins, 0.0) for margins in self.proven]
 
+@dataclass(frozen=True, eq=False)
+class Finished(Kept):
+    """A motion whose limits are exact and whose constraints are proven, and its criterion."""
 
-def proven(problem: Problem, x: Array, progress: Progress) -> Kept:
-    """What is proven of a motion."""
-    motion = problem.basis.motion(x)
-    return Kept(x, tuple(c.proven(motion, progress) for c in problem.constraints))
+    criterion_value: float = math.inf
 
 
 def repaired(problem: Problem, x: Array, deadline: float, progress: Progress) -> Kept | None:
-    """The motion with every constraint proven, as far as that can be had.
+    """The motion with every constraint proven, as far as that can be had by the deadline.
 
     What a proof lacks is reserved, with some more, and the motion optimised again from inside the
-    feasible set at closer samples, some rounds long or until there is no time.
-
-    Args:
-        problem: What is designed.
-        x: A motion that is feasible at the samples; its limits may lack between them.
-        deadline: When to stop optimising, of `time.monotonic`.
-        progress: Told of the proofs.
-
-    Returns:
-        The motion, which may lack something still; `None` if not even standing keeps the limits
-        of the joints.
+    feasible set at closer samples, some rounds long or until there is no time. It may lack
+    something still; `None` if not even standing keeps the limits of the joints.
     """
     inside = scaled(problem, x)
     if inside is None:
@@ -96,11 +88,14 @@ def repaired(problem: Problem, x: Array, deadline: float, progress: Progress) ->
         [np.zeros(len(c.labels)) for c in problem.constraints],
         problem.inequalities,
     )
-    kept = proven(problem, inside, progress)
+    kept = Kept.of(problem, inside, progress)
     for _ in range(REPAIRS):
         if kept.holds or time.monotonic() > deadline:
             break
-        extra = [e + REPAIR_RESERVE * lack for e, lack in zip(extra, kept.lacks, strict=True)]
+        extra = [
+            e + REPAIR_RESERVE * np.maximum(-margins, 0.0)
+            for e, margins in zip(extra, kept.proven, strict=True)
+        ]
         inequalities = (
             inequalities.refined()
             if len(inequalities.t) < MOST_REPAIR_DENSITY * len(problem.inequalities.t)
@@ -113,7 +108,7 @@ def repaired(problem: Problem, x: Array, deadline: float, progress: Progress) ->
         again = scaled(problem, x)
         if again is None:
             break
-        kept = proven(problem, again, progress)
+        kept = Kept.of(problem, again, progress)
     return kept
 
 
@@ -138,10 +133,7 @@ def scaled(problem: Problem, x: Array) -> Array | None:
 
     What a motion lacks is convex in its size: on the chord between a size that keeps all limits and
     one that does not, nothing is lacking where the chord says so. Where standing is still, the
-    chord is exact; extremes are roots of polynomials.
-
-    Returns:
-        Coefficients, shape `(n, m)`; `None` if not even standing keeps the limits.
+    chord is exact; extremes are roots of polynomials. `None` if not even standing keeps the limits.
     """
     still = _standing_at_start(problem, x)
     over = _excess(problem, x)
@@ -152,31 +144,28 @@ def scaled(problem: Problem, x: Array) -> Array | None:
     if np.any(under > 0.0):
         return None
     kept, failed = np.where(good, 1.0, 0.0), np.ones(len(x))
+
+    def sized(size: Array) -> Array:
+        """A share of every joint's motion; the very same where it is all of it."""
+        part = size[:, None]
+        return np.where(part == 1.0, x, still + part * (x - still))
+
     for _ in range(_SHRINK_ROUNDS):
         if np.all((failed - kept < _NEAR_LIMIT) | (under.max(axis=1) > -_NEAR_LIMIT)):
             break
-        size = kept + (1.0 - _ROUNDING) * _chord(under, over) * (failed - kept)
-        excess = _excess(problem, _sized(still, x, size))
+        # where nothing is lacking on the chords of excess
+        beyond = over > 0.0
+        zero = -under / np.where(beyond, over - under, 1.0)
+        chord = np.min(np.where(beyond, zero, 1.0), axis=1)
+        size = kept + (1.0 - _ROUNDING) * chord * (failed - kept)
+        excess = _excess(problem, sized(size))
         good = np.all(excess <= 0.0, axis=1)
         kept, failed = np.where(good, size, kept), np.where(good, failed, size)
         under, over = (
             np.where(good[:, None], excess, under),
             np.where(good[:, None], over, excess),
         )
-    return _sized(still, x, kept)
-
-
-def _sized(still: Array, x: Array, size: Array) -> Array:
-    """A share of every joint's motion, shape `(n, m)`; the very same where it is all of it."""
-    part = size[:, None]
-    return np.where(part == 1.0, x, still + part * (x - still))
-
-
-def _chord(under: Array, over: Array) -> Array:
-    """Where between two sizes nothing is lacking on the chords of excess, shape `(n,)`."""
-    beyond = over > 0.0
-    rise = np.where(beyond, over - under, 1.0)
-    return np.asarray(np.min(np.where(beyond, -under / rise, 1.0), axis=1))
+    return sized(kept)
 
 
 def _excess(problem: Problem, x: Array) -> Array:
@@ -217,17 +206,23 @@ def shrunk(problem: Problem, x: Array, progress: Progress) -> Array | None:
 
 def _proven_share(problem: Problem, still: Array, x: Array, progress: Progress) -> float | None:
     """The largest share of the motion about standing that is proven, to a tenth of a percent."""
+
+    def holds(share: float) -> bool:
+        """Whether all constraints hold at all times."""
+        motion = problem.basis.motion(still + share * (x - still))
+        return all(np.all(c.proven(motion, progress) >= 0.0) for c in problem.constraints)
+
     failed, step = 1.0, FIRST_SHRINK_SHARE
     while True:
         kept = max(failed - step, LEAST_MOTION_SHARE)
-        if _proven(problem, still + kept * (x - still), progress):
+        if holds(kept):
             break
         if kept == LEAST_MOTION_SHARE:
             return None
         failed, step = kept, 3.0 * step
     while failed - kept > 2.0 * FIRST_SHRINK_SHARE:
         middle = 0.5 * (failed + kept)
-        if _proven(problem, still + middle * (x - still), progress):
+        if holds(middle):
             kept = middle
         else:
             failed = middle
@@ -245,34 +240,8 @@ def _freest(problem: Problem, x: Array) -> Array:
     return problem.basis.still(places[int(np.argmax(least))])
 
 
-def _proven(problem: Problem, x: Array, progress: Progress) -> bool:
-    """Whether all constraints hold at all times."""
-    motion = problem.basis.motion(x)
-    return all(
-        bool(np.all(constraint.proven(motion, progress) >= 0.0))
-        for constraint in problem.constraints
-    )
-
-
 POLISH_STAGES = ((256.0, 1e-5),)
 """Last stage: the criterion nearly itself, the barrier nearly gone."""
-
-
-@dataclass(frozen=True, eq=False)
-class Finished:
-    """A motion whose limits are exact and whose constraints are proven.
-
-    Attributes:
-        x: Its coefficients, shape `(n, m)`.
-        trajectory: The motion.
-        criterion_value: The criterion.
-        proven: Margins of each constraint that hold at all times, `(k,)` each.
-    """
-
-    x: Array
-    trajectory: ExactTrajectory
-    criterion_value: float
-    proven: tuple[Array, ...]
 
 
 def finished(
@@ -289,11 +258,6 @@ def finished(
         deadline: When to stop once there is one, of `time.monotonic`; a motion is not begun with
             that would pass it, by what the slowest one before took to prove.
         progress: Told of the proofs.
-
-    Raises:
-        DataError: No candidate shows all parameters.
-        NoMotion: No candidate can be made to keep its constraints.
-        Stopped: `progress` requested a stop.
     """
     best: tuple[float, Kept] | None = None
     lacking, slowest = list[Array](), 0.0
@@ -332,7 +296,7 @@ def finished(
             fix="widen the boxes or the margins, or give a start posture farther from the limits",
         )
     criterion_value, kept = best
-    return Finished(kept.x, problem.basis.motion(kept.x), criterion_value, kept.proven)
+    return Finished(kept.x, kept.trajectory, kept.proven, criterion_value)
 
 
 def _best_made_smaller(
@@ -345,7 +309,7 @@ def _best_made_smaller(
             break
         less = shrunk(problem, x, progress)
         if less is not None and (best is None or problem.criterion_value(less) < best[0]):
-            best = problem.criterion_value(less), proven(problem, less, progress)
+            best = problem.criterion_value(less), Kept.of(problem, less, progress)
     return best
 
 

@@ -37,7 +37,7 @@ def _explained(lines: Iterator[dict[str, Any]]) -> Iterator[dict[str, Any]]:
     try:
         yield from lines
     except SteelyardError as error:
-        from steelyard.excite.search.starts import NoMotion
+        from steelyard.excite.search.feasibility import NoMotion
 
         message = {"error": error.wrong, "where": error.where, "fix": error.fix}
         yield {**message, "none": isinstance(error, NoMotion)}
@@ -49,8 +49,7 @@ def answers(task: Mapping[str, Any], deadline: float) -> Iterator[dict[str, Any]
     """Do a task that `parallel_search` described, as long as there is time."""
     from steelyard.excite.problem_from_tables import Recipe
     from steelyard.excite.search.newton import Deadline
-    from steelyard.excite.search.population import method_of
-    from steelyard.excite.search.starts import seeded
+    from steelyard.excite.search.population import method_of, seeded
 
     problem, method = Recipe(**task["problem"]).problem(), method_of(task["method"])
     watch = Deadline(deadline)

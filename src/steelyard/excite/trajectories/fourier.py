@@ -10,18 +10,18 @@ position, velocity and acceleration are linear in its coordinates [Swevers1997].
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from math import factorial
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import comb, factorial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.base.motion import Motion, sample_times
 from steelyard.excite.constraints.constraint import MotionLimits, motion_limits
-from steelyard.excite.trajectories.polynomials import polynomial_extremes
-from steelyard.excite.trajectories.trajectory import ExactTrajectory
+from steelyard.excite.trajectories.polynomials import SMOOTH, PiecewiseMotion, polynomial_extremes
+from steelyard.excite.trajectories.trajectory import ChainedMotion, ExactTrajectory
 from steelyard.robot.robot import Robot
 
 TAYLOR = 13
@@ -29,14 +29,7 @@ TAYLOR = 13
 
 
 def rest_basis(harmonics: int) -> Array:
-    """Orthonormal basis of the coefficients `(a_1..a_H, b_1..b_H)` that start and end at rest.
-
-    Args:
-        harmonics: Number of harmonics `H`, at least 2.
-
-    Returns:
-        Shape `(2H, 2H - 2)`.
-    """
+    """Orthonormal basis of coefficients `(a_1..a_H, b_1..b_H)` at rest, shape `(2H, 2H - 2)`."""
     if harmonics < 2:
         raise ValueError(f"a motion from rest to rest needs 2 harmonics or more, not {harmonics}")
     basis = np.zeros((2 * harmonics, 2 * harmonics - 2))
@@ -49,29 +42,13 @@ def rest_basis(harmonics: int) -> Array:
 
 
 def fourier_basis(t: ArrayLike, period: float, harmonics: int) -> tuple[Array, Array, Array]:
-    """Values of the series' functions and of their first two derivatives.
-
-    Args:
-        t: Times, shape `(N,)` [s].
-        period: Base period [s].
-        harmonics: Number of harmonics `H`.
-
-    Returns:
-        Three arrays of shape `(N, 2H)`; times `(a, b)` they give `q - q_0`, `dq` and `ddq`.
-    """
+    """Functions of the series and their first two derivatives at times `(N,)`, each `(N, 2H)`."""
     position, velocity, acceleration = (fourier_shapes(t, period, harmonics, o) for o in range(3))
     return position, velocity, acceleration
 
 
 def fourier_shapes(t: ArrayLike, period: float, harmonics: int, order: int) -> Array:
-    """One derivative of the series' functions, of any order, shape `(N, 2H)`.
-
-    Args:
-        t: Times, shape `(N,)` [s].
-        period: Base period [s].
-        harmonics: Number of harmonics `H`.
-        order: 0 for the functions themselves.
-    """
+    """A derivative of any order of the series' functions at times `(N,)` [s], shape `(N, 2H)`."""
     rate = 2.0 * np.pi / period * np.arange(1.0, harmonics + 1.0)
     angle = np.asarray(t, dtype=np.float64)[:, None] * rate
     sin, cos = np.sin(angle), np.cos(angle)
@@ -83,16 +60,20 @@ def fourier_shapes(t: ArrayLike, period: float, harmonics: int, order: int) -> A
 
 
 @dataclass(frozen=True, eq=False)
-class FourierMotion:
-    """A periodic motion of all joints; at rest at both ends unless `rests` says otherwise.
+class FourierMotion(ExactTrajectory):
+    r"""A series of all joints $s(t)$, with a trend and amplitude ramps if wanted.
+
+    $q(t) = p(t) + w(t)\,s(t)$ with polynomials $p$ of degree 13 or less, and $w$ rising from 0 to 1
+    at the start, and falling back at the end, like a smooth step.
 
     Attributes:
-        start: Posture at both ends, shape `(n,)` [rad; m].
+        start: Posture of the series at both ends, shape `(n,)` [rad; m].
         sine: Coefficients `a`, shape `(n, H)` [rad; m].
         cosine: Coefficients `b`, shape `(n, H)` [rad; m].
         period: Base period [s].
-        periods: How often the period is run through.
-        rests: Whether velocity and acceleration are zero at both ends; it is checked.
+        rests: Whether velocity and acceleration of the series are zero at both ends; it is checked.
+        trend: $p$, of the same joints and duration, with ramps a constant; zero if `None`.
+        ramp: How long $w$ rises, and how long it falls [s]; $w = 1$ if `None`.
     """
 
     start: Array
@@ -101,6 +82,8 @@ class FourierMotion:
     period: float
     periods: int = 1
     rests: bool = True
+    trend: PiecewiseMotion | None = None
+    ramp: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "start", frozen(self.start, (None,)))
@@ -110,33 +93,45 @@ class FourierMotion:
             raise ValueError(f"{self.periods} periods of {self.period} s are no motion")
         if not all(np.isfinite(values).all() for values in (self.start, self.sine, self.cosine)):
             raise ValueError("a posture or a coefficient of the series is not finite")
-        if self.rests:
-            self._check_rest()
-
-    def _check_rest(self) -> None:
         k = np.arange(1.0, self.harmonics + 1.0)
         for weight, series, what in ((k, self.sine, "velocity"), (k**2, self.cosine, "accel.")):
-            residual = np.abs(series @ weight)
-            if not np.all(residual <= 1e-9 * (np.abs(series) @ weight) + 1e-15):
+            residual, rounding = np.abs(series @ weight), 1e-9 * (np.abs(series) @ weight) + 1e-15
+            if self.rests and not np.all(residual <= rounding):
                 raise ValueError(f"the series does not start at rest: its {what} is not zero")
+        if self.ramp is not None and not 0.0 < self.ramp <= 0.5 * self.duration:
+            raise ValueError(
+                f"a ramp of {self.ramp:g} s does not fit twice into {self.duration:g} s"
+            )
+        if self.ramp is not None and (
+            self.trend is None or self.trend.coefficients.size != len(self.start)
+        ):
+            raise ValueError("a series with ramps has one posture at both ends as its trend")
+        if self.trend is None:
+            return
+        if self.trend.coefficients.shape[2] != len(self.start):
+            raise ValueError("series and trend move different numbers of joints")
+        if not np.isclose(self.trend.duration, self.duration, rtol=1e-12, atol=0.0):
+            raise ValueError("series and trend do not last equally long")
+        if self.trend.coefficients.shape[1] > TAYLOR + 1:
+            raise ValueError(f"the trend's polynomials are of a degree above {TAYLOR}")
 
     @classmethod
     def from_free(
         cls, start: ArrayLike, free: ArrayLike, period: float, periods: int = 1
     ) -> "FourierMotion":
-        """From coordinates in the null space of the conditions of rest.
-
-        Args:
-            start: Posture at both ends, shape `(n,)`.
-            free: Shape `(n, 2H - 2)`, coordinates in `rest_basis(H)`.
-            period: Base period [s].
-            periods: How often the period is run through.
-        """
+        """From coordinates `free` in `rest_basis(H)`, shape `(n, 2H - 2)`."""
         free = frozen(free, (None, None))
         harmonics = free.shape[1] // 2 + 1
         both = free @ rest_basis(harmonics).T
-        sine, cosine = both[:, :harmonics], both[:, harmonics:]
-        return cls(frozen(start), sine, cosine, period, periods)
+        return cls(frozen(start), both[:, :harmonics], both[:, harmonics:], period, periods)
+
+    def ramped(self, posture: ArrayLike, ramp: float) -> "FourierMotion":
+        """The series as a displacement from a posture at both ends, `(n,)`, with ramps [s]."""
+        posture = frozen(posture, self.start.shape)
+        if not np.isfinite(posture).all():
+            raise ValueError("the posture at the ends of the motion is not finite")
+        trend = PiecewiseMotion(np.array([0.0, self.duration]), posture[None, None])
+        return replace(self, trend=trend, ramp=ramp)
 
     @property
     def harmonics(self) -> int:
@@ -150,41 +145,90 @@ class FourierMotion:
 
     @property
     def breaks(self) -> Array:
-        """Start and end, shape `(2,)` [s]."""
-        return np.array([0.0, self.duration])
+        """Start and end, those of the trend, and where ramps begin and end."""
+        parts = [part.breaks for part in (self.trend, self._window) if part is not None]
+        return np.unique(np.concatenate(parts)) if parts else np.array([0.0, self.duration])
 
     def derivative(self, t: ArrayLike, order: int) -> Array:
-        """Any order, 0 for the position, at times from 0 to the duration, shape `(N, n)`."""
+        """See `ExactTrajectory`; any order."""
+        values = self._series(t, order)
+        if self._window is not None:
+            window = self._window
+            low = range(min(order, len(SMOOTH) - 1) + 1)
+            values = np.asarray(
+                sum(
+                    comb(order, i) * window.derivative(t, i) * self._series(t, order - i)
+                    for i in low
+                )
+            )
+        return values if self.trend is None else values + self.trend.derivative(t, order)
+
+    def _series(self, t: ArrayLike, order: int) -> Array:
         t = np.clip(np.asarray(t, dtype=np.float64), 0.0, self.duration)
         shapes = fourier_shapes(t, self.period, self.harmonics, order)
         values = shapes @ np.hstack([self.sine, self.cosine]).T
         return values + self.start if order == 0 else values
 
+    @cached_property
+    def _window(self) -> PiecewiseMotion | None:
+        """The factor $w$, as a motion of one joint."""
+        if self.ramp is None:
+            return None
+        flat = np.eye(len(SMOOTH))[0]
+        pieces = [SMOOTH, flat, flat - SMOOTH]
+        breaks = np.array([0.0, self.ramp, self.duration - self.ramp, self.duration])
+        if self.ramp >= self.duration - self.ramp:
+            pieces, breaks = [SMOOTH, flat - SMOOTH], breaks[[0, 1, 3]]
+        return PiecewiseMotion(breaks, np.array(pieces)[:, :, None])
+
     def extremes(self, order: int) -> tuple[Array, Array]:
-        """Least and greatest value over all times, each `(n,)`."""
-        cells = np.linspace(0.0, self.period, wave_cells(self.harmonics) + 1)
-        return smooth_extremes(self, cells, order, self.slack(order, cells[1]))
+        """See `ExactTrajectory`."""
+        wave = self.period / wave_cells(self.harmonics)
+        if self.ramp is not None:
+            wave = min(wave, self.ramp / 16.0)
+            count = np.ceil(np.diff(self.breaks) / wave).astype(int)
+            inner = [
+                np.linspace(start, end, n, endpoint=False)
+                for start, end, n in zip(self.breaks, self.breaks[1:], count, strict=False)
+            ]
+            cells = np.append(np.concatenate(inner), self.duration)
+        elif self.trend is not None:
+            even = np.linspace(0.0, self.duration, wave_cells(self.harmonics) * self.periods + 1)
+            cells = np.union1d(even, self.breaks)
+        else:
+            cells = np.linspace(0.0, self.period, wave_cells(self.harmonics) + 1)
+        least, greatest = polynomial_extremes(taylor_pieces(self, cells, order))
+        slack = self._slack(order, float(np.diff(cells).max()))
+        return least - slack, greatest + slack
 
-    def slack(self, order: int, width: float) -> Array:
-        """Bound of what `taylor_pieces` of that width leave out and rounding adds, shape `(n,)`."""
-        rate = 2.0 * np.pi / self.period * np.arange(1.0, self.harmonics + 1.0)
-        left_out = (rate * width) ** (TAYLOR + 1) / factorial(TAYLOR + 1)
-        rounding = 8.0 * np.finfo(np.float64).eps * (2.0 + rate * self.duration)
-        size = np.abs(self.sine) + np.abs(self.cosine)
-        return np.asarray(size @ (rate**order * (left_out + rounding)))
+    def _slack(self, order: int, width: float) -> Array:
+        """Bound of what Taylor polynomials of cells of that width leave out, and of rounding.
 
-    def sample(self, t: ArrayLike) -> Motion:
-        """The motion at times `t`, shape `(N,)` or one number [s]; at rest outside its time."""
-        t = sample_times(t)
-        coefficients = np.hstack([self.sine, self.cosine]).T
-        inside = ((t >= 0.0) & (t <= self.duration))[:, None]
-        values = fourier_basis(np.clip(t, 0.0, self.duration), self.period, self.harmonics)
-        q, dq, ddq = (np.where(inside, value @ coefficients, 0.0) for value in values)
-        return Motion(t, self.start + q, dq, ddq)
+        With ramps by Leibniz' rule, from bounds of the window's and of the series' derivatives.
+        """
+        rate = 2.0 * np.pi / self.period * np.arange(self.harmonics + 1.0)
+        size = np.abs(np.column_stack([self.start - self.cosine.sum(axis=1), self.sine]))
+        size[:, 1:] += np.abs(self.cosine)
+        eps = 8.0 * np.finfo(np.float64).eps
+        if self._window is None:
+            rate, size = rate[1:], size[:, 1:]
+            left_out = (rate * width) ** (TAYLOR + 1) / factorial(TAYLOR + 1)
+            return np.asarray(
+                size @ (rate**order * (left_out + eps * (2.0 + rate * self.duration)))
+            )
+        window = [np.abs(self._window.extremes(i)).max() for i in range(len(SMOOTH))]
+
+        def bound(k: int) -> Array:
+            low = range(min(k, len(SMOOTH) - 1) + 1)
+            return np.asarray(sum(comb(k, i) * window[i] * size @ rate ** (k - i) for i in low))
+
+        left_out = bound(order + TAYLOR + 1) * width ** (TAYLOR + 1) / factorial(TAYLOR + 1)
+        fastest = rate[-1] + 1.0 / float(self.ramp or np.inf)
+        return np.asarray(left_out + eps * (2.0 + fastest * self.duration) * bound(order))
 
     def to_dict(self) -> dict[str, Any]:
-        """As values for JSON; numbers keep all their digits."""
-        return {
+        """See `ExactTrajectory`."""
+        series = {
             "kind": "fourier",
             "period_s": self.period,
             "periods": self.periods,
@@ -193,10 +237,16 @@ class FourierMotion:
             "sine": self.sine.tolist(),
             "cosine": self.cosine.tolist(),
         }
+        if self.trend is None:
+            return series
+        if self.ramp is None:
+            return {"kind": "trended", "series": series, "trend": self.trend.to_dict()}
+        posture = self.trend.coefficients[0, 0].tolist()
+        return {"kind": "windowed", "posture": posture, "ramp_s": self.ramp, "series": series}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "FourierMotion":
-        """The inverse of `to_dict`."""
+        """The inverse of `to_dict`, of a series alone."""
         return cls(
             start=values["start"],
             sine=values["sine"],
@@ -207,38 +257,30 @@ class FourierMotion:
         )
 
 
+def repeated(trajectory: ExactTrajectory, times: int) -> ExactTrajectory:
+    """The trajectory several times without a stop.
+
+    Raises:
+        ValueError: It does not end where it starts.
+    """
+    if isinstance(trajectory, FourierMotion) and trajectory.trend is None:
+        return replace(trajectory, periods=times * trajectory.periods)
+    if isinstance(trajectory, ChainedMotion):
+        return replace(trajectory, times=times * trajectory.times)
+    return trajectory if times == 1 else ChainedMotion((trajectory,), times)
+
+
 def wave_cells(harmonics: int) -> int:
     """Cells of a period that are short enough for `taylor_pieces`."""
     return 16 * max(harmonics, 1)
 
 
-def smooth_extremes(
-    trajectory: ExactTrajectory, cells: Array, order: int, slack: Array
-) -> tuple[Array, Array]:
-    """Least and greatest value of a derivative, each `(n,)`.
-
-    Args:
-        trajectory: As `taylor_pieces` needs it.
-        cells: Ascending times, shape `(p + 1,)` [s]; it is smooth between two of them.
-        order: Which derivative.
-        slack: Bound of what the Taylor polynomials leave out, shape `(n,)`.
-    """
-    least, greatest = polynomial_extremes(taylor_pieces(trajectory, cells, order))
-    return least - slack, greatest + slack
-
-
 def taylor_pieces(trajectory: ExactTrajectory, cells: Array, order: int) -> Array:
-    r"""A derivative as Taylor polynomials in the share of each cell's time.
+    r"""A derivative as Taylor polynomials in the share of each cell's time, `(p, TAYLOR + 1, n)`.
 
-    Sixteen cells a wave at degree 13 leave out $(2\pi/16)^{14} / 14! < 3 \cdot 10^{-17}$ of it.
-
-    Args:
-        trajectory: Its `derivative` is taken from the right, and knows orders as high as needed.
-        cells: Ascending times, shape `(p + 1,)` [s]; it is smooth between two of them.
-        order: Which derivative.
-
-    Returns:
-        Shape `(p, TAYLOR + 1, n)`.
+    Sixteen cells a wave at degree 13 leave out $(2\pi/16)^{14} / 14! < 3 \cdot 10^{-17}$ of it. The
+    trajectory is smooth between two of the ascending times `cells`, `(p + 1,)` [s]; its derivatives
+    are taken from the right.
     """
     width = np.diff(cells)[:, None]
     pieces = [
@@ -264,17 +306,10 @@ def random_fourier(
     limits: MotionLimits | None = None,
     start: ArrayLike | None = None,
 ) -> FourierMotion:
-    """A random series per joint, as large as one of its limits allows.
+    """A random series per joint, as large as one of its limits allows; same seed, same motion.
 
-    Args:
-        robot: The robot.
-        seed: Same seed, same motion.
-        period: Base period [s].
-        harmonics: Number of harmonics.
-        periods: How often the period is run through.
-        limits_fraction: Share of the speeds, accelerations and position ranges that may be used.
-        limits: Bounds of the motion; by default `motion_limits(robot)`.
-        start: Posture at both ends, shape `(n,)`; by default the middle of the ranges.
+    It uses a share of the speeds, accelerations and position ranges. By default limits are those of
+    the robot, and the posture `start` at both ends, shape `(n,)`, is the middle of the ranges.
     """
     limits = motion_limits(robot) if limits is None else limits
     start = 0.5 * (limits.lower + limits.upper) if start is None else frozen(start, (robot.n,))
@@ -283,24 +318,9 @@ def random_fourier(
     shapes = [
         basis @ rest_basis(harmonics) @ free.T for basis in fourier_basis(t, period, harmonics)
     ]
-    scale = _largest_scale(shapes, start, limits, limits_fraction)
-    return FourierMotion.from_free(start, scale[:, None] * free, period, periods)
-
-
-def _largest_scale(
-    shapes: list[Array], start: Array, limits: MotionLimits, fraction: float
-) -> Array:
-    """The factor per joint, shape `(n,)`, that brings it to the first of its limits.
-
-    Args:
-        shapes: `q - q_0`, `dq` and `ddq` on a dense grid, each `(N, n)`.
-        start: Posture at both ends, shape `(n,)`.
-        limits: Bounds of the motion.
-        fraction: Share of every bound that may be used.
-    """
     centre, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
-    room_up = centre + fraction * half - start
-    room_down = start - centre + fraction * half
+    room_up = centre + limits_fraction * half - start
+    room_down = start - centre + limits_fraction * half
     if np.any(room_up <= 0.0) or np.any(room_down <= 0.0):
         raise ValueError("the start posture is outside the allowed share of the position ranges")
     q, dq, ddq = shapes
@@ -308,9 +328,10 @@ def _largest_scale(
         [
             q.max(axis=0) / room_up,
             -q.min(axis=0) / room_down,
-            np.abs(dq).max(axis=0) / (fraction * limits.velocity),
-            np.abs(ddq).max(axis=0) / (fraction * limits.acceleration),
+            np.abs(dq).max(axis=0) / (limits_fraction * limits.velocity),
+            np.abs(ddq).max(axis=0) / (limits_fraction * limits.acceleration),
         ],
         axis=0,
     )
-    return np.asarray(1.0 / (needed * (1.0 + _GRID_MARGIN)))
+    scale = 1.0 / (needed * (1.0 + _GRID_MARGIN))
+    return FourierMotion.from_free(start, scale[:, None] * free, period, periods)

@@ -10,9 +10,9 @@ $q = p_0 + (p_1 - p_0)(10 \tau^3 - 15 \tau^4 + 6 \tau^5)$ [Flash1985]: the faste
 $15/8$ and the largest acceleration $10/\sqrt 3$ of what the distance gives.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from math import comb, factorial, perm, sqrt
 from typing import Any
 
@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.base.motion import Motion
-from steelyard.excite.trajectories.trajectory import sampled
+from steelyard.excite.trajectories.trajectory import ExactTrajectory, check_join
 
 _HALVINGS = 60
 _EPSILON = float(np.finfo(np.float64).eps)
@@ -30,11 +29,7 @@ _EPSILON = float(np.finfo(np.float64).eps)
 def polynomial_extremes(pieces: Array) -> tuple[Array, Array]:
     r"""Least and greatest value of $\sum_i a_i \tau^i$ over all pieces and $0 \le \tau \le 1$.
 
-    Args:
-        pieces: Coefficients `a`, ascending, shape `(p, d + 1, n)`.
-
-    Returns:
-        Two arrays of shape `(n,)`, rounded away from each other.
+    Coefficients `a` are ascending, `(p, d + 1, n)`. Both `(n,)`, rounded away from each other.
     """
     degree, joints = pieces.shape[1] - 1, pieces.shape[2]
     points = np.einsum("ji,pin->pnj", _to_bernstein(degree), pieces)
@@ -63,15 +58,9 @@ def _greatest(points: Array, slack: Array) -> Array:
 
 
 def differentiated(pieces: Array, widths: Array, order: int) -> Array:
-    """Coefficients of a derivative in time.
+    """Coefficients of a derivative in time, shape `(p, max(d - order, 0) + 1, n)`.
 
-    Args:
-        pieces: Ascending coefficients in the share of the piece's time, shape `(p, d + 1, n)`.
-        widths: Length of the pieces, shape `(p,)` [s].
-        order: How often to differentiate.
-
-    Returns:
-        Shape `(p, max(d - order, 0) + 1, n)`.
+    The pieces, `(p, d + 1, n)`, are polynomials in the share of their times `widths`, `(p,)` [s].
     """
     degree = pieces.shape[1] - 1
     if order > degree:
@@ -95,45 +84,46 @@ def _halves(degree: int) -> tuple[Array, Array]:
     return first.T.copy(), first[::-1, ::-1].T.copy()
 
 
-JOIN_TOLERANCE = 1e-9
-"""Positions that differ by less than this are one [rad; m], relative to values above 1."""
-
-
 @dataclass(frozen=True, eq=False)
-class PiecewiseMotion:
+class PiecewiseMotion(ExactTrajectory):
     r"""Polynomials of all joints between shared times.
 
-    Between `breaks` $t_p$ and $t_{p+1}$, with $\tau = (t - t_p) / (t_{p+1} - t_p)$, joint `j` is at
-    $\sum_i c_{pij} \tau^i$. At a break, derivatives are those of the piece that begins.
+    Between `edges` $t_p$ and $t_{p+1}$, with $\tau = (t - t_p) / (t_{p+1} - t_p)$, joint `j` is at
+    $\sum_i c_{pij} \tau^i$.
 
     Attributes:
-        breaks: Ascending from 0, shape `(p + 1,)` [s].
+        edges: Ascending from 0, shape `(p + 1,)` [s].
         coefficients: Shape `(p, d + 1, n)` [rad; m].
     """
 
-    breaks: Array
+    edges: Array
     coefficients: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "breaks", frozen(self.breaks, (None,)))
-        pieces = len(self.breaks) - 1
-        if pieces < 1 or self.breaks[0] != 0.0 or not np.all(np.diff(self.breaks) > 0.0):
+        object.__setattr__(self, "edges", frozen(self.edges, (None,)))
+        pieces = len(self.edges) - 1
+        if pieces < 1 or self.edges[0] != 0.0 or not np.all(np.diff(self.edges) > 0.0):
             raise ValueError("the breaks of a motion rise from 0, and there are two or more")
         object.__setattr__(self, "coefficients", frozen(self.coefficients, (pieces, None, None)))
-        if not (np.isfinite(self.breaks).all() and np.isfinite(self.coefficients).all()):
+        if not (np.isfinite(self.edges).all() and np.isfinite(self.coefficients).all()):
             raise ValueError("a break or a coefficient of the motion is not finite")
         if self.coefficients.shape[1] == 0:
             raise ValueError("the pieces of the motion have no coefficients")
         ends, starts = self.coefficients[:-1].sum(axis=1), self.coefficients[1:, 0]
-        check_join(ends, starts, self.breaks[1:-1])
+        check_join(ends, starts, self.edges[1:-1])
+
+    @property
+    def breaks(self) -> Array:
+        """The edges."""
+        return self.edges
 
     @property
     def duration(self) -> float:
         """Length in time [s]."""
-        return float(self.breaks[-1])
+        return float(self.edges[-1])
 
     def derivative(self, t: ArrayLike, order: int) -> Array:
-        """Any order, 0 for the position, at times from 0 to the duration, shape `(N, n)`."""
+        """See `ExactTrajectory`; any order."""
         t = np.asarray(t, dtype=np.float64)
         last = len(self.coefficients) - 1
         piece = np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, last)
@@ -145,41 +135,13 @@ class PiecewiseMotion:
         return np.asarray(values / width[:, None] ** order)
 
     def extremes(self, order: int) -> tuple[Array, Array]:
-        """Least and greatest value over all times, each `(n,)`; both sides of a break count."""
+        """See `ExactTrajectory`."""
         return polynomial_extremes(differentiated(self.coefficients, np.diff(self.breaks), order))
 
-    def sample(self, t: ArrayLike) -> Motion:
-        """The motion at times `t`, shape `(N,)` or one number [s]; at rest outside its time."""
-        return sampled(self, t)
-
     def to_dict(self) -> dict[str, Any]:
-        """As values for JSON; numbers keep all their digits."""
-        return {
-            "kind": "piecewise",
-            "breaks_s": self.breaks.tolist(),
-            "coefficients": self.coefficients.tolist(),
-        }
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> "PiecewiseMotion":
-        """The inverse of `to_dict`."""
-        return cls(values["breaks_s"], values["coefficients"])
-
-
-def check_join(ends: Array, starts: Array, times: Array) -> None:
-    """Postures before and after each of the times, both `(k, n)`, are the same.
-
-    Raises:
-        ValueError: A joint jumps; says which, when and how far.
-    """
-    jump = np.abs(starts - ends)
-    excess = jump - JOIN_TOLERANCE * np.maximum(1.0, np.abs(ends))
-    if np.any(excess > 0.0):
-        row, joint = np.unravel_index(int(np.argmax(excess)), excess.shape)
-        raise ValueError(
-            f"the parts of the motion do not join: joint {joint + 1} jumps by "
-            f"{jump[row, joint]:.3g} at {times[row]:.6g} s"
-        )
+        """See `ExactTrajectory`."""
+        pieces = self.coefficients.tolist()
+        return {"kind": "piecewise", "breaks_s": self.breaks.tolist(), "coefficients": pieces}
 
 
 def from_scipy(curve: Any) -> PiecewiseMotion:
@@ -228,10 +190,7 @@ def through_postures(
 def reach_seconds(distance: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike) -> float:
     """The shortest time of a minimum-jerk move within limits [s]; zero for no distance.
 
-    Args:
-        distance: Of every joint, any sign, shape `(n,)` [rad; m].
-        velocity: Highest speeds, shape `(n,)`.
-        acceleration: Highest accelerations, shape `(n,)`.
+    Distances of all joints, of any sign, highest speeds and accelerations have shape `(n,)`.
     """
     way = np.abs(np.asarray(distance, dtype=np.float64))
     by_speed = 15.0 / 8.0 * way / np.asarray(velocity, dtype=np.float64)
@@ -240,15 +199,9 @@ def reach_seconds(distance: ArrayLike, velocity: ArrayLike, acceleration: ArrayL
 
 
 def quintic(start: Sequence[Array], end: Sequence[Array], seconds: float) -> Array:
-    r"""The polynomials of degree 5 with given position, velocity and acceleration at both ends.
+    """The polynomials of degree 5 with given position, velocity and acceleration at both ends.
 
-    Args:
-        start: The three at the start, each of shape `(n,)`.
-        end: The three at the end.
-        seconds: Time between both [s].
-
-    Returns:
-        Coefficients of the powers of the time's share, shape `(1, 6, n)`.
+    These are of shape `(n,)` each. Coefficients of the powers of the time's share, `(1, 6, n)`.
     """
     p, v, a = (value * seconds**k for k, value in enumerate(start))
     end_p, end_v, end_a = (value * seconds**k for k, value in enumerate(end))
@@ -258,7 +211,7 @@ def quintic(start: Sequence[Array], end: Sequence[Array], seconds: float) -> Arr
 
 
 @dataclass(frozen=True, eq=False)
-class SampledMotion:
+class SampledMotion(PiecewiseMotion):
     """A motion through given postures: the cubic spline that starts and ends with given speeds.
 
     Attributes:
@@ -269,74 +222,39 @@ class SampledMotion:
 
     t: Array
     q: Array
-    ends: Array | None = None
+    ends: Array | None
 
-    def __post_init__(self) -> None:
-        t = frozen(self.t, (None,))
+    def __init__(self, t: ArrayLike, q: ArrayLike, ends: ArrayLike | None = None) -> None:
+        from scipy.interpolate import CubicSpline
+
+        t = frozen(t, (None,))
         if len(t) < 2 or not np.all(np.diff(t) > 0.0):
             raise ValueError("a motion needs two times or more, each later than the one before")
-        object.__setattr__(self, "t", frozen(t - t[0]))
-        object.__setattr__(self, "q", frozen(self.q, (len(t), None)))
-        if not (np.isfinite(t).all() and np.isfinite(self.q).all()):
+        q = frozen(q, (len(t), None))
+        if not (np.isfinite(t).all() and np.isfinite(q).all()):
             raise ValueError("a time or a posture of the table is not finite")
-        if self.ends is not None:
-            object.__setattr__(self, "ends", frozen(self.ends, (2, self.q.shape[1])))
-            if not np.isfinite(self.ends).all():
+        if ends is not None:
+            ends = frozen(ends, (2, q.shape[1]))
+            if not np.isfinite(ends).all():
                 raise ValueError("a speed at the motion's start or end is not finite")
-
-    @property
-    def duration(self) -> float:
-        """Length in time [s]."""
-        return float(self.t[-1])
-
-    @property
-    def breaks(self) -> Array:
-        """The times of the postures, shape `(N,)` [s]."""
-        return self.t
-
-    def derivative(self, t: ArrayLike, order: int) -> Array:
-        """Any order, 0 for the position, at times from 0 to the duration, shape `(N, n)`."""
-        return self._pieces.derivative(t, order)
-
-    def extremes(self, order: int) -> tuple[Array, Array]:
-        """Least and greatest value over all times, each `(n,)`; both sides of a break count."""
-        return self._pieces.extremes(order)
-
-    def sample(self, t: ArrayLike) -> Motion:
-        """The motion at times `t`, shape `(N,)` or one number [s]; at rest outside its time."""
-        return self._pieces.sample(t)
+        for name, value in (("t", frozen(t - t[0])), ("q", q), ("ends", ends)):
+            object.__setattr__(self, name, value)
+        start, end = np.zeros((2, q.shape[1])) if ends is None else np.asarray(ends)
+        pieces = from_scipy(CubicSpline(self.t, q, bc_type=((1, start), (1, end))))
+        super().__init__(pieces.breaks, pieces.coefficients)
 
     def to_dict(self) -> dict[str, Any]:
-        """As values for JSON; numbers keep all their digits."""
+        """See `ExactTrajectory`."""
         values = {"kind": "sampled", "time_s": self.t.tolist(), "q": self.q.tolist()}
         return values if self.ends is None else values | {"ends": self.ends.tolist()}
 
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> "SampledMotion":
-        """The inverse of `to_dict`."""
-        return cls(values["time_s"], values["q"], values.get("ends"))
-
-    @cached_property
-    def _pieces(self) -> PiecewiseMotion:
-        from scipy.interpolate import CubicSpline
-
-        start, end = np.zeros((2, self.q.shape[1])) if self.ends is None else self.ends
-        return from_scipy(CubicSpline(self.t, self.q, bc_type=((1, start), (1, end))))
-
 
 def end_speeds(t: Array, q: Array) -> Array:
-    """Speeds of a table of postures in its first and its last row, which need not be at rest.
+    """Speeds of a table of postures `(N, n)` in its first and last row, `(2, n)` [rad/s; m/s].
 
     They are those of the not-a-knot cubic spline. A joint is at rest where its speed there is not
     larger than the error of differentiation, taken as the difference from the parabola through the
     three rows at that end. With fewer than four rows all joints are at rest.
-
-    Args:
-        t: Times, shape `(N,)` [s], increasing.
-        q: Postures, shape `(N, n)` [rad; m].
-
-    Returns:
-        Shape `(2, n)` [rad/s; m/s].
     """
     from scipy.interpolate import CubicSpline
 

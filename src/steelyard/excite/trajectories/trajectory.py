@@ -1,65 +1,62 @@
-"""Trajectories whose extremes over all times are known; samples, rests, slowed motion."""
+"""Trajectories whose extremes over all times are known; slowed, chained; jumps and holds."""
 
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.base.motion import Motion, Trajectory, sample_times
+from steelyard.base.motion import Motion, sample_times
 from steelyard.robot.robot import Robot
 
 ORDERS = ("position", "velocity", "acceleration", "jerk")
 """Derivatives by their order."""
 
 
-class ExactTrajectory(Trajectory, Protocol):
-    """A motion that can be differentiated, bounded and stored.
-
-    Attributes:
-        breaks: Times, ascending, from 0 to the duration; between two of them position, velocity,
-            acceleration and jerk are continuous.
-    """
+class ExactTrajectory(ABC):
+    """A motion that can be differentiated, bounded and stored."""
 
     @property
+    @abstractmethod
+    def duration(self) -> float:
+        """Length in time [s]."""
+
+    @property
+    @abstractmethod
     def breaks(self) -> Array:
-        """Shape `(k,)` [s]."""
-        ...
+        """Times, ascending from 0 to the duration, between which all is smooth, `(k,)` [s]."""
 
+    @abstractmethod
     def derivative(self, t: ArrayLike, order: int) -> Array:
-        """Order 0 (position) to 4 at times `t` from 0 to the duration, shape `(N, n)`."""
-        ...
+        """Order 0 (position) to 4 at times `t` from 0 to the duration, shape `(N, n)`.
 
-    def extremes(self, order: int) -> tuple[Array, Array]:
-        """Least and greatest value over all times, each `(n,)`; orders as those of `derivative`.
-
-        Both sides of a break count.
+        At a break, derivatives are those of the piece that begins.
         """
-        ...
 
+    @abstractmethod
+    def extremes(self, order: int) -> tuple[Array, Array]:
+        """Least and greatest value over all times, each `(n,)`; both sides of a break count."""
+
+    @abstractmethod
     def to_dict(self) -> dict[str, Any]:
-        """As values for JSON, with a `kind`."""
-        ...
+        """As values for JSON, with a `kind`; numbers keep all their digits."""
 
-
-def sampled(trajectory: ExactTrajectory, t: ArrayLike) -> Motion:
-    """The motion at times `t`, shape `(N,)` or one number [s]; at rest outside its time."""
-    t = sample_times(t)
-    clipped = np.clip(t, 0.0, trajectory.duration)
-    inside = ((t >= 0.0) & (t <= trajectory.duration))[:, None]
-    q, dq, ddq = (trajectory.derivative(clipped, order) for order in range(3))
-    return Motion(t, q, np.where(inside, dq, 0.0), np.where(inside, ddq, 0.0))
+    def sample(self, t: ArrayLike) -> Motion:
+        """The motion at times `t`, shape `(N,)` or one number [s]; at rest outside its time."""
+        t = sample_times(t)
+        clipped = np.clip(t, 0.0, self.duration)
+        inside = ((t >= 0.0) & (t <= self.duration))[:, None]
+        q, dq, ddq = (self.derivative(clipped, order) for order in range(3))
+        return Motion(t, q, np.where(inside, dq, 0.0), np.where(inside, ddq, 0.0))
 
 
 @dataclass(frozen=True, eq=False)
-class SlowedMotion:
-    r"""Another motion with time stretched: $q(t) = q_0(f t)$.
-
-    Attributes:
-        motion: The motion at full speed $q_0$.
-        factor: Share of the speed $f$, above 0 and at most 1.
-    """
+class SlowedMotion(ExactTrajectory):
+    r"""Another motion at the share `factor` $f$ of its speed, above 0: $q(t) = q_0(f t)$."""
 
     motion: ExactTrajectory
     factor: float
@@ -75,28 +72,101 @@ class SlowedMotion:
 
     @property
     def breaks(self) -> Array:
-        """Times between which position to jerk are continuous, shape `(k,)` [s]."""
+        """Those of the motion, later."""
         return frozen(self.motion.breaks / self.factor)
 
-    def sample(self, t: ArrayLike) -> Motion:
-        """The motion at times `t`, shape `(N,)` or one number [s]."""
-        t = sample_times(t)
-        inner = self.motion.sample(t * self.factor)
-        return Motion(t, inner.q, inner.dq * self.factor, inner.ddq * self.factor**2)
-
     def derivative(self, t: ArrayLike, order: int) -> Array:
-        """Order 0 (position) to 3 (jerk) at times `t` from 0 to the duration, shape `(N, n)`."""
+        """See `ExactTrajectory`."""
         inner = np.minimum(frozen(t, (None,)) * self.factor, self.motion.duration)
         return frozen(self.motion.derivative(inner, order) * self.factor**order)
 
     def extremes(self, order: int) -> tuple[Array, Array]:
-        """Least and greatest value over all times, each `(n,)`."""
+        """See `ExactTrajectory`."""
         least, greatest = self.motion.extremes(order)
         return frozen(least * self.factor**order), frozen(greatest * self.factor**order)
 
     def to_dict(self) -> dict[str, Any]:
-        """As values for JSON."""
+        """See `ExactTrajectory`."""
         return {"kind": "slowed", "factor": self.factor, "motion": self.motion.to_dict()}
+
+
+JOIN_TOLERANCE = 1e-9
+"""Positions that differ by less than this are one [rad; m], relative to values above 1."""
+
+
+def check_join(ends: Array, starts: Array, times: Array) -> None:
+    """Postures before and after each of the times, both `(k, n)`, are the same."""
+    jump = np.abs(starts - ends)
+    excess = jump - JOIN_TOLERANCE * np.maximum(1.0, np.abs(ends))
+    if np.any(excess > 0.0):
+        row, joint = np.unravel_index(int(np.argmax(excess)), excess.shape)
+        raise ValueError(
+            f"the parts of the motion do not join: joint {joint + 1} jumps by "
+            f"{jump[row, joint]:.3g} at {times[row]:.6g} s"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ChainedMotion(ExactTrajectory):
+    """Parts one after another, each beginning where the one before ends."""
+
+    parts: Sequence[ExactTrajectory]
+    times: int = 1
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parts", tuple(self.parts))
+        if not self.parts or self.times < 1:
+            raise ValueError(f"{self.times} times {len(self.parts)} parts are no motion")
+        ends = [part.derivative([0.0, part.duration], 0) for part in self.parts]
+        joints = {values.shape[1] for values in ends}
+        if len(joints) > 1:
+            raise ValueError(f"the parts move {sorted(joints)} joints, not all the same number")
+        starts = np.array([start for start, _ in ends])
+        following = np.roll(starts, -1, axis=0)[: len(ends) if self.times > 1 else -1]
+        before = np.array([end for _, end in ends])[: len(following)]
+        check_join(before, following, self._ends[: len(following)])
+
+    @property
+    def duration(self) -> float:
+        """Length in time [s]."""
+        return float(self.times * self._ends[-1])
+
+    @cached_property
+    def breaks(self) -> Array:
+        """Those of the parts, and where they meet, shape `(k,)` [s]."""
+        starts = self._ends - [part.duration for part in self.parts]
+        once = [start + p.breaks[:-1] for start, p in zip(starts, self.parts, strict=True)]
+        rounds = self._ends[-1] * np.arange(self.times)
+        inner = (rounds[:, None] + np.concatenate(once)).ravel()
+        return np.append(inner[inner < self.duration], self.duration)
+
+    def derivative(self, t: ArrayLike, order: int) -> Array:
+        """See `ExactTrajectory`."""
+        clipped = np.clip(np.asarray(t, dtype=np.float64), 0.0, self.duration)
+        rounds = np.clip(clipped // self._ends[-1], 0, self.times - 1)
+        inside = clipped - rounds * self._ends[-1]
+        which = np.searchsorted(self._ends[:-1], inside, side="right")
+        values = np.empty((len(inside), self.parts[0].derivative([0.0], 0).shape[1]))
+        for number in np.unique(which):
+            here, part = which == number, self.parts[number]
+            local = inside[here] - (self._ends[number] - part.duration)
+            values[here] = part.derivative(np.clip(local, 0.0, part.duration), order)
+        return values
+
+    def extremes(self, order: int) -> tuple[Array, Array]:
+        """See `ExactTrajectory`."""
+        least, greatest = zip(*(part.extremes(order) for part in self.parts), strict=True)
+        return np.min(least, axis=0), np.max(greatest, axis=0)
+
+    def to_dict(self) -> dict[str, Any]:
+        """See `ExactTrajectory`."""
+        parts = [part.to_dict() for part in self.parts]
+        return {"kind": "chained", "times": self.times, "parts": parts}
+
+    @cached_property
+    def _ends(self) -> Array:
+        """When each part ends for the first time, shape `(parts,)` [s]."""
+        return np.cumsum([part.duration for part in self.parts])
 
 
 ROUNDING_JUMP_SHARE = 1e-9
@@ -107,14 +177,7 @@ _JUMP_STEP_ULPS = 8.0
 
 @dataclass(frozen=True)
 class Jump:
-    """A velocity that differs on the two sides of an instant: an infinite acceleration.
-
-    Attributes:
-        joint: Name of the joint.
-        unit: Of the velocity.
-        size: By how much it jumps.
-        time: When [s].
-    """
+    """A velocity that differs by `size` before and after a `time` [s]: infinite acceleration."""
 
     joint: str
     unit: str
@@ -130,13 +193,7 @@ class Jump:
 
 
 def velocity_jumps(robot: Robot, trajectory: ExactTrajectory, limit: Array) -> tuple[Jump, ...]:
-    """The greatest jump of each joint that has one.
-
-    Args:
-        robot: Gives names and units.
-        trajectory: The motion.
-        limit: Of velocities, shape `(n,)` [rad/s; m/s].
-    """
+    """The greatest jump of each joint that has one; velocities are limited to `limit`, `(n,)`."""
     end = trajectory.duration
     times = np.asarray(trajectory.breaks)
     times = times[(times > 0.0) & (times < end)]
@@ -158,12 +215,7 @@ def velocity_jumps(robot: Robot, trajectory: ExactTrajectory, limit: Array) -> t
 
 
 def unrest(trajectory: ExactTrajectory, limit: Array) -> tuple[str, ...]:
-    """A sentence for each end at which the motion does not rest.
-
-    Args:
-        trajectory: The motion.
-        limit: Of velocities, shape `(n,)` [rad/s; m/s].
-    """
+    """A sentence for each end at which the motion does not rest; speeds are limited to `limit`."""
     speeds = np.abs(trajectory.derivative([0.0, trajectory.duration], 1))
     begins, ends = np.any(speeds > ROUNDING_JUMP_SHARE * limit, axis=1)
     notes = []

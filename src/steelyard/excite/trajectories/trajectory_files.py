@@ -12,15 +12,14 @@ from steelyard.base.arguments import checked
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, LogError, advice
 from steelyard.base.files import write_json
-from steelyard.excite.trajectories.composed import ChainedMotion, TrendedMotion, WindowedMotion
 from steelyard.excite.trajectories.fourier import FourierMotion
 from steelyard.excite.trajectories.polynomials import PiecewiseMotion, SampledMotion, end_speeds
-from steelyard.excite.trajectories.trajectory import ExactTrajectory, SlowedMotion
+from steelyard.excite.trajectories.trajectory import ChainedMotion, ExactTrajectory, SlowedMotion
 from steelyard.logs.formats import open_log
 from steelyard.logs.log import Log
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
-from steelyard.robot.robot import Coordinate, Robot
+from steelyard.robot.robot import Robot
 
 _AT_REST = 1e-9
 """Speeds up to this are rounding [rad/s; m/s]."""
@@ -28,12 +27,10 @@ _AT_REST = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class MotionTable:
-    """A table of times and postures.
+    """A table of times and postures; `start` is the time of its first row [s], zero of the motion.
 
-    Attributes:
-        start: Time of the first row [s], which is time zero of the motion.
-        motion: The motion; at rest in the first and the last row unless the table states speeds.
-        states_speeds: Whether the table has speeds of all joints in these rows.
+    The motion rests in the first and the last row unless the table states speeds of all joints
+    there.
     """
 
     start: float
@@ -43,30 +40,25 @@ class MotionTable:
     @property
     def unstopped(self) -> SampledMotion:
         """The motion with `end_speeds` where the table states no speeds."""
-        if self.states_speeds:
-            return self.motion
-        return replace(self.motion, ends=end_speeds(self.motion.t, self.motion.q))
-
-
-def _chained(values: Mapping[str, Any]) -> ChainedMotion:
-    """Parts may be of any kind."""
-    parts = [trajectory_from_dict(part) for part in values["parts"]]
-    return ChainedMotion(parts, int(values["times"]))
-
-
-def _slowed(values: Mapping[str, Any]) -> SlowedMotion:
-    """A motion of any kind at reduced speed."""
-    return SlowedMotion(trajectory_from_dict(values["motion"]), float(values["factor"]))
+        t, q = self.motion.t, self.motion.q
+        return self.motion if self.states_speeds else SampledMotion(t, q, end_speeds(t, q))
 
 
 KINDS: dict[str, Callable[[Mapping[str, Any]], ExactTrajectory]] = {
     "fourier": FourierMotion.from_dict,
-    "sampled": SampledMotion.from_dict,
-    "piecewise": PiecewiseMotion.from_dict,
-    "chained": _chained,
-    "trended": TrendedMotion.from_dict,
-    "windowed": WindowedMotion.from_dict,
-    "slowed": _slowed,
+    "sampled": lambda v: SampledMotion(v["time_s"], v["q"], v.get("ends")),
+    "piecewise": lambda v: PiecewiseMotion(v["breaks_s"], v["coefficients"]),
+    "chained": lambda v: ChainedMotion(
+        [trajectory_from_dict(part) for part in v["parts"]], int(v["times"])
+    ),
+    "trended": lambda v: replace(
+        FourierMotion.from_dict(v["series"]),
+        trend=PiecewiseMotion(v["trend"]["breaks_s"], v["trend"]["coefficients"]),
+    ),
+    "windowed": lambda v: FourierMotion.from_dict(v["series"]).ramped(
+        v["posture"], float(v["ramp_s"])
+    ),
+    "slowed": lambda v: SlowedMotion(trajectory_from_dict(v["motion"]), float(v["factor"])),
 }
 
 
@@ -87,13 +79,21 @@ def read_motion(path: Path, robot: Robot) -> ExactTrajectory:
             `q_NAME` or `NAME`. Where it has speeds of all joints too (`dq1_rad_s`, `dq1` or
             `dq_NAME`), it starts and ends with those of its first and last row, else at rest.
         robot: Says how many joints there are, and their names.
-
-    Raises:
-        DataError: The file is missing, is not a motion, or not one of this robot.
     """
     if not path.is_file():
-        raise _missing(path)
-    motion = _read_json(path, robot) if path.suffix == ".json" else read_table(path, robot).motion
+        raise _refused(path, "the file does not exist", "check its name and folder")
+    motion: ExactTrajectory
+    if path.suffix == ".json":
+        motion, names = read_named(path)
+        if names is not None and names != list(robot.joint_names):
+            raise _refused(
+                path,
+                f"the motion is for the joints {names}, the robot '{robot.name}' has "
+                f"{list(robot.joint_names)}",
+                "give a motion of this robot; to run it anyway, remove 'joints' from the file",
+            )
+    else:
+        motion = read_table(path, robot).motion
     joints = motion.sample([0.0]).n_joints
     if joints != robot.n:
         raise _refused(
@@ -110,11 +110,7 @@ def write_motion(path: Path, motion: ExactTrajectory, robot: Robot) -> None:
 
 
 def read_named(path: Path) -> tuple[ExactTrajectory, list[str] | None]:
-    """The motion in a `trajectory.json`, and the names of its joints if it has them.
-
-    Raises:
-        DataError: The file is missing, or is not a motion.
-    """
+    """The motion in a `trajectory.json`, and the names of its joints if it has them."""
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
         motion, joints = trajectory_from_dict(values), values.get("joints")
@@ -132,23 +128,10 @@ def read_named(path: Path) -> tuple[ExactTrajectory, list[str] | None]:
     return motion, joints
 
 
-def _read_json(path: Path, robot: Robot) -> ExactTrajectory:
-    """A motion of a robot that this package wrote."""
-    motion, joints = read_named(path)
-    if joints is not None and joints != list(robot.joint_names):
-        raise _refused(
-            path,
-            f"the motion is for the joints {joints}, the robot '{robot.name}' has "
-            f"{list(robot.joint_names)}",
-            "give a motion of this robot; to run it anyway, remove 'joints' from the file",
-        )
-    return motion
-
-
 def read_table(path: Path, robot: Robot) -> MotionTable:
     """The table of a motion; columns and errors as of `read_motion`."""
     if not path.is_file():
-        raise _missing(path)
+        raise _refused(path, "the file does not exist", "check its name and folder")
     try:
         table = open_log(path)
     except LogError as error:
@@ -159,11 +142,9 @@ def read_table(path: Path, robot: Robot) -> MotionTable:
         ) from error
     names = {column.lower(): column for column in table.columns}
     wanted = [("time", ["time_s", "time", "t"])]
-    wanted += [(f"joint '{c.name}'", _names(j, c)) for j, c in enumerate(robot.coordinates)]
-    columns = []
-    for what, choices in wanted:
-        name = _find(path, what, choices, names)
-        columns.append(_numbers(table, name))
+    for j, c in enumerate(robot.coordinates, start=1):
+        wanted.append((f"joint '{c.name}'", [f"q{j}_{c.unit}", f"q{j}", f"q_{c.name}", c.name]))
+    columns = [_numbers(table, _find(path, what, choices, names)) for what, choices in wanted]
     ends = _ends(table, names, robot)
     moving = None if ends is None or np.abs(ends).max() <= _AT_REST else ends
     try:
@@ -171,12 +152,6 @@ def read_table(path: Path, robot: Robot) -> MotionTable:
     except ValueError as error:
         raise _refused(path, str(error), "sort the rows by time and drop repeated ones") from error
     return MotionTable(float(columns[0][0]), motion, ends is not None)
-
-
-def _names(index: int, joint: Coordinate) -> list[str]:
-    """Names that a joint's column of positions may have."""
-    number = index + 1
-    return [f"q{number}_{joint.unit}", f"q{number}", f"q_{joint.name}", joint.name]
 
 
 def _ends(table: Log, names: Mapping[str, str], robot: Robot) -> Array | None:
@@ -224,10 +199,6 @@ def _numbers(table: Log, name: str) -> Array:
             "correct or drop that row",
         )
     return values
-
-
-def _missing(path: Path) -> DataError:
-    return _refused(path, "the file does not exist", "check its name and folder")
 
 
 def _refused(path: Path, wrong: str, fix: str) -> DataError:
