@@ -89,7 +89,7 @@ def test_all_files_that_make_programs_are_part_of_the_key() -> None:
     users = [
         file.relative_to(package).as_posix()
         for file in package.rglob("*.py")
-        if re.search(r"\b(compiled|key_of)\(\s*\[", file.read_text("utf-8"))
+        if re.search(r"\b(compiled|compiled_equations|key_of)\(\s*\[", file.read_text("utf-8"))
     ]
     assert len(users) > 10
     assert [f for f in users if not any(f"{f}/".startswith(f"{s}/") for s in cache.SOURCES)] == []
