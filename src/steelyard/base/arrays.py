@@ -94,9 +94,8 @@ class Parameters:
     values: Array
 
     def __init__(self, names: Sequence[str], units: Sequence[str], values: ArrayLike) -> None:
-        object.__setattr__(self, "names", tuple(names))
-        object.__setattr__(self, "units", tuple(units))
-        object.__setattr__(self, "values", frozen(values, (len(self.names),)))
+        set_fields(self, names=tuple(names), units=tuple(units))
+        set_fields(self, values=frozen(values, (len(self.names),)))
         if len(self.units) != len(self.names):
             raise ValueError(f"{len(self.names)} names but {len(self.units)} units")
         if len(set(self.names)) != len(self.names):

@@ -76,8 +76,11 @@ def nearest(name: str, names: Iterable[str], count: int = 3) -> tuple[str, ...]:
 
     Where none does, those that are its end, or it theirs: `q_0` of `actual_q_0`.
     """
-    known = list(names)
-    ends = [one for one in known if _ends_in_other(name.lower(), one.lower())]
+    known, ends = list(names), []
+    for one in known:
+        longer, shorter = sorted((name.lower(), one.lower()), key=len, reverse=True)
+        if shorter and longer.endswith(tuple(f"{mark}{shorter}" for mark in "_./- ")):
+            ends.append(one)
     return _names_by_similarity(name, known, count, 0.5) or _names_by_similarity(
         name, ends, count, 0.0
     )
@@ -130,12 +133,6 @@ def _names_by_similarity(
     """Up to `count` of the names, the most similar first, whose similarity is `least` or more."""
     by_lower = {known.lower(): known for known in names}
     return tuple(by_lower[n] for n in get_close_matches(name.lower(), by_lower, count, least))
-
-
-def _ends_in_other(one: str, other: str) -> bool:
-    """Whether one name ends in the other behind a separator."""
-    longer, shorter = sorted((one, other), key=len, reverse=True)
-    return bool(shorter) and longer.endswith(tuple(f"{mark}{shorter}" for mark in "_./- "))
 
 
 def names_beside(path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from steelyard.base.arrays import Array, frozen
+from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.base.errors import DataError
 
 
@@ -39,10 +39,10 @@ class Motion:
     ddq: Array
 
     def __init__(self, t: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> None:
-        object.__setattr__(self, "t", numbers("t", t, [(None,)]))
-        object.__setattr__(self, "q", numbers("q", q, [(len(self.t), None)]))
-        for name, values in (("dq", dq), ("ddq", ddq)):
-            object.__setattr__(self, name, numbers(name, values, [self.q.shape]))
+        set_fields(self, t=numbers("t", t, [(None,)]))
+        set_fields(self, q=numbers("q", q, [(len(self.t), None)]))
+        shapes = [self.q.shape]
+        set_fields(self, dq=numbers("dq", dq, shapes), ddq=numbers("ddq", ddq, shapes))
 
     def __len__(self) -> int:
         return len(self.t)
@@ -101,11 +101,7 @@ def shaped(name: str, values: ArrayLike, shapes: Sequence[tuple[int | None, ...]
 
 
 def check_finite(name: str, array: Array) -> None:
-    """No NaN and no infinity in samples of a motion.
-
-    Raises:
-        DataError: There is one.
-    """
+    """Refuse NaN and infinity in samples of a motion."""
     if not np.isfinite(array).all():
         raise DataError(
             f"'{name}' holds a value that is not finite",
@@ -115,11 +111,7 @@ def check_finite(name: str, array: Array) -> None:
 
 
 def sample_times(t: ArrayLike) -> Array:
-    """Times of samples, shape `(N,)` [s], read-only; a single time is one sample.
-
-    Raises:
-        DataError: They are no list of finite numbers.
-    """
+    """Times of samples, shape `(N,)` [s], read-only; a single time is one sample."""
     return np.atleast_1d(numbers("t", t, [(), (None,)]))
 
 

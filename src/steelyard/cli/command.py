@@ -29,15 +29,7 @@ FIRST_ARGUMENTS = {"robot": ("robot file", "ROBOT"), "model": ("model", "MODEL")
 
 
 def refuse_wrong_order(command: Callable[..., None], arguments: Mapping[str, Any]) -> None:
-    """The robot or the model comes first, then the logs.
-
-    Args:
-        command: The function of the command.
-        arguments: Its arguments.
-
-    Raises:
-        ModelError: A log is in the place of the robot, or a robot file among the logs.
-    """
+    """Refuse a log in the place of the robot or the model, and a robot file among the logs."""
     role = next(iter(inspect.signature(command).parameters), "")
     given = arguments.get("logs") or arguments.get("log")
     if role not in FIRST_ARGUMENTS or not given:
@@ -209,12 +201,7 @@ def progress_bar() -> Iterator[Progress]:
 
 
 def computed(compute: Callable[..., R], folder: Path | None) -> R:
-    """Compute a result with a progress bar, and write it to a new folder, whole or not at all.
-
-    Args:
-        compute: Takes the watcher as `progress`.
-        folder: Folder to make; none if `None`.
-    """
+    """Compute a result with a progress bar, and write it to a new folder, if any, whole or not."""
     from steelyard.base.files import whole_folder
 
     with progress_bar() as progress, ExitStack() as stack:
@@ -249,11 +236,7 @@ def reported(compute: Callable[..., R], output: Path | None, as_json: bool, **fi
 
 
 def optional_folder(output: Path | None) -> Path | None:
-    """The output folder, if one is named.
-
-    Raises:
-        OutputError: It exists already.
-    """
+    """The output folder, if one is named; it must not exist."""
     from steelyard.base.files import new_folder
 
     return None if output is None else new_folder(output, "")

@@ -45,11 +45,7 @@ def stop_requested() -> bool:
 
 
 def check() -> None:
-    """Stop here if Ctrl-C has been pressed.
-
-    Raises:
-        Interrupted: It has.
-    """
+    """Stop here, with `Interrupted`, if Ctrl-C has been pressed."""
     if stop_requested():
         raise Interrupted
 
@@ -78,11 +74,7 @@ def finished(what: str) -> None:
 
 
 def too_late() -> None:
-    """The last chance to stop: after this, the results take their place and Ctrl-C does nothing.
-
-    Raises:
-        Interrupted: Ctrl-C has been pressed before.
-    """
+    """The last chance to stop: after this, the results take their place and Ctrl-C does nothing."""
     if _state.installed:
         ignore()
         check()

@@ -82,8 +82,7 @@ class Laws:
     @property
     def n_memory(self) -> int:
         """Rows of the memory."""
-        memories = (p.memory for p in self.placed)
-        return sum(memory.n_memory(self.robot) for memory in memories if memory is not None)
+        return sum(p.memory.n_memory(self.robot) for p in self.placed if p.memory is not None)
 
     @property
     def scanned(self) -> tuple[PlacedTerm, ...]:
@@ -289,16 +288,25 @@ def stable_timestep(laws: Laws) -> float:
     robot, rng = laws.robot, np.random.default_rng(3)
     postures = postures_of(robot).q[:_STABILITY_POSTURES]
     masses = mass_matrices(laws.model, postures)
-    _check_masses(laws, masses)
+    least = np.diagonal(masses, axis1=1, axis2=2).min(axis=0)
+    for joint, lightest in zip(robot.joints, least, strict=True):
+        if lightest < 1e-9:
+            raise ModelError(
+                f"joint '{joint.name}' moves almost no inertia ({lightest:.2g})",
+                where="truth of the virtual robot",
+                fix="give the links beyond this joint a mass, or the joint a rotor inertia",
+            )
     probe = _Probe(laws)
     damping = stiffness = 0.0
     for q, mass in zip(postures, masses, strict=True):
         for speed in (0.0, 1.0, 1e3):
             dq = speed * laws.widths * rng.uniform(-1.0, 1.0, robot.n_joints)
             states = rng.choice([-1.0, 0.0, 1.0], laws.n_memory)
-            slow, stiff = probe.slopes(q, dq, states)
-            damping = max(damping, _fastest(mass, slow))
-            stiffness = max(stiffness, _fastest(mass, stiff))
+            slow, stiff = (
+                float(np.abs(np.linalg.eigvals(np.linalg.solve(mass, slopes))).max())
+                for slopes in probe.slopes(q, dq, states)
+            )
+            damping, stiffness = max(damping, slow), max(stiffness, stiff)
     coarsest = MEMORY_TIMESTEP if laws.n_memory or laws.n_channels else TIMESTEP
     timestep = coarsest
     while timestep * damping > 1.0 or timestep * np.sqrt(stiffness) > _STIFFEST_STEP:
@@ -311,22 +319,6 @@ def stable_timestep(laws: Laws) -> float:
                 "joints more rotor inertia",
             )
     return timestep
-
-
-def _fastest(mass: Array, slopes: Array) -> float:
-    """Largest eigenvalue of the slopes over the mass, in size."""
-    return float(np.abs(np.linalg.eigvals(np.linalg.solve(mass, slopes))).max())
-
-
-def _check_masses(laws: Laws, masses: Array) -> None:
-    least = np.diagonal(masses, axis1=1, axis2=2).min(axis=0)
-    for joint, mass in zip(laws.robot.joints, least, strict=True):
-        if mass < 1e-9:
-            raise ModelError(
-                f"joint '{joint.name}' moves almost no inertia ({mass:.2g})",
-                where="truth of the virtual robot",
-                fix="give the links beyond this joint a mass, or the joint a rotor inertia",
-            )
 
 
 class _Probe:
