@@ -4,6 +4,7 @@
 """
 
 import ast
+import re
 import subprocess
 import sys
 import tempfile
@@ -68,9 +69,9 @@ def measured(package: Path) -> Figures:
         counts["numeric constants of modules"] += sum(map(_is_number, trees[name].body))
         counts["files"] += path.name != "__init__.py"
     counts["folders"] = len({path.parent for path in files.values()})
-    for name, home in _homes(trees["steelyard"]).items():
+    for name, home in _homes(package).items():
         if name in ("health", "validate", "identify", "design_excitation"):
-            counts[f"files that {name} reaches"] = len(_reached(graph, f"steelyard.{home}"))
+            counts[f"files that {name} reaches"] = len(_reached(graph, home))
     folders = Counter(str(p.parent.relative_to(package)) for p in files.values())
     return Figures(
         dict(counts),
@@ -126,12 +127,14 @@ def _imported(tree: ast.Module) -> set[str]:
     return found - {"steelyard"}
 
 
-def _homes(tree: ast.Module) -> dict[str, str]:
-    """Modules of the public names, from the table in `__init__.py`."""
-    for node in tree.body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_HOMES":
-            return dict(ast.literal_eval(node.value))
-    raise LookupError("no table of public names")
+def _homes(package: Path) -> dict[str, str]:
+    """Modules of the public names: from the stub, or from the table of older checkouts."""
+    stub = package / "__init__.pyi"
+    if stub.exists():
+        text = stub.read_text("utf-8")
+        return {name: home for home, name in re.findall(r"^from (\S+) import (\w+)", text, re.M)}
+    table = re.findall(r'^    "(\w+)": "([\w.]+)",$', (package / "__init__.py").read_text(), re.M)
+    return {name: f"steelyard.{home}" for name, home in table}
 
 
 def _reached(graph: dict[str, set[str]], start: str) -> set[str]:
