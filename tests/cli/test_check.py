@@ -2,8 +2,8 @@
 
 import json
 import shutil
-import sys
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import ClassVar
 
@@ -19,6 +19,8 @@ from steelyard.check.case import Case
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, Trace
 from steelyard.cli.app import expanded
 from steelyard.robot.file.robot_file import load_robot
+
+EXAMINE = import_module("steelyard.check.examine")
 
 OTHER = "../given/validation.csv"
 
@@ -72,7 +74,7 @@ def slow(monkeypatch: pytest.MonkeyPatch) -> Slow:
 
 def asking(monkeypatch: pytest.MonkeyPatch, severity: Severity) -> Slow:
     slow = Slow()
-    monkeypatch.setattr(sys.modules["steelyard.check.examine"], "CHECKS", (Unit(severity), slow))
+    monkeypatch.setattr(EXAMINE, "CHECKS", (Unit(severity), slow))
     return slow
 
 
@@ -229,7 +231,7 @@ def test_a_fix_that_makes_something_wrong_is_not_written(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     stubs = (Unit(), Unmendable(wrong_before))
-    monkeypatch.setattr(sys.modules["steelyard.check.examine"], "CHECKS", stubs)
+    monkeypatch.setattr(EXAMINE, "CHECKS", stubs)
     done = command("check", robot, degrees, "--fix")
     assert done.exit_code == 2
     assert (robot.parent / "arm-fixed.toml").exists() == wrong_before
@@ -241,7 +243,7 @@ def test_what_has_no_line_is_named(
     robot: Path, given: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stubs = (Unmendable(True),)
-    monkeypatch.setattr(sys.modules["steelyard.check.examine"], "CHECKS", stubs)
+    monkeypatch.setattr(EXAMINE, "CHECKS", stubs)
     done = command("check", robot, given / "identification.csv", "--fix")
     assert "gain: no line of the robot file is known to correct it" in words(done.stdout)
 

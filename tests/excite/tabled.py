@@ -12,7 +12,7 @@ from unittest.mock import patch
 import numpy as np
 
 from excite.colliding import joint, link, urdf, written
-from steelyard.excite.constraints.constraint import certify
+from steelyard.excite.constraints.certificate import certify
 from steelyard.excite.constraints.constraints_from_tables import Earlier
 from steelyard.excite.design import design
 from steelyard.excite.designed import Designed

@@ -15,7 +15,8 @@ from report.conftest import EVIL, robot
 from report.designed import REACH, designed_for, renamed
 from report.test_page import own_html
 from steelyard.base.progress import silent
-from steelyard.excite.constraints.constraint import Declined, Gap, proof_of
+from steelyard.excite.constraints.certificate import proof_of
+from steelyard.excite.constraints.constraint import Declined, Gap
 from steelyard.excite.constraints.torque import torque_limit
 from steelyard.excite.constraints.workspace import Marker
 from steelyard.excite.designed import Advice, Designed

@@ -9,7 +9,7 @@ from steelyard.base.errors import ModelError
 from steelyard.base.motion import Motion
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.robot.robot import Robot
-from steelyard.simulate.plant import Drives, DrivesInUse, customary_drives
+from steelyard.simulate.drives import Drives, DrivesInUse, customary_drives
 from steelyard.simulate.truth import random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot
 from steelyard.uses.control.joint_control import Cascade

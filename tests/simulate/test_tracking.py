@@ -8,7 +8,7 @@ from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.excite.trajectories.polynomials import SampledMotion
 from steelyard.model.equations.kinematics import frame_kinematics, frame_of, last_frame
 from steelyard.robot.robot import Robot
-from steelyard.simulate.plant import customary_drives
+from steelyard.simulate.drives import customary_drives
 from steelyard.simulate.track import Tracking, controllers_of, tracking
 from steelyard.simulate.truth import Truth, random_truth
 from steelyard.uses.control.joint_control import control_of

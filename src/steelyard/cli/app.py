@@ -1,4 +1,4 @@
-"""The commands together, one file each."""
+"""The commands together."""
 
 import re
 from itertools import pairwise

@@ -11,7 +11,8 @@ from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, silent
 from steelyard.estimate.information.base_parameters import base_parameters, clear_map
 from steelyard.excite.collision.cell import tool_of
-from steelyard.excite.constraints.constraint import Constraint, Gap, MotionLimits, certify
+from steelyard.excite.constraints.certificate import certify
+from steelyard.excite.constraints.constraint import Constraint, Gap, MotionLimits
 from steelyard.excite.constraints.constraints_from_tables import Earlier, constraints_of
 from steelyard.excite.designed import Designed, advised_motions, predicted_accuracy, samples_of
 from steelyard.excite.planned.plans import planned

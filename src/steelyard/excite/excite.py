@@ -14,7 +14,7 @@ from steelyard.base.arguments import checked
 from steelyard.base.errors import DataError
 from steelyard.base.progress import DESIGN_BUDGET_S, Progress, silent
 from steelyard.estimate.identified import IdentifiedModel, load_model
-from steelyard.excite.constraints.constraint import COVERS
+from steelyard.excite.constraints.certificate import COVERS
 from steelyard.excite.constraints.constraints_from_tables import Earlier
 from steelyard.excite.design import design
 from steelyard.excite.designed import Designed

@@ -19,8 +19,8 @@ from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.robot.file.robot_file import load_robot
 from steelyard.robot.file.signals import ROW
 from steelyard.robot.robot import Robot
+from steelyard.simulate.drives import customary_drives
 from steelyard.simulate.external_loads import AppliedWrench, Axes, Payload, read_wrench
-from steelyard.simulate.plant import customary_drives
 from steelyard.simulate.sensors import Sensors
 from steelyard.simulate.truth import Truth, random_truth, read_truth
 from steelyard.simulate.virtual_robot import (

@@ -21,9 +21,10 @@ from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot
+from steelyard.simulate.drives import Drives, DrivesInUse
 from steelyard.simulate.external_loads import AppliedWrench, Payload
 from steelyard.simulate.mujoco_model import build
-from steelyard.simulate.plant import Drives, DrivesInUse, MujocoPlant, moving_frame
+from steelyard.simulate.plant import MujocoPlant, moving_frame
 from steelyard.simulate.scales import closed, typical_masses, typical_torque
 from steelyard.simulate.sensors import CONTROL_RATE, Sensors, TrueRun, as_declared
 from steelyard.simulate.truth import Truth

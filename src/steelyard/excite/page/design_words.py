@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.excite.constraints.constraint import COVERS
+from steelyard.excite.constraints.certificate import COVERS
 from steelyard.excite.designed import HELPFUL_SHARE
 from steelyard.excite.trajectories.bases import FAMILIES
 from steelyard.report.page import LabelledValues, PageContent
@@ -20,7 +20,7 @@ from steelyard.report.words import COLOURS, NONE, Level, count, percent, relativ
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from steelyard.excite.constraints.constraint import Extreme, Proof
+    from steelyard.excite.constraints.certificate import Extreme, Proof
     from steelyard.excite.designed import Advice, Designed
     from steelyard.robot.file.excitation_sections import WorkspaceSection
 

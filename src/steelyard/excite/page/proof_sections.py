@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from steelyard.excite.constraints.constraint import COVERS
+from steelyard.excite.constraints.certificate import COVERS
 from steelyard.excite.page.design_words import (
     USED_SHARE_HEADING,
     DesignContent,
@@ -42,7 +42,7 @@ from steelyard.report.tables import PlainTable, Row
 from steelyard.report.words import NONE, count, significant
 
 if TYPE_CHECKING:
-    from steelyard.excite.constraints.constraint import Extreme, Proof
+    from steelyard.excite.constraints.certificate import Extreme, Proof
     from steelyard.excite.designed import Designed
 
 

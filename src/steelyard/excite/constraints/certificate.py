@@ -1,0 +1,281 @@
+"""The proof that a motion keeps its limits at all times, and its file: the certificate."""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from steelyard.base.arrays import Array
+from steelyard.base.files import write_json
+from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.excite.constraints.constraint import (
+    PROOF_SAMPLES,
+    Constraint,
+    Declined,
+    Gap,
+    MotionLimits,
+)
+from steelyard.excite.trajectories.trajectory import (
+    ORDERS,
+    ExactTrajectory,
+    Jump,
+    unrest,
+    velocity_jumps,
+)
+from steelyard.robot.robot import Robot
+
+
+@dataclass(frozen=True)
+class Proof:
+    """Margins of one constraint.
+
+    Attributes:
+        how: How they were proven, in one sentence.
+        proven: A lower bound of each that holds at all times.
+        sampled: The least of each at samples; from the constraint's `activation_distance` on it may
+            be less, as the constraint computes no more there, but it is never less than `proven`.
+        scope: What of the robot the constraint is about, if it says so.
+        scale: What each margin is a share of: the limit of an effort or power; of a distance, whose
+            least value is no measure of it, the activation distance.
+    """
+
+    name: str
+    unit: str
+    how: str
+    labels: tuple[str, ...]
+    proven: tuple[float, ...]
+    sampled: tuple[float, ...]
+    activation_distance: tuple[float, ...]
+    scope: str = ""
+    scale: tuple[float, ...] = ()
+
+    @property
+    def used(self) -> tuple[float, ...]:
+        """Share of each limit that is used: 1 where nothing is left, more where it is violated."""
+        scale = self.scale or self.activation_distance
+        return tuple(1.0 - own / size for own, size in zip(self.proven, scale, strict=True))
+
+    def to_dict(self) -> dict[str, Any]:
+        """As values for JSON; a margin without a bound is `None`."""
+        margins = [
+            {"label": label, "proven": least if np.isfinite(least) else None, "sampled": seen}
+            for label, least, seen in zip(self.labels, self.proven, self.sampled, strict=True)
+        ]
+        for values, distance in zip(margins, self.activation_distance, strict=True):
+            values["room"] = distance
+        head = {"name": self.name, "unit": self.unit, "how": self.how, "scope": self.scope}
+        return {**head, "margins": margins}
+
+
+def proof_of(
+    trajectory: ExactTrajectory,
+    constraint: Constraint,
+    progress: Progress,
+    known: Array | None = None,
+) -> Proof:
+    """What is proven of a motion, or was before (`known`, `(k,)`), beside what samples show."""
+    proven = constraint.proven(trajectory, progress) if known is None else known
+    motion = trajectory.sample(np.linspace(0.0, trajectory.duration, PROOF_SAMPLES))
+    sampled = constraint.margins(motion.q, motion.dq, motion.ddq).values.min(axis=0)
+    sampled = np.where(
+        sampled >= constraint.activation_distance, np.maximum(sampled, proven), sampled
+    )
+    return Proof(
+        constraint.name,
+        constraint.unit,
+        constraint.how,
+        tuple(constraint.labels),
+        tuple(float(x) for x in proven),
+        tuple(float(x) for x in sampled),
+        tuple(float(x) for x in constraint.activation_distance),
+        constraint.scope,
+        tuple(float(x) for x in constraint.scale),
+    )
+
+
+EXTREMES = (
+    "extremes over all times from the motion's polynomials, enlarged by a bound of the rounding "
+    "error"
+)
+"""How limits of single joints are proven."""
+
+
+COVERS = (
+    "the motion from start to end; not covered are the approach to the start posture, and "
+    "accelerations and torques that a controller adds between the points of a file"
+)
+"""What a certificate is about."""
+
+
+@dataclass(frozen=True)
+class Extreme:
+    """How far one derivative of one joint goes over all times.
+
+    It may go from `lower` to `upper`; `None` for any.
+    """
+
+    joint: str
+    quantity: str
+    unit: str
+    least: float
+    greatest: float
+    lower: float | None
+    upper: float | None
+
+    @property
+    def margin(self) -> float | None:
+        """What is left to the nearer limit, negative beyond it; `None` without limits."""
+        below = None if self.lower is None else self.least - self.lower
+        above = None if self.upper is None else self.upper - self.greatest
+        return min((x for x in (below, above) if x is not None), default=None)
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What is proven of one motion of one robot.
+
+    Attributes:
+        trajectory: SHA-256 of the motion's JSON, see `trajectory_hash`.
+        duration: Length in time [s].
+        how: How the extremes were found, in one sentence.
+        extremes: Joint by joint, the four quantities of each.
+        notes: What was assumed and not looked at, one sentence each.
+    """
+
+    robot: str
+    trajectory: str
+    duration: float
+    how: str
+    extremes: tuple[Extreme, ...]
+    proofs: tuple[Proof, ...]
+    jumps: tuple[Jump, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def holds(self) -> bool:
+        """Whether no limit is passed, no velocity jumps, and no proven margin is negative."""
+        return not self.failures
+
+    @property
+    def gaps(self) -> tuple[str, ...]:
+        """What is not covered, though not left out by request, one sentence each."""
+        return tuple(n for n in self.notes if isinstance(n, Gap) and not isinstance(n, Declined))
+
+    @property
+    def declined(self) -> tuple[str, ...]:
+        """What is not covered by the user's request, one sentence each."""
+        return tuple(n for n in self.notes if isinstance(n, Declined))
+
+    @property
+    def uncovered(self) -> tuple[str, ...]:
+        """What is not covered, for whatever reason, one sentence each."""
+        return (*self.gaps, *self.declined)
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """What is not proven, and by how much, one line each."""
+        beyond = [
+            f"{x.quantity} of '{x.joint}' exceeds its limit by {-x.margin:.3g} {x.unit}"
+            for x in self.extremes
+            if x.margin is not None and not x.margin >= 0.0
+        ]
+        negative = [
+            f"{proof.name}: {label}: "
+            + (f"violated by {-seen:.3g} {proof.unit}" if seen < 0.0 else "not proven")
+            for proof in self.proofs
+            for label, least, seen in zip(proof.labels, proof.proven, proof.sampled, strict=True)
+            if not least >= 0.0
+        ]
+        return (*beyond, *(str(jump) for jump in self.jumps), *negative)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As values for JSON; a margin without a bound is `None`."""
+        return {
+            "kind": "certificate",
+            "holds": self.holds,
+            "robot": self.robot,
+            "trajectory_sha256": self.trajectory,
+            "duration_s": self.duration,
+            "covers": COVERS,
+            "not_covered": list(self.gaps),
+            "not_covered_as_asked": list(self.declined),
+            "how": self.how,
+            "extremes": [{**vars(x), "margin": x.margin} for x in self.extremes],
+            "jumps": [dict(vars(x)) for x in self.jumps],
+            "constraints": [proof.to_dict() for proof in self.proofs],
+            "notes": list(self.notes),
+        }
+
+    def write(self, path: Path) -> None:
+        """Write as JSON."""
+        write_json(path, self.to_dict())
+
+
+def certify(
+    robot: Robot,
+    trajectory: ExactTrajectory,
+    limits: MotionLimits,
+    constraints: Sequence[Constraint] = (),
+    progress: Progress = silent,
+    notes: Sequence[str] = (),
+    proven: Sequence[Array] | None = None,
+) -> Certificate:
+    """Find out what holds of a motion at all times.
+
+    Args:
+        robot: Gives names and units.
+        trajectory: The motion.
+        limits: Of single joints.
+        constraints: What else it must keep.
+        progress: Told of every constraint and of its proof.
+        notes: What was assumed and not looked at; motions that do not rest at their ends add some.
+        proven: Margins of each constraint, `(k,)` each, where they were proven of this motion
+            before; proven here if `None`.
+    """
+    allowed: list[tuple[Array, Array] | None] = [
+        (limits.lower, limits.upper),
+        (-limits.velocity, limits.velocity),
+        (-limits.acceleration, limits.acceleration),
+        None if limits.jerk is None else (-limits.jerk, limits.jerk),
+    ]
+    reached = [trajectory.extremes(order) for order in range(len(ORDERS))]
+    units = ("", "/s", "/s²", "/s³")
+    extremes = [
+        Extreme(
+            joint.name,
+            quantity,
+            joint.unit + power,
+            float(least[j]),
+            float(greatest[j]),
+            None if ends is None else float(ends[0][j]),
+            None if ends is None else float(ends[1][j]),
+        )
+        for j, joint in enumerate(robot.coordinates)
+        for quantity, power, (least, greatest), ends in zip(
+            ORDERS, units, reached, allowed, strict=True
+        )
+    ]
+    proofs = []
+    for number, constraint in enumerate(constraints):
+        report_progress(progress, "certificate", number, len(constraints))
+        known = None if proven is None else proven[number]
+        proofs.append(proof_of(trajectory, constraint, progress, known))
+    return Certificate(
+        robot=robot.name,
+        trajectory=trajectory_hash(trajectory),
+        duration=trajectory.duration,
+        how=EXTREMES,
+        extremes=tuple(extremes),
+        proofs=tuple(proofs),
+        jumps=velocity_jumps(robot, trajectory, limits.velocity),
+        notes=(*notes, *unrest(trajectory, limits.velocity)),
+    )
+
+
+def trajectory_hash(trajectory: ExactTrajectory) -> str:
+    """SHA-256 of the motion's JSON with sorted keys."""
+    return hashlib.sha256(json.dumps(trajectory.to_dict(), sort_keys=True).encode()).hexdigest()
