@@ -125,13 +125,13 @@ import sys
 from invented import tree
 from steelyard.symbolic.native import machine
 from steelyard.model.model import Model
-from steelyard.estimate.information.accumulate import Accumulator
 from steelyard.estimate.information.regressor import base_regressor
+from steelyard.symbolic.native.compiled import loops
 compiled = []
 compile_code = machine.compile_code
 machine.compile_code = lambda *a: compiled.append(a) or compile_code(*a)
 model = Model(tree())
-Accumulator(base_regressor(model)).loops, model.torque_code
+base_regressor(model).code, loops(), model.torque_code
 print(len(compiled), "steelyard.symbolic.trace" in sys.modules)
 """
 
