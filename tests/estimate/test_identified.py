@@ -164,6 +164,20 @@ def test_a_damaged_value_is_refused(
 
 
 @pytest.mark.parametrize(
+    "key", ["position_map", "position_offset", "effort_map", "unknown_gains", "gains", "velocity"]
+)
+def test_a_key_of_the_signals_that_is_lost_is_named(
+    key: str, identified: IdentifiedModel, tmp_path: Path
+) -> None:
+    data = json.loads(identified.text())
+    del data["signals"][key]
+    path = tmp_path / "model.json"
+    path.write_text(json.dumps(data))
+    with pytest.raises(ModelError, match=f"it has no '{key}'"):
+        steelyard.load_model(path)
+
+
+@pytest.mark.parametrize(
     ("given", "meant"), [("steelyard-ur10x", "steelyard-ur10e"), ("demo", "demo/results")]
 )
 def test_a_missing_model_is_looked_for_beside_and_within(

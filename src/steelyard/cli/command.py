@@ -200,15 +200,18 @@ def progress_bar() -> Iterator[Progress]:
         yield watch
 
 
-def computed(compute: Callable[..., R], folder: Path | None) -> R:
-    """Compute a result with a progress bar, and write it to a new folder, if any, whole or not."""
+def computed(compute: Callable[..., R], folder: Path | None, *, early: bool = False) -> R:
+    """Compute a result with a progress bar, and write it to a new folder, if any, whole or not.
+
+    With `early`, a folder that cannot be made is refused before the computation.
+    """
     from steelyard.base.files import whole_folder
 
     with progress_bar() as progress, ExitStack() as stack:
-        part = None if folder is None else stack.enter_context(whole_folder(folder))
+        part = stack.enter_context(whole_folder(folder)) if early and folder else None
         found = compute(progress=progress)
-        if part is not None:
-            found.write(part)
+        if folder is not None:
+            found.write(part or stack.enter_context(whole_folder(folder)))
             interrupt.too_late()
     return found
 

@@ -53,7 +53,7 @@ def identify(
 
     robot = call.keywords["robot"]
     folder = new_folder(output, f"steelyard-{stem_of(robot)}")
-    found = computed(call, folder)
+    found = computed(call, folder, early=True)
     if as_json:
         print_json({"output": str(folder), **found.to_dict()})
     else:

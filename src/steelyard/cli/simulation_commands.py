@@ -121,7 +121,7 @@ def track(
     from steelyard.robot.models.xacro import stem_of
 
     folder = new_folder(output, f"steelyard-{stem_of(call.keywords['robot'])}-tracking")
-    found = computed(call, folder)
+    found = computed(call, folder, early=True)
     if as_json:
         print_json({**found.to_dict(), "output": str(folder)})
         return

@@ -106,15 +106,18 @@ def windows(pieces: Iterable[RowPiece], parts: Sequence[Part]) -> Iterator[Windo
 
 
 def _of_segment(pieces: Iterator[RowPiece], parts: Sequence[Part]) -> Iterator[Window]:
-    first = next(pieces)
-    t, x = first.t, first.x
+    held = [next(pieces)]
     for part in parts:
-        while (stop := int(np.searchsorted(t, part.until)) + 1 + part.rows) > len(t):
+        while sum(len(p.t) - np.searchsorted(p.t, part.until) for p in held) <= part.rows:
             if (piece := next(pieces, None)) is None:
                 break
-            t, x = np.concatenate((t, piece.t)), np.concatenate((x, piece.x))
+            held.append(piece)
+        t, x = held[0].t, held[0].x
+        if len(held) > 1:
+            t, x = np.concatenate([p.t for p in held]), np.concatenate([p.x for p in held])
         start = int(np.searchsorted(t, part.since, side="right")) - 1 - part.rows
+        stop = int(np.searchsorted(t, part.until)) + 1 + part.rows
         lacking = max(0, -start), max(0, stop - len(t))
         start = max(0, start)
         yield Window(part, t[start:stop], x[start:stop], lacking)
-        t, x = t[start:], x[start:]
+        held = [RowPiece(part.segment.number, t[start:], x[start:])]

@@ -295,7 +295,7 @@ def _evolved(
     best = random_starts(problem.inequalities, random, 1)
 
     def report(x: Array) -> None:
-        best.append(x)
+        best[:] = [x]
         watch(x)
 
     def progress(event: Event) -> bool:

@@ -218,9 +218,10 @@ def compare(
         ['OLS', 'WLS']
     """
     offers = offers_of(estimators, everything)
+    paths = paths_of(logs, least=1)
     file = load_robot(robot, base=fixed_base)
     context, parts, ground, notes, details = comparison_inputs(
-        file, paths_of(logs, least=1), check, threads or os.cpu_count() or 1, progress
+        file, paths, check, threads or os.cpu_count() or 1, progress
     )
     scores: list[EstimatorScore] = []
     try:

@@ -355,19 +355,28 @@ def signals_to_dict(signals: Signals) -> dict[str, Any]:
 
 
 def signals_from_dict(data: Mapping[str, Any]) -> Signals:
-    """The signals that `signals_to_dict` wrote; `ValueError` if they do not fit each other."""
-    fields: dict[str, Any] = {k: tuple(x) if isinstance(x, list) else x for k, x in data.items()}
-    n, scales = (
-        len(fields["position"]),
-        ("position_scale", "velocity_scale", "effort_scale", "gains"),
-    )
-    vectors = ("position_offset", *scales, "commanded_velocity_scale")
-    shapes = {"position_map": (n, n), "effort_map": (n, n), **dict.fromkeys(vectors, (n,))}
-    for name, shape in shapes.items():
-        if fields.get(name) is None:
+    """The signals that `signals_to_dict` wrote.
+
+    Raises:
+        KeyError: A key is missing that all versions wrote.
+        ValueError: The values do not fit each other.
+        TypeError: A value is of another kind.
+    """
+    later = {"commanded_position": None, "commanded_velocity": None, "unknown_offsets": ()}
+    fields: dict[str, Any] = later | {"commanded_velocity_scale": None} | dict(data)
+    for name in ("position", "velocity", "effort", "effort_units", *list(later)[:2]):
+        fields[name] = None if fields[name] is None else tuple(fields[name])
+    for name in ("unknown_gains", "unknown_offsets"):
+        fields[name] = tuple(fields[name])
+    n = len(fields["position"])
+    scales = ("position_scale", "velocity_scale", "effort_scale", "gains")
+    shapes = {"position_map": (n, n), "position_offset": (n,), "effort_map": (n, n)}
+    vectors = (*scales, "commanded_velocity_scale")
+    for name, shape in (shapes | dict.fromkeys(vectors, (n,))).items():
+        if fields[name] is None:
             continue
-        fields[name] = frozen(data[name], shape)
-        if name in vectors[1:] and not (np.isfinite(fields[name]) & (fields[name] != 0)).all():
+        fields[name] = frozen(fields[name], shape)
+        if name in vectors and not (np.isfinite(fields[name]) & (fields[name] != 0)).all():
             raise ValueError(f"'{name}' of the signals holds a value that cannot be used")
     if len(fields["effort"]) != n or len(fields["effort_units"]) != n:
         raise ValueError("the signals' lists differ in length")

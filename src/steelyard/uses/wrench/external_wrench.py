@@ -57,7 +57,8 @@ def external_wrench(
         frame: Frame that the wrench acts on; that of the robot's end if `None`.
         residual: What external torques are computed from; the momentum needs no accelerations.
         method: `smoothed` over time, with errors of the model estimated from the same log;
-            `weighted`, each sample by itself; `inverse`, by the transposed Jacobian's inverse.
+            `weighted` by the uncertainty of the model and the expected wrench, each sample by
+            itself; `inverse`, by the transposed Jacobian's inverse.
         bandwidth: Low-pass of external torques [Hz]; if `None`, the validation cutoff of the robot
             file or else the regression cut-off, or a tenth of the log's rate if that is less.
         force: Expected size of each component of the force [N], 0.1 to 100 000.
