@@ -30,16 +30,11 @@ AXES = np.eye(3)
 
 @dataclass(frozen=True, eq=False)
 class Knowledge:
-    """Predicts what a robot's joints need, friction left out.
+    """Predicts what a robot's joints need, friction left out."""
 
-    Attributes:
-        steady: Bodies, rotors and springs with their values.
-        whole: The same with friction; `None` if friction is not known.
-        sigma: Standard deviation of the reference's own residuals, joint efforts, shape `(n,)`.
-    """
-
-    steady: ValuedModel
-    whole: ValuedModel | None = None
+    steady: ValuedModel  # bodies, rotors and springs with their values
+    whole: ValuedModel | None = None  # the same with friction; `None` if friction is not known
+    # standard deviation of the reference's own residuals, joint efforts, shape `(n,)`
     sigma: Array | None = None
     _turned: dict[bytes, ValuedModel] = field(default_factory=dict)
 
@@ -135,8 +130,7 @@ def knowledge_of(reference: IdentifiedModel | None, robot: Robot) -> Knowledge |
     )
 
 
-EXCERPT_ROWS = 100_000
-"""Rows of a log that are looked at one by one."""
+EXCERPT_ROWS = 100_000  # rows of a log that are looked at one by one
 FEWEST_WINDOW_ROWS = 50
 """Rows of the shortest window in seconds that is looked at alone. If there are fewer, the clock may
 be misread, which only the whole log shows."""
@@ -144,17 +138,12 @@ be misread, which only the whole log shows."""
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """One log as the robot file reads it; whatever takes time is computed once, on first use.
+    """One log as the robot file reads it; whatever takes time is computed once, on first use."""
 
-    Attributes:
-        recording: The log, with the signals that the robot file declares or that were guessed.
-        processing: How it is made a run.
-        name: The log's name.
-    """
-
+    # the log, with the signals that the robot file declares or that were guessed
     recording: Recording
-    processing: Processing
-    name: str
+    processing: Processing  # how it is made a run
+    name: str  # the log's name
 
     @property
     def log(self) -> Log:
@@ -212,23 +201,17 @@ class Evidence:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """All that a check may look at.
+    """All that a check may look at."""
 
-    Attributes:
-        loaded: The robot and what its file says.
-        logs: The logs, in the order given.
-        reference: A model identified from clean runs; without it the robot's nominal model is all
-            that is known beforehand.
-        guesses: Columns of the logs that the robot file does not use, by what they seem to hold:
-            `velocity` to the columns' names in joint order.
-        progress: Told about long work.
-    """
-
-    loaded: LoadedRobot
-    logs: tuple[Evidence, ...]
+    loaded: LoadedRobot  # the robot and what its file says
+    logs: tuple[Evidence, ...]  # the logs, in the order given
+    # a model identified from clean runs; without it the robot's nominal model is all that is known
+    # beforehand
     reference: IdentifiedModel | None = None
+    # columns of the logs that the robot file does not use, by what they seem to hold: `velocity` to
+    # the columns' names in joint order
     guesses: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    progress: Progress = silent
+    progress: Progress = silent  # told about long work
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -250,19 +233,13 @@ class Case:
 
 @dataclass(frozen=True)
 class CaseCheck:
-    """One thing that may be wrong with logs.
+    """One thing that may be wrong with logs."""
 
-    Attributes:
-        name: One word or two, as users see it: `clock`.
-        question: The question in a few words: "Is the clock regular?".
-        look: The findings, without the check's name; none where it does not apply.
-        quick: Whether `identify` runs it before the fit.
-    """
-
-    name: str
-    question: str
+    name: str  # one word or two, as users see it: `clock`
+    question: str  # the question in a few words: "Is the clock regular?"
+    # the findings, without the check's name; none where it does not apply
     look: Callable[[Case], Iterable[Finding]]
-    quick: bool
+    quick: bool  # whether `identify` runs it before the fit
 
     def __call__(self, case: Case) -> tuple[Finding, ...]:
         """One finding per log, or one for all logs together."""

@@ -36,8 +36,7 @@ from steelyard.robot.init.template import path_from
 from steelyard.robot.models.xacro import stem_of
 from steelyard.runs.named_logs import LogArgument, log_files, paths_of
 
-MOST_CHECK_ROUNDS = 4
-"""Checks at most: one thing that is wrong can hide another."""
+MOST_CHECK_ROUNDS = 4  # checks at most: one thing that is wrong can hide another
 REFINED_KEY = ("signals", "effort", "delay")
 """The key that may change again: residuals show a delay more exactly once most of it is out."""
 
@@ -63,19 +62,12 @@ class AppliedEdit:
 
 @dataclass(frozen=True, eq=False)
 class CorrectedFile:
-    """A corrected robot file.
+    """A corrected robot file."""
 
-    Attributes:
-        subject: The file; written only if there are changes.
-        changes: What was changed, in this order.
-        diagnosis: What is found with it.
-        reasons: Why nothing is written, where there is no change.
-    """
-
-    subject: Subject
-    changes: tuple[AppliedEdit, ...]
-    diagnosis: Diagnosis
-    reasons: tuple[str, ...] = ()
+    subject: Subject  # the file; written only if there are changes
+    changes: tuple[AppliedEdit, ...]  # what was changed, in this order
+    diagnosis: Diagnosis  # what is found with it
+    reasons: tuple[str, ...] = ()  # why nothing is written, where there is no change
 
     def save(self) -> Path:
         """Write the robot file; where nothing was changed there is none to write.

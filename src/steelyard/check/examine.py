@@ -84,8 +84,7 @@ CHECKS = (*OF_SIGNALS, *OF_MOTION)
 BASIC_CHECKS = (JOINT_ORDER, POSITION_SIGN, EFFORT_SIGN, EFFORT_UNIT, EFFORT_KIND, MOUNTING)
 """Checks without whose answers nobody knows whether the robot file describes the log."""
 
-SEVERAL_OPEN = 3
-"""Basic questions from which on a large misfit that leaves them open is doubtful."""
+SEVERAL_OPEN = 3  # basic questions from which on a large misfit that leaves them open is doubtful
 
 DECIDING_CHECKS = (JOINT_ORDER.name, transmission_check.name, GAIN.name, PAYLOAD.name)
 """Checks of facts that decide which model is identified; `SEVERAL_OPEN` open: no log is ok."""
@@ -93,13 +92,9 @@ DECIDING_CHECKS = (JOINT_ORDER.name, transmission_check.name, GAIN.name, PAYLOAD
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What was found.
+    """What was found."""
 
-    Attributes:
-        findings: In the order of the checks, then of the logs.
-    """
-
-    findings: tuple[Finding, ...]
+    findings: tuple[Finding, ...]  # in the order of the checks, then of the logs
 
     @property
     def severity(self) -> Severity:
@@ -141,8 +136,7 @@ class Diagnosis:
         return tuple(chosen.values())
 
 
-MOTION_CHECKS_NAME = "efforts"
-"""The checks of `OF_MOTION` together, where they are not made."""
+MOTION_CHECKS_NAME = "efforts"  # the checks of `OF_MOTION` together, where they are not made
 OTHER_CHECKS_NAME = "other checks"
 """All checks but that of the clock together, where they are not made."""
 ORDER_FIRST = "not run: the rows must be in the order of time"

@@ -9,8 +9,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 
-LEAST_PRINTED_PERCENT = 0.01
-"""Least share that is printed [%]."""
+LEAST_PRINTED_PERCENT = 0.01  # least share that is printed [%]
 
 
 class Severity(IntEnum):
@@ -28,34 +27,25 @@ class Severity(IntEnum):
 
 @dataclass(frozen=True)
 class Edit:
-    """One key of the robot file and its new value.
+    """One key of the robot file and its new value."""
 
-    Attributes:
-        path: Tables and key, such as `("signals", "effort", "unit")`.
-        value: A TOML value; `None` takes the key out.
-        spread: Relative standard deviation of the numbers where they are fitted factors, else 0.
-    """
-
-    path: tuple[str, ...]
-    value: Any
+    path: tuple[str, ...]  # tables and key, such as `("signals", "effort", "unit")`
+    value: Any  # a TOML value; `None` takes the key out
+    # relative standard deviation of the numbers where they are fitted factors, else 0
     spread: float = field(default=0.0, compare=False)
 
 
 @dataclass(frozen=True)
 class Fix:
-    """What to do about a finding.
+    """What to do about a finding."""
 
-    Attributes:
-        says: In one sentence.
-        edits: What to change in the robot file; none where the file cannot correct it.
-        jointly: Whether all such edits of a log were tried as one change: one without the others
-            is untested, and none is written where another one cannot be.
-        command: A command that goes on from here, or none; MODEL, ROBOT and LOG stand for paths.
-    """
-
-    says: str
+    says: str  # in one sentence
+    # what to change in the robot file; none where the file cannot correct it
     edits: tuple[Edit, ...] = ()
+    # whether all such edits of a log were tried as one change: one without the others is untested,
+    # and none is written where another one cannot be
     jointly: bool = False
+    # a command that goes on from here, or none; MODEL, ROBOT and LOG stand for paths
     command: str = ""
 
 
@@ -71,71 +61,45 @@ class Trace:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """The plot that shows the evidence.
+    """The plot that shows the evidence."""
 
-    Attributes:
-        x: Title of the horizontal axis, with its unit.
-        y: Title of the vertical axis, with its unit.
-        traces: What is drawn; at most a few thousand points each.
-    """
-
-    x: str
-    y: str
-    traces: tuple[Trace, ...]
+    x: str  # title of the horizontal axis, with its unit
+    y: str  # title of the vertical axis, with its unit
+    traces: tuple[Trace, ...]  # what is drawn; at most a few thousand points each
 
 
 @dataclass(frozen=True)
 class ComparedHypothesis:
-    """One explanation of the data beside others.
+    """One explanation of the data beside others."""
 
-    Attributes:
-        says: What it supposes, in a few words: "as declared", "joint 2 has the other sign".
-        misfit: Relative error of the prediction under it [%].
-        log_likelihood: Against the best of its hypotheses, which is at 0 [natural units].
-        declared: Whether it is what the robot file declares.
-    """
-
-    says: str
-    misfit: float
-    log_likelihood: float
-    declared: bool = False
+    says: str  # what it supposes, in a few words: "as declared", "joint 2 has the other sign"
+    misfit: float  # relative error of the prediction under it [%]
+    log_likelihood: float  # against the best of its hypotheses, which is at 0 [natural units]
+    declared: bool = False  # whether it is what the robot file declares
 
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """What one check found.
+    """What one check found."""
 
-    Attributes:
-        check: Name of the check.
-        log: Name of the log; empty if it is about all logs together.
-        severity: How bad it is.
-        says: What was found, in one sentence.
-        figure: The evidence as a number with its unit, and what it is compared with.
-        joints: The joints concerned; empty if it is about all or none in particular.
-        fix: What to do; `None` if nothing need be done.
-        picture: The evidence as a plot, if there is one to show.
-        hypotheses: Explanations that were compared, the likeliest first.
-        nominal: Whether they were compared with the masses of a model file, not of a reference.
-        answered: Whether the question could be answered; what is open is not suspicious.
-        hidden: Whether it is open because of a large misfit that other link inertias leave too.
-        headline: Whether it stands beside the headline though it is ok.
-        brief: What was found, for a line of a terminal; empty where `says` is short.
-    """
-
-    check: str
-    log: str
-    severity: Severity
-    says: str
-    figure: str
+    check: str  # name of the check
+    log: str  # name of the log; empty if it is about all logs together
+    severity: Severity  # how bad it is
+    says: str  # what was found, in one sentence
+    figure: str  # the evidence as a number with its unit, and what it is compared with
+    # the joints concerned; empty if it is about all or none in particular
     joints: tuple[str, ...] = ()
-    fix: Fix | None = None
-    picture: Picture | None = None
+    fix: Fix | None = None  # what to do; `None` if nothing need be done
+    picture: Picture | None = None  # the evidence as a plot, if there is one to show
+    # explanations that were compared, the likeliest first
     hypotheses: tuple[ComparedHypothesis, ...] = ()
+    # whether they were compared with the masses of a model file, not of a reference
     nominal: bool = False
-    answered: bool = True
+    answered: bool = True  # whether the question could be answered; what is open is not suspicious
+    # whether it is open because of a large misfit that other link inertias leave too
     hidden: bool = False
-    headline: bool = False
-    brief: str = ""
+    headline: bool = False  # whether it stands beside the headline though it is ok
+    brief: str = ""  # what was found, for a line of a terminal; empty where `says` is short
 
     @classmethod
     def of(
@@ -194,8 +158,7 @@ def percent_of(share: float) -> str:
     return f"{percent:.2g} %" if percent < 99.5 else f"{percent:.0f} %"
 
 
-TRACE_POINTS = 2000
-"""Points of a trace."""
+TRACE_POINTS = 2000  # points of a trace
 
 
 def trace(name: str, x: Array, y: Array, kind: Literal["line", "points", "bars"] = "line") -> Trace:

@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     from steelyard.check.finding import Finding, Picture, Trace
 
 
-MOST_POINTS_OF_EVIDENCE_LINE = 2000
-"""Most points of one line."""
+MOST_POINTS_OF_EVIDENCE_LINE = 2000  # most points of one line
 
 MOST_POINTS_OF_CHECK_PAGE = 200_000
 """Points of all pictures of a page together; those behind it are left out."""

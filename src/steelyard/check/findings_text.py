@@ -19,14 +19,11 @@ if TYPE_CHECKING:
     from steelyard.check.finding import Edit, Finding, Fix, Severity
 
 
-MOST_NAMED_JOINTS = 3
-"""Most joints that a place names."""
+MOST_NAMED_JOINTS = 3  # most joints that a place names
 
-OPEN_WORD = "open"
-"""The word for a question that could not be answered."""
+OPEN_WORD = "open"  # the word for a question that could not be answered
 
-FINDING_WORDS = ("wrong", "doubtful", OPEN_WORD, "ok")
-"""What a check finds, the worst first."""
+FINDING_WORDS = ("wrong", "doubtful", OPEN_WORD, "ok")  # what a check finds, the worst first
 
 LEVEL_OF_SEVERITY: dict[str, Level] = {"ok": "good", "doubtful": "fair", "wrong": "poor"}
 
@@ -190,11 +187,9 @@ def diagnosis_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
-MOST_SHOWN_FINDINGS = 3
-"""Findings of one check and severity that are shown one by one."""
+MOST_SHOWN_FINDINGS = 3  # findings of one check and severity that are shown one by one
 
-PAYLOAD_CHECK = "payload"
-"""The check whose masses a fitted model corrects."""
+PAYLOAD_CHECK = "payload"  # the check whose masses a fitted model corrects
 
 MASS_ERROR_NOTE = (
     "; this mass contains the errors of the model file's masses: if a line with ! names another "
@@ -202,8 +197,7 @@ MASS_ERROR_NOTE = (
 )
 """What a note says of such a mass."""
 
-MOST_NAMED_LOGS = 4
-"""Logs that are named after them."""
+MOST_NAMED_LOGS = 4  # logs that are named after them
 
 
 def print_findings(

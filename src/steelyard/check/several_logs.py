@@ -148,10 +148,8 @@ def _rounded(value: float) -> float:
 
 DIFFERENT_FRICTION = 0.75
 """Range of friction over its mean from which on logs are not alike: more than from day to day."""
-LEAST_FRICTION_SHARE = 0.1
-"""Least share of a joint's effort that friction must have to matter."""
-RELIABLE_MISFIT = 0.2
-"""Misfit of a joint above which its friction is not reliable."""
+LEAST_FRICTION_SHARE = 0.1  # least share of a joint's effort that friction must have to matter
+RELIABLE_MISFIT = 0.2  # misfit of a joint above which its friction is not reliable
 
 
 @case_check("drift", "Is friction the same in all logs?", quick=False)

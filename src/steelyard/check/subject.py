@@ -34,25 +34,17 @@ from steelyard.runs.named_logs import (
 )
 from steelyard.runs.rows.clock import no_row, time_span
 
-READING_CHECK = "log"
-"""What a log that cannot be read is suspected of."""
+READING_CHECK = "log"  # what a log that cannot be read is suspected of
 
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """The robot file that is checked: as it is on disk, as init writes it, or changed.
+    """The robot file that is checked: as it is on disk, as init writes it, or changed."""
 
-    Attributes:
-        path: Where it is or would be; relative paths in it start there.
-        text: What it says.
-        loaded: The same, loaded.
-        notes: What was assumed.
-    """
-
-    path: Path
-    text: str
-    loaded: LoadedRobot
-    notes: tuple[str, ...] = ()
+    path: Path  # where it is or would be; relative paths in it start there
+    text: str  # what it says
+    loaded: LoadedRobot  # the same, loaded
+    notes: tuple[str, ...] = ()  # what was assumed
 
     @property
     def signals(self) -> Signals:

@@ -28,17 +28,12 @@ from steelyard.check.hypotheses.likelihood import Hypothesis
 from steelyard.check.hypotheses.position_columns import ZERO_CAUSE
 from steelyard.check.signals.overview import cached_per_log
 
-EMPTY_MISFIT = 0.5
-"""Typical misfit of a reading that predicts next to nothing."""
-SHOWN_HYPOTHESES = 6
-"""Hypotheses that are shown."""
+EMPTY_MISFIT = 0.5  # typical misfit of a reading that predicts next to nothing
+SHOWN_HYPOTHESES = 6  # hypotheses that are shown
 PICTURE_POINTS = 1500
-WHOLE_PERCENT_MISFIT = 100.0
-"""Misfit from which on no decimals are printed [%]."""
-LARGEST_PRINTED_MISFIT = 1000.0
-"""Misfit beyond which the number says no more [%]."""
-UNEXPLAINED_CHECK = "effort kind"
-"""The check that says so where nothing explains the efforts."""
+WHOLE_PERCENT_MISFIT = 100.0  # misfit from which on no decimals are printed [%]
+LARGEST_PRINTED_MISFIT = 1000.0  # misfit beyond which the number says no more [%]
+UNEXPLAINED_CHECK = "effort kind"  # the check that says so where nothing explains the efforts
 NO_HYPOTHESIS = (
     "no single hypothesis explains these efforts: check columns, kind, unit, gains, and locked "
     "joints with their positions, or the model file is of another robot; a model from runs "
@@ -272,23 +267,16 @@ Findings = tuple[Finding, ...]
 
 @dataclass(frozen=True)
 class HypothesisCheck:
-    """A check by the hypotheses that have its name as their cause.
+    """A check by the hypotheses that have its name as their cause."""
 
-    Attributes:
-        name: As users see it, and the cause of its hypotheses.
-        question: The question in a few words.
-        fine: What holds where nothing is wrong, or the whole sentence for a verdict.
-        advice: What to do about a hypothesis that explains a log better.
-        completed: The findings with those that this check makes by other means.
-        quick: Whether `identify` runs it before the fit.
-    """
-
-    name: str
-    question: str
+    name: str  # as users see it, and the cause of its hypotheses
+    question: str  # the question in a few words
+    # what holds where nothing is wrong, or the whole sentence for a verdict
     fine: str | Callable[[LogVerdict], str]
-    advice: str
+    advice: str  # what to do about a hypothesis that explains a log better
+    # the findings with those that this check makes by other means
     completed: Callable[[Case, str, Findings], Findings] | None = None
-    quick: bool = True
+    quick: bool = True  # whether `identify` runs it before the fit
 
     def __call__(self, case: Case) -> Findings:
         """One finding per log that moves; one for all if nothing is known of the robot."""

@@ -32,8 +32,7 @@ from steelyard.check.hypotheses.position_columns import (
 from steelyard.check.hypotheses.surroundings import NEAR_AXIS_ANGLE, payload_fit
 from steelyard.estimate.estimate import Z95
 
-SHOWN_ALTERNATIVES = 3
-"""Alternatives that are named."""
+SHOWN_ALTERNATIVES = 3  # alternatives that are named
 
 NOTICED_ZERO_RISE = 8.0
 """Rise of the log-likelihood by a zero offset from which on zeros are not called those of the

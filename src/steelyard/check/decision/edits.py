@@ -27,10 +27,8 @@ from steelyard.robot.file.robot_file import load_robot_file
 from steelyard.robot.file.sections import Gain
 from steelyard.robot.file.signals import Signals
 
-ACCURACY_STEP = 0.03
-"""By how much the factor is changed either way, relative."""
-LEAST_FACTOR_STD = 1e-3
-"""Least standard deviation that is stated, relative."""
+ACCURACY_STEP = 0.03  # by how much the factor is changed either way, relative
+LEAST_FACTOR_STD = 1e-3  # least standard deviation that is stated, relative
 
 
 def spread_of(reading: Reading) -> float:
@@ -56,8 +54,7 @@ def _spread(readings: Sequence[Reading]) -> float:
     return max(LEAST_FACTOR_STD, float(bend**-0.5)) if bend > 0.0 else float("inf")
 
 
-FITTED_DIGITS = 4
-"""Significant digits of fitted numbers."""
+FITTED_DIGITS = 4  # significant digits of fitted numbers
 WHOLE_RATIO_DISTANCE = 0.01
 """Relative distance up to which a gear ratio is taken for a whole number."""
 EFFORT_KEY = ("signals", "effort")
@@ -170,8 +167,7 @@ def file_gains(likelihood: Likelihood, loaded: LoadedRobot) -> Array:
     return likelihood.gains
 
 
-SAME_VELOCITY_CORRELATION = 0.8
-"""Correlation from which on a velocity belongs to a position."""
+SAME_VELOCITY_CORRELATION = 0.8  # correlation from which on a velocity belongs to a position
 
 
 def velocity_edits(evidence: Evidence, reading: Reading) -> tuple[Edit, ...]:
@@ -217,8 +213,7 @@ def _velocity_correlations(t: Array, dq: Array, reading: Reading) -> Array:
 
 CLOSE_MISFIT_FACTOR = 1.05
 """Typical misfit over that of the winner up to which the edits do what they should."""
-ROUNDING_SLACK = 0.5
-"""And what rounding may add [%]."""
+ROUNDING_SLACK = 0.5  # and what rounding may add [%]
 
 
 def confirmed(case: Case, evidence: Evidence, edits: Sequence[Edit], decision: LogVerdict) -> bool:

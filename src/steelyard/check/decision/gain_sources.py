@@ -35,27 +35,19 @@ from steelyard.robot.init.guess_efforts import stated_current
 TARGET_WORDS = frozenset("des desired target ref reference cmd command commanded setpoint".split())
 TORQUE_WORDS = frozenset("tau torque torques moment moments".split())
 CURRENT_WORDS = frozenset("current currents curr i".split())
-FRICTION_KNOTS = 24
-"""Speeds between which friction is linear."""
-INTERVAL_PARTS = 12
-"""Parts of the time for intervals."""
+FRICTION_KNOTS = 24  # speeds between which friction is linear
+INTERVAL_PARTS = 12  # parts of the time for intervals
 NARROW_INTERVAL = 0.05
 """Half-width of a gain's 95 % interval, over the gain, up to which it is written."""
 
 
 @dataclass(frozen=True, eq=False)
 class ControllerGains:
-    """Gains with their intervals.
+    """Gains with their intervals."""
 
-    Attributes:
-        columns: Those of target torque and target current of the first joint.
-        values: Joint torque over current, shape `(n,)`; zero where it cannot be estimated.
-        half_widths: Of 95 % intervals, shape `(n,)`.
-    """
-
-    columns: tuple[str, str]
-    values: Array
-    half_widths: Array
+    columns: tuple[str, str]  # those of target torque and target current of the first joint
+    values: Array  # joint torque over current, shape `(n,)`; zero where it cannot be estimated
+    half_widths: Array  # of 95 % intervals, shape `(n,)`
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -158,12 +150,9 @@ def _inverse(rows: Array) -> float:
 
 
 GO_ON = ". If the masses of the model file are wrong, continue: the efforts are then as declared"
-NEAR_A_THOUSAND = 3.0
-"""How far a factor may be from a thousand, as masses of model files are off."""
-CURRENT_UNITS = {"A": 1.0, "mA": 1e-3}
-"""Units of current [A]."""
-CAUSES_THAT_SCALE = ("gain", "effort kind", "effort unit")
-"""Causes that are a factor on efforts."""
+NEAR_A_THOUSAND = 3.0  # how far a factor may be from a thousand, as masses of model files are off
+CURRENT_UNITS = {"A": 1.0, "mA": 1e-3}  # units of current [A]
+CAUSES_THAT_SCALE = ("gain", "effort kind", "effort unit")  # causes that are a factor on efforts
 
 
 def unwritten_number_advice(case: Case, hypothesis: Hypothesis, *, sure: bool) -> Fix:

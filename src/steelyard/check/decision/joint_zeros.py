@@ -101,8 +101,7 @@ def offset_line(offsets: ZeroOffsets, chosen: NDArray[np.bool_]) -> Fix:
 TurnedJoints = tuple[tuple[int, float], ...]
 """Joints by their indices, and by how much each is turned [rad]."""
 
-TRIED_TURNS = (0.5 * np.pi, -0.5 * np.pi, np.pi)
-"""Offsets of a joint that are tried [rad]."""
+TRIED_TURNS = (0.5 * np.pi, -0.5 * np.pi, np.pi)  # offsets of a joint that are tried [rad]
 
 CLEAR_TURN_FALL = 40.0
 r"""Fall of $-2 \log L$ that another turned joint must be worth: by chance one of 18 turns is worth

@@ -35,13 +35,11 @@ from steelyard.estimate.identified import IdentifiedModel
 
 BAD_JOINT_MISFIT = {True: 0.12, False: 0.5}
 """Misfit of a joint from which on a reading is bad, with a reference and without."""
-EXPECTED_MISFIT_FACTOR = 3.0
-"""The same over what the reference's own residuals come to."""
+EXPECTED_MISFIT_FACTOR = 3.0  # the same over what the reference's own residuals come to
 HOPELESS_MISFIT = 0.9
 LOOSE_MISFIT = 15.0
 """Typical misfit [%] from which on efforts are read in other ways, though no joint is bad."""
-DECISIVE_GAIN = 20.0
-"""Log-likelihood that a winner must gain for what it leaves to be looked at."""
+DECISIVE_GAIN = 20.0  # log-likelihood that a winner must gain for what it leaves to be looked at
 FITTING_MISFIT = 8.0
 """Typical misfit [%] up to which free gains leave no doubt about what is declared."""
 READINGS = ("joint order", "position sign", "effort sign", "effort unit", "mounting")
@@ -52,21 +50,16 @@ CAUSES_OF_OTHER_CHECKS = ("position unit", "clock")
 """Causes that other checks report; what they leave is looked at once they are corrected."""
 COMPARING_PHASE = "comparing explanations: order, signs, units, gains, mounting"
 """The phase of the work that the checks share."""
-FAULT_ROUNDS = 3
-"""Faults that are looked for, one after the other."""
+FAULT_ROUNDS = 3  # faults that are looked for, one after the other
 
 
 @dataclass(frozen=True, eq=False)
 class Ranking:
-    """Explanations of one log.
+    """Explanations of one log."""
 
-    Attributes:
-        declared: As the robot file reads the log.
-        rounds: Per round all hypotheses, the likeliest first; a round starts from the winner of the
-            one before, and the last one's winner is what it started from, or agrees.
-    """
-
-    declared: Hypothesis
+    declared: Hypothesis  # as the robot file reads the log
+    # per round all hypotheses, the likeliest first; a round starts from the winner of the one
+    # before, and the last one's winner is what it started from, or agrees
     rounds: tuple[tuple[Hypothesis, ...], ...]
 
     @property

@@ -34,8 +34,7 @@ from steelyard.check.hypotheses.surroundings import axis_near, mounting_hypothes
 SUPPORT_MARGIN, SUPPORT_FALL = 60.0, 2.0
 """Log-likelihood that bodies of the log's own must gain, and the factor by which the misfit of some
 joint must fall, for the data to contradict what is declared."""
-LATE_MARGIN = 12.0
-"""The same for a delay, with a sharper likelihood."""
+LATE_MARGIN = 12.0  # the same for a delay, with a sharper likelihood
 LATE_FALL = 1.2
 """The same, as a factor: friction that only the robot file's own terms describe looks like a little
 delay, and what bodies of the log's own leave hardly falls with it."""
@@ -44,8 +43,7 @@ HEAVIEST_FACTOR = 6.0
 POOR_BODIES_MISFIT, ROUGH_BODIES_MISFIT = 10.0, 25.0
 """Misfit of bodies of the log's own [%] from which on other orders and signs are tried, and up to
 which they are proposed."""
-FAIR_BODIES_MISFIT = 5.0
-"""The same from which on other directions of gravity are tried."""
+FAIR_BODIES_MISFIT = 5.0  # the same from which on other directions of gravity are tried
 UNCONCERNED_CHANGE = 0.1
 """Relative change of a joint's misfit up to which a direction of gravity does not concern it."""
 THOUSAND_TOLERANCE = 2.5

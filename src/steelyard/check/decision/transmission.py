@@ -37,19 +37,12 @@ ENTER_COUPLING = Fix(
 
 @dataclass(frozen=True, eq=False)
 class OtherGears:
-    """Gears with one change.
+    """Gears with one change."""
 
-    Attributes:
-        motor: Whose.
-        coupling: Whether its coupling with the joint before is changed, or else its sign.
-        says: The change, in words.
-        matrix: Motor positions per joint position.
-    """
-
-    motor: str
-    coupling: bool
-    says: str
-    matrix: Array
+    motor: str  # whose
+    coupling: bool  # whether its coupling with the joint before is changed, or else its sign
+    says: str  # the change, in words
+    matrix: Array  # motor positions per joint position
 
 
 @log_check("transmission", "Do gear signs and couplings agree with the log?")

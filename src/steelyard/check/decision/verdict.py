@@ -26,35 +26,27 @@ VERDICT_MARGIN = {True: 20.0, False: 60.0}
 reference."""
 VERDICT_FALL = {True: 2.0, False: 2.5}
 """Factor by which some joint's misfit must fall with a reference; without, the typical one."""
-ROUGH_MISFIT = 25.0
-"""Typical misfit [%] that an explanation by a nominal model may leave."""
+ROUGH_MISFIT = 25.0  # typical misfit [%] that an explanation by a nominal model may leave
 OF_JOINTS = ("effort sign", "position sign")
 """Causes that show in the joints they are about, however well the others agree."""
-HUGE_GAIN = 20.0
-"""Factor on one joint's effort beyond which a rough model is no excuse either."""
+HUGE_GAIN = 20.0  # factor on one joint's effort beyond which a rough model is no excuse either
 STRIKING, CLEAN = 200.0, 12.0
 """Log-likelihood gained, and misfit left [%], of an explanation by a nominal model that counts
 although the declared reading is not bad in itself."""
 LEAST_MASS, LEAST_SHARE, SURE_MASS = 0.3, 0.02, 6.0
 """Least payload [kg], relative to the arm's mass, and over its standard deviation."""
-LEAST_DELAY = {True: 0.004, False: 0.04}
-"""Least delay [s], with and without a reference."""
-DELAY_ROWS = 1.5
-"""The same in rows of the log."""
+LEAST_DELAY = {True: 0.004, False: 0.04}  # least delay [s], with and without a reference
+DELAY_ROWS = 1.5  # the same in rows of the log
 
 
 @dataclass(frozen=True, eq=False)
 class LogVerdict(Ranking):
-    """What holds of one log, with all explanations.
+    """What holds of one log, with all explanations."""
 
-    Attributes:
-        winners: What is wrong, in the order in which it was found, with how sure that is; ok
-            where the model file alone is wrong, which leaves a question open.
-        explained: Whether the last winner agrees with what is known.
-    """
-
+    # what is wrong, in the order in which it was found, with how sure that is; ok where the model
+    # file alone is wrong, which leaves a question open
     winners: tuple[tuple[Hypothesis, Severity], ...]
-    explained: bool
+    explained: bool  # whether the last winner agrees with what is known
 
     @property
     def last(self) -> Hypothesis:

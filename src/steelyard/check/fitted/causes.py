@@ -48,8 +48,7 @@ NEW_COLUMN_SHARE = 1e-6
 
 GEOMETRY = ("position", "axis")
 
-COMPLEXITY = 0.02
-"""Share of its effect that each further column of a cause costs in the ranking."""
+COMPLEXITY = 0.02  # share of its effect that each further column of a cause costs in the ranking
 
 FRICTION: tuple[tuple[str, Term], ...] = (
     ("Stribeck friction (term stribeck)", Stribeck(speed=0.1)),
@@ -63,24 +62,16 @@ FRICTION: tuple[tuple[str, Term], ...] = (
 
 @dataclass(frozen=True)
 class Cause:
-    """One cause, and how much it explains.
+    """One cause, and how much it explains."""
 
-    Attributes:
-        kind: `zero_offset`, `gain`, `saturation`, `compliance`, `position`, `axis`, `tilt` (of the
-            first axis, the same as of gravity), `geometry`, or the law of a term.
-        joint: The joint; empty if it is about all.
-        says: In a few words.
-        names: Names of its columns.
-        chi2: What it takes from chi square.
-        share: Of the chi square that noise does not account for, 0 to 1.
-    """
-
+    # `zero_offset`, `gain`, `saturation`, `compliance`, `position`, `axis`, `tilt` (of the first
+    # axis, the same as of gravity), `geometry`, or the law of a term
     kind: str
-    joint: str
-    says: str
-    names: tuple[str, ...]
-    chi2: float
-    share: float
+    joint: str  # the joint; empty if it is about all
+    says: str  # in a few words
+    names: tuple[str, ...]  # names of its columns
+    chi2: float  # what it takes from chi square
+    share: float  # of the chi square that noise does not account for, 0 to 1
 
     @property
     def columns(self) -> int:
@@ -202,21 +193,15 @@ its columns stand for other effects as well, and reduce the error of a sound Pan
 
 @dataclass(frozen=True)
 class LeftOutGain:
-    """Errors on left-out motion without and with a cause.
+    """Errors on left-out motion without and with a cause."""
 
-    Attributes:
-        before: Relative error without it: the geometric mean of a typical joint's and of all
-            joints' together, mean over parts [%].
-        after: The same with it [%].
-        confirmed: Whether it is reduced by more than is worth it, and than chance explains over
-            parts.
-        left_out: What is left out in turn, `run` or `segment`.
-    """
-
+    # relative error without it: the geometric mean of a typical joint's and of all joints'
+    # together, mean over parts [%]
     before: float
-    after: float
+    after: float  # the same with it [%]
+    # whether it is reduced by more than is worth it, and than chance explains over parts
     confirmed: bool
-    left_out: str
+    left_out: str  # what is left out in turn, `run` or `segment`
 
     @classmethod
     def of(cls, plain: Array, errors: Array, left_out: str, worth: float) -> "LeftOutGain":
@@ -241,19 +226,12 @@ class LeftOutGain:
 
 @dataclass(frozen=True, eq=False)
 class LeftOutParts:
-    """Fitted runs, where joints move, in parts that are left out in turn.
+    """Fitted runs, where joints move, in parts that are left out in turn."""
 
-    Attributes:
-        information: One window per part.
-        left_out: What a part is, `run` or `segment`.
-        weights: One per effort row, those of the fit.
-        per_run: Columns whose parameters every run has for itself.
-    """
-
-    information: Information
-    left_out: str
-    weights: Array
-    per_run: tuple[str, ...]
+    information: Information  # one window per part
+    left_out: str  # what a part is, `run` or `segment`
+    weights: Array  # one per effort row, those of the fit
+    per_run: tuple[str, ...]  # columns whose parameters every run has for itself
 
     @classmethod
     def of(

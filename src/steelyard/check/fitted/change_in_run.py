@@ -30,58 +30,38 @@ from steelyard.model.laws.register import law_of
 from steelyard.robot.rigid_body import INERTIAL_NAMES
 from steelyard.robot.robot import Coordinate, Robot
 
-LEAST_LEFT_SHARE = 1e-9
-"""Least share of the squared residual that a change is taken to leave."""
-LEAST_ROW_FREEDOM = 20.0
-"""Degrees of freedom that a row needs."""
-NOISE_ROUNDS = 4
-"""Iterations of the rows' noise."""
+LEAST_LEFT_SHARE = 1e-9  # least share of the squared residual that a change is taken to leave
+LEAST_ROW_FREEDOM = 20.0  # degrees of freedom that a row needs
+NOISE_ROUNDS = 4  # iterations of the rows' noise
 
 
 @dataclass(frozen=True)
 class ChangeWithinRun:
-    """One change in a run.
+    """One change in a run."""
 
-    Attributes:
-        run: The run's name.
-        time: Middle of the time in which it lies [s].
-        within: Half of that time [s].
-        row: Number of the joint; -1 for a load.
-        value: Step of the offset [effort's unit], mass of the load [kg], or relative change of the
-            scale from the run's start to its end.
-        std: Its standard deviation.
-        explained: Share of the squared residual that it explains: of the row; of a load the
-            geometric mean over rows.
-        rise: What it takes from the squared residual, over the noise that is left.
-    """
-
-    run: str
-    time: float
-    within: float
-    row: int
+    run: str  # the run's name
+    time: float  # middle of the time in which it lies [s]
+    within: float  # half of that time [s]
+    row: int  # number of the joint; -1 for a load
+    # step of the offset [effort's unit], mass of the load [kg], or relative change of the scale
+    # from the run's start to its end
     value: float
-    std: float
+    std: float  # its standard deviation
+    # share of the squared residual that it explains: of the row; of a load the geometric mean over
+    # rows
     explained: float
-    rise: float
+    rise: float  # what it takes from the squared residual, over the noise that is left
 
 
 @dataclass(frozen=True, eq=False)
 class _Row:
-    """One row of a run around one border: its own least squares, and the sums after the border.
+    """One row of a run around one border: its own least squares, and the sums after the border."""
 
-    Attributes:
-        after: Gram matrix of columns and effort after the border, shape `(k + 1, k + 1)`.
-        own: Whitened columns of its own fit, shape `(k, rank)`.
-        effort: Products of these with the effort, shape `(rank,)`.
-        left: Squared residual.
-        freedom: Degrees of freedom.
-    """
-
-    after: Array
-    own: Array
-    effort: Array
-    left: float
-    freedom: float
+    after: Array  # gram matrix of columns and effort after the border, shape `(k + 1, k + 1)`
+    own: Array  # whitened columns of its own fit, shape `(k, rank)`
+    effort: Array  # products of these with the effort, shape `(rank,)`
+    left: float  # squared residual
+    freedom: float  # degrees of freedom
 
     def reduced(self, columns: Array) -> tuple[Array, Array]:
         """$H$ and $g$ of combinations of the row's columns, shape `(k, c)`, after the border."""
@@ -216,8 +196,7 @@ def _load_columns(run: Information, robot: Robot, base: BaseMap) -> Array:
     return found
 
 
-FEWEST_DRIFT_WINDOWS = 4
-"""Fewest windows of a run whose scale may drift."""
+FEWEST_DRIFT_WINDOWS = 4  # fewest windows of a run whose scale may drift
 
 
 def scale_drifts(run: Information, *, friction: bool = False) -> tuple[ChangeWithinRun, ...]:
@@ -270,8 +249,7 @@ LEAST_DRIFT_SHARE, DRIFT_RISES, LEAST_DRIFT = 0.3, 100.0, 0.05
 least change; in sound logs of ten real robots the rise is at most 44."""
 LARGEST_PRINTED_CHANGE = 3.0
 """Relative change beyond which the number says no more than that it is large."""
-SURE_CHANGE = 5.0
-"""Standard deviations that a load or a step must have."""
+SURE_CHANGE = 5.0  # standard deviations that a load or a step must have
 
 
 @post_fit_check("change within a run")

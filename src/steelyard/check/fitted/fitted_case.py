@@ -34,11 +34,9 @@ from steelyard.runs.run import Run
 JOINT_ABOVE_NOISE = 1.5
 """Residual over noise from which on a joint is counted among those that are above it."""
 
-NAMED_CAUSE_SHARE = 0.2
-"""Share of what noise does not explain from which on a cause is named."""
+NAMED_CAUSE_SHARE = 0.2  # share of what noise does not explain from which on a cause is named
 
-MOST_NAMED_CAUSES = 3
-"""Most causes that are named."""
+MOST_NAMED_CAUSES = 3  # most causes that are named
 
 CLEAR_OVER_FRICTION = 1.5
 """How many times more than a lack of friction an error of the geometry or of an effort must
@@ -48,8 +46,7 @@ LEAST_CHI_SQUARE, CHI_SQUARE_PER_COLUMN = 25.0, 3.0
 """Chi square that it must explain, and more per column, over the factor by which the estimate
 scatters more than by white residuals: a single column reaches 25 by noise once in a million."""
 
-NEXT_CAUSE_RANK = 0.8
-"""Rank over the first's from which on another error is named beside it."""
+NEXT_CAUSE_RANK = 0.8  # rank over the first's from which on another error is named beside it
 
 MOST_RUNS, MOST_SAMPLES = 20, 200_000
 """Runs and samples that are looked at: more make no cause clearer, but take time."""
@@ -57,21 +54,14 @@ MOST_RUNS, MOST_SAMPLES = 20, 200_000
 
 @dataclass(frozen=True, eq=False)
 class RankedCauses:
-    """Residuals of a fit, and what may explain them.
+    """Residuals of a fit, and what may explain them."""
 
-    Attributes:
-        beside: Residuals and measurement noise.
-        found: All causes, the most likely first.
-        blamed: Errors of geometry or efforts that explain much more than a lack of friction.
-        total: Chi square of the fit.
-        wide: Columns of all causes.
-    """
-
-    beside: ResidualNoise
-    found: tuple[Cause, ...]
+    beside: ResidualNoise  # residuals and measurement noise
+    found: tuple[Cause, ...]  # all causes, the most likely first
+    # errors of geometry or efforts that explain much more than a lack of friction
     blamed: tuple[Cause, ...]
-    total: float
-    wide: Regressor
+    total: float  # chi square of the fit
+    wide: Regressor  # columns of all causes
 
     @property
     def of_geometry(self) -> bool:
@@ -152,28 +142,18 @@ def largest_residual(beside: ResidualNoise) -> str:
 
 @dataclass(frozen=True, eq=False)
 class FittedCase:
-    """A fitted model with the runs that it is compared with.
+    """A fitted model with the runs that it is compared with."""
 
-    Attributes:
-        identified: The model.
-        fitted: Runs that were fitted; empty in `validate`.
-        unseen: Runs that were not fitted.
-        fitted_scores: One score per fitted run.
-        unseen_scores: One score per unseen run.
-        information: Information of the fitted runs on the base columns, by windows and runs;
-            `None` in `validate`.
-        unresolved: What the check before the fit is doubtful about in the fitted runs.
-        scales: Scales of the efforts that were estimated, if any.
-    """
-
-    identified: IdentifiedModel
-    fitted: tuple[Run, ...] = ()
-    unseen: tuple[Run, ...] = ()
-    fitted_scores: tuple[RunScore, ...] = ()
-    unseen_scores: tuple[RunScore, ...] = ()
+    identified: IdentifiedModel  # the model
+    fitted: tuple[Run, ...] = ()  # runs that were fitted; empty in `validate`
+    unseen: tuple[Run, ...] = ()  # runs that were not fitted
+    fitted_scores: tuple[RunScore, ...] = ()  # one score per fitted run
+    unseen_scores: tuple[RunScore, ...] = ()  # one score per unseen run
+    # information of the fitted runs on the base columns, by windows and runs; `None` in `validate`
     information: Information | None = None
+    # what the check before the fit is doubtful about in the fitted runs
     unresolved: tuple[Finding, ...] = ()
-    scales: EffortScales | None = None
+    scales: EffortScales | None = None  # scales of the efforts that were estimated, if any
 
     @cached_property
     def examined(self) -> tuple[Run, ...]:
@@ -201,15 +181,11 @@ class FittedCase:
 
 @dataclass(frozen=True)
 class PostFitCheck:
-    """One check of a fitted model.
+    """One check of a fitted model."""
 
-    Attributes:
-        name: Of the check, as it is printed.
-        look: Findings without its name; those that are doubtful or wrong lower the verdict. A
-            finding's `says` is one sentence for the headline, its `figure` the evidence.
-    """
-
-    name: str
+    name: str  # of the check, as it is printed
+    # findings without its name; those that are doubtful or wrong lower the verdict. A finding's
+    # `says` is one sentence for the headline, its `figure` the evidence
     look: Callable[[FittedCase], Iterable[Finding]]
 
     def __call__(self, case: FittedCase) -> tuple[Finding, ...]:

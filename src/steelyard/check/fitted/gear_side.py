@@ -22,8 +22,7 @@ from steelyard.estimate.scores.score import JointScore, RunScore
 from steelyard.model.laws.register import law_of
 from steelyard.model.laws.rotor_inertia import RotorInertia
 
-SIGNIFICANT_ROTOR = 4.0
-"""Rotor inertia over its standard deviation from which on it is significant."""
+SIGNIFICANT_ROTOR = 4.0  # rotor inertia over its standard deviation from which on it is significant
 
 SIGNIFICANT_ROTOR_SHARE = 0.5
 """Share of significant rotor inertias from which on torques contain those of the rotors."""
@@ -82,8 +81,7 @@ def _gear_side_finding(estimate: Estimate) -> Finding:
 ZERO_ROTOR_SHARE = 0.5
 """Share of rotor inertias at zero from which on the side of the gears is doubtful."""
 
-FEWEST_ZERO_ROTORS = 2
-"""Rotor inertias at zero from which on it is."""
+FEWEST_ZERO_ROTORS = 2  # rotor inertias at zero from which on it is
 
 
 @post_fit_check("gear side")
@@ -113,8 +111,7 @@ def rotors_at_zero(estimate: Estimate, effort_kind: str) -> tuple[tuple[str, ...
     return (zero if many and at_joints else ()), len(rotors)
 
 
-WORSE_THAN_NOMINAL = 1.2
-"""RMSE over the nominal model's from which on a joint is named."""
+WORSE_THAN_NOMINAL = 1.2  # RMSE over the nominal model's from which on a joint is named
 
 LOADED_JOINT_SHARE = 0.25
 """Effort of a joint over the largest of its unit, root mean square, from which on it has load."""

@@ -24,18 +24,13 @@ from steelyard.model.laws.load_dependent import PLAUSIBLE, LoadDependent
 from steelyard.model.laws.viscous import Viscous
 from steelyard.robot.robot import Robot
 
-TUNGSTEN_DENSITY = 19_300.0
-"""Density [kg/m³]."""
-SLENDER_LINK = 0.5
-"""Thickness of a link over its length."""
+TUNGSTEN_DENSITY = 19_300.0  # density [kg/m³]
+SLENDER_LINK = 0.5  # thickness of a link over its length
 SHORTEST, LEAST_LENGTH = 0.3, 0.2
 """Least length of a link, relative to the arm's reach, and in metres."""
-TOTAL_MASS_FACTOR = 10.0
-"""Factor between the arm's mass and that of the model file."""
-SURE_BOUND = 2.0
-"""Standard deviations that an estimate must be beyond a bound."""
-DISSIPATIVE_LAWS = (Coulomb.law, Viscous.law)
-"""Friction that would drive if it were negative."""
+TOTAL_MASS_FACTOR = 10.0  # factor between the arm's mass and that of the model file
+SURE_BOUND = 2.0  # standard deviations that an estimate must be beyond a bound
+DISSIPATIVE_LAWS = (Coulomb.law, Viscous.law)  # friction that would drive if it were negative
 CHECK_EFFORTS = (
     "Check the kind, unit, sign and gains of the efforts and the order of the columns "
     "(`steelyard check ROBOT LOG...`)"

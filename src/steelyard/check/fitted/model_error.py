@@ -36,8 +36,7 @@ CAUSE_ADVICE = {
 }
 """What to do about a cause, by its kind; of the geometry otherwise."""
 
-ADD_TERM = "Add it to [model] terms"
-"""What to do about a term that predicts left-out motion better."""
+ADD_TERM = "Add it to [model] terms"  # what to do about a term that predicts left-out motion better
 
 AS_LOGGED = (
     " at the present effort scales, which change with it. Add it to [model] terms only if the "

@@ -56,8 +56,7 @@ def band_coverage_check(case: FittedCase) -> Iterable[Finding]:
     return (Finding.ok(says, headline=True, brief=brief, log=log),)
 
 
-LEAST_CLIPPED_SHARE = 0.002
-"""Share of the values of all efforts from which on they are named."""
+LEAST_CLIPPED_SHARE = 0.002  # share of the values of all efforts from which on they are named
 
 
 @post_fit_check("clipped efforts")

@@ -27,8 +27,7 @@ from steelyard.runs.run import Run
 UNSEEN_ERROR_FACTOR = 2.0
 """RMS error over the residuals of the fit from which on a reason is looked for."""
 
-FAR_UNSEEN_ERROR = 4.0
-"""The same from which on an error without explanation is reported."""
+FAR_UNSEEN_ERROR = 4.0  # the same from which on an error without explanation is reported
 
 LARGE_UNSEEN_ERROR = 10.0
 """Typical relative error [%] below which an error without explanation is not remarkable."""

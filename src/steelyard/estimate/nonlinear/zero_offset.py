@@ -30,39 +30,28 @@ from steelyard.model.model import Model
 from steelyard.model.terms.error_columns import GeometryErrors
 from steelyard.runs.run import Run
 
-ROUNDS = 20
-"""Most Gauss-Newton steps."""
+ROUNDS = 20  # most Gauss-Newton steps
 
-LONGEST = 0.25
-"""Longest step of an offset [rad; m]: derivatives hold for small angles only."""
+LONGEST = 0.25  # longest step of an offset [rad; m]: derivatives hold for small angles only
 
 LOOSEST = {"rad": 0.1, "m": 0.05}
 """Standard deviation beyond which an offset counts as not identifiable."""
 
-CONVERGED = 0.02
-"""Step in standard deviations at which the search has converged."""
+CONVERGED = 0.02  # step in standard deviations at which the search has converged
 
 LAW = "zero_offset"
 
 
 @dataclass(frozen=True, eq=False)
 class ZeroOffsets:
-    """Estimated offsets: joint position = logged position + offset.
-
-    Attributes:
-        units: `rad` or `m` per joint.
-        values: Shape `(n,)`; of joints that are not identifiable as they were given.
-        start: What was given, shape `(n,)`.
-        std: Their standard deviations, shape `(n,)`; NaN of what was not estimated.
-        wanted: Whether each was to be estimated.
-    """
+    """Estimated offsets: joint position = logged position + offset."""
 
     joints: tuple[str, ...]
-    units: tuple[str, ...]
-    values: Array
-    start: Array
-    std: Array
-    wanted: tuple[bool, ...]
+    units: tuple[str, ...]  # `rad` or `m` per joint
+    values: Array  # shape `(n,)`; of joints that are not identifiable as they were given
+    start: Array  # what was given, shape `(n,)`
+    std: Array  # their standard deviations, shape `(n,)`; NaN of what was not estimated
+    wanted: tuple[bool, ...]  # whether each was to be estimated
     converged: bool
 
     @property
