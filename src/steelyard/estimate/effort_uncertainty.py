@@ -41,23 +41,17 @@ class Calibration:
     """Half-widths of 95 % bands in standard deviations, by joint and speed.
 
     Attributes:
-        kind: Whether whole runs were left out, or stretches of one motion.
-        count: How many of them.
-        edges: Speeds at which slow, medium and fast meet, shape `(n, 2)` [rad/s; m/s].
         factors: Half-width in standard deviations at rest, slow, medium and fast, shape `(n, 4)`;
             1.96 of a joint that no left-out motion could test. What parameters leave open counts
             with 1.96 at least.
-        peaks: Largest residuals of the left-out motion, from which thresholds of contact follow;
-            `None` in models of versions before there were any.
-        correlation: Of the left-out errors between joints, shape `(n, n)`; `None` if unknown.
     """
 
-    kind: Kind
-    count: int
-    edges: Array
+    kind: Kind  # whether whole runs were left out, or stretches of one motion
+    count: int  # how many of them
+    edges: Array  # speeds at which slow, medium and fast meet, shape `(n, 2)` [rad/s; m/s]
     factors: Array
-    peaks: ResidualPeaks | None = None
-    correlation: Array | None = None
+    peaks: ResidualPeaks | None = None  # left-out, for thresholds of contact; none in old models
+    correlation: Array | None = None  # of left-out errors between joints, `(n, n)`
 
     def __post_init__(self) -> None:
         n = len(self.edges)
@@ -123,18 +117,12 @@ class EffortUncertainty:
 
     Its functions take regressor entries `(B, n, c)`, velocities `(n, B)` [rad/s; m/s] and whether
     each joint moves, `(n, B)`.
-
-    Attributes:
-        factor: `F`, with `F @ F.T` the covariance of the columns' parameters, shape `(c, k)`.
-        sigma: Standard deviation of residuals behind the observer, shape `(n,)` [Nm; N].
-        dead_zone: Half of the friction's dead zone at rest, shape `(n,)` [Nm; N].
-        calibration: How much wider residuals of left-out motions are, and their correlation.
     """
 
-    factor: Array
-    sigma: Array
-    dead_zone: Array
-    calibration: Calibration | None
+    factor: Array  # `F`, with `F @ F.T` the covariance of the columns' parameters, shape `(c, k)`
+    sigma: Array  # standard deviation of residuals behind the observer, shape `(n,)` [Nm; N]
+    dead_zone: Array  # half of the friction's dead zone at rest, shape `(n,)` [Nm; N]
+    calibration: Calibration | None  # how much wider residuals of left-out motions are
 
     def factor_of(self, speed: Array, moving: NDArray[np.bool_]) -> Array:
         """How much wider residuals of left-out motions are than those of the fit, `(n, B)`."""
@@ -183,16 +171,11 @@ def covariance_root(covariance: Array) -> Array:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class KnownScales:
-    """Scales that a model's gains count already.
-
-    Attributes:
-        values: Logged effort over that of the model, shape `(rows,)`.
-        covariance: Of their logarithms, shape `(rows, rows)`.
-    """
+    """Scales that a model's gains count already."""
 
     joints: tuple[str, ...]
-    values: Array
-    covariance: Array
+    values: Array  # logged effort over that of the model, shape `(rows,)`
+    covariance: Array  # of their logarithms, shape `(rows, rows)`
 
     def __post_init__(self) -> None:
         n = len(self.joints)

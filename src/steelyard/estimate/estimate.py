@@ -30,28 +30,19 @@ Z95 = 1.959963984540054
 
 @dataclass(frozen=True)
 class Unidentifiable:
-    """A base parameter that the data do not show.
-
-    Attributes:
-        tied_to: Parameters of indistinguishable columns; empty if its column is zero.
-    """
+    """A base parameter that the data do not show."""
 
     name: str
-    tied_to: tuple[str, ...] = ()
+    tied_to: tuple[str, ...] = ()  # parameters of indistinguishable columns; empty if zero
 
 
 @dataclass(frozen=True)
 class Removed:
-    """A base parameter that a reduction removed: it is known to be zero, not unknown.
-
-    Attributes:
-        step: Number of the step that removed it, from 1 on.
-        cost: Rise of chi-squared by its removal, residuals counted by their correlation.
-    """
+    """A base parameter that a reduction removed: it is known to be zero, not unknown."""
 
     name: str
-    step: int
-    cost: float
+    step: int  # number of the step that removed it, from 1 on
+    cost: float  # rise of chi-squared by its removal, residuals counted by their correlation
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,15 +58,13 @@ class RunParameters:
 class StandardEstimate:
     """Values of all standard parameters, as data and prior together have them.
 
-    Attributes:
-        covariance: Shape `(p, p)`.
-        learned: Share of each parameter's knowledge that comes from the data, 0 to 1, shape
-            `(p,)`: one minus the ratio of its variance after the data to that before; 1 where
-            nothing was known before, 0 of what was given or no data show.
+    `learned` is the share of each parameter's knowledge that comes from the data, 0 to 1, shape
+    `(p,)`: one minus the ratio of its variance after the data to that before; 1 where nothing was
+    known before, 0 of what was given or no data show.
     """
 
     parameters: Parameters
-    covariance: Array
+    covariance: Array  # shape `(p, p)`
     learned: Array
 
     @property

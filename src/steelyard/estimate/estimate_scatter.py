@@ -34,14 +34,12 @@ class Bootstrap:
     Attributes:
         draws: One estimate per row, deviations scaled; NaN where the windows drawn do not show the
             parameter, shape `(draws, p)`.
-        failed: Draws that gave no estimate; they are not among the rows.
-        windows: Windows of all runs together.
     """
 
     parameters: Parameters
     draws: Array
-    failed: int
-    windows: int
+    failed: int  # draws that gave no estimate; they are not among the rows
+    windows: int  # windows of all runs together
 
     @property
     def std(self) -> Array:
@@ -122,21 +120,14 @@ def bootstrap(
 
 @dataclass(frozen=True, eq=False)
 class RepeatedEstimates:
-    """Several estimates of the same parameters.
-
-    Attributes:
-        names: Parameters that at least one of them identifies, `p` of them.
-        values: NaN where an estimation does not identify a parameter, shape `(N, p)`.
-        stated: Stated standard deviations, likewise.
-        population: Whether standard deviations are those of the population, not of the sample.
-    """
+    """Several estimates of the same parameters."""
 
     labels: tuple[str, ...]
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # parameters that at least one of them identifies, `p` of them
     units: tuple[str, ...]
-    values: Array
-    stated: Array
-    population: bool = False
+    values: Array  # NaN where an estimation does not identify a parameter, shape `(N, p)`
+    stated: Array  # stated standard deviations, likewise
+    population: bool = False  # whether standard deviations divide by `N`, not by `N - 1`
 
     @classmethod
     def of(
@@ -237,23 +228,14 @@ FACTORS = (0.5, 0.71, 1.41, 2.0)
 
 @dataclass(frozen=True, eq=False)
 class Variation:
-    """A fit with other cut-offs.
+    """A fit with other cut-offs."""
 
-    Attributes:
-        factor: Both cut-offs over those of the result.
-        motion: Cut-off of the motion [Hz].
-        matched: Matched cut-off [Hz].
-        values: Its parameters, in the result's order, shape `(p,)`; `None` if it failed.
-        fitted: Error on the runs that were fitted, of the headline's kind [%].
-        unseen: The same on runs that were not; `None` without any.
-    """
-
-    factor: float
+    factor: float  # both cut-offs over those of the result
     motion: float
     matched: float
-    values: Array | None
-    fitted: float | None = None
-    unseen: float | None = None
+    values: Array | None  # its parameters, in the result's order, shape `(p,)`; `None` if it failed
+    fitted: float | None = None  # error on the runs that were fitted, of the headline's kind [%]
+    unseen: float | None = None  # the same on runs that were not; `None` without any
     failed: str = ""
 
 

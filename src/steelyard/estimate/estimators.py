@@ -53,40 +53,26 @@ Needs = Literal["information", "samples", "experiment"]
 
 @dataclass(frozen=True, eq=False)
 class Context:
-    """What estimators are made from.
-
-    Attributes:
-        per_run: Columns whose parameters every run has for itself.
-        equal: Whether the consistent estimates weigh all rows the same, as `identify` is to.
-        progress: Told by estimators that search or simulate how far they are.
-    """
+    """What estimators are made from."""
 
     regressor: Regressor
     knowledge: Knowledge
-    per_run: tuple[str, ...] = ()
-    progress: Progress = silent
-    equal: bool = False
+    per_run: tuple[str, ...] = ()  # columns whose parameters every run has for itself
+    progress: Progress = silent  # told by estimators that search or simulate how far they are
+    equal: bool = False  # whether the consistent estimates weigh all rows the same
 
 
 @dataclass(frozen=True)
 class Offer:
-    """One estimator to choose.
-
-    Attributes:
-        needs: What it looks at.
-        estimator: It, for a model and what is known of it.
-        slow: Whether it searches or simulates, and so is compared only where it is named.
-        uses: Tables and keys of the robot file that it uses.
-        per_run: Whether it estimates parameters that every run has for itself.
-    """
+    """One estimator to choose."""
 
     name: str
     about: str
     needs: Needs
-    estimator: Callable[[Context], Estimator[Any]]
-    slow: bool = False
-    uses: tuple[str, ...] = ()
-    per_run: bool = True
+    estimator: Callable[[Context], Estimator[Any]]  # it, for a model and what is known of it
+    slow: bool = False  # whether it searches or simulates: compared only where it is named
+    uses: tuple[str, ...] = ()  # tables and keys of the robot file that it uses
+    per_run: bool = True  # whether it estimates parameters that every run has for itself
 
     def make(self, context: Context) -> Estimator[Any]:
         """The estimator for a model and what is known of it.

@@ -63,36 +63,22 @@ LEAST_RESIDUAL_STD = 1e-6
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where an identified model comes from.
-
-    Attributes:
-        version: Version of steelyard.
-        inputs: Role and name of every file to its SHA-256.
-        runs: The runs that were fitted, with their cuts.
-        notes: Assumptions and automatic choices, for display.
-    """
+    """Where an identified model comes from."""
 
     version: str
-    inputs: Mapping[str, str]
-    runs: tuple[str, ...]
-    notes: tuple[str, ...]
+    inputs: Mapping[str, str]  # role and name of every file to its SHA-256
+    runs: tuple[str, ...]  # the runs that were fitted, with their cuts
+    notes: tuple[str, ...]  # assumptions and automatic choices, for display
 
 
 @dataclass(frozen=True)
 class Cutoffs:
-    """Cut-off frequencies [Hz] of the fit and of the score.
+    """Cut-off frequencies [Hz] of the fit and of the score."""
 
-    Attributes:
-        motion: Of positions, velocities and accelerations.
-        matched: Of regressor and effort alike.
-        score: Of measured and predicted effort in the validation band.
-        headline: The same for the errors that are compared between models; a fixed number.
-    """
-
-    motion: float
-    matched: float
-    score: float
-    headline: float = BAND
+    motion: float  # of positions, velocities and accelerations
+    matched: float  # of regressor and effort alike
+    score: float  # of measured and predicted effort in the validation band
+    headline: float = BAND  # of errors that are compared between models; a fixed number
 
 
 @dataclass(frozen=True, eq=False, repr=False)

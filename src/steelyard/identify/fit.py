@@ -63,27 +63,18 @@ class Fit:
     """An identified model, and what was found on the way to it.
 
     Attributes:
-        identified: The model.
-        runs: The runs that were fitted, with the gains that were found.
-        prepared: Laws, their fields, gains and offsets, found before.
-        scales: Scales of the efforts that were estimated, if any.
-        notes: What was decided, for people to read.
-        ignored: What the robot file requests without effect.
-        information: What the runs say about the model's columns.
-        method: The estimator.
-        estimating: Makes it for these runs, or for others of the same model.
         unscaled: The model with all scales of the efforts 1, where some were estimated.
     """
 
     identified: IdentifiedModel
-    runs: tuple[Run, ...]
-    prepared: PreparedFit
-    scales: EffortScales | None
-    notes: tuple[str, ...]
-    ignored: tuple[str, ...]
-    information: Information
+    runs: tuple[Run, ...]  # the runs that were fitted, with the gains that were found
+    prepared: PreparedFit  # laws, their fields, gains and offsets, found before
+    scales: EffortScales | None  # scales of the efforts that were estimated, if any
+    notes: tuple[str, ...]  # what was decided, for people to read
+    ignored: tuple[str, ...]  # what the robot file requests without effect
+    information: Information  # what the runs say about the model's columns
     method: Offer
-    estimating: EstimatorOf
+    estimating: EstimatorOf  # makes it for these runs, or for others of the same model
     unscaled: IdentifiedModel | None = None
 
     @cached_property

@@ -53,40 +53,24 @@ _NOT_CONVERGED = (
 
 @dataclass(frozen=True)
 class Payload:
-    """What the loaded runs carry, as far as it is known.
+    """What the loaded runs carry, as far as it is known."""
 
-    Attributes:
-        mass: [kg]; `None` if it is unknown.
-        frame: Frame to give its numbers in; that of the last link if `None`.
-    """
-
-    mass: float | None = None
-    frame: str | None = None
+    mass: float | None = None  # [kg]; `None` if it is unknown
+    frame: str | None = None  # frame to give its numbers in; that of the last link if `None`
 
 
 @dataclass(frozen=True, eq=False)
 class PreparedFit:
-    """A model of which only the parameters are open, and its runs.
-
-    Attributes:
-        model: The model.
-        runs: The runs to be fitted, with the gains that were found.
-        information_of: What they say about a regressor; every call is a pass.
-        choice: How the friction laws were chosen; `None` if they were not, or could not be.
-        findings: Fields that were found.
-        gains: Drive gains that were found, if any.
-        offsets: Zero offsets that were estimated, if any.
-        notes: What was decided, for people to read.
-    """
+    """A model of which only the parameters are open, and its runs."""
 
     model: Model
-    runs: tuple[Run, ...]
-    information_of: InformationOf
-    choice: FrictionChoice | None
+    runs: tuple[Run, ...]  # the runs to be fitted, with the gains that were found
+    information_of: InformationOf  # what they say about a regressor; every call is a pass
+    choice: FrictionChoice | None  # of the friction laws; `None` if there was none, or could not be
     findings: tuple[Finding, ...]
     gains: GainEstimate | None
     offsets: ZeroOffsets | None
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # what was decided, for people to read
 
 
 def with_signals(run: Run, signals: Signals) -> Run:

@@ -222,13 +222,9 @@ def _ends_first(table: "DataFrame", first: Sequence[str], last: Sequence[str]) -
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ModelReport(Result):
-    """A model with its scores, and a report on both.
+    """A model with its scores, and a report on both."""
 
-    Attributes:
-        content: All that the report shows.
-    """
-
-    content: ReportContent
+    content: ReportContent  # all that the report shows
 
     @property
     def model(self) -> IdentifiedModel:

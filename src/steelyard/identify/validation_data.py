@@ -31,15 +31,10 @@ MOST_STEPS = 3.0
 
 @dataclass(frozen=True)
 class ProposedCut:
-    """Logs and windows of them as arguments of a command.
+    """Logs and windows of them as arguments of a command."""
 
-    Attributes:
-        logs: Logs to identify from; the last one validates, if there are several.
-        ends: Why the last window ends before the log does; empty if it does not.
-    """
-
-    logs: tuple[str, ...]
-    ends: str = ""
+    logs: tuple[str, ...]  # logs to identify from; the last one validates, if there are several
+    ends: str = ""  # why the last window ends before the log does; empty if it does not
 
 
 def propose_cut(loaded: LoadedRobot, logs: Sequence[str]) -> ProposedCut:

@@ -112,20 +112,13 @@ def calibrate(
 
 @dataclass(frozen=True, eq=False)
 class _Errors:
-    """Errors of a left-out stretch.
+    """Errors of a left-out stretch."""
 
-    Attributes:
-        errors: In standard deviations, shape `(n, N)`; NaN where a joint could not be predicted.
-        speed: Of each joint, shape `(n, N)`.
-        moving: Whether it moves, shape `(n, N)`.
-        trace: Its residual; NaN where a joint could not be predicted.
-    """
-
-    errors: Array
-    speed: Array
-    moving: NDArray[np.bool_]
+    errors: Array  # in standard deviations, `(n, N)`; NaN where a joint cannot be predicted
+    speed: Array  # of each joint, shape `(n, N)`
+    moving: NDArray[np.bool_]  # whether it moves, shape `(n, N)`
     worth: float
-    trace: ResidualTrace
+    trace: ResidualTrace  # its residual; NaN where a joint could not be predicted
 
 
 def _errors(

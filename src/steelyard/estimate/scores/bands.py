@@ -40,18 +40,12 @@ TAIL = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class ModelStd:
-    """Outputs of a regressor to standard deviations; an operation with a halo.
-
-    Attributes:
-        factor: `F`, with `F @ F.T` the covariance of the columns, shape `(p, k)`.
-        taps: The low-pass, an odd number of taps.
-        step: Samples from one that is computed to the next; between them it is interpolated.
-    """
+    """Outputs of a regressor to standard deviations; an operation with a halo."""
 
     layout: Layout
-    factor: Array
-    taps: Array
-    step: int
+    factor: Array  # `F`, with `F @ F.T` the covariance of the columns, shape `(p, k)`
+    taps: Array  # the low-pass, an odd number of taps
+    step: int  # samples from one that is computed to the next; between them it is interpolated
 
     @classmethod
     def behind(cls, cutoff: float, rate: float, layout: Layout, factor: Array) -> "ModelStd":
@@ -95,16 +89,14 @@ class Bands:
     """What bands are made from.
 
     Attributes:
-        factor: `F`, with `F @ F.T` the covariance of the base parameters, shape `(p, k)`.
-        sigma: Standard deviation of the residuals per row behind the score's low-pass, in the
-            unit of the joint's effort, shape `(n,)`; NaN of a joint without samples.
-        calibration: Half-widths of 95 % bands; those of noise alone if `None`.
+        sigma: Standard deviation of the residuals per row behind the score's low-pass, in the unit
+            of the joint's effort, shape `(n,)`; NaN of a joint without samples.
     """
 
     regressor: Regressor
-    factor: Array
+    factor: Array  # `F`, with `F @ F.T` the covariance of the base parameters, shape `(p, k)`
     sigma: Array
-    calibration: Calibration | None = None
+    calibration: Calibration | None = None  # those of noise alone if `None`
 
     @classmethod
     def of(cls, identified: IdentifiedModel) -> "Bands":
@@ -153,12 +145,6 @@ class Traces:
     Of a run longer than `MOST_DRAWN` samples, evenly spaced ones.
 
     Attributes:
-        t: Time [s].
-        model_std: Standard deviation of the prediction, by what is open of the parameters; `None`
-            without bands.
-        speed: Size of each joint's velocity [rad/s; m/s]; `None` without bands.
-        sigma: Standard deviation of a measurement around the model, shape `(n,)`; NaN of a joint
-            that had no samples to be fitted to.
         band: Half-width of the band that holds 95 % of new measurements; NaN of a joint whose
             `sigma` is: it has no band.
     """
@@ -167,9 +153,9 @@ class Traces:
     measured: Array
     predicted: Array
     moving: Mask
-    model_std: Array | None = None
-    speed: Array | None = None
-    sigma: Array | None = None
+    model_std: Array | None = None  # of the prediction, by what is open of the parameters
+    speed: Array | None = None  # size of each joint's velocity [rad/s; m/s]; `None` without bands
+    sigma: Array | None = None  # of a measurement around the model, `(n,)`; NaN without samples
     band: Array | None = None
 
     @property

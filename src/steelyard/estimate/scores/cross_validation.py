@@ -92,15 +92,10 @@ def _refuse_one_name(runs: Sequence[Run]) -> None:
 
 @dataclass(frozen=True)
 class Folding:
-    """How data are divided into parts that are left out in turn.
+    """How data are divided into parts that are left out in turn."""
 
-    Attributes:
-        left_out: Whether a part is a run, or a stretch of every run.
-        longest: Length of windows that parts can be made of [s].
-    """
-
-    left_out: Literal["run", "segment"]
-    longest: float
+    left_out: Literal["run", "segment"]  # whether a part is a run, or a stretch of every run
+    longest: float  # length of windows that parts can be made of [s]
 
     def parts(self, moving: Information) -> tuple[Fold, ...]:
         """The parts with motion: runs, or stretches with as much of it each."""
@@ -231,16 +226,11 @@ INSTANTS = 200_000
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A stretch to be predicted, and what may be fitted meanwhile.
-
-    Attributes:
-        span: Start and end of what is predicted [s].
-        fitted: Numbers of the windows that are fitted.
-    """
+    """A stretch to be predicted, and what may be fitted meanwhile."""
 
     run: int
-    span: tuple[float, float]
-    fitted: tuple[int, ...]
+    span: tuple[float, float]  # start and end of what is predicted [s]
+    fitted: tuple[int, ...]  # numbers of the windows that are fitted
 
 
 def runs_left_out(runs: Sequence[Run], information: Information) -> tuple[LeftOut, ...]:
@@ -287,17 +277,11 @@ def _left_out(
 
 @dataclass(frozen=True, eq=False)
 class _Course:
-    """The motion of a run at evenly spaced instants.
+    """The motion of a run at evenly spaced instants."""
 
-    Attributes:
-        t: Shape `(N,)` [s].
-        states: Positions and velocities, shape `(N, 2 n)`.
-        apart: Time between instants [s].
-    """
-
-    t: Array
-    states: Array
-    apart: float
+    t: Array  # shape `(N,)` [s]
+    states: Array  # positions and velocities, shape `(N, 2 n)`
+    apart: float  # time between instants [s]
 
     @classmethod
     def of(cls, run: Run, most: float = np.inf) -> "_Course":

@@ -32,13 +32,9 @@ COST = {"information": 0, "samples": 1, "experiment": 2}
 
 @dataclass(frozen=True)
 class Failure:
-    """A fit that failed.
+    """A fit that failed."""
 
-    Attributes:
-        left_out: What was left out of it; `None` if it was of all data.
-    """
-
-    left_out: str | None
+    left_out: str | None  # what was left out of it; `None` if it was of all data
     reason: str
     fix: str
 
@@ -48,22 +44,12 @@ class EstimatorScore:
     """How one estimator did.
 
     Attributes:
-        name: Its short name.
-        about: What it is.
-        needs: What it looks at.
-        slow: Whether it searches or simulates.
         errors: Relative errors on what was left out, behind the parallel filter and where joints
             move, shape `(parts, joints)` [%]; NaN where a joint does not move in a part, infinite
             where the fit failed.
-        pooled: The same with norms over all joints together, shape `(parts,)` [%].
-        seconds: Time of one fit, mean over all of them [s]; `None` if none came to an end.
-        parameters: Number of parameters it gives values to, fitted to all data.
-        condition: Condition number of that fit, columns scaled to unit length.
-        chi_square: Squared residuals of that fit over the noise that weighted least squares
-            finds, per degree of freedom: 1 for weighted least squares itself.
+        chi_square: Squared residuals of that fit over the noise that weighted least squares finds,
+            per degree of freedom: 1 for weighted least squares itself.
         impossible: Bodies of that fit that cannot exist; `None` if it says nothing about bodies.
-        failures: Fits that failed, with reasons.
-        notes: What that fit says of itself.
     """
 
     name: str
@@ -71,14 +57,14 @@ class EstimatorScore:
     needs: str
     slow: bool
     errors: Array
-    pooled: Array
-    seconds: float | None
-    parameters: int | None
-    condition: float | None
+    pooled: Array  # the same with norms over all joints together, shape `(parts,)` [%]
+    seconds: float | None  # time of one fit, mean [s]; `None` if none came to an end
+    parameters: int | None  # number of parameters it gives values to, fitted to all data
+    condition: float | None  # condition number of that fit, columns scaled to unit length
     chi_square: float | None
     impossible: tuple[str, ...] | None
     failures: tuple[Failure, ...] = ()
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what that fit says of itself
 
     @property
     def means(self) -> Array:
@@ -167,20 +153,15 @@ class Comparison:
     """Estimators beside each other.
 
     Attributes:
-        scores: One score per estimator, in the order they were fitted.
-        parts: What was left out in turn.
-        left_out: Whether those are runs or stretches of one.
-        joints: Names of the effort rows.
-        untried: Estimators that were requested, but the comparison was stopped before.
-        lines: What to write into the robot file for an estimator that it can choose and does
-            not, by the estimator's name.
+        lines: What to write into the robot file for an estimator that it can choose and does not,
+            by the estimator's name.
     """
 
-    scores: tuple[EstimatorScore, ...]
-    parts: tuple[str, ...]
-    left_out: Literal["run", "segment"]
-    joints: tuple[str, ...]
-    untried: tuple[str, ...] = ()
+    scores: tuple[EstimatorScore, ...]  # one score per estimator, in the order they were fitted
+    parts: tuple[str, ...]  # what was left out in turn
+    left_out: Literal["run", "segment"]  # whether those are runs or stretches of one
+    joints: tuple[str, ...]  # names of the effort rows
+    untried: tuple[str, ...] = ()  # requested, but the comparison was stopped before
     lines: Mapping[str, str] = field(default_factory=dict)
 
     @property

@@ -34,22 +34,14 @@ Chosen = Callable[[Information], Any]
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """Data in parts, each of which is left out in turn.
+    """Data in parts, each of which is left out in turn."""
 
-    Attributes:
-        names: What is left out: runs, or stretches of a single one.
-        information: What all of them say about the base columns.
-        windows: Per part the indices of its windows.
-        others: Samples and experiments of parts, where they can be had.
-        lacking: Why they cannot, where that is so, and what to do.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # what is left out: runs, or stretches of a single one
     left_out: Literal["run", "segment"]
-    information: Information
-    windows: tuple[tuple[int, ...], ...]
-    others: Mapping[Needs, Chosen]
-    lacking: Mapping[Needs, tuple[str, str]]
+    information: Information  # what all of them say about the base columns
+    windows: tuple[tuple[int, ...], ...]  # per part the indices of its windows
+    others: Mapping[Needs, Chosen]  # samples and experiments of parts, where they can be had
+    lacking: Mapping[Needs, tuple[str, str]]  # why they cannot, where that is so, and what to do
 
     @classmethod
     def of(

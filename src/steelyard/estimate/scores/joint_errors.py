@@ -49,21 +49,12 @@ PLACEHOLDER = 1.0
 
 @dataclass(frozen=True)
 class EffortReference:
-    """What errors are related to.
+    """What errors are related to; tuples have an entry per joint, or are empty."""
 
-    Attributes:
-        cutoff: Of the low-pass on both sides [Hz].
-        limit: Greatest effort of each joint [Nm; N]; `None` where unknown, empty if all are.
-        fitted: Root mean square effort of each joint in the fitted runs, in the unit of
-            `JointError`; empty if unknown.
-        scales: Estimated scales that the gains contain, logged over model, one per joint; empty
-            without.
-    """
-
-    cutoff: float = BAND
-    limit: tuple[float | None, ...] = ()
-    fitted: tuple[float, ...] = ()
-    scales: tuple[float, ...] = ()
+    cutoff: float = BAND  # of the low-pass on both sides [Hz]
+    limit: tuple[float | None, ...] = ()  # greatest effort [Nm; N], `None` where unknown
+    fitted: tuple[float, ...] = ()  # root mean square in the fitted runs, as `JointError`
+    scales: tuple[float, ...] = ()  # estimated, in the gains: logged over model
 
 
 @dataclass(frozen=True)
@@ -71,25 +62,19 @@ class JointError:
     """Error of one joint in the fixed band.
 
     Attributes:
-        unit: `Nm` or `N` at the joint; the logged unit where no drive gain is known.
-        samples: Number of samples it is computed from.
         counted: Whether these are the samples where the joint moves, or all of a log in which no
             joint moves. Otherwise the joint rests while others move, but for 2 % of the longest
             time that any of them does, and is not pooled.
-        error: Root mean square of measured minus predicted effort.
-        used: Root mean square of the measured effort.
-        least: Least reference of the error, from the fitted runs.
-        limit: Greatest effort of the joint; `None` where unknown.
     """
 
     joint: str
-    unit: str
-    samples: int
+    unit: str  # `Nm` or `N` at the joint; the logged unit where no drive gain is known
+    samples: int  # number of samples it is computed from
     counted: bool
-    error: float
-    used: float
-    least: float = 0.0
-    limit: float | None = None
+    error: float  # root mean square of measured minus predicted effort
+    used: float  # root mean square of the measured effort
+    least: float = 0.0  # least reference of the error, from the fitted runs
+    limit: float | None = None  # greatest effort of the joint; `None` where unknown
 
     @property
     def reference(self) -> float:
@@ -123,19 +108,12 @@ class JointError:
 
 @dataclass(frozen=True)
 class BandErrors:
-    """Errors of all joints of one run in the fixed band.
+    """Errors of all joints of one run in the fixed band."""
 
-    Attributes:
-        cutoff: Of the low-pass on both sides [Hz].
-        at_rest: Whether no joint moves in the run.
-        as_logged: The same against efforts that are not divided by estimated scales; empty
-            without such scales.
-    """
-
-    cutoff: float
-    at_rest: bool
+    cutoff: float  # of the low-pass on both sides [Hz]
+    at_rest: bool  # whether no joint moves in the run
     joints: tuple[JointError, ...]
-    as_logged: tuple[JointError, ...] = ()
+    as_logged: tuple[JointError, ...] = ()  # against efforts not divided by estimated scales
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
@@ -155,19 +133,13 @@ class BandErrors:
 
 @dataclass(frozen=True)
 class PooledError:
-    """Error over all joints with efforts of one unit, and over runs.
-
-    Attributes:
-        joints: Number of joints that count in some run.
-        reference: Root mean square of the used efforts.
-        limit: Root mean square of the effort limits; `None` unless all are known.
-    """
+    """Error over all joints with efforts of one unit, and over runs."""
 
     unit: str
-    joints: int
+    joints: int  # number of joints that count in some run
     error: float
-    reference: float
-    limit: float | None
+    reference: float  # root mean square of the used efforts
+    limit: float | None  # root mean square of the effort limits; `None` unless all are known
 
     @property
     def percent_of_used(self) -> float:

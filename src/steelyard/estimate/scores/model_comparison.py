@@ -37,62 +37,40 @@ CommonStatus = Literal[
 
 @dataclass(frozen=True, eq=False)
 class ModelErrors:
-    """Errors of one model on one log; efforts are in the unit of the errors.
-
-    Attributes:
-        fitted: Whether the model was identified from this log.
-        mae: Mean absolute error of each joint over the same samples, shape `(n,)`.
-        t: Time, shape `(N,)` [s].
-        measured: Low-passed measured effort, shape `(N, n)`.
-        predicted: That of the model, likewise.
-    """
+    """Errors of one model on one log; efforts are in the unit of the errors."""
 
     run: str
-    fitted: bool
+    fitted: bool  # whether the model was identified from this log
     errors: BandErrors
-    mae: Array
-    t: Array
-    measured: Array
-    predicted: Array
+    mae: Array  # mean absolute error of each joint over the same samples, shape `(n,)`
+    t: Array  # time, shape `(N,)` [s]
+    measured: Array  # low-passed measured effort, shape `(N, n)`
+    predicted: Array  # that of the model, likewise
 
 
 @dataclass(frozen=True, eq=False)
 class ComparedModel:
-    """One of the models.
-
-    Attributes:
-        runs: Its errors, one entry per log.
-    """
+    """One of the models."""
 
     name: str
     identified: IdentifiedModel
-    runs: tuple[ModelErrors, ...]
+    runs: tuple[ModelErrors, ...]  # its errors, one entry per log
 
 
 @dataclass(frozen=True)
 class ParameterValue:
-    """What one model says of a base parameter.
+    """What one model says of a base parameter."""
 
-    Attributes:
-        status: Whether it has a value, and why not.
-        value: The value; zero of a removed parameter, `None` of one that is not known.
-        std: Standard deviation; `None` where there is none.
-    """
-
-    status: CommonStatus
-    value: float | None = None
-    std: float | None = None
+    status: CommonStatus  # whether it has a value, and why not
+    value: float | None = None  # zero if removed, `None` if not known
+    std: float | None = None  # standard deviation; `None` where there is none
 
 
 @dataclass(frozen=True)
 class CommonParameter:
-    """A base parameter, and what every model says of it.
+    """A base parameter, and what every model says of it."""
 
-    Attributes:
-        name: The standard parameter that leads its group.
-    """
-
-    name: str
+    name: str  # the standard parameter that leads its group
     group: str
     unit: str
     values: tuple[ParameterValue, ...]
@@ -100,13 +78,9 @@ class CommonParameter:
 
 @dataclass(frozen=True, eq=False)
 class ModelComparison:
-    """Models side by side.
+    """Models side by side."""
 
-    Attributes:
-        models: The models, in the order they were given; the first one says how logs are read.
-    """
-
-    models: tuple[ComparedModel, ...]
+    models: tuple[ComparedModel, ...]  # as they were given; the first one says how logs are read
 
     @property
     def runs(self) -> tuple[str, ...]:

@@ -39,23 +39,14 @@ AROUND = 3
 
 @dataclass(frozen=True)
 class Repeat:
-    """A run that has been seen before.
+    """A run that has been seen before."""
 
-    Attributes:
-        run: Name of the run that it repeats.
-        share: Share of its motion that does.
-        shift: How much later it is [s].
-        distance: Largest rms distance of a joint's positions, over its range.
-        same: Whether rows are those of that run.
-        zeros: Whether positions meet only up to a constant per joint.
-    """
-
-    run: str
-    share: float
-    shift: float
-    distance: float
-    same: bool
-    zeros: bool = False
+    run: str  # name of the run that it repeats
+    share: float  # share of its motion that does
+    shift: float  # how much later it is [s]
+    distance: float  # largest rms distance of a joint's positions, over its range
+    same: bool  # whether rows are those of that run
+    zeros: bool = False  # whether positions meet only up to a constant per joint
 
     @property
     def words(self) -> str:

@@ -55,22 +55,14 @@ MOST_KEPT = 5000
 
 @dataclass(frozen=True, eq=False)
 class TorqueParts:
-    """Motion, and efforts behind the score's low-pass, of evenly spaced samples of a run.
+    """Motion, and efforts behind the score's low-pass, of evenly spaced samples of a run."""
 
-    Attributes:
-        t: Time, shape `(N,)` [s].
-        q: Positions, shape `(N, n)` [rad; m]; likewise `dq` [rad/s; m/s].
-        moving: Whether each joint moves, shape `(N, n)`.
-        measured: Measured effort, at the joints, shape `(N, n)` [Nm; N].
-        parts: Predicted effort by cause, in the order of `PARTS`, shape `(5, N, n)` [Nm; N].
-    """
-
-    t: Array
-    q: Array
+    t: Array  # time, shape `(N,)` [s]
+    q: Array  # positions, shape `(N, n)` [rad; m]; likewise `dq` [rad/s; m/s]
     dq: Array
-    moving: Mask
-    measured: Array
-    parts: Array
+    moving: Mask  # whether each joint moves, shape `(N, n)`
+    measured: Array  # measured effort, at the joints, shape `(N, n)` [Nm; N]
+    parts: Array  # predicted effort by cause, in the order of `PARTS`, shape `(5, N, n)` [Nm; N]
 
     @property
     def predicted(self) -> Array:
@@ -129,23 +121,17 @@ class ResidualTrace:
     """Residuals of a run; of a fast log every k-th sample, at `LEAST_RATE` cut-offs or more.
 
     Attributes:
-        t: Time, shape `(N,)` [s]; steps of more than twice `step` are gaps.
-        step: Time between samples [s].
-        residual: Measured minus predicted effort, low-passed, shape `(n, N)` [Nm; N].
-        slowest: Least speed of each joint in the last `HOLD` seconds, shape `(n, N)` [rad/s; m/s].
-        fastest: Greatest speed in the last `SETTLED` seconds, likewise.
-        measured: Measured effort, low-passed likewise, shape `(n, N)` [Nm; N].
-        parts: Predicted gravity, and friction of joints that move, likewise, shape `(2, n, N)`
-            [Nm; N]; what friction with memory is at rest depends on motion before the log.
+        parts: Predicted gravity, and friction of joints that move, likewise, shape `(2, n, N)` [Nm;
+            N]; what friction with memory is at rest depends on motion before the log.
     """
 
     run: str
-    t: Array
-    step: float
-    residual: Array
-    slowest: Array
-    fastest: Array
-    measured: Array
+    t: Array  # time, shape `(N,)` [s]; steps of more than twice `step` are gaps
+    step: float  # time between samples [s]
+    residual: Array  # measured minus predicted effort, low-passed, shape `(n, N)` [Nm; N]
+    slowest: Array  # least speed in the last `HOLD` seconds, `(n, N)` [rad/s; m/s]
+    fastest: Array  # greatest speed in the last `SETTLED` seconds, likewise
+    measured: Array  # measured effort, low-passed likewise, shape `(n, N)` [Nm; N]
     parts: Array
 
     @property
@@ -290,17 +276,11 @@ LONGEST = 60.0
 
 @dataclass(frozen=True, eq=False)
 class ResidualNoise:
-    """Residuals and measurement noise behind the parallel filter.
-
-    Attributes:
-        residual: Standard deviation of the residuals, shape `(n,)` [Nm; N].
-        noise: Upper bound of the measurement noise's, shape `(n,)`; NaN where no band above the
-            motion's tells it.
-    """
+    """Residuals and measurement noise behind the parallel filter."""
 
     joints: tuple[str, ...]
-    residual: Array
-    noise: Array
+    residual: Array  # standard deviation of the residuals, shape `(n,)` [Nm; N]
+    noise: Array  # upper bound, shape `(n,)`; NaN where no band above the motion's tells it
 
     @property
     def ratios(self) -> Array:

@@ -41,60 +41,34 @@ _FilteredStretch = tuple[tuple[Array, Mask, Array, Array], Array]
 
 @dataclass(frozen=True)
 class JointScore:
-    """Errors of one joint, in the unit of its logged effort.
-
-    Attributes:
-        joint: The joint.
-        unit: `A`, `Nm` or `N`.
-        relative_percent: Error relative to the measured effort, all samples [%].
-        relative_percent_moving: The same where the joint moves; `None` if it never does.
-        rmse: Root mean square error, all samples.
-        rmse_moving: The same where the joint moves; `None` if it never does.
-        mae: Mean absolute error, all samples.
-        mae_moving: The same where the joint moves; `None` if it never does.
-        predict_zero: RMSE of predicting zero: the measured effort's own root mean square.
-        prior_rmse: RMSE of the nominal model of the robot's file; `None` if there is none.
-    """
+    """Errors of one joint, in the unit of its logged effort."""
 
     joint: str
-    unit: str
-    relative_percent: float
-    relative_percent_moving: float | None
-    rmse: float
-    rmse_moving: float | None
-    mae: float
-    mae_moving: float | None
-    predict_zero: float
-    prior_rmse: float | None
+    unit: str  # `A`, `Nm` or `N`
+    relative_percent: float  # error relative to the measured effort, all samples [%]
+    relative_percent_moving: float | None  # the same where the joint moves; `None` if it never does
+    rmse: float  # root mean square error, all samples
+    rmse_moving: float | None  # the same where the joint moves; `None` if it never does
+    mae: float  # mean absolute error, all samples
+    mae_moving: float | None  # the same where the joint moves; `None` if it never does
+    predict_zero: float  # RMSE of predicting zero: the measured effort's own root mean square
+    prior_rmse: float | None  # of the nominal model of the robot's file, if there is one
 
 
 @dataclass(frozen=True, eq=False)
 class RunScore:
-    """Scores of one run.
-
-    Attributes:
-        run: The run's name.
-        cutoff: Cut-off of the low-pass on both sides [Hz].
-        joints: One score per joint.
-        pooled_percent: Norms taken over all joints together [%]; `None` if units differ.
-        pooled_percent_moving: The same where each joint moves.
-        errors: Errors in the band that is fixed for all models.
-        traces: The compared signals.
-        repeats: The fitted run whose motion it repeats; empty if its motion is another one.
-        parts: Efforts by their causes, if they were wanted.
-        predicted_from: `measured` or `commanded`: the motion from which efforts were predicted.
-    """
+    """Scores of one run."""
 
     run: str
-    cutoff: float
+    cutoff: float  # cut-off of the low-pass on both sides [Hz]
     joints: tuple[JointScore, ...]
-    pooled_percent: float | None
-    pooled_percent_moving: float | None
-    errors: BandErrors
+    pooled_percent: float | None  # norms taken over all joints together [%]; `None` if units differ
+    pooled_percent_moving: float | None  # the same where each joint moves
+    errors: BandErrors  # errors in the band that is fixed for all models
     traces: Traces
-    repeats: str = ""
-    parts: TorqueParts | None = None
-    predicted_from: Literal["measured", "commanded"] = "measured"
+    repeats: str = ""  # the fitted run whose motion it repeats; empty if its motion is another one
+    parts: TorqueParts | None = None  # efforts by their causes, if they were wanted
+    predicted_from: Literal["measured", "commanded"] = "measured"  # the motion
 
     @property
     def mean_percent(self) -> float:

@@ -140,13 +140,9 @@ def lines_of(file: LoadedRobot) -> dict[str, str]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class EstimatorComparison(Result):
-    """A comparison of estimators.
+    """A comparison of estimators."""
 
-    Attributes:
-        content: What the page shows.
-    """
-
-    content: ComparisonContent
+    content: ComparisonContent  # what the page shows
 
     @property
     def comparison(self) -> Comparison:

@@ -64,13 +64,9 @@ def _name(model: GivenModel, number: int) -> str:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ComparedModels(Result):
-    """Models side by side.
+    """Models side by side."""
 
-    Attributes:
-        content: What the page shows.
-    """
-
-    content: ModelsContent
+    content: ModelsContent  # what the page shows
 
     @property
     def comparison(self) -> ModelComparison:

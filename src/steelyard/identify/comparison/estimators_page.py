@@ -34,17 +34,10 @@ TIME_TICKS = {-5: "10 µs", -4: "0.1 ms", -3: "1 ms", -2: "10 ms", -1: "0.1 s", 
 
 @dataclass(frozen=True, kw_only=True)
 class ComparisonContent(PageContent):
-    """What the page of `steelyard compare` shows.
-
-    Attributes:
-        comparison: Estimators beside each other.
-        friction: How the friction laws were chosen, if they were.
-        findings: Fields of terms that were found.
-        gains: Drive gains that were found, if any.
-    """
+    """What the page of `steelyard compare` shows."""
 
     comparison: Comparison
-    friction: FrictionChoice | None = None
+    friction: FrictionChoice | None = None  # how the friction laws were chosen, if they were
     findings: tuple[Finding, ...] = ()
     gains: GainEstimate | None = None
 

@@ -27,50 +27,27 @@ from steelyard.report.words import count
 
 @dataclass(frozen=True, kw_only=True)
 class ReportContent(PageContent):
-    """Everything that the report of an identified, validated or reduced model shows.
-
-    Attributes:
-        identified: The model.
-        scores: Scores on runs that were not fitted.
-        fitted: Scores on the runs that were.
-        unscaled: As `scores`, of the model without scales of the efforts, where they were
-            estimated.
-        friction: How the friction laws were chosen, if they were.
-        findings: Fields of terms that were found.
-        gains: Drive gains that were found, if any.
-        offsets: Zero offsets of joints that were estimated, if any.
-        scales: Scales of the joints' efforts that were estimated, if any.
-        diagnosis: What the logs were checked for before.
-        limitations: What checks of the fitted model found; they qualify the headline.
-        sensitivity: Fits with other cut-offs, if they were asked for.
-        bootstrap: Estimates of windows drawn again, if they were asked for.
-        repeated: Estimates from each log alone, if they were asked for.
-        reduction: How a model was made smaller, if it was.
-        before: Scores of the model that was made smaller, on the runs that were not fitted.
-        truth: All standard parameters of a simulated robot; `None` of a real one.
-        logs: The log of each run, as it was given.
-        only_errors: Whether the model's errors on logs are reported, and not its fit.
-    """
+    """Everything that the report of an identified, validated or reduced model shows."""
 
     identified: IdentifiedModel
-    scores: tuple[RunScore, ...] = ()
-    fitted: tuple[RunScore, ...] = ()
-    unscaled: tuple[RunScore, ...] = ()
-    friction: FrictionChoice | None = None
+    scores: tuple[RunScore, ...] = ()  # scores on runs that were not fitted
+    fitted: tuple[RunScore, ...] = ()  # scores on the runs that were
+    unscaled: tuple[RunScore, ...] = ()  # as `scores`, without estimated scales of efforts
+    friction: FrictionChoice | None = None  # how the friction laws were chosen, if they were
     findings: tuple[FieldFinding, ...] = ()
     gains: GainEstimate | None = None
-    offsets: ZeroOffsets | None = None
-    scales: EffortScales | None = None
-    diagnosis: Diagnosis | None = None
-    limitations: tuple[Finding, ...] = ()
-    sensitivity: Sensitivity | None = None
-    bootstrap: Bootstrap | None = None
-    repeated: RepeatedEstimates | None = None
-    reduction: Reduction | None = None
-    before: tuple[RunScore, ...] = ()
-    truth: Parameters | None = None
-    logs: Mapping[str, str] = field(default_factory=dict)
-    only_errors: bool = False
+    offsets: ZeroOffsets | None = None  # zero offsets of joints that were estimated, if any
+    scales: EffortScales | None = None  # scales of the joints' efforts that were estimated, if any
+    diagnosis: Diagnosis | None = None  # what the logs were checked for before
+    limitations: tuple[Finding, ...] = ()  # checks of the fitted model; they qualify the headline
+    sensitivity: Sensitivity | None = None  # fits with other cut-offs, if they were asked for
+    bootstrap: Bootstrap | None = None  # estimates of windows drawn again, if they were asked for
+    repeated: RepeatedEstimates | None = None  # estimates from each log alone, if asked for
+    reduction: Reduction | None = None  # how a model was made smaller, if it was
+    before: tuple[RunScore, ...] = ()  # `scores` of the model that was made smaller
+    truth: Parameters | None = None  # all standard parameters of a simulated robot
+    logs: Mapping[str, str] = field(default_factory=dict)  # the log of each run, as it was given
+    only_errors: bool = False  # whether the model's errors on logs are reported, and not its fit
 
 
 def fitted_samples(content: ReportContent) -> tuple[TorqueParts, str] | None:

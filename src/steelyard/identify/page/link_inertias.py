@@ -37,23 +37,14 @@ BODIES_HEADINGS = (
 
 @dataclass(frozen=True, eq=False)
 class IdentifiedLink:
-    """One link.
-
-    Attributes:
-        name: The link.
-        inertia: Its mass properties.
-        covariance: Of the ten numbers, shape `(10, 10)`.
-        learned: Mean share of the ten numbers that comes from the data, 0 to 1.
-        nominal: Mass properties in the model file; `None` if it has none.
-        margin: Smallest eigenvalue of the pseudo-inertia in the scale of the prior.
-    """
+    """One link."""
 
     name: str
     inertia: Inertia
-    covariance: Array
-    learned: float
-    nominal: Inertia | None
-    margin: float
+    covariance: Array  # of the ten numbers, shape `(10, 10)`
+    learned: float  # mean share of the ten numbers that comes from the data, 0 to 1
+    nominal: Inertia | None  # mass properties in the model file; `None` if it has none
+    margin: float  # smallest eigenvalue of the pseudo-inertia in the scale of the prior
 
     @property
     def mass_half_width(self) -> float:

@@ -45,44 +45,26 @@ HOW_TO_VALIDATE = "steelyard validate MODEL OTHER_LOG"
 
 @dataclass(frozen=True)
 class Limitation:
-    """What was found against a model.
+    """What was found against a model."""
 
-    Attributes:
-        text: What, where, the evidence, and what to do.
-        brief: The same for a line of a terminal.
-        level: The best level that it leaves.
-    """
-
-    text: str
-    brief: str
-    level: Level
+    text: str  # what, where, the evidence, and what to do
+    brief: str  # the same for a line of a terminal
+    level: Level  # the best level that it leaves
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """A headline, the small print under it, how good it is, and what qualifies it.
+    """A headline, the small print under it, how good it is, and what qualifies it."""
 
-    Attributes:
-        headline: One sentence, with the joints that are worse than good.
-        detail: What it was computed from.
-        level: No better than the worst limitation allows.
-        limitations: Everything that was found against the model.
-        errors: Errors of the headline, one per unit of effort; none without an unseen run.
-        as_logged: The same against the efforts as logged, if scales of the efforts were estimated.
-        others: The relative errors in the validation band, as a sentence; or nothing.
-        scope: Which share of the joints is good, like `4 of 6 joints`; empty if all are.
-        unseen: Whether the errors are of motion that was not fitted.
-    """
-
-    headline: str
-    detail: str
-    level: Level
-    limitations: tuple[Limitation, ...] = ()
-    errors: tuple[PooledError, ...] = ()
-    as_logged: tuple[PooledError, ...] = ()
-    others: str = ""
-    scope: str = ""
-    unseen: bool = True
+    headline: str  # one sentence, with the joints that are worse than good
+    detail: str  # what it was computed from
+    level: Level  # no better than the worst limitation allows
+    limitations: tuple[Limitation, ...] = ()  # everything that was found against the model
+    errors: tuple[PooledError, ...] = ()  # one per unit of effort; none without an unseen run
+    as_logged: tuple[PooledError, ...] = ()  # against efforts as logged, if scales were estimated
+    others: str = ""  # the relative errors in the validation band, as a sentence; or nothing
+    scope: str = ""  # which share of the joints is good, like `4 of 6 joints`; empty if all are
+    unseen: bool = True  # whether the errors are of motion that was not fitted
 
     @property
     def percent_of_used(self) -> float | None:

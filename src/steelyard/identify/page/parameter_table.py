@@ -33,37 +33,21 @@ AT_BOUND = 0.01
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """One base parameter; its fields are the columns of `parameters.csv`.
+    """One base parameter; its fields are the columns of `parameters.csv`."""
 
-    Attributes:
-        name: The parameter that leads the group.
-        group: The base parameter in full.
-        value: Estimated value; `None` where the data do not identify it.
-        unit: Unit.
-        std: Standard deviation; `None` without an estimate, as the next three.
-        lower95: Lower end of the 95 % interval.
-        upper95: Upper end of the 95 % interval.
-        relative_std_percent: Standard deviation relative to the value [%].
-        status: How well it is identified.
-        remark: What else the status says: the step of a removal, inseparable parameters.
-        symbol: Its customary symbol.
-        from_data_percent: Share that comes from the data [%]; `None` without a prior.
-        nominal: Value in the robot's file; `None` if unknown.
-    """
-
-    name: str
-    group: str
-    value: float | None
+    name: str  # the parameter that leads the group
+    group: str  # the base parameter in full
+    value: float | None  # estimated value; `None` where the data do not identify it
     unit: str
-    std: float | None
-    lower95: float | None
-    upper95: float | None
-    relative_std_percent: float | None
+    std: float | None  # standard deviation; `None` without an estimate, as the next three
+    lower95: float | None  # lower end of the 95 % interval
+    upper95: float | None  # upper end of the 95 % interval
+    relative_std_percent: float | None  # standard deviation relative to the value [%]
     status: ParameterStatus
-    remark: str
+    remark: str  # what else the status says: the step of a removal, inseparable parameters
     symbol: str
-    from_data_percent: float | None
-    nominal: float | None
+    from_data_percent: float | None  # share that comes from the data [%]; `None` without a prior
+    nominal: float | None  # value in the robot's file; `None` if unknown
 
 
 def parameter_rows(identified: IdentifiedModel) -> tuple[ParameterRow, ...]:

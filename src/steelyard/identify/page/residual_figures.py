@@ -36,19 +36,12 @@ WORDS = (
 
 @dataclass(frozen=True, eq=False)
 class Binned:
-    """The residual of one joint over one quantity; bins with few samples are left out.
+    """The residual of one joint over one quantity; bins with few samples are left out."""
 
-    Attributes:
-        centre: Of each bin, shape `(k,)`.
-        mean: Mean residual, shape `(k,)` [Nm; N].
-        std: Standard deviation around it, shape `(k,)` [Nm; N].
-        share: Share of the mean squared residual that the means carry, 0 to 1.
-    """
-
-    centre: Array
-    mean: Array
-    std: Array
-    share: float
+    centre: Array  # of each bin, shape `(k,)`
+    mean: Array  # mean residual, shape `(k,)` [Nm; N]
+    std: Array  # standard deviation around it, shape `(k,)` [Nm; N]
+    share: float  # share of the mean squared residual that the means carry, 0 to 1
 
 
 def binned(over: Array, residual: Array) -> Binned:

@@ -31,19 +31,12 @@ MOST_NAMED_JOINTS = 3
 
 @dataclass(frozen=True)
 class RelativeError:
-    """One relative error of one or more runs.
+    """One relative error of one or more runs."""
 
-    Attributes:
-        value: Mean over the runs [%].
-        norm: `pooled` or `mean`: norms over all joints together, or the mean of their errors.
-        joints: Over how many joints, like `6 joints`.
-        samples: Over which samples: `where they move` or `whole log`.
-    """
-
-    value: float
-    norm: str
-    joints: str
-    samples: str
+    value: float  # mean over the runs [%]
+    norm: str  # `pooled` or `mean`: norms over all joints together, or the mean of their errors
+    joints: str  # over how many joints, like `6 joints`
+    samples: str  # over which samples: `where they move` or `whole log`
 
     @property
     def kind(self) -> str:
