@@ -29,11 +29,8 @@ from steelyard.robot.loop_closures import loop_equations
 
 Kind = Literal["runs", "stretches"]
 
-EDGES = (0.25, 1.0)
-"""Where slow, medium and fast meet, in root mean squares of a joint's speed while fitting."""
-
-BINS = 2 + len(EDGES)
-"""Ranges of speed: at rest, slow, medium, fast."""
+EDGES = (0.25, 1.0)  # where slow, medium, fast meet, in rms of a joint's speed while fitting
+BINS = 2 + len(EDGES)  # ranges of speed: at rest, slow, medium, fast
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,17 +208,10 @@ class KnownScales:
         return cls(tuple(joints), frozen(data["values"]), frozen(data["covariance"]))
 
 
-SLOW = 0.02
-"""Speed at which the dead zone is taken [rad/s; m/s]."""
-
-SAMPLES = 64
-"""Samples of the motion that lets friction with memory forget its start."""
-
-REST_SPEED_SHARE = 0.02
-"""Rest speed over the root mean square of a joint's speed while fitting."""
-
-LOWEST_REST_SPEED = 1e-3
-"""Rest speed of a joint of which nothing is known [rad/s; m/s]."""
+SLOW = 0.02  # speed at which the dead zone is taken [rad/s; m/s]
+SAMPLES = 64  # samples of the motion that lets friction with memory forget its start
+REST_SPEED_SHARE = 0.02  # rest speed over the root mean square of a joint's speed while fitting
+LOWEST_REST_SPEED = 1e-3  # rest speed of a joint of which nothing is known [rad/s; m/s]
 
 
 def dead_zone(valued: ValuedModel) -> Array:

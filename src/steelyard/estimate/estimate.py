@@ -24,8 +24,7 @@ class Estimator(Protocol[Data]):
         ...
 
 
-Z95 = 1.959963984540054
-"""Half-width of a 95 % interval in standard deviations."""
+Z95 = 1.959963984540054  # half-width of a 95 % interval in standard deviations
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,7 @@ from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.estimate import Estimate, Estimator
 from steelyard.estimate.information.information import Information
 
-LEAST_DRAWS_ESTIMATED = 0.5
-"""Share of the draws that must have given an estimate."""
+LEAST_DRAWS_ESTIMATED = 0.5  # share of the draws that must have given an estimate
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,8 +221,7 @@ class RepeatedEstimates:
         }
 
 
-FACTORS = (0.5, 0.71, 1.41, 2.0)
-"""What both cut-offs are multiplied with, one fit each."""
+FACTORS = (0.5, 0.71, 1.41, 2.0)  # what both cut-offs are multiplied with, one fit each
 
 
 @dataclass(frozen=True, eq=False)

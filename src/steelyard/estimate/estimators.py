@@ -47,8 +47,7 @@ from steelyard.model.model import Model
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.runs.run import Run, fastest_of
 
-Needs = Literal["information", "samples", "experiment"]
-"""What an estimator looks at; see `estimate.Estimator`."""
+Needs = Literal["information", "samples", "experiment"]  # see `estimate.Estimator`
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +88,8 @@ class Offer:
         return self.estimator(context)
 
 
-PRIOR, KNOWLEDGE = "[prior]", "[[knowledge]]"
-"""Tables that say what is known beforehand."""
-
-WEIGHTS = "[estimation] weights"
-"""How joints weigh, for estimators that are to be had either way."""
+PRIOR, KNOWLEDGE = "[prior]", "[[knowledge]]"  # tables that say what is known beforehand
+WEIGHTS = "[estimation] weights"  # how joints weigh, for estimators that are to be had either way
 
 
 def _with_known(estimator: Estimator[Information], context: Context) -> Estimator[Information]:
@@ -274,8 +270,7 @@ def plain(name: str) -> str:
     return name.lower().replace("-", " ").replace("_", " ")
 
 
-LEAST_SQUARES = {"noise": "WLS", "equal": "OLS"}
-"""Which estimator `least_squares` is, by the weights of the joints."""
+LEAST_SQUARES = {"noise": "WLS", "equal": "OLS"}  # `least_squares` by weights of joints
 
 
 def method_of(loaded: LoadedRobot, option: str | None = None) -> Offer:

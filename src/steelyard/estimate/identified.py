@@ -54,11 +54,8 @@ BAND = 5.0
 elastic modes mostly above."""
 
 
-UNKNOWN = 1e3
-"""Standard deviation of a joint without samples, over the largest of the others."""
-
-LEAST_RESIDUAL_STD = 1e-6
-"""Least standard deviation of residuals, over the largest of all joints."""
+UNKNOWN = 1e3  # standard deviation of a joint without samples, over the largest of the others
+LEAST_RESIDUAL_STD = 1e-6  # least standard deviation of residuals, over the largest of all joints
 
 
 @dataclass(frozen=True)

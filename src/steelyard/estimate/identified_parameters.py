@@ -46,21 +46,15 @@ prior`: less than `FROM_DATA` of it are from the data; `at a bound`: of its law 
 file, so that it has no interval; `known`: given, not estimated; `removed`: zero in a reduced model;
 `not identifiable`: without any effect in the logs, or inseparable from others."""
 
-WELL = 20.0
-"""Relative standard deviation [%] up to which a parameter is identified."""
-
-SMALL = 5.0
-"""Share of a joint's effort [%] up to which a contribution is small."""
-
-FROM_DATA = 20.0
-"""Share from data [%] below which a value comes from the prior."""
+WELL = 20.0  # relative standard deviation [%] up to which a parameter is identified
+SMALL = 5.0  # share of a joint's effort [%] up to which a contribution is small
+FROM_DATA = 20.0  # share from data [%] below which a value comes from the prior
 
 LEAST_EFFORT = 0.03
 """Least effort that contributions are related to, over that of the joint with the largest one of
 the same unit: no drive is built for next to nothing."""
 
-STATES, STATES_OF_LOOPS = 400, 60
-"""Random states; of closed chains, which must be followed from one to the next, fewer."""
+STATES, STATES_OF_LOOPS = 400, 60  # fewer of loops, which are followed from one to the next
 
 
 def statuses(identified: IdentifiedModel) -> dict[str, ParameterStatus]:
@@ -120,11 +114,8 @@ def _columns(model: Model) -> Array:
     return frozen(columns.reshape(model.robot.n, states, -1))
 
 
-GRID = 60
-"""Speeds on each side of zero."""
-
-DENSITY = 2.5
-"""Power by which the speeds are denser near zero."""
+GRID = 60  # speeds on each side of zero
+DENSITY = 2.5  # power by which the speeds are denser near zero
 
 TRAVEL = 2.0 * np.pi
 """Travel between two speeds where friction has memory, which has then settled [rad; m]: a whole

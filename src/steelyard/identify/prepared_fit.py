@@ -43,7 +43,6 @@ TOO_SHORT = (
     "the runs are too short to compare friction laws on motion that is left out: coulomb + viscous "
     "are used; log longer or several runs"
 )
-"""What a robot file with `friction = "auto"` does not have then."""
 
 _NOT_CONVERGED = (
     "the reference of load-dependent friction has not converged after three passes: "

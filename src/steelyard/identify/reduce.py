@@ -47,8 +47,7 @@ from steelyard.runs.named_logs import (
 from steelyard.runs.run import Run, fastest_of
 from steelyard.runs.run_samples import motion_samples
 
-STILL_SPEED_SHARE = 0.05
-"""Speed of a joint over that of the fastest one of its kind, up to which it hardly moves."""
+STILL_SPEED_SHARE = 0.05  # speed over that of the fastest joint of its kind: hardly moves
 
 
 @dataclass(frozen=True, eq=False, repr=False)

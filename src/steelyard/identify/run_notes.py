@@ -11,8 +11,7 @@ from steelyard.runs.named_logs import LogArgument, sha256
 from steelyard.runs.run import Run
 from steelyard.runs.run_samples import open_stretches
 
-LISTED_TIMES = 5
-"""Times that are listed, at most."""
+LISTED_TIMES = 5  # times that are listed, at most
 
 
 def provenance(

@@ -182,8 +182,7 @@ class Scores:
 
 PRINTED_ERRORS = ("error", "unit", "percent_of_used", "percent_of_limit", "used", "limit")
 """Columns of the printed errors, in the order of the terminal."""
-UNSCALED = ("error", "used", "percent_of_used")
-"""Those that are there as logged too, where scales of the efforts were estimated."""
+UNSCALED = ("error", "used", "percent_of_used")  # as logged too, with estimated scales
 
 
 def parameter_table(model: str | Path | IdentifiedModel) -> "DataFrame":

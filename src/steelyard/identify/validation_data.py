@@ -19,14 +19,10 @@ from steelyard.runs.rows.clock import learn_clock
 from steelyard.runs.run import Run
 from steelyard.runs.run_samples import motion_samples
 
-FITTED_SHARE = 0.7
-"""Share of a single log that is fitted; the rest validates."""
-SHORTEST_CUT_LOG = 5.0
-"""Duration from which on a log is long enough for that [s]."""
-NEAR_END = 2.0
-"""Time before a log's end up to which the end of its motion is not reported [s]."""
-MOST_STEPS = 3.0
-"""Duration over rows times the median step, beyond which a log's last time is not believed."""
+FITTED_SHARE = 0.7  # share of a single log that is fitted; the rest validates
+SHORTEST_CUT_LOG = 5.0  # duration from which on a log is long enough for that [s]
+NEAR_END = 2.0  # time before a log's end up to which the end of its motion is not reported [s]
+MOST_STEPS = 3.0  # duration over rows times median step: a last time beyond is not believed
 
 
 @dataclass(frozen=True)

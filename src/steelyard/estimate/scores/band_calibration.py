@@ -42,23 +42,12 @@ from steelyard.estimate.scores.residuals import ResidualTrace, residual_cutoff, 
 from steelyard.estimate.scores.score import score
 from steelyard.runs.run import Run
 
-LEVEL = 0.95
-"""Share of new measurements that a band holds."""
-
-FEWEST_STRETCHES = 2
-"""Stretches that must be left out."""
-
-ENOUGH = 40.0
-"""Independent samples that a range of speeds needs for a factor of its own."""
-
-MOST_RUNS_LEFT_OUT = 20
-"""Runs that are left out at most."""
-
-LEAST_CORRELATION = 0.02
-"""Least eigenvalue of the correlation of errors between joints."""
-
-PER_STRETCH = 8.0
-"""Windows per stretch."""
+LEVEL = 0.95  # share of new measurements that a band holds
+FEWEST_STRETCHES = 2  # stretches that must be left out
+ENOUGH = 40.0  # independent samples that a range of speeds needs for a factor of its own
+MOST_RUNS_LEFT_OUT = 20  # runs that are left out at most
+LEAST_CORRELATION = 0.02  # least eigenvalue of the correlation of errors between joints
+PER_STRETCH = 8.0  # windows per stretch
 
 
 def calibrate(

@@ -34,8 +34,7 @@ from steelyard.runs.run import Block
 from steelyard.runs.smoothing.filters import apply, low_pass
 from steelyard.runs.smoothing.filters import noise_bandwidth as low_pass_bandwidth
 
-TAIL = 1e-6
-"""What is left of the low-pass's impulse response where it is cut off here."""
+TAIL = 1e-6  # what is left of the low-pass's impulse response where it is cut off here
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,12 +129,10 @@ class Bands:
         return self.regressor.code([np.ascontiguousarray(x) for x in inputs])
 
 
-MOST_DRAWN = 100_000
-"""Samples of a run that its traces keep at most."""
+MOST_DRAWN = 100_000  # samples of a run that its traces keep at most
 
 Signal = NDArray[np.float64 | np.bool_]
-Signals = tuple[Any, ...]
-"""Several of them, equally long."""
+Signals = tuple[Any, ...]  # several of them, equally long
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,11 +18,8 @@ from steelyard.estimate.estimate import Estimator
 from steelyard.estimate.information.information import Information, Window
 from steelyard.runs.run import Run
 
-FOLDS = 5
-"""Stretches that a single run is divided into."""
-
-FEWEST = 2
-"""Parts that must be left out."""
+FOLDS = 5  # stretches that a single run is divided into
+FEWEST = 2  # parts that must be left out
 
 
 def logarithms(errors: Array, sizes: Array) -> Array:
@@ -44,14 +41,9 @@ def standard_error(values: Array) -> float:
     return float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
 
 
-LEAST_GAIN_PER_PARAMETER = 0.005
-"""Gain of an error that is worth another parameter, relative to it."""
-
-STILL = 0.05
-"""Speed of a joint in a run, over its greatest in any, up to which it does not move there."""
-
-Fold = Callable[[Window], bool]
-"""Whether a window belongs to a fold."""
+LEAST_GAIN_PER_PARAMETER = 0.005  # gain of an error that is worth another parameter, relative to it
+STILL = 0.05  # speed in a run over the greatest in any, up to which a joint does not move there
+Fold = Callable[[Window], bool]  # whether a window belongs to a fold
 
 
 def folds_of(runs: Sequence[Run]) -> tuple[Fold, ...]:
@@ -204,24 +196,12 @@ def left_out_errors(
     return frozen(errors)
 
 
-PER_WAVE = 20.0
-"""Instants at which motions are compared, over the regression cut-off."""
-
-REPEATED_MOTION_DISTANCE = 0.1
-"""Distance of alike positions and velocities, in their standard deviations, at most."""
-
-SAME_LAG = 2.0
-"""Instants by which the lag of two alike motions may vary."""
-
-REPEATED_WINDOW_SHARE = 0.5
-"""Share of a window's instants that must be alike for it to repeat a motion."""
-
-
-LONGEST = 200_000
-"""Samples of a left-out run or stretch that are predicted at most: its first ones."""
-
-INSTANTS = 200_000
-"""Instants of a run that are compared with what is left out, at most."""
+PER_WAVE = 20.0  # instants at which motions are compared, over the regression cut-off
+REPEATED_MOTION_DISTANCE = 0.1  # most between alike states, in standard deviations
+SAME_LAG = 2.0  # instants by which the lag of two alike motions may vary
+REPEATED_WINDOW_SHARE = 0.5  # least share of a window's instants that repeat a motion
+LONGEST = 200_000  # samples of a left-out run or stretch that are predicted at most: its first ones
+INSTANTS = 200_000  # instants of a run that are compared with what is left out, at most
 
 
 @dataclass(frozen=True)

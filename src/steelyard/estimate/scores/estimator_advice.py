@@ -11,23 +11,15 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array, finite_json
 from steelyard.estimate.scores.cross_validation import standard_error
 
-NEGLIGIBLE_LOSS = 0.02
-"""Loss against the best, relative to its error, that is not worth a choice."""
-
-LOSS_THAT_COUNTS = 0.1
-"""The same, from which on a loss counts however much it scatters."""
-
-ZERO = 100.0
-"""Error of a model that predicts zero [%]."""
+NEGLIGIBLE_LOSS = 0.02  # loss against the best, relative to its error, that is not worth a choice
+LOSS_THAT_COUNTS = 0.1  # the same, from which on a loss counts however much it scatters
+ZERO = 100.0  # error of a model that predicts zero [%]
 
 BEATEN = "is better than predicting zero, which has 100 %: check the log against the robot file"
 
 FEW_PARTS = 2
-FEW_PARTS_NOTE = "; two parts are few, use more runs"
-"""Appended where at most this many parts were predicted."""
-
-COST = {"information": 0, "samples": 1, "experiment": 2}
-"""What an estimator looks at, the least first."""
+FEW_PARTS_NOTE = "; two parts are few, use more runs"  # if so many parts were predicted
+COST = {"information": 0, "samples": 1, "experiment": 2}  # what an estimator needs
 
 
 @dataclass(frozen=True)

@@ -25,11 +25,8 @@ from steelyard.estimate.scores.estimator_advice import COST, Comparison, Estimat
 from steelyard.robot.rigid_body import Inertia
 from steelyard.runs.run import Run
 
-LEFT = "leave it out of the comparison"
-"""What to do about an estimator that only fails."""
-
-Chosen = Callable[[Information], Any]
-"""What there is in the windows of an information, in the form that an estimator needs."""
+LEFT = "leave it out of the comparison"  # what to do about an estimator that only fails
+Chosen = Callable[[Information], Any]  # windows to what an estimator needs of them
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,21 +30,11 @@ if TYPE_CHECKING:
     from steelyard.runs.run import Run
 
 
-FASTEST = 0.4
-"""Highest cut-off, per sampling rate; it limits the band of logs slower than 12.5 Hz."""
-
-LEAST_USED = 0.25
-"""Least reference of an error, over the effort that a joint used in the fitted runs."""
-
-SHORT = 0.02
-"""Time that a joint moves over that of the joint that moves longest, up to which it does not count.
-"""
-
-PROMISED = 90.0
-"""Share of a log that was not fitted [%] below which its 95 % bands hold less than they state."""
-
-PLACEHOLDER = 1.0
-"""Gain of a current that only fixes a scale: what `init` writes where it knows none."""
+FASTEST = 0.4  # highest cut-off, per sampling rate; it limits the band of logs slower than 12.5 Hz
+LEAST_USED = 0.25  # least reference of an error, over the effort used in the fitted runs
+SHORT = 0.02  # time that a joint moves, over the longest of all, up to which it does not count
+PROMISED = 90.0  # share in 95 % bands [%] below which an unseen log has less than stated
+PLACEHOLDER = 1.0  # gain of a current that only fixes a scale; `init` writes it
 
 
 @dataclass(frozen=True)

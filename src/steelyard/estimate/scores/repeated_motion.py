@@ -17,24 +17,18 @@ from steelyard.base.arrays import Array
 from steelyard.runs.run import Run
 from steelyard.runs.run_samples import MotionRows, MotionSamples, motion_rows, samples_of_rows
 
-RATE, MOST_INSTANTS = 200.0, 60_000
-"""Rate at which shifts are tried [Hz], and most instants of the run."""
+RATE, MOST_INSTANTS = 200.0, 60_000  # of shifts that are tried [Hz]; of the run
 NEAR, CLOSE, LEAST_NEAR = 0.03, 0.01, 1e-3
 """Distance, over a joint's range, up to which rows may meet, and do once the shift is exact; at
 least so much [rad; m]."""
-REPEATED_RUN_SHARE = 0.2
-"""Share of a run's motion from which on it is repeated."""
-FEWEST, CHANCE = 8, 5.0
-"""Rows that must meet, and by how many standard deviations more than by chance."""
-EXACT = 1e-5
-"""Distance of channels of the same row, over their range: what float32 or six digits keep."""
-SAME = 0.03
-"""Share of the rows that meet from which on they are rows of the same log."""
+REPEATED_RUN_SHARE = 0.2  # share of a run's motion from which on it is repeated
+FEWEST, CHANCE = 8, 5.0  # rows that must meet; standard deviations above chance
+EXACT = 1e-5  # distance of one row's channels over their range: what six digits keep
+SAME = 0.03  # share of the rows that meet from which on they are rows of the same log
 REPEATED_EFFORT_DISTANCE = 0.3
 """Distance of the efforts of a motion with other zeros, over their standard deviation, at most: the
 same motion in another posture has other gravity."""
-AROUND = 3
-"""Rows on each side among which the same one is looked for."""
+AROUND = 3  # rows on each side among which the same one is looked for
 
 
 @dataclass(frozen=True)

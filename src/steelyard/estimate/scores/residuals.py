@@ -46,11 +46,8 @@ from steelyard.model.terms.term import Term
 from steelyard.runs.run import Block, Run
 from steelyard.runs.spectrum import welch
 
-PARTS = ("gravity", "coriolis", "inertia", "friction", "other")
-"""Causes of effort, in the order of all arrays."""
-
-MOST_KEPT = 5000
-"""Samples of a run that are kept at most."""
+PARTS = ("gravity", "coriolis", "inertia", "friction", "other")  # order of all arrays
+MOST_KEPT = 5000  # samples of a run that are kept at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,13 +104,11 @@ def only(valued: ValuedModel, chosen: Callable[[Term], bool]) -> ValuedModel:
     return ValuedModel(model, Parameters(model.names, model.units, values))
 
 
-LEAST_RATE = 10.0
-"""Least sampling rate over the cut-off of the residual's low-pass."""
+LEAST_RATE = 10.0  # least sampling rate over the cut-off of the residual's low-pass
 
 GRAVITY, FRICTION = PARTS.index("gravity"), PARTS.index("friction")
 
-FORGOTTEN = 5.0
-"""Time constants of the low-pass after which it has forgotten its start."""
+FORGOTTEN = 5.0  # time constants of the low-pass after which it has forgotten its start
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,8 +217,7 @@ def greatest(values: Array, samples: int) -> Array:
     return np.asarray(maximum_filter1d(values, samples, axis=1, origin=(samples - 1) // 2))
 
 
-SLID = 0.1
-"""Travel after which friction with memory slides, at least [rad; m]."""
+SLID = 0.1  # travel after which friction with memory slides, at least [rad; m]
 
 
 def sliding_friction(identified: IdentifiedModel, speed: Array) -> Array:
@@ -258,20 +252,11 @@ def supported_rate(peaks: ResidualPeaks, wanted: float | None, usual: float = 1.
     return wanted
 
 
-CLEAR = 2.0
-"""Frequencies from that many regression cut-offs on hold none of what is fitted."""
-
-TOP = 0.4
-"""Share of the sampling rate up to which the spectrum is read: resampling bends it above."""
-
-SPECTRUM = 4.0
-"""Length of the spectrum's windows [s]."""
-
-LINES = 4
-"""Least number of frequencies of a band."""
-
-LONGEST = 60.0
-"""Time of each run that is looked at [s]."""
+CLEAR = 2.0  # frequencies from that many regression cut-offs on hold none of what is fitted
+TOP = 0.4  # share of the sampling rate up to which the spectrum is read: resampling bends it above
+SPECTRUM = 4.0  # length of the spectrum's windows [s]
+LINES = 4  # least number of frequencies of a band
+LONGEST = 60.0  # time of each run that is looked at [s]
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,7 +52,6 @@ ONE_RUN = (
     "it simulates whole runs, and there is only one",
     "give several logs, or several cuts of this one: LOG@0:10 LOG@10:20",
 )
-"""Why a single run cannot be left out of an experiment."""
 
 
 class ComparisonInputs(NamedTuple):

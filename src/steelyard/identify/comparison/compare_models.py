@@ -34,8 +34,7 @@ if TYPE_CHECKING:
     from polars import DataFrame
 
 
-GivenModel = str | Path | IdentifiedModel
-"""A model, its `model.json`, or the folder that contains it."""
+GivenModel = str | Path | IdentifiedModel  # also a `model.json`, or its folder
 
 
 def named_models(

@@ -25,11 +25,9 @@ from steelyard.report.page import (
 from steelyard.report.tables import PlainTable, Row, light_table
 from steelyard.report.words import NONE, first_names, percent, significant
 
-LEAST_LOGARITHMIC_RATIO = 8.0
-"""Ratio of the largest error to the least from which on the axis is logarithmic."""
+LEAST_LOGARITHMIC_RATIO = 8.0  # of the largest error to the least, of a logarithmic axis
 
 TIME_TICKS = {-5: "10 µs", -4: "0.1 ms", -3: "1 ms", -2: "10 ms", -1: "0.1 s", 0: "1 s", 1: "10 s"}
-"""Times on the axis by their decimal logarithm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,24 +249,16 @@ def _times(seconds: Sequence[float]) -> dict[str, Any]:
     }
 
 
-TERMINAL_COLUMNS: tuple[int, ...] = (0, 1, 2, 4, 7)
-"""Columns of the main table for which a terminal has room."""
-
-MOST_SHOWN_ESTIMATORS = 10
-"""Estimators that are shown, the best first; with `--verbose` all of them."""
-
-CONDITION_COLUMN = 6
-"""The column that is shown where the condition numbers differ."""
-
-EQUAL_CONDITION_SHARE = 0.8
-"""Share of the rows with one condition number from which on it distinguishes nothing."""
+TERMINAL_COLUMNS: tuple[int, ...] = (0, 1, 2, 4, 7)  # of the main table
+MOST_SHOWN_ESTIMATORS = 10  # the best; with `--verbose` all
+CONDITION_COLUMN = 6  # the column that is shown where the condition numbers differ
+EQUAL_CONDITION_SHARE = 0.8  # of rows with one condition number: says nothing
 
 COLUMN_MEANINGS = {
     "Condition": "condition number of the whitened regressor, columns of unit length",
     "χ²": "squared residuals over the noise variance by WLS, per degree of freedom: about 1 for "
     "WLS; an excess is due to constraints, a prior or other weights",
 }
-"""What columns say that do not speak for themselves."""
 
 
 def comparison_lines(content: ComparisonContent, console: Console, verbose: bool = False) -> None:
@@ -320,4 +310,3 @@ COMPARE_SECTIONS: tuple[Section, ...] = (
     QualitySection(),
     SettingsSection(),
 )
-"""What of a report says something of a comparison."""

@@ -16,8 +16,7 @@ from steelyard.report.words import NONE, count, percent, significant
 
 MODEL_COLOURS = ("--vermillion", "--blue", "--green", "--purple", "--amber", "--arm")
 MODEL_SYMBOLS = ("diamond", "circle", "square", "x", "triangle-up", "cross")
-MODEL_DASHES = ("solid", "dash", "dot", "dashdot")
-"""Of lines, changed when the colours begin again."""
+MODEL_DASHES = ("solid", "dash", "dot", "dashdot")  # of lines, changed when the colours begin again
 
 
 def colour(number: int) -> str:
@@ -40,11 +39,8 @@ def legend(names: Sequence[str], shape: Literal["line", "point"]) -> list[Key]:
     return [Key(colour(k), name, shape) for k, name in enumerate(names)]
 
 
-FITTED_MARK = "*"
-"""Behind errors on logs that the model was identified from."""
-
-MOST_TERMINAL_COLUMNS = 6
-"""Columns of a table that the terminal has room for."""
+FITTED_MARK = "*"  # behind errors on logs that the model was identified from
+MOST_TERMINAL_COLUMNS = 6  # columns of a table that the terminal has room for
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -226,14 +222,9 @@ def _errors_figure(found: ModelComparison) -> Figure:
     return figure_of_rows(label, x, found.joints, traces, 30, xaxis={"rangemode": "tozero"})
 
 
-MOST_POINTS_OF_MODEL_EFFORT = 1500
-"""Most points of a line."""
-
-LEAST_POINTS_OF_MODEL_EFFORT = 200
-"""Points of a line below which rather a whole log is left out."""
-
-MOST_POINTS_OF_MODEL_EFFORTS = 170_000
-"""Points of all lines together."""
+MOST_POINTS_OF_MODEL_EFFORT = 1500  # most points of a line
+LEAST_POINTS_OF_MODEL_EFFORT = 200  # points of a line below which rather a whole log is left out
+MOST_POINTS_OF_MODEL_EFFORTS = 170_000  # points of all lines together
 
 MEASURED_COLOUR = "--ink"
 

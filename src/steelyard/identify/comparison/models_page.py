@@ -166,8 +166,7 @@ MODEL_MASSES_WORDS = (
     "Masses and centres of mass with 95 % intervals, of the models that estimate all link inertias."
 )
 
-Links = dict[str, dict[str, IdentifiedLink]]
-"""Links by name, by the name of their model."""
+Links = dict[str, dict[str, IdentifiedLink]]  # links by name, by the name of their model
 
 
 class ModelMassesSection(FigureSection, name="model-masses", title="Masses and centres"):

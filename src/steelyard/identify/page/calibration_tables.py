@@ -14,8 +14,7 @@ from steelyard.report.page import PageContent, TableSection, ValueSection
 from steelyard.report.tables import PlainTable, Row
 from steelyard.report.words import rounded_to_uncertainty, significant
 
-ASSUMED_GAIN = "assumed: geometric mean of the others"
-"""Origin of a gain that the data do not identify."""
+ASSUMED_GAIN = "assumed: geometric mean of the others"  # of a gain not identifiable
 
 
 class DrivesSection(

@@ -12,11 +12,8 @@ from steelyard.report.figures import Figure, Group, row_height
 from steelyard.report.page import FigureSection, Numbers, Section, packed
 from steelyard.robot.rigid_body import INERTIAL_NAMES
 
-MOST_CORRELATED_PAIRS = 6
-"""Most pairs of correlated parameters that are named."""
-
-LEAST_NAMED_CORRELATION = 0.9
-"""Correlation of two estimates from which on they are named."""
+MOST_CORRELATED_PAIRS = 6  # most pairs of correlated parameters that are named
+LEAST_NAMED_CORRELATION = 0.9  # correlation of two estimates from which on they are named
 
 
 class ConditioningSection(
@@ -86,14 +83,12 @@ def _pairs(estimate: Estimate) -> list[tuple[str, str, float]]:
     ]
 
 
-MOST_MAP_PARAMETERS = 80
-"""Most parameters of a map."""
+MOST_MAP_PARAMETERS = 80  # most parameters of a map
 
 COLOUR_BAR = {
     **{"orientation": "h", "x": 0.5, "y": 1.0, "yanchor": "bottom", "len": 0.9, "thickness": 10},
     **{"title": {"text": "correlation [%]", "side": "top"}, "tickvals": [-100, -50, 0, 50, 100]},
 }
-"""The scale of colours, above the map."""
 
 CORRELATION_WORDS = (
     "Correlation of the estimates of every two base parameters. Two that are strongly correlated "

@@ -93,8 +93,7 @@ class SettingsSection(
         return {"settings": content.settings, "origin": origin, "notes": shown}
 
 
-LETTERS_OF_LONG_VALUE = 80
-"""Letters from which on a value stands below its run, over the whole width."""
+LETTERS_OF_LONG_VALUE = 80  # from which on it stands below its run
 
 
 class QualitySection(
@@ -127,8 +126,7 @@ class QualitySection(
         }
 
 
-FEW = 40_000
-"""Most points of all pictures of the evidence together."""
+FEW = 40_000  # most points of all pictures of the evidence together
 
 
 class CheckSection(Section, name="check", title="Check of the logs", template="findings.html"):

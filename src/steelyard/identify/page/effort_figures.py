@@ -28,28 +28,16 @@ from steelyard.report.tables import PlainTable, Row
 from steelyard.report.words import percent, significant
 from steelyard.robot.robot import Coordinate
 
-MOST_POINTS_OF_EFFORT = 2000
-"""Most points of one line."""
-
-LEAST_POINTS_OF_EFFORT = 200
-"""Points of one line below which rather a whole run is left out."""
-
-MOST_POINTS_OF_EFFORTS = 170_000
-"""Points of all lines together: about 1.9 MB of the page."""
-
-POINTS_OVER_BAND_POINTS = 3
-"""Points of a line over those of the outline of a band, which is smooth."""
-
-LINES_OF_EFFORT_PLOT = 6
-"""Lines and outlines of a plot: measured, predicted, their difference, three bands."""
-
-LEAST_COVERAGE_PERCENT = 80.0
-"""Share of the samples [%] in the 95 % band below which it is marked."""
+MOST_POINTS_OF_EFFORT = 2000  # most points of one line
+LEAST_POINTS_OF_EFFORT = 200  # points of one line below which rather a whole run is left out
+MOST_POINTS_OF_EFFORTS = 170_000  # points of all lines together: about 1.9 MB of the page
+POINTS_OVER_BAND_POINTS = 3  # points of a line over those of the outline of a band, which is smooth
+LINES_OF_EFFORT_PLOT = 6  # measured, predicted, difference, three bands
+LEAST_COVERAGE_PERCENT = 80.0  # share of the samples [%] in the 95 % band below which it is marked
 
 NOISE_ONLY = "not calibrated: noise only"
 
-MOST_SHADED_RESTS = 80
-"""Most rests that are shaded in one plot."""
+MOST_SHADED_RESTS = 80  # most rests that are shaded in one plot
 
 
 class EffortSection(Section, name="effort", title="Effort, measured and predicted"):
@@ -170,14 +158,9 @@ def _rests(t: Array, traces: Traces, joint: int) -> list[list[float | None]]:
     return [[rounded(a), rounded(b)] for a, b in sorted(spans[:MOST_SHADED_RESTS])]
 
 
-MOST_POINTS_OF_TORQUE_PART = 1000
-"""Most points of one line."""
-
-MOST_POINTS_OF_TORQUE_PARTS = 60_000
-"""Points of all lines together: about 0.6 MB of the page."""
-
-ROUND_OFF_SHARE = 1e-9
-"""Share of the measured effort below which a part is round-off."""
+MOST_POINTS_OF_TORQUE_PART = 1000  # most points of one line
+MOST_POINTS_OF_TORQUE_PARTS = 60_000  # points of all lines together: about 0.6 MB of the page
+ROUND_OFF_SHARE = 1e-9  # share of the measured effort below which a part is round-off
 
 TORQUE_PART_NAMES = {
     "gravity": "gravity",
@@ -193,7 +176,6 @@ TORQUE_PART_STYLES = {
     "friction": ("--green", "dash"),
     "other": ("--soft", "dashdot"),
 }
-"""Colour and dash of each part."""
 
 
 class TorqueSplitSection(FigureSection, name="torque-split", title="Effort by cause"):

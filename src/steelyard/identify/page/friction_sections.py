@@ -23,12 +23,10 @@ FRICTION_ERROR_WORDS = (
     "geometric mean of two errors, that of all joints together and the geometric mean over joints, "
     "after the parallel filter; not comparable with the verdict"
 )
-"""What an error of a mix is."""
 ONE_CURVE = (
     "Their coefficients describe one friction curve per joint together and are valid only "
     "together: quote the curve (report), not a coefficient"
 )
-"""What coefficients of chosen laws mean."""
 
 
 class FrictionSection(TableSection, name="friction", title="Friction", in_terminal=True):
@@ -133,8 +131,7 @@ def _fields(findings: tuple[Finding, ...]) -> PlainTable:
     )
 
 
-MOST_FRICTION_POINTS = 400
-"""Most points of one joint."""
+MOST_FRICTION_POINTS = 400  # most points of one joint
 
 FRICTION_CURVE_WORDS = (
     "Curve: friction of the model while the joint moves at constant speed. Points: measured effort "

@@ -19,14 +19,9 @@ from steelyard.robot.robot import Robot, body_poses, sticks
 
 AXES = "xyz"
 
-MERIDIANS, RINGS = 16, 9
-"""Of the surface of an ellipsoid."""
-
-SPACE_MARGIN = 0.05
-"""Space around the robot, relative to its greatest extent."""
-
-POINTS_OF_CIRCLE = 25
-"""Points of a circle around an ellipsoid."""
+MERIDIANS, RINGS = 16, 9  # of the surface of an ellipsoid
+SPACE_MARGIN = 0.05  # space around the robot, relative to its greatest extent
+POINTS_OF_CIRCLE = 25  # points of a circle around an ellipsoid
 
 WORDS = (
     "Each ellipsoid is the solid of uniform density with the mass, the centre of mass and the "
@@ -132,8 +127,7 @@ def _axes(extent: Array) -> dict[str, Any]:
     return found
 
 
-Place = dict[str, tuple[Array, Array]]
-"""Axes `(3, 3)` and origin `(3,)` [m] of each link."""
+Place = dict[str, tuple[Array, Array]]  # axes `(3, 3)` and origin `(3,)` [m] of each link
 
 
 def _moved(name: str, inertia: Inertia, unit: Array, place: Place) -> Array:

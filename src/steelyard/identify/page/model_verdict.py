@@ -23,14 +23,9 @@ from steelyard.identify.page.score_words import (
 )
 from steelyard.report.words import Level, count, first_names, percent
 
-MOST_GOOD_PERCENT = 10.0
-"""Relative error [%] up to which a joint counts as well predicted."""
-
-MOST_FAIR_PERCENT = 30.0
-"""Relative error [%] up to which it counts as fairly predicted."""
-
-LEVELS_BEST_FIRST: tuple[Level, ...] = ("good", "none", "fair", "poor")
-"""Levels, the best first."""
+MOST_GOOD_PERCENT = 10.0  # relative error [%] up to which a joint counts as well predicted
+MOST_FAIR_PERCENT = 30.0  # relative error [%] up to which it counts as fairly predicted
+LEVELS_BEST_FIRST: tuple[Level, ...] = ("good", "none", "fair", "poor")  # levels, the best first
 
 BEST_LEVEL_BY_SEVERITY: dict[str, Level] = {"ok": "none", "doubtful": "fair", "wrong": "poor"}
 """The best level that a limitation of this severity leaves; one that is ok leaves every level."""
@@ -223,21 +218,15 @@ def _detail(scores: Sequence[RunScore], errors: Sequence[PooledError]) -> str:
     return " ".join(f"{sentence}." for sentence in sentences if sentence)
 
 
-MODEL_ERROR = "model error"
-"""The check that compares residuals with noise."""
-
-GEAR_SIDE = "gear side"
-"""The check of rotor inertias at zero."""
+MODEL_ERROR = "model error"  # the check that compares residuals with noise
+GEAR_SIDE = "gear side"  # the check of rotor inertias at zero
 
 MOST_WEAK_SHARE = 1.0 / 3.0
 """Share of base parameters that are poorly identified or not at all, above which a motion is
 advised; any share where a good model is not good for every joint."""
 
-WEAK_STATUSES = ("poorly identified", "not identifiable")
-"""Statuses of parameters that other motion would identify."""
-
-Step = tuple[str, str]
-"""A command, or nothing, and a remark: what it is for, or what to change in the robot file."""
+WEAK_STATUSES = ("poorly identified", "not identifiable")  # other motion identifies them
+Step = tuple[str, str]  # a command, or nothing, and a remark: why, or what to change
 
 
 def next_steps(content: ReportContent, robot: str, model: Path) -> tuple[Step, ...]:

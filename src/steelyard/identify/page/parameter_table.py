@@ -26,9 +26,7 @@ from steelyard.report.page import FigureSection, Numbers, Section
 from steelyard.report.tables import PlainTable, Row
 from steelyard.report.words import count, first_names, rounded_to_uncertainty, significant
 
-AT_BOUND = 0.01
-"""Distance from a bound, in standard deviations, that is taken for rounding of a value there.
-"""
+AT_BOUND = 0.01  # distance in standard deviations that is taken for rounding
 
 
 @dataclass(frozen=True)
@@ -151,10 +149,8 @@ ONE_BY_ONE = (
     "For predictions use the whole model; rely on single values only if identified, and on several "
     "friction laws of a joint only as one curve."
 )
-"""What a small error does not say."""
 
-MOST_NAMED_PARAMETERS = 8
-"""Most parameters that a line of the terminal names."""
+MOST_NAMED_PARAMETERS = 8  # most parameters that a line of the terminal names
 
 
 class ParametersSection(Section, name="parameters", title="Parameters", template="parameters.html"):

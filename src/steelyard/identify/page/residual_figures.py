@@ -14,17 +14,10 @@ from steelyard.report.tables import PlainTable, Row
 from steelyard.report.words import NONE, percent, significant
 from steelyard.robot.robot import Coordinate
 
-BINS = 20
-"""Ranges of equal width that a quantity is divided into."""
-
-LEAST_BIN_SAMPLES = 5
-"""Samples that a bin needs."""
-
-MOST_RESIDUAL_POINTS = 150
-"""Most points of one figure."""
-
-RESIDUAL_AXES = ("position", "speed", "effort")
-"""Quantities that the residual is drawn over."""
+BINS = 20  # ranges of equal width that a quantity is divided into
+LEAST_BIN_SAMPLES = 5  # samples that a bin needs
+MOST_RESIDUAL_POINTS = 150  # most points of one figure
+RESIDUAL_AXES = ("position", "speed", "effort")  # quantities that the residual is drawn over
 
 WORDS = (
     "Mean residual (measured minus predicted effort) of samples with similar position, speed or "

@@ -13,11 +13,8 @@ from steelyard.report.page import ValueSection
 from steelyard.report.tables import PlainTable, Row, text_table
 from steelyard.report.words import count, percent, significant
 
-MOST_NAMED_SCATTERS = 3
-"""Parameters that the terminal names: those that scatter most beside what was stated."""
-
-LEAST_MARKED_RATIO = 2.0
-"""Ratio of the two standard deviations from which on a row is marked."""
+MOST_NAMED_SCATTERS = 3  # in the terminal
+LEAST_MARKED_RATIO = 2.0  # ratio of the two standard deviations from which on a row is marked
 
 
 class BootstrapSection(
@@ -123,8 +120,7 @@ def repeated_table(found: RepeatedEstimates) -> PlainTable:
     )
 
 
-MOST_NAMED_MOVES = 10
-"""Parameters that are named: those that move most."""
+MOST_NAMED_MOVES = 10  # parameters that are named: those that move most
 
 
 class SensitivitySection(

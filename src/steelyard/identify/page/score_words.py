@@ -19,14 +19,9 @@ from steelyard.report.words import count, percent, significant
 
 MOVING, WHOLE = "where they move", "whole log"
 
-RATIO = "‖measured − predicted‖ / ‖measured‖"
-"""The relative error in the validation band."""
-
-NORMS = {"pooled": "over all joints together", "mean": "mean over joints"}
-"""What norms are called in a sentence."""
-
-MOST_NAMED_JOINTS = 3
-"""Most joints that are named one by one."""
+RATIO = "‖measured − predicted‖ / ‖measured‖"  # the relative error in the validation band
+NORMS = {"pooled": "over all joints together", "mean": "mean over joints"}  # in a sentence
+MOST_NAMED_JOINTS = 3  # most joints that are named one by one
 
 
 @dataclass(frozen=True)

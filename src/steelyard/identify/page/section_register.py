@@ -100,8 +100,7 @@ def render(content: ReportContent) -> str:
     return render_sections(sections_of(content), content, "identified", by)
 
 
-CSV_COLUMNS = tuple(field.name for field in fields(ParameterRow))
-"""Columns of `parameters.csv`."""
+CSV_COLUMNS = tuple(field.name for field in fields(ParameterRow))  # columns of `parameters.csv`
 
 
 def print_report(content: ReportContent, console: Console, verbose: bool = False) -> None:

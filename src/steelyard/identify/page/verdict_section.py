@@ -36,17 +36,10 @@ from steelyard.report.page import Numbers, Section
 from steelyard.report.tables import light_table
 from steelyard.report.words import COLOURS, NONE, percent, significant
 
-LEAST_FITTED_OVER_UNSEEN = 1.5
-"""Error of fitted over unseen runs from which on it is explained."""
-
-RESIDUAL_WINDOW = 2.0
-"""Width of the windows of time [s]."""
-
-LOCATED_SHARE = 0.5
-"""Share of the squared residuals that is located."""
-
-MOST_CONCENTRATED_SHARE = 0.25
-"""Share of the time up to which that half counts as concentrated."""
+LEAST_FITTED_OVER_UNSEEN = 1.5  # error of fitted over unseen runs from which on it is explained
+RESIDUAL_WINDOW = 2.0  # width of the windows of time [s]
+LOCATED_SHARE = 0.5  # share of the squared residuals that is located
+MOST_CONCENTRATED_SHARE = 0.25  # share of the time up to which that half counts as concentrated
 
 
 def fitted_larger(fitted: Sequence[RunScore], unseen: Sequence[RunScore]) -> str:
@@ -107,8 +100,7 @@ CAPTION = (
 )
 
 
-MOST_OTHERS = 8
-"""Runs whose errors in the validation band the page lists."""
+MOST_OTHERS = 8  # runs whose errors in the validation band the page lists
 
 
 class VerdictSection(Section, name="verdict", title="Verdict", template="verdict.html"):
