@@ -36,53 +36,39 @@ from steelyard.runs.run import Run
 from steelyard.runs.smoothing.filters import zero_phase
 from steelyard.runs.smoothing.fir_methods import SavitzkyGolay
 
-CONTROL_RATE = 1000.0
-"""Least rate of simulated controllers [1/s]."""
+CONTROL_RATE = 1000.0  # least rate of simulated controllers [1/s]
 
 SETTLING = 0.25
 """Time in which a simulation forgets how it was started, and which is not looked at [s]."""
 
-_RAW = SavitzkyGolay(window=3, degree=2)
-"""Positions as they are, and their central differences."""
+_RAW = SavitzkyGolay(window=3, degree=2)  # positions as they are, and their central differences
 
 _SHORTEST, _POSTURES = 2.0, 64
 
 
 @dataclass(frozen=True, eq=False)
 class RunController:
-    """How a robot was controlled along one run.
-
-    Attributes:
-        wanted: Times from the log's start, shape `(K,)` [s], to the positions and velocities that
-            were commanded, each `(K, n)`.
-        ahead: Times to torques that were added to the feedback, `(K, n)`; none if `None`.
-    """
+    """How a robot was controlled along one run."""
 
     controller: Controller
+    # times from the log's start, `(K,)` [s], to the positions and velocities that were commanded,
+    # each `(K, n)`
     wanted: Callable[[Array], tuple[Array, Array]]
+    # times to torques that were added to the feedback, `(K, n)`; none if `None`
     ahead: Callable[[Array], Array] | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A stretch of a run without gaps.
+    """A stretch of a run without gaps."""
 
-    Attributes:
-        name: The run.
-        motion: Filtered motion, `N` samples.
-        q: Positions as measured, not filtered, shape `(N, n)` [rad; m].
-        tau: Joint torques as measured, shape `(N, n)` [Nm; N].
-        counts: Which samples of each torque count, ones and zeros, shape `(N, n)`.
-        cutoff: Low-pass of regressor and torque alike [Hz].
-    """
-
-    name: str
+    name: str  # the run
     rate: float
-    motion: Motion
-    q: Array
-    tau: Array
-    counts: Array
-    cutoff: float
+    motion: Motion  # filtered motion, `N` samples
+    q: Array  # positions as measured, not filtered, `(N, n)` [rad; m]
+    tau: Array  # joint torques as measured, `(N, n)` [Nm; N]
+    counts: Array  # which samples of each torque count, ones and zeros, `(N, n)`
+    cutoff: float  # low-pass of regressor and torque alike [Hz]
 
     @property
     def ticks(self) -> int:
@@ -229,11 +215,8 @@ def _stretches(run: Run) -> list[Measured]:
     return found
 
 
-BANDWIDTH = 20.0
-"""Natural frequency of the joints' errors [Hz]."""
-
-_TORQUE_CUTOFF = 2.0
-"""Low-pass of the torque that is added, over the regression cut-off."""
+BANDWIDTH = 20.0  # natural frequency of the joints' errors [Hz]
+_TORQUE_CUTOFF = 2.0  # low-pass of the torque that is added, over the regression cut-off
 
 _HIGHEST = 0.4
 
@@ -283,20 +266,14 @@ _DIVERGED_DISTANCE = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Simulated:
-    """One run, simulated in `L` lanes, at the samples of the measured one.
+    """One run, simulated in `L` lanes, at the samples of the measured one."""
 
-    Attributes:
-        motion: Positions, velocities and accelerations of the first lane, each `(N, n)`; the last
-            are central differences over two ticks.
-        tau: Joint torques, shape `(N, n, L)`: the mean of those held before and after each sample.
-        possible: Lanes whose mass matrix was always positive definite, shape `(L,)`.
-        sound: Those of them that did not run away, shape `(L,)`.
-    """
-
+    # positions, velocities and accelerations of the first lane, each `(N, n)`; the last are central
+    # differences over two ticks
     motion: tuple[Array, Array, Array]
-    tau: Array
-    possible: NDArray[np.bool_]
-    sound: NDArray[np.bool_]
+    tau: Array  # joint torques, `(N, n, L)`: the mean of those held before and after each sample
+    possible: NDArray[np.bool_]  # lanes whose mass matrix was always positive definite, `(L,)`
+    sound: NDArray[np.bool_]  # those of them that did not run away, `(L,)`
 
 
 def simulate(

@@ -32,8 +32,7 @@ _ORDER = 4
 _NORM = np.sqrt(70.0)
 """Size of a fourth difference of white noise of size 1: the root of 1 + 16 + 36 + 16 + 1."""
 
-_GAUSSIAN = 1.482602218505602
-"""Standard deviation over the median size of normal numbers."""
+_GAUSSIAN = 1.482602218505602  # standard deviation over the median size of normal numbers
 
 
 def white_noise(values: Array) -> Array:
@@ -66,11 +65,8 @@ _TURN, _SPEED, _SHARE = 1e-6, 1e-5, 1e-4
 """Changes by which derivatives are found: of positions, velocities, and of the rest over their
 size."""
 
-_FAR = 0.5
-"""Error of a predicted position at which the filter has diverged [rad; m]."""
-
-_UNSURE = 0.1
-"""First uncertainty of velocities, over their size."""
+_FAR = 0.5  # error of a predicted position at which the filter has diverged [rad; m]
+_UNSURE = 0.1  # first uncertainty of velocities, over their size
 
 _TICKS_PER_EVENT = 500
 
@@ -251,8 +247,7 @@ KALMAN_NAME = "extended Kalman filter"
 _LEAST_POSITION_NOISE, _LEAST_TORQUE_NOISE = 1e-8, 1e-5
 """Least noise of positions [rad; m], and of torques over their size."""
 
-_STEADY = 0.1
-"""Change between passes over the standard deviations, root mean square, that is none."""
+_STEADY = 0.1  # change between passes over the standard deviations, root mean square, that is none
 
 _CREDIBLE_ERROR_RATIO = 1.3
 """Mean square of a joint's errors, over what was expected, that is still believed."""
@@ -269,17 +264,12 @@ class KalmanParameters:
     that noise allows, as those of a robot do that the model does not wholly describe, the noise of
     the joint's torque is raised and the pass repeated. Where a joint rests its friction is unknown,
     and its torque says nothing.
-
-    Attributes:
-        uncertainty: Share of the torque.
-        position_noise: Standard deviation [rad; m].
-        torque_noise: Standard deviation per joint [Nm; N].
     """
 
-    uncertainty: float = 0.1
+    uncertainty: float = 0.1  # share of the torque
     passes: int = 12
-    position_noise: float | None = None
-    torque_noise: tuple[float, ...] | None = None
+    position_noise: float | None = None  # standard deviation [rad; m]
+    torque_noise: tuple[float, ...] | None = None  # standard deviation per joint [Nm; N]
     progress: Progress = silent
 
     def __call__(self, experiment: Experiment) -> Estimate:

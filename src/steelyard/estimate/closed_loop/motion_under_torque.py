@@ -73,8 +73,7 @@ def joint_inertia(masses: Array, rate: float = 1000.0) -> tuple[Array, float]:
     return own, rate / (4.0 * coupling)
 
 
-LONGEST_STEP = 5e-4
-"""Longest step of the integration [s]."""
+LONGEST_STEP = 5e-4  # longest step of the integration [s]
 
 STIFFEST = 4000.0
 """Fastest rate at which friction may brake: two over the longest step, within the method's 2.78

@@ -32,16 +32,12 @@ from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.accumulate import MOVING
 from steelyard.estimate.information.regressor import ParallelFilter
 
-_STEP = 1e-4
-"""Change of the torque, over the torque, by which a parameter is moved."""
+_STEP = 1e-4  # change of the torque, over the torque, by which a parameter is moved
 
 _LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e6
 
-QUIET = 0.03
-"""Change of the values over their standard deviations, root mean square, that is none."""
-
-EXACT = 1e-7
-"""Change of the torque, over the torque, that is none."""
+QUIET = 0.03  # change of the values over their standard deviations, root mean square, that is none
+EXACT = 1e-7  # change of the torque, over the torque, that is none
 
 
 @dataclass(frozen=True)
@@ -163,21 +159,13 @@ class ClosedLoopOutputError:
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """One round of an estimator that simulates.
+    """One round of an estimator that simulates."""
 
-    Attributes:
-        values: Where it leads, shape `(p,)`.
-        change: Change of the values that the data ask for, shape `(p,)`.
-        precision: Inverse covariance of the values, shape `(p, p)`.
-        sigma: Deviations of the torques that the round counted with, shape `(n,)`.
-        deviations: Those of the residuals, which exact data make zero, shape `(n,)`.
-    """
-
-    values: Array
-    change: Array
-    precision: Array
-    sigma: Array
-    deviations: Array
+    values: Array  # where it leads, `(p,)`
+    change: Array  # change of the values that the data ask for, `(p,)`
+    precision: Array  # inverse covariance of the values, `(p, p)`
+    sigma: Array  # deviations of the torques that the round counted with, `(n,)`
+    deviations: Array  # those of the residuals, which exact data make zero, `(n,)`
     covariance: Array | None = None
 
 
@@ -243,17 +231,11 @@ def not_converged_error(name: str, experiment: Experiment, rounds: int) -> DataE
 
 @dataclass(frozen=True, eq=False)
 class FilteredRows:
-    """Filtered samples of every effort row of all runs; those that do not count are zero.
+    """Filtered samples of every effort row of all runs; those that do not count are zero."""
 
-    Attributes:
-        values: Shape `(n, K, ...)`: columns, or one torque.
-        counts: How many independent samples each row has, shape `(n,)`.
-        share: Per filtered sample how many independent ones it stands for, shape `(K,)`.
-    """
-
-    values: Array
-    counts: Array
-    share: Array
+    values: Array  # `(n, K, ...)`: columns, or one torque
+    counts: Array  # how many independent samples each row has, `(n,)`
+    share: Array  # per filtered sample how many independent ones it stands for, `(K,)`
 
     @classmethod
     def of(cls, experiment: Experiment, values: Sequence[Array]) -> "FilteredRows":

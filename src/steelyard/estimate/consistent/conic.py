@@ -17,8 +17,7 @@ Places = NDArray[np.intp]
 
 Kind = Literal["zero", "nonnegative", "semidefinite", "exponential"]
 
-WAYS = (True, False)
-"""Ways to solve a program, in turn: whether rows and columns are scaled before."""
+WAYS = (True, False)  # ways to solve a program, in turn: whether rows and columns are scaled before
 
 AIM = 1e-12
 """Relative gap and infeasibility that are required of the solver. A gap moves the weighted squares
@@ -33,21 +32,14 @@ MOST_ITERATIONS = 200
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Rows `b - A x` that lie in one cone.
+    """Rows `b - A x` that lie in one cone."""
 
-    Attributes:
-        kind: The cone.
-        columns: Variables that the rows look at, `k` of them.
-        matrix: Their coefficients, shape `(rows, k)`.
-        offset: `b`, shape `(rows,)`.
-        order: Of the matrix, for `semidefinite`: its upper triangle column by column, entries off
-            the diagonal times the root of two.
-    """
-
-    kind: Kind
-    columns: Places
-    matrix: Array
-    offset: Array
+    kind: Kind  # the cone
+    columns: Places  # variables that the rows look at, `k` of them
+    matrix: Array  # their coefficients, `(rows, k)`
+    offset: Array  # `b`, `(rows,)`
+    # of the matrix, for `semidefinite`: its upper triangle column by column, entries off the
+    # diagonal times the root of two
     order: int = 0
 
 

@@ -34,8 +34,7 @@ from steelyard.estimate.least_squares.least_squares import Whitened, whitened
 from steelyard.estimate.least_squares.normal_equations import Solution, Spread, described
 from steelyard.estimate.prior.prior import Knowledge
 
-ROUGH = 1e-8
-"""Gap and infeasibility required of the solver where Newton's method does the rest."""
+ROUGH = 1e-8  # gap and infeasibility required of the solver where Newton's method does the rest
 
 UNITS = (1e4, 1e6)
 """Units of the squares that are tried where the solver stops in that of the noise, before that of
@@ -48,46 +47,30 @@ ENOUGH = 5e-5
 """Gap of the objective that moves no value by more than 0.01 standard deviations: within a gap `g`
 the data and the prior together leave a distance of the root of `2 g`."""
 
-LISTED = 6
-"""Prior constraints that the notes list."""
+LISTED = 6  # prior constraints that the notes list
 
 
 @dataclass(frozen=True, eq=False)
 class ConsistentValues:
-    """Values without covariances.
+    """Values without covariances."""
 
-    Attributes:
-        values: Of the information's columns, shape `(p,)`, zero without a base parameter.
-        gamma: Weight of the prior that they were estimated with.
-        standard: All standard parameters.
-    """
-
-    values: Array
-    gamma: float
-    standard: Array
+    values: Array  # of the information's columns, `(p,)`, zero without a base parameter
+    gamma: float  # weight of the prior that they were estimated with
+    standard: Array  # all standard parameters
 
 
 @dataclass(frozen=True, eq=False)
 class Consistent:
-    """The convex estimate with a prior; the default.
+    """The convex estimate with a prior; the default."""
 
-    Attributes:
-        base: Lifts base parameters to standard ones.
-        knowledge: Priors, bounds and constraints.
-        form: Penalties of bodies far from their priors, and physical consistency.
-        gamma: Weight of the prior; of its stated uncertainty, or found from the data, if `None`.
-        per_run: Columns whose parameters every run has for itself.
-        equal: Whether all rows weigh the same, whatever their noise.
-        iterations: After which the solver gives up.
-    """
-
-    base: BaseMap
-    knowledge: Knowledge
-    form: Form = Entropic()
+    base: BaseMap  # lifts base parameters to standard ones
+    knowledge: Knowledge  # priors, bounds and constraints
+    form: Form = Entropic()  # penalties of bodies far from their priors, and physical consistency
+    # weight of the prior; of its stated uncertainty, or found from the data, if `None`
     gamma: float | None = None
-    per_run: tuple[str, ...] = ()
-    equal: bool = False
-    iterations: int = MOST_ITERATIONS
+    per_run: tuple[str, ...] = ()  # columns whose parameters every run has for itself
+    equal: bool = False  # whether all rows weigh the same, whatever their noise
+    iterations: int = MOST_ITERATIONS  # after which the solver gives up
 
     def __post_init__(self) -> None:
         if self.gamma is not None and not self.gamma > 0.0:

@@ -148,33 +148,20 @@ class _Bodies:
 LEAST_PRIOR_WEIGHT, MOST_PRIOR_WEIGHT = 1e-3, 1e4
 """Range of weights; prior uncertainties of 3000 % and 1 %."""
 
-FIRST_PRIOR_WEIGHT = 10.0
-"""Weight that is tried first: 32 %."""
-
-PRIOR_WEIGHT_STEP = 6.0
-"""Factor between weights until the likeliest is between two."""
-
-REFINED = 2
-"""Times that a parabola through three weights gives a better one."""
-
-SOLVES = 15
-"""Most solutions of a search."""
+FIRST_PRIOR_WEIGHT = 10.0  # weight that is tried first: 32 %
+PRIOR_WEIGHT_STEP = 6.0  # factor between weights until the likeliest is between two
+REFINED = 2  # times that a parabola through three weights gives a better one
+SOLVES = 15  # most solutions of a search
 
 
 @dataclass(frozen=True, eq=False)
 class Tried:
-    """The solution with one weight.
+    """The solution with one weight."""
 
-    Attributes:
-        gamma: The weight.
-        rise: Rise of the weighted squares over those of least squares.
-        evidence: Logarithm of the data's likelihood, but for a constant.
-    """
-
-    gamma: float
+    gamma: float  # the weight
     u: Array
-    rise: float
-    evidence: float
+    rise: float  # rise of the weighted squares over those of least squares
+    evidence: float  # logarithm of the data's likelihood, but for a constant
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,14 +247,9 @@ DISTANCE_TO_BOUND, DISTANCE_BEYOND_BOUND = 1e-3, 1e-3
 """Distance to a bound, and distance beyond it at the data's optimum, in standard deviations, at
 which it counts as active."""
 
-CONTRADICTED = 2.0
-"""Standard deviations by which data violate a constraint that they contradict."""
-
-FAR = 1e3
-"""Size of a constraint to be checked, in units of a body's prior or of the whole effort."""
-
-CONTRADICTED_IN_NOTE = 3
-"""Constraints that are named: those that the data contradict most."""
+CONTRADICTED = 2.0  # standard deviations by which data violate a constraint that they contradict
+FAR = 1e3  # size of a constraint to be checked, in units of a body's prior or of the whole effort
+CONTRADICTED_IN_NOTE = 3  # constraints that are named: those that the data contradict most
 
 
 def active_bounds(program: Program, u: Array, covariance: Array) -> tuple[Array, tuple[str, ...]]:
@@ -339,11 +321,8 @@ def far_constraints(constraints: ConicConstraints) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))[:CONTRADICTED_IN_NOTE]
 
 
-EDGE = 0.02
-"""Least eigenvalue of a body's `X` below which it is at the edge of consistent bodies."""
-
-CONSTRAINTS_IN_NOTE = 6
-"""Active constraints that a note names."""
+EDGE = 0.02  # least eigenvalue of a body's `X` below which it is at the edge of consistent bodies
+CONSTRAINTS_IN_NOTE = 6  # active constraints that a note names
 
 SolveProgram = Callable[[Program, float], Tried]
 """The solution of a program with a weight of the prior."""

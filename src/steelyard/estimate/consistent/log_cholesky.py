@@ -38,8 +38,7 @@ from steelyard.estimate.information.information import Information
 from steelyard.estimate.prior.prior import Knowledge, Row
 from steelyard.robot.rigid_body import INERTIAL_NAMES
 
-BROKEN = 1e-6
-"""By how much a constraint may be violated, relative to what it adds up."""
+BROKEN = 1e-6  # by how much a constraint may be violated, relative to what it adds up
 
 BARRIERS = (1.0, 1e-2, 1e-4, 1e-6, 1e-8)
 """Weights of the barrier, one after the other; four of the last per body is what it may cost."""
@@ -145,21 +144,14 @@ class Criterion:
     r"""The criterion over log-Cholesky coordinates, then other parameters.
 
     $\tfrac12\|A u - z\|^2 + \sum_i P_i(X_i) - \beta \log\det S_i$ with $X_i = \delta 1 + S_i$.
-
-    Attributes:
-        gamma: Weight of the prior.
-        barrier: $\beta$, which keeps coordinates from running off where the margin holds.
-        free: Indices of the other unknowns that are not given.
-        given: All unknowns with those that are given, the others zero.
-        lower: Of the coordinates and of the free others; likewise `upper`.
     """
 
     program: Program
-    gamma: float
-    barrier: float
-    free: NDArray[np.intp]
-    given: Array
-    lower: Array
+    gamma: float  # weight of the prior
+    barrier: float  # $\beta$, which keeps coordinates from running off where the margin holds
+    free: NDArray[np.intp]  # indices of the other unknowns that are not given
+    given: Array  # all unknowns with those that are given, the others zero
+    lower: Array  # of the coordinates and of the free others; likewise `upper`
     upper: Array
 
     @classmethod
@@ -304,14 +296,9 @@ def _numbers(matrices: Array) -> Array:
 STUCK = 1e-8
 """Gain, relative to the criterion or to 1, that rounding may hide: no step gains anything."""
 
-FAIR = 1e-4
-"""Part of the promise that a step has to keep."""
-
-SHORTER = 0.5
-"""Factor by which a step that keeps less is shortened."""
-
-SHORTENED = 60
-"""How often at most."""
+FAIR = 1e-4  # part of the promise that a step has to keep
+SHORTER = 0.5  # factor by which a step that keeps less is shortened
+SHORTENED = 60  # how often at most
 
 
 class Problem(Protocol):

@@ -21,8 +21,7 @@ from steelyard.estimate.least_squares.least_squares import Whitened
 from steelyard.estimate.prior.prior import Knowledge
 from steelyard.robot.rigid_body import Inertia
 
-ORDER = 4
-"""Rows of a pseudo-inertia."""
+ORDER = 4  # rows of a pseudo-inertia
 
 ENTRIES = tuple((i, j) for j in range(ORDER) for i in range(j + 1))
 """Places of the upper triangle, column by column."""
@@ -33,16 +32,14 @@ WIDEST = 10.0
 UNSEEN = 1e-9
 """Effort of a parameter, over that of the strongest, below which the data do not see it."""
 
-UNKNOWN = 100.0
-"""Standard deviation of a parameter that the data do not see, in its SI unit."""
+UNKNOWN = 100.0  # standard deviation of a parameter that the data do not see, in its SI unit
 
 SCALE_WITHOUT_PRIOR = Inertia.about_com(1.0, np.zeros(3), 0.01 * np.eye(3))
 """Scale of a body without prior."""
 
 ROWS, COLUMNS = np.array(ENTRIES).T
 
-ONE = np.where(ROWS == COLUMNS, 1.0, 0.0)
-"""Entries of the unit matrix."""
+ONE = np.where(ROWS == COLUMNS, 1.0, 0.0)  # entries of the unit matrix
 
 BASIS = np.zeros((10, ORDER, ORDER))
 BASIS[range(10), ROWS, COLUMNS] = BASIS[range(10), COLUMNS, ROWS] = 1.0
@@ -54,24 +51,17 @@ _TENS = np.array([Inertia.from_pseudo(e).ten for e in BASIS]).T
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    r"""Standard parameters as unknowns of a program, $\phi = c + T u$.
-
-    Attributes:
-        priors: Per body whether it has a prior; its unknowns are `u[10 k : 10 k + 10]`.
-        terms: Indices in `names` of the other unknowns, which follow those of the bodies.
-        scale: $T$, shape `(p, m)`.
-        weak: Precision of each unknown that keeps what no data show near zero, shape `(m,)`.
-        matrix: Whitened data over the unknowns, shape `(rank, m)`.
-        vector: Shape `(rank,)`.
-    """
+    r"""Standard parameters as unknowns of a program, $\phi = c + T u$."""
 
     names: tuple[str, ...]
+    # per body whether it has a prior; its unknowns are `u[10 k : 10 k + 10]`
     priors: tuple[bool, ...]
+    # indices in `names` of the other unknowns, which follow those of the bodies
     terms: tuple[int, ...]
-    scale: Array
-    weak: Array
-    matrix: Array
-    vector: Array
+    scale: Array  # $T$, `(p, m)`
+    weak: Array  # precision of each unknown that keeps what no data show near zero, `(m,)`
+    matrix: Array  # whitened data over the unknowns, `(rank, m)`
+    vector: Array  # `(rank,)`
 
     @property
     def start(self) -> Array:
@@ -144,8 +134,7 @@ def ten_map(prior: Inertia) -> Array:
 _DIAGONAL = np.flatnonzero(ONE)
 _TWICE = 2.0 - ONE
 
-FAINT = 1e-6
-"""Weight that keeps bodies without prior bounded."""
+FAINT = 1e-6  # weight that keeps bodies without prior bounded
 
 
 @dataclass(frozen=True, eq=False)

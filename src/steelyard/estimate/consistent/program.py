@@ -197,20 +197,11 @@ class Program:
         return matrix
 
 
-ROUNDS = 30
-"""Most Newton steps and changes of the bounds that hold."""
-
-NEAR = 1e-6
-"""Slack of a bound that is taken to hold at first, the row in unit length."""
-
-SMALL = 1e-20
-"""Decrement, relative to the cost, at which there is nothing left to gain."""
-
-ROUNDING = 1e-12
-"""Rise of the cost, relative to it, that is rounding."""
-
-HALVINGS = 6
-"""Most times that a step is halved."""
+ROUNDS = 30  # most Newton steps and changes of the bounds that hold
+NEAR = 1e-6  # slack of a bound that is taken to hold at first, the row in unit length
+SMALL = 1e-20  # decrement, relative to the cost, at which there is nothing left to gain
+ROUNDING = 1e-12  # rise of the cost, relative to it, that is rounding
+HALVINGS = 6  # most times that a step is halved
 
 
 def polished(program: Program, u: Array, gamma: float) -> Array | None:

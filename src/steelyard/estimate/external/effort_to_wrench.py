@@ -18,29 +18,18 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError
 
-FORCE = 30.0
-"""Expected size of a force [N]: a firm push."""
-
-LEVER = 0.1
-"""Expected distance of a force from the frame's origin [m]."""
-
-FORCES, LEVERS = (0.1, 1e5), (0.0, 100.0)
-"""Range of expected forces [N] and levers [m]."""
-
-TINY = 1e-12
-"""Singular values of a Jacobian below this share of the largest are zero."""
+FORCE = 30.0  # expected size of a force [N]: a firm push
+LEVER = 0.1  # expected distance of a force from the frame's origin [m]
+FORCES, LEVERS = (0.1, 1e5), (0.0, 100.0)  # range of expected forces [N] and levers [m]
+TINY = 1e-12  # singular values of a Jacobian below this share of the largest are zero
 
 
 @dataclass(frozen=True)
 class Expected:
-    """The size that wrenches are expected to have.
+    """The size that wrenches are expected to have."""
 
-    Attributes:
-        force: Standard deviation of each component of the force [N].
-        lever: That of each component of the moment, over `force` [m]; 0 for forces at the origin.
-    """
-
-    force: float = FORCE
+    force: float = FORCE  # standard deviation of each component of the force [N]
+    # that of each component of the moment, over `force` [m]; 0 for forces at the origin
     lever: float = LEVER
 
     def __post_init__(self) -> None:
@@ -65,30 +54,20 @@ class Expected:
 
 @dataclass(frozen=True, eq=False)
 class ExternalEfforts:
-    r"""External efforts along a stretch of a log, behind a low-pass, and how far they may be off.
+    """External efforts along a stretch of a log, behind a low-pass, and how far they may be off.
 
     They are $J^T F + A z + e$ with parameters $z$ of the model, independent and of variance 1, and
     residuals $e$, one part of which is slow, another one noise.
-
-    Attributes:
-        step: Time between samples [s].
-        torque: External efforts, shape `(N, n)` [Nm; N].
-        jacobian: Of the frame, shape `(N, 6, n)`.
-        spread: $A$, shape `(N, n, k)`.
-        slow: Standard deviation of the slow residuals, shape `(N, n)` [Nm; N].
-        noise: That of the others, likewise.
-        correlation: Of both between joints, shape `(n, n)`.
-        per_independent: Samples per independent one of the noise.
     """
 
-    step: float
-    torque: Array
-    jacobian: Array
-    spread: Array
-    slow: Array
-    noise: Array
-    correlation: Array
-    per_independent: float
+    step: float  # time between samples [s]
+    torque: Array  # external efforts, `(N, n)` [Nm; N]
+    jacobian: Array  # of the frame, `(N, 6, n)`
+    spread: Array  # $A$, `(N, n, k)`
+    slow: Array  # standard deviation of the slow residuals, `(N, n)` [Nm; N]
+    noise: Array  # that of the others, likewise
+    correlation: Array  # of both between joints, `(n, n)`
+    per_independent: float  # samples per independent one of the noise
 
     def part(self, at: slice) -> "ExternalEfforts":
         """Some consecutive samples."""
@@ -105,17 +84,11 @@ class ExternalEfforts:
 
 @dataclass(frozen=True, eq=False)
 class Wrenches:
-    """Estimated wrenches.
+    """Estimated wrenches."""
 
-    Attributes:
-        values: Force [N] and moment [Nm], shape `(N, 6)`.
-        covariance: Shape `(N, 6, 6)`.
-        learned: Share of what is expected of a wrench that efforts decide, see `learned_of`, shape
-            `(N, 6, 6)`.
-    """
-
-    values: Array
-    covariance: Array
+    values: Array  # force [N] and moment [Nm], `(N, 6)`
+    covariance: Array  # `(N, 6, 6)`
+    # share of what is expected of a wrench that efforts decide, see `learned_of`, `(N, 6, 6)`
     learned: Array
 
 
@@ -140,14 +113,10 @@ class WrenchMethod(Protocol):
 
 @dataclass(frozen=True)
 class Weighted:
-    """Each sample by itself, weighted by the model's uncertainty and the expected size.
-
-    Attributes:
-        expected: The size.
-    """
+    """Each sample by itself, weighted by the model's uncertainty and the expected size."""
 
     name: ClassVar[str] = "weighted"
-    expected: Expected = Expected()
+    expected: Expected = Expected()  # the size
 
     def __call__(self, efforts: ExternalEfforts) -> Wrenches:
         """See `WrenchMethod`."""
@@ -162,14 +131,10 @@ class Weighted:
 
 @dataclass(frozen=True)
 class InverseJacobian:
-    r"""$J^{-T} \tau$, by the pseudo-inverse where $J$ has none; large near singular postures.
-
-    Attributes:
-        expected: The size of wrenches, beside which a direction is seen or not.
-    """
+    r"""$J^{-T} \tau$, by the pseudo-inverse where $J$ has none; large near singular postures."""
 
     name: ClassVar[str] = "inverse"
-    expected: Expected = Expected()
+    expected: Expected = Expected()  # the size of wrenches, beside which a direction is seen or not
 
     def __call__(self, efforts: ExternalEfforts) -> Wrenches:
         """See `WrenchMethod`."""

@@ -24,11 +24,8 @@ from steelyard.estimate.external.rest_changes import ChangeStepper
 from steelyard.model.evaluation import check_angles
 from steelyard.symbolic.native.emit import MAX_ANGLE
 
-PER_PERIOD = 10.0
-"""Samples that a period of the observer's bandwidth needs."""
-
-NOISE = 0.5 * np.pi
-"""Noise bandwidth of a low-pass of first order over its bandwidth."""
+PER_PERIOD = 10.0  # samples that a period of the observer's bandwidth needs
+NOISE = 0.5 * np.pi  # noise bandwidth of a low-pass of first order over its bandwidth
 
 
 def check_bandwidth(bandwidth: float) -> None:
@@ -61,11 +58,8 @@ SMALL = np.float64(MAX_ANGLE**2)
 PER_PERIOD_COVARIANCE = 4.0
 """How often the covariance of the efforts is computed in a period of the bandwidth, at most."""
 
-GAP = 2.0
-"""Longest step, over the longest that the bandwidth allows, that is no gap."""
-
-FEW = 20
-"""Steps from which on too many gaps are an error."""
+GAP = 2.0  # longest step, over the longest that the bandwidth allows, that is no gap
+FEW = 20  # steps from which on too many gaps are an error
 
 
 class Observer:

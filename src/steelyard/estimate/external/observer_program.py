@@ -32,19 +32,12 @@ Axes = Literal["frame", "base"]
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """The parts of what the program computes at samples.
+    """The parts of what the program computes at samples."""
 
-    Attributes:
-        momentum: Shape `(..., n)` [kg m²/s; kg m/s].
-        drive: $u$, shape `(..., n)` [Nm; N].
-        jacobian: Of the frame's origin, then of its rotation, shape `(..., 6, n)`.
-        columns: Regressor entries of the chosen parameters, shape `(..., n, c)`.
-    """
-
-    momentum: Array
-    drive: Array
-    jacobian: Array
-    columns: Array
+    momentum: Array  # `(..., n)` [kg m²/s; kg m/s]
+    drive: Array  # $u$, `(..., n)` [Nm; N]
+    jacobian: Array  # of the frame's origin, then of its rotation, `(..., 6, n)`
+    columns: Array  # regressor entries of the chosen parameters, `(..., n, c)`
 
     @classmethod
     def of(cls, entries: Array, n: int) -> "Observed":

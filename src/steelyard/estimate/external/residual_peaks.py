@@ -26,11 +26,8 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array, finite_json, frozen
 from steelyard.estimate.external.rest_changes import changes_at_rest
 
-SHAPE = (0.1, 0.2)
-"""Mean and standard deviation of the tail's shape before the data."""
-
-_SHAPES = np.linspace(-0.5, 0.9, 36)[:, None] + 1e-9
-"""Shapes of Pareto laws that are compared."""
+SHAPE = (0.1, 0.2)  # mean and standard deviation of the tail's shape before the data
+_SHAPES = np.linspace(-0.5, 0.9, 36)[:, None] + 1e-9  # shapes of Pareto laws that are compared
 
 LOG_PRIOR = -0.5 * np.square((_SHAPES[:, 0] - SHAPE[0]) / SHAPE[1])
 """Logarithm of what is known of the shape before the data."""
@@ -38,15 +35,10 @@ LOG_PRIOR = -0.5 * np.square((_SHAPES[:, 0] - SHAPE[0]) / SHAPE[1])
 
 @dataclass(frozen=True, eq=False)
 class Tail:
-    """Maxima above a base: a generalised Pareto law whose shape and scale are uncertain.
+    """Maxima above a base: a generalised Pareto law whose shape and scale are uncertain."""
 
-    Attributes:
-        base: [Nm; N].
-        excesses: What the maxima exceed it by, positive, shape `(k,)` [Nm; N].
-    """
-
-    base: float
-    excesses: Array
+    base: float  # [Nm; N]
+    excesses: Array  # what the maxima exceed it by, positive, `(k,)` [Nm; N]
 
     @classmethod
     def of(cls, maxima: Array, visits: float) -> "Tail":
@@ -100,8 +92,7 @@ class Tail:
 RANGES = ("rest", "turning", "slow", "medium", "fast")
 """Ranges of a joint's speed; it is turning where it starts, stops or reverses."""
 
-CHANGE = len(RANGES)
-"""Column of the maxima of changes at rest, after those of the ranges."""
+CHANGE = len(RANGES)  # column of the maxima of changes at rest, after those of the ranges
 
 TESTS = np.array([0.5, 1.0, 1.0, 1.0, 1.0, 0.5])
 """Share of the false alarms of each column: two of them test a joint at rest."""
@@ -113,17 +104,13 @@ HOLD = 0.15
 """A faster range begins that long after the last sample in a slower one [s]: the residual's filter
 and the friction of a joint that starts to move remember."""
 
-MOST_KEPT = 200
-"""Maxima kept per joint and range."""
-
-TAIL_SHARE = 0.3
-"""Share of the maxima of a range that its tail is fitted to."""
+MOST_KEPT = 200  # maxima kept per joint and range
+TAIL_SHARE = 0.3  # share of the maxima of a range that its tail is fitted to
 
 SETTLED = 0.5
 """A joint is at rest that long after its last motion [s]: a robot that stops abruptly swings."""
 
-FEWEST = 10
-"""Maxima that the tail of a range needs."""
+FEWEST = 10  # maxima that the tail of a range needs
 
 EXTRAPOLATION = 10.0
 """How many times longer than the calibration the mean time between false alarms may be."""
@@ -134,21 +121,15 @@ class ResidualPeaks:
     """Largest residuals of visits to ranges of speed, in motion without contact.
 
     The last column is that of changes at rest.
-
-    Attributes:
-        edges: Speeds at which ranges meet, rest and turning at the first, shape `(n, 3)`
-            [rad/s; m/s].
-        cutoff: Of the low-pass behind which the residuals were taken [Hz].
-        maxima: Per joint and range the largest maxima, falling, at most `MOST_KEPT` [Nm; N].
-        visits: Visits, shape `(n, 6)`.
-        seconds: Time spent, shape `(n, 6)` [s].
     """
 
+    # speeds at which ranges meet, rest and turning at the first, `(n, 3)` [rad/s; m/s]
     edges: Array
-    cutoff: float
+    cutoff: float  # of the low-pass behind which the residuals were taken [Hz]
+    # per joint and range the largest maxima, falling, at most `MOST_KEPT` [Nm; N]
     maxima: tuple[tuple[Array, ...], ...]
-    visits: Array
-    seconds: Array
+    visits: Array  # visits, `(n, 6)`
+    seconds: Array  # time spent, `(n, 6)` [s]
 
     def __add__(self, other: "ResidualPeaks") -> "ResidualPeaks":
         """Visits of both; the ranges and the cut-off must be the same."""
@@ -229,27 +210,18 @@ class ResidualPeaks:
 
 @dataclass(frozen=True, eq=False)
 class ContactThresholds:
-    """Residual that a contact must exceed, per joint and range of its speed.
+    """Residual that a contact must exceed, per joint and range of its speed."""
 
-    Attributes:
-        edges: Speeds at which ranges meet, rest and turning at the first, shape `(n, 3)`
-            [rad/s; m/s].
-        cutoff: Of the first-order low-pass of the residuals that they are for [Hz].
-        rate: False alarms per hour of all joints together that they are for.
-        duration: Length of the free motion that they rest on [s].
-        limits: Shape `(n, 5)`; NaN of a joint that no free motion could test [Nm; N].
-        own: Whether the range of the joint was visited often enough for a threshold of its own,
-            shape `(n, 5)`; others take the largest of the joint and its friction.
-        changes: Of changes at rest, shape `(n,)`; NaN where they are not tested [Nm; N].
-    """
-
+    # speeds at which ranges meet, rest and turning at the first, `(n, 3)` [rad/s; m/s]
     edges: Array
-    cutoff: float
-    rate: float
-    duration: float
-    limits: Array
+    cutoff: float  # of the first-order low-pass of the residuals that they are for [Hz]
+    rate: float  # false alarms per hour of all joints together that they are for
+    duration: float  # length of the free motion that they rest on [s]
+    limits: Array  # `(n, 5)`; NaN of a joint that no free motion could test [Nm; N]
+    # whether the range of the joint was visited often enough for a threshold of its own, `(n, 5)`;
+    # others take the largest of the joint and its friction
     own: tuple[tuple[bool, ...], ...]
-    changes: Array
+    changes: Array  # of changes at rest, `(n,)`; NaN where they are not tested [Nm; N]
 
     def at(self, ranges: NDArray[np.intp]) -> Array:
         """Thresholds of ranges `(n, B)`, its shape [Nm; N]."""

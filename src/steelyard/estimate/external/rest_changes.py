@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.symbolic.native.compiled import recurrence
 
-CREEP = 2.0
-"""Time constant of the slow mean [s]."""
+CREEP = 2.0  # time constant of the slow mean [s]
 
 QUIET = 1.0
 """Changes are compared that long after the slow mean began [s]: an abrupt stop lets links swing."""

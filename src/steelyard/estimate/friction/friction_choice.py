@@ -51,39 +51,25 @@ Mix = tuple[Term, ...]
 
 @dataclass(frozen=True)
 class MixScore:
-    """How well a mix of friction laws predicts what it was not fitted to.
+    """How well a mix of friction laws predicts what it was not fitted to."""
 
-    Attributes:
-        name: The laws, for people to read.
-        terms: The laws.
-        error: Relative error on what was left out, mean over runs: the geometric mean of a typical
-            joint's and of all joints' together [%].
-        gain: How much less that is than with the first mix of the table [% of it].
-        spread: Standard error of that gain over the runs [%].
-        chosen: Whether it is the mix that was chosen.
-    """
-
-    name: str
-    terms: Mix
+    name: str  # the laws, for people to read
+    terms: Mix  # the laws
+    # relative error on what was left out, mean over runs: the geometric mean of a typical joint's
+    # and of all joints' together [%]
     error: float
-    gain: float
-    spread: float
-    chosen: bool = False
+    gain: float  # how much less that is than with the first mix of the table [% of it]
+    spread: float  # standard error of that gain over the runs [%]
+    chosen: bool = False  # whether it is the mix that was chosen
 
 
 @dataclass(frozen=True)
 class FrictionChoice:
-    """The mix that was chosen, and the table it was chosen from.
+    """The mix that was chosen, and the table it was chosen from."""
 
-    Attributes:
-        terms: The friction laws.
-        table: All mixes that were compared, in order.
-        left_out: What was left out in turn: `run` or `stretch`.
-    """
-
-    terms: Mix
-    table: tuple[MixScore, ...]
-    left_out: str
+    terms: Mix  # the friction laws
+    table: tuple[MixScore, ...]  # all mixes that were compared, in order
+    left_out: str  # what was left out in turn: `run` or `stretch`
 
     @property
     def name(self) -> str:

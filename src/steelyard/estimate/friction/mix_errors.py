@@ -30,16 +30,11 @@ from steelyard.model.terms.term import CandidateTerms, StatefulTerm, Term
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """All columns beside those of the model without friction.
+    """All columns beside those of the model without friction."""
 
-    Attributes:
-        model: The model with one dictionary per law.
-        base: Base parameters of the model without friction.
-        candidates: Per law and coordinates the terms in their dictionary.
-    """
-
-    model: Model
-    base: BaseMap
+    model: Model  # the model with one dictionary per law
+    base: BaseMap  # base parameters of the model without friction
+    # per law and coordinates the terms in their dictionary
     candidates: Mapping[tuple[Any, ...], tuple[Term, ...]]
 
     @classmethod
@@ -102,28 +97,21 @@ ConsistentOf = Callable[[Model, BaseMap], Consistent]
 
 @dataclass(frozen=True, eq=False)
 class FrictionMixErrors:
-    """Errors of mixes on what was left out.
+    """Errors of mixes on what was left out."""
 
-    Attributes:
-        model: The model without friction.
-        moving: One window per fold, without rests; `whole` has them.
-        consistent: Fits them in its place, if it is there.
-        known: Errors of the mixes that were tried, shape `(folds, rows)`.
-        gammas: Weight of the prior, one for all mixes and parts: that of the first mix and all
-            runs. One for each part would scatter by more than mixes differ.
-        count: How many mixes there may be.
-    """
-
-    model: Model
+    model: Model  # the model without friction
     wide: Candidates
-    moving: Information
+    moving: Information  # one window per fold, without rests; `whole` has them
     whole: Information
     estimator: Estimator[Information]
-    consistent: ConsistentOf | None
+    consistent: ConsistentOf | None  # fits them in its place, if it is there
+    # errors of the mixes that were tried, `(folds, rows)`
     known: dict[tuple[Term, ...], Array] = field(default_factory=dict)
+    # weight of the prior, one for all mixes and parts: that of the first mix and all runs. One for
+    # each part would scatter by more than mixes differ
     gammas: list[float] = field(default_factory=list)
     progress: Progress = silent
-    count: int = 1
+    count: int = 1  # how many mixes there may be
 
     @cached_property
     def sizes(self) -> Array:

@@ -66,8 +66,7 @@ LOADED = ("motor_current", "motor_torque")
 LOAD: tuple[tuple[Term, ...], ...] = ((), (LoadDependent(length=1e-3),))
 """Whether friction grows with the load."""
 
-LEVER = 0.1
-"""Arm at which a prismatic joint's speeds and lengths are those of a revolute one [m]."""
+LEVER = 0.1  # arm at which a prismatic joint's speeds and lengths are those of a revolute one [m]
 
 SPRINGS: tuple[tuple[Term, ...], ...] = ((), (Spring(),))
 """Whether cables or springs pull the joints."""
@@ -153,26 +152,19 @@ def _short(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-LENGTHS = 3.0
-"""Lengths of a law's state that a joint travels until its samples are used."""
+LENGTHS = 3.0  # lengths of a law's state that a joint travels until its samples are used
 SPEEDS = 2.0
 """Fast over slow motion (quantiles 0.9 and 0.1 of the speed) from which on speeds differ."""
-SLOWEST = 0.03
-"""Speed up to which a joint rests, relative to its fastest."""
+SLOWEST = 0.03  # speed up to which a joint rests, relative to its fastest
 
 
 @dataclass(frozen=True)
 class JointMotion:
-    """Motion of one joint over all logs.
-
-    Attributes:
-        travel: Distance travelled [rad; m].
-        speeds: Fast over slow motion, quantiles 0.9 and 0.1 of the speed in motion.
-    """
+    """Motion of one joint over all logs."""
 
     reversals: int
-    travel: float
-    speeds: float
+    travel: float  # distance travelled [rad; m]
+    speeds: float  # fast over slow motion, quantiles 0.9 and 0.1 of the speed in motion
 
 
 def joint_motions(

@@ -48,8 +48,7 @@ def _edges(width: int, size: int) -> list[int]:
     return sorted({max(0, min(start, width - size)) for start in range(0, width, size)})
 
 
-BLOCK = 256
-"""Samples per inner block: its rows stay in the second-level cache."""
+BLOCK = 256  # samples per inner block: its rows stay in the second-level cache
 
 MOVING = 0.1
 """Filtered weight above which a filtered sample counts: only a rest as long as the filter is left
@@ -58,28 +57,22 @@ out, a reversal of the motion is not a rest."""
 RESTING = 0.02
 """Share of left out samples behind the filter from which on a filtered sample is beside rests."""
 
-PADDING = 8
-"""Extra samples per row, so that rows do not start a power of two apart."""
+PADDING = 8  # extra samples per row, so that rows do not start a power of two apart
 
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """Consecutive samples of one run, joint-major.
+    """Consecutive samples of one run, joint-major."""
 
-    Attributes:
-        q: Shape `(n, N)`; likewise `dq`, `ddq` and `effort`.
-        channels: Shape `(n_channels, N)`, see `model.Scan`; without channels if `None`.
-        weights: Weight of each sample in each effort row, `(n, N)`; all ones if `None`. A filtered
-            sample counts if samples of weight 0 leave more than `MOVING` of its filter; then its
-            weight is the inverse of the variances $1 / w$ behind the filter.
-    """
-
-    q: Array
+    q: Array  # `(n, N)`; likewise `dq`, `ddq` and `effort`
     dq: Array
     ddq: Array
     effort: Array
+    # weight of each sample in each effort row, `(n, N)`; all ones if `None`. A filtered sample
+    # counts if samples of weight 0 leave more than `MOVING` of its filter; then its weight is the
+    # inverse of the variances $1 / w$ behind the filter
     weights: Array | None = None
-    channels: Array | None = None
+    channels: Array | None = None  # `(n_channels, N)`, see `model.Scan`; without channels if `None`
 
     def __post_init__(self) -> None:
         if self.channels is None:
@@ -103,19 +96,13 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """Sums over samples.
+    """Sums over samples."""
 
-    Attributes:
-        grams: Packed Gram matrices, shape `(size,)`.
-        absolute: Sums of |value|, shape `(width,)`.
-        counts: Samples per row, shape `(rows,)`.
-        beside: Of `grams`, the part of filtered samples beside rests: those in which samples of
-            weight 0 have a share above `RESTING`.
-    """
-
-    grams: Array
-    absolute: Array
-    counts: Array
+    grams: Array  # packed Gram matrices, `(size,)`
+    absolute: Array  # sums of |value|, `(width,)`
+    counts: Array  # samples per row, `(rows,)`
+    # of `grams`, the part of filtered samples beside rests: those in which samples of weight 0 have
+    # a share above `RESTING`
     beside: Array
 
 

@@ -43,11 +43,8 @@ NEW = 1e-2
 UNSEEN = 1e-9
 """Norm of a column, relative to the largest, at which it is zero but for rounding errors."""
 
-GAP = 1e-3
-"""Singular values above this part of the largest one count in any case."""
-
-ROUNDING = 1e-14
-"""Singular values below this part of the largest one are rounding errors."""
+GAP = 1e-3  # singular values above this part of the largest one count in any case
+ROUNDING = 1e-14  # singular values below this part of the largest one are rounding errors
 
 
 def seen_columns(matrix: Array) -> list[int]:
@@ -105,29 +102,20 @@ FAINT = 1e-3
 """Part of a column that others do not explain, over the norm of the largest one of its unit, below
 which motions are not designed for it."""
 
-ENGINE = 2
-"""Raised whenever the choice of columns changes: old cache entries are then not used."""
+ENGINE = 2  # raised whenever the choice of columns changes: old cache entries are then not used
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BaseMap:
-    r"""Standard parameters to base parameters, $\phi_\mathrm{base} = \phi_b + K \phi_d$.
+    r"""Standard parameters to base parameters, $\phi_\mathrm{base} = \phi_b + K \phi_d$."""
 
-    Attributes:
-        names: Names of the standard parameters, `p` of them.
-        units: Their units.
-        independent: Indices of the parameters that lead a group, one per base parameter.
-        dependent: Indices of the parameters that are grouped with those.
-        unseen: Indices of the parameters that no motion can show.
-        coefficients: $K$, shape `(len(independent), len(dependent))`.
-    """
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
+    names: tuple[str, ...]  # names of the standard parameters, `p` of them
+    units: tuple[str, ...]  # their units
+    # indices of the parameters that lead a group, one per base parameter
     independent: tuple[int, ...]
-    dependent: tuple[int, ...]
-    unseen: tuple[int, ...]
-    coefficients: Array
+    dependent: tuple[int, ...]  # indices of the parameters that are grouped with those
+    unseen: tuple[int, ...]  # indices of the parameters that no motion can show
+    coefficients: Array  # $K$, `(len(independent), len(dependent))`
 
     def __repr__(self) -> str:
         return f"BaseMap({len(self)} base parameters of {len(self.names)})"

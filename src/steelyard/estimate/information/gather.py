@@ -19,8 +19,7 @@ from steelyard.model.model import Model
 from steelyard.runs.run import Block, Run
 from steelyard.runs.run_samples import closed_parts
 
-MOST_WINDOWS = 128
-"""Windows kept per run; beyond that neighbours are merged."""
+MOST_WINDOWS = 128  # windows kept per run; beyond that neighbours are merged
 
 
 class Windows:
@@ -70,20 +69,11 @@ class Windows:
         return grams, absolute, counts, beside if beside.any() else None
 
 
-PIECE = 1024
-"""Least number of samples of a piece."""
-
-HALOS = 8
-"""Least length of a piece in halos of the filter, which are evaluated twice."""
-
-AHEAD = 2
-"""Pieces read ahead per thread."""
-
-LEAST_WINDOWS = 8
-"""Windows that even a short run is cut into, for the correlation of residuals."""
-
-SHORTEST = 2
-"""Least length of such a window in halos of the filter."""
+PIECE = 1024  # least number of samples of a piece
+HALOS = 8  # least length of a piece in halos of the filter, which are evaluated twice
+AHEAD = 2  # pieces read ahead per thread
+LEAST_WINDOWS = 8  # windows that even a short run is cut into, for the correlation of residuals
+SHORTEST = 2  # least length of such a window in halos of the filter
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,17 +18,12 @@ from steelyard.estimate.information.regressor import Layout
 
 @dataclass(frozen=True)
 class Signature:
-    """What must be equal before two pieces of information can be added.
-
-    Attributes:
-        effort: Unit of the effort per row.
-        filters: Description of the filters.
-    """
+    """What must be equal before two pieces of information can be added."""
 
     model: str
     columns: tuple[str, ...]
-    effort: tuple[str, ...]
-    filters: str
+    effort: tuple[str, ...]  # unit of the effort per row
+    filters: str  # description of the filters
 
     def refuse_unlike(self, other: "Signature", where: str) -> None:
         """Refuse to add what means something else: a `DataError` says in what they differ."""

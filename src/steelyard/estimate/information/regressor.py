@@ -29,15 +29,12 @@ from steelyard.symbolic.program import Program, Step, softened
 
 @dataclass(frozen=True)
 class Layout:
-    """Which columns each effort row sees; the measured effort is the last of each row.
-
-    Attributes:
-        sees: Per row the indices of the columns that can be nonzero in it, ascending.
-    """
+    """Which columns each effort row sees; the measured effort is the last of each row."""
 
     columns: tuple[str, ...]
     units: tuple[str, ...]
     rows: tuple[str, ...]
+    # per row the indices of the columns that can be nonzero in it, ascending
     sees: tuple[tuple[int, ...], ...]
 
     @property
@@ -58,17 +55,12 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class Regressor:
-    """Columns of a model over samples.
-
-    Attributes:
-        layout: Names, and what each row sees.
-        code: Inputs `q`, `dq`, `ddq`, `channels`, `effort`; outputs as `Layout.starts` says.
-    """
+    """Columns of a model over samples."""
 
     model: Model
     base: BaseMap
-    layout: Layout
-    code: Code
+    layout: Layout  # names, and what each row sees
+    code: Code  # inputs `q`, `dq`, `ddq`, `channels`, `effort`; outputs as `Layout.starts` says
 
     def dense(self, q: Array, dq: Array, ddq: Array) -> Array:
         """All entries along a motion of `(n, N)` states: shape `(n, N, columns)`."""
@@ -124,27 +116,18 @@ def chosen_regressor(model: Model, base: BaseMap, columns: Sequence[int]) -> Reg
     return Regressor(model, base, layout, code)
 
 
-SUPPRESSION = 60.0
-"""Attenuation above twice the cut-off [dB]."""
-
-FINE = 40.0
-"""Sampling rate over cut-off at which the noise bandwidth is taken."""
+SUPPRESSION = 60.0  # attenuation above twice the cut-off [dB]
+FINE = 40.0  # sampling rate over cut-off at which the noise bandwidth is taken
 
 
 @dataclass(frozen=True, eq=False)
 class ParallelFilter:
-    """A symmetric FIR low-pass that keeps every `decimation`-th sample.
+    """A symmetric FIR low-pass that keeps every `decimation`-th sample."""
 
-    Attributes:
-        cutoff: Half-amplitude frequency [Hz].
-        rate: Sampling rate it was made for [Hz].
-        taps: Odd number of coefficients, sum 1.
-        decimation: Samples per kept sample; kept samples come at four times the cut-off or faster.
-    """
-
-    cutoff: float
-    rate: float
-    taps: Array
+    cutoff: float  # half-amplitude frequency [Hz]
+    rate: float  # sampling rate it was made for [Hz]
+    taps: Array  # odd number of coefficients, sum 1
+    # samples per kept sample; kept samples come at four times the cut-off or faster
     decimation: int
 
     @classmethod
@@ -185,19 +168,12 @@ _Q, _DQ, _DDQ, _CHANNELS, _WIDTHS = range(5)
 
 @dataclass(frozen=True, eq=False)
 class SampledInformation:
-    """Regressor entries at samples; what `InformationEvaluator.pull` needs of them.
+    """Regressor entries at samples; what `InformationEvaluator.pull` needs of them."""
 
-    Attributes:
-        inputs: What they were computed from, arrays of `(entries, N)`; the widths `(n,)`.
-        entries: Shape `(entries, N)`, row by row of the efforts.
-        step: What a sample counts for.
-        gram: $G$, shape `(c, c)`.
-    """
-
-    inputs: list[Array]
-    entries: Array
-    step: float
-    gram: Array
+    inputs: list[Array]  # what they were computed from, arrays of `(entries, N)`; the widths `(n,)`
+    entries: Array  # `(entries, N)`, row by row of the efforts
+    step: float  # what a sample counts for
+    gram: Array  # $G$, `(c, c)`
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,18 +182,14 @@ class InformationEvaluator:
 
     Laws that jump at zero speed turn within a width of speed, so that the information has slopes;
     with widths of 1e-9 it is that of the jump itself.
-
-    Attributes:
-        model: The model; its terms have no memory.
-        weights: Of the efforts' squares over a second, such as independent samples a second over
-            the variance of their noise, shape `(n,)`.
-        widths: Speeds within which jumps turn, shape `(n,)` [rad/s; m/s].
-        absent: Base parameters that the model does without: they are zero, not unknown.
     """
 
-    model: Model
+    model: Model  # the model; its terms have no memory
+    # of the efforts' squares over a second, such as independent samples a second over the variance
+    # of their noise, `(n,)`
     weights: Array
-    widths: Array
+    widths: Array  # speeds within which jumps turn, `(n,)` [rad/s; m/s]
+    # base parameters that the model does without: they are zero, not unknown
     absent: tuple[str, ...] = ()
 
     @cached_property

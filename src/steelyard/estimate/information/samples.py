@@ -23,8 +23,7 @@ Mask = NDArray[np.bool_]
 
 _AT_INSTANTS = ("t", "q", "dq", "ddq", "channels")
 
-WINDOWS = 24
-"""Windows that a run's samples are summed up in."""
+WINDOWS = 24  # windows that a run's samples are summed up in
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,35 +40,21 @@ class SampledRun:
 
 @dataclass(frozen=True, eq=False)
 class FilteredSamples:
-    """Instants of some runs, and per effort row what it saw at those of them that count for it.
+    """Instants of some runs, and per effort row what it saw at those of them that count for it."""
 
-    Attributes:
-        layout: Names, and what each row sees.
-        signature: What the samples mean.
-        sources: The runs, in any order.
-        source: Number of the run of each instant, shape `(N,)`.
-        t: Time of each instant from its log's start, shape `(N,)` [s].
-        q: Positions at the instants, not behind the parallel filter, shape `(N, n)` [rad; m].
-        dq: Velocities, the same shape [rad/s; m/s].
-        ddq: Accelerations, the same shape [rad/s²; m/s²].
-        channels: What the model computed along the motion, shape `(N, n_channels)`.
-        rows: Per effort row `[columns that row sees | effort]` behind the parallel filter, shape
-            `(N_j, k_j + 1)`.
-        weights: Per effort row the weight of each of its samples, shape `(N_j,)`.
-        at: Per effort row the number of the instant of each of its samples, shape `(N_j,)`.
-    """
-
-    layout: Layout
-    signature: Signature
-    sources: tuple[SampledRun, ...]
-    source: Index
-    t: Array
-    q: Array
-    dq: Array
-    ddq: Array
-    channels: Array
+    layout: Layout  # names, and what each row sees
+    signature: Signature  # what the samples mean
+    sources: tuple[SampledRun, ...]  # the runs, in any order
+    source: Index  # number of the run of each instant, `(N,)`
+    t: Array  # time of each instant from its log's start, `(N,)` [s]
+    q: Array  # positions at the instants, not behind the parallel filter, `(N, n)` [rad; m]
+    dq: Array  # velocities, the same shape [rad/s; m/s]
+    ddq: Array  # accelerations, the same shape [rad/s²; m/s²]
+    channels: Array  # what the model computed along the motion, `(N, n_channels)`
+    # per effort row `[columns that row sees | effort]` behind the parallel filter, `(N_j, k_j + 1)`
     rows: tuple[Array, ...]
-    weights: tuple[Array, ...]
+    weights: tuple[Array, ...]  # per effort row the weight of each of its samples, `(N_j,)`
+    # per effort row the number of the instant of each of its samples, `(N_j,)`
     at: tuple[Index, ...]
 
     def __len__(self) -> int:
@@ -195,8 +180,7 @@ def _joined(first: tuple[Array, ...], second: tuple[Array, ...]) -> tuple[Array,
     return tuple(np.concatenate([a, b]) for a, b in zip(first, second, strict=True))
 
 
-MOST_SAMPLES_PER_ROW = 20_000
-"""Samples kept per effort row of a run."""
+MOST_SAMPLES_PER_ROW = 20_000  # samples kept per effort row of a run
 
 
 def gather_samples(
@@ -248,24 +232,16 @@ def gather_samples(
 
 @dataclass(frozen=True, eq=False)
 class _SamplesOfPiece:
-    """Instants of a piece at which any row counts, joint-major.
+    """Instants of a piece at which any row counts, joint-major."""
 
-    Attributes:
-        numbers: Which filtered samples of the run they are, shape `(M,)`.
-        t: Their times, shape `(M,)` [s].
-        q: Shape `(n, M)`; likewise `dq`, `ddq` and `channels`.
-        rows: Columns and efforts as `Layout.starts` says, shape `(width, M)`.
-        weights: Shape `(n, M)`.
-    """
-
-    numbers: NDArray[np.intp]
-    t: Array
-    q: Array
+    numbers: NDArray[np.intp]  # which filtered samples of the run they are, `(M,)`
+    t: Array  # their times, `(M,)` [s]
+    q: Array  # `(n, M)`; likewise `dq`, `ddq` and `channels`
     dq: Array
     ddq: Array
     channels: Array
-    rows: Array
-    weights: Array
+    rows: Array  # columns and efforts as `Layout.starts` says, `(width, M)`
+    weights: Array  # `(n, M)`
 
     @property
     def _arrays(self) -> tuple[NDArray[np.generic], ...]:

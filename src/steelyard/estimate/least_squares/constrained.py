@@ -121,8 +121,7 @@ def _joined(estimate: Estimate, layout: Layout, known: Mapping[str, float]) -> E
 Bounds = Mapping[str, tuple[float, float]]
 """Lower and upper bound by name of the column; infinite where there is none."""
 
-AT_BOUND = 1e-6
-"""Distance from a bound, in standard deviations, up to which a parameter lies on it."""
+AT_BOUND = 1e-6  # distance from a bound, in standard deviations, up to which a parameter lies on it
 
 
 def base_bounds(base: BaseMap, knowledge: Knowledge) -> Bounds:
@@ -141,20 +140,13 @@ def base_bounds(base: BaseMap, knowledge: Knowledge) -> Bounds:
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """Least squares of the columns that the data see, within a box.
-
-    Attributes:
-        names: Columns that the data see, `k` of them.
-        lower: Their lower bounds, shape `(k,)`.
-        upper: Their upper bounds, likewise.
-        root: Their columns of $R$, shape `(rank, k)`.
-    """
+    """Least squares of the columns that the data see, within a box."""
 
     data: Whitened
-    names: tuple[str, ...]
-    lower: Array
-    upper: Array
-    root: Array
+    names: tuple[str, ...]  # columns that the data see, `k` of them
+    lower: Array  # their lower bounds, `(k,)`
+    upper: Array  # their upper bounds, likewise
+    root: Array  # their columns of $R$, `(rank, k)`
 
     @classmethod
     def of(cls, data: Whitened, bounds: Bounds) -> "Box":
@@ -248,14 +240,11 @@ class BoundedLeastSquares:
     """Weighted least squares within bounds.
 
     The intervals are those without the bounds: wider than need be where a bound holds.
-
-    Attributes:
-        bounds: Lower and upper bound by column, see `base_bounds`.
-        per_run: Columns whose parameters every run has for itself.
     """
 
+    # lower and upper bound by column, see `base_bounds`
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    per_run: tuple[str, ...] = ()
+    per_run: tuple[str, ...] = ()  # columns whose parameters every run has for itself
 
     def __call__(self, information: Information) -> Estimate:
         """Estimate all columns that the data see.

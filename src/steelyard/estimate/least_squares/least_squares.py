@@ -46,14 +46,9 @@ from steelyard.estimate.least_squares.residual_covariance import (
     scatter,
 )
 
-DEPTH = 4
-"""Earlier points that are mixed."""
-
-NEAR = 0.1
-"""Change of a logarithm from which on earlier points are mixed."""
-
-LONGEST = 1.0
-"""Longest mixed step of a logarithm."""
+DEPTH = 4  # earlier points that are mixed
+NEAR = 0.1  # change of a logarithm from which on earlier points are mixed
+LONGEST = 1.0  # longest mixed step of a logarithm
 
 
 @dataclass(frozen=True)
@@ -79,17 +74,11 @@ class OrdinaryLeastSquares:
 
 @dataclass(frozen=True)
 class WeightedLeastSquares:
-    """Every row weighs by the variance of its own residuals.
+    """Every row weighs by the variance of its own residuals."""
 
-    Attributes:
-        rounds: Most iterations of the weights.
-        tolerance: Relative change of the weights at which they have converged.
-        per_run: Columns whose parameters every run has for itself.
-    """
-
-    rounds: int = 50
-    tolerance: float = 1e-6
-    per_run: tuple[str, ...] = ()
+    rounds: int = 50  # most iterations of the weights
+    tolerance: float = 1e-6  # relative change of the weights at which they have converged
+    per_run: tuple[str, ...] = ()  # columns whose parameters every run has for itself
 
     def __call__(self, information: Information) -> Estimate:
         """Estimate all columns that the data see."""
@@ -157,37 +146,22 @@ class Mixing:
         return np.asarray(point + np.clip(step, -LONGEST, LONGEST))
 
 
-RANK = 1e-11
-"""Eigenvalue of the normal matrix, columns of unit length, below which it is rounding."""
-
-FREEDOM = 2.0
-"""Independent samples per parameter that a fit needs at least."""
+RANK = 1e-11  # eigenvalue of the normal matrix, columns of unit length, below which it is rounding
+FREEDOM = 2.0  # independent samples per parameter that a fit needs at least
 
 
 @dataclass(frozen=True, eq=False)
 class Whitened:
-    """A least-squares problem in base parameters.
+    """A least-squares problem in base parameters."""
 
-    Attributes:
-        fit: Weighted least squares of the same data.
-        eliminated: Per run its own parameters, as functions of the others.
-        names: Base parameters, `c` of them; those of single runs are not among them.
-        matrix: `R`, shape `(rank, c)`.
-        vector: `z`, shape `(rank,)`.
-        noise: Covariance of `z` from windows of time and samples beside rests, shape
-            `(rank, rank)`.
-        lengths: Root of the sum of squares of each whitened column, shape `(c,)`.
-        effort: Root of the sum of squares of the whitened efforts.
-    """
-
-    fit: Fit
-    eliminated: tuple[Eliminated, ...]
-    names: tuple[str, ...]
-    matrix: Array
-    vector: Array
-    noise: Array
-    lengths: Array
-    effort: float
+    fit: Fit  # weighted least squares of the same data
+    eliminated: tuple[Eliminated, ...]  # per run its own parameters, as functions of the others
+    names: tuple[str, ...]  # base parameters, `c` of them; those of single runs are not among them
+    matrix: Array  # `R`, `(rank, c)`
+    vector: Array  # `z`, `(rank,)`
+    noise: Array  # covariance of `z` from windows of time and samples beside rests, `(rank, rank)`
+    lengths: Array  # root of the sum of squares of each whitened column, `(c,)`
+    effort: float  # root of the sum of squares of the whitened efforts
 
 
 def whitened(
@@ -240,24 +214,19 @@ def whitened(
     )
 
 
-MOST_WINDOWS_APART = 48
-"""Windows that are kept apart, for the correlation of residuals."""
+MOST_WINDOWS_APART = 48  # windows that are kept apart, for the correlation of residuals
 
 Inner = WeightedLeastSquares | OrdinaryLeastSquares
 
 
 @dataclass(frozen=True)
 class Recursive:
-    """Estimates window by window.
+    """Estimates window by window."""
 
-    Attributes:
-        forgetting: Weight, after a second of further data, of what was learned before, above 0 and
-            up to 1; with 1 nothing fades, and the estimate is the inner one of all windows.
-        inner: How rows are weighted.
-    """
-
+    # weight, after a second of further data, of what was learned before, above 0 and up to 1; with
+    # 1 nothing fades, and the estimate is the inner one of all windows
     forgetting: float = 1.0
-    inner: Inner = field(default_factory=WeightedLeastSquares)
+    inner: Inner = field(default_factory=WeightedLeastSquares)  # how rows are weighted
 
     def __post_init__(self) -> None:
         if not 0.0 < self.forgetting <= 1.0:

@@ -38,8 +38,7 @@ from steelyard.estimate.least_squares.normal_equations import (
 from steelyard.estimate.least_squares.residual_covariance import honest_covariance
 from steelyard.estimate.least_squares.robust import FREEDOM, residuals_of
 
-BLOCK = 256
-"""Instants evaluated at once, each with every joint moved six ways."""
+BLOCK = 256  # instants evaluated at once, each with every joint moved six ways
 
 
 def motion_roots(covariance: Array) -> Array:
@@ -92,11 +91,8 @@ def _changes(regressor: Regressor, samples: FilteredSamples, block: Index, root:
     return np.asarray(0.5 * (plus - minus))
 
 
-FLOOR = 1e-24
-"""Least variance of the effort's own noise over the mean square of the effort."""
-
-HALVINGS = 5
-"""How often a step that does not help is halved."""
+FLOOR = 1e-24  # least variance of the effort's own noise over the mean square of the effort
+HALVINGS = 5  # how often a step that does not help is halved
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,21 +102,16 @@ class MotionNoise:
     Efforts of different joints count as independent. The covariance is that of the scores,
     $H^{-1} M H^{-1}$, to first order in the noise. Parameters that runs have for themselves stay as
     weighted least squares has them.
-
-    Attributes:
-        regressor: Model and columns of the samples.
-        position: Standard deviation of a position, one for all joints or one per joint [rad; m];
-            `None`: as it is found in the runs.
-        rounds: Most steps.
-        tolerance: Change of the parameters, in standard deviations, at which they have converged.
-        per_run: Columns whose parameters every run has for itself.
     """
 
-    regressor: Regressor
+    regressor: Regressor  # model and columns of the samples
+    # standard deviation of a position, one for all joints or one per joint [rad; m]; `None`: as it
+    # is found in the runs
     position: float | tuple[float, ...] | None = None
-    rounds: int = 30
+    rounds: int = 30  # most steps
+    # change of the parameters, in standard deviations, at which they have converged
     tolerance: float = 1e-4
-    per_run: tuple[str, ...] = ()
+    per_run: tuple[str, ...] = ()  # columns whose parameters every run has for itself
 
     def __call__(self, samples: FilteredSamples) -> Estimate:
         """Estimate all columns that the samples see.
@@ -157,47 +148,29 @@ def _roots(samples: FilteredSamples, position: ArrayLike | None) -> list[Array]:
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Where the search is; all but the first two per effort row.
+    """Where the search is; all but the first two per effort row."""
 
-    Attributes:
-        values: Parameters that are searched, shape `(k,)`.
-        own: Variance of each row's own noise, shape `(rows,)`.
-        residuals: Shape `(N_j,)`.
-        motion: Variance of each residual through noise of the motion, shape `(N_j,)`.
-        bends: Half the change of that with the parameters, shape `(N_j, k_j)`.
-        total: Variance of each residual, shape `(N_j,)`.
-        loss: What is minimised.
-    """
-
-    values: Array
-    own: Array
-    residuals: tuple[Array, ...]
-    motion: tuple[Array, ...]
-    bends: tuple[Array, ...]
-    total: tuple[Array, ...]
-    loss: float
+    values: Array  # parameters that are searched, `(k,)`
+    own: Array  # variance of each row's own noise, `(rows,)`
+    residuals: tuple[Array, ...]  # `(N_j,)`
+    motion: tuple[Array, ...]  # variance of each residual through noise of the motion, `(N_j,)`
+    bends: tuple[Array, ...]  # half the change of that with the parameters, `(N_j, k_j)`
+    total: tuple[Array, ...]  # variance of each residual, `(N_j,)`
+    loss: float  # what is minimised
 
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Samples with what is searched and what is fixed.
-
-    Attributes:
-        samples: The samples, without what parameters of single runs explain of their efforts.
-        roots: Per source the roots of the motion's covariance.
-        names: What is searched.
-        place: Its columns.
-        fixed: Values of the other columns, shape `(p,)`.
-        first: Where the search begins.
-    """
+    """Samples with what is searched and what is fixed."""
 
     regressor: Regressor
+    # the samples, without what parameters of single runs explain of their efforts
     samples: FilteredSamples
-    roots: list[Array]
-    names: tuple[str, ...]
-    place: tuple[int, ...]
-    fixed: Array
-    first: Array
+    roots: list[Array]  # per source the roots of the motion's covariance
+    names: tuple[str, ...]  # what is searched
+    place: tuple[int, ...]  # its columns
+    fixed: Array  # values of the other columns, `(p,)`
+    first: Array  # where the search begins
 
     @classmethod
     def of(
@@ -332,11 +305,9 @@ class TotalLeastSquares:
     The covariance is $H^{-1} (\sum_j \varphi_j G_j) H^{-1}$ with $H = A^T A - \sigma^2 I$, $G_j$
     what row $j$ adds to $A^T A$ and $\varphi_j$ as in `sandwich`, times the residual variance: a
     little wider than to first order, and right if all columns are as noisy as they are taken to be.
-
-    Attributes:
-        per_run: Columns whose parameters every run has for itself; they are taken as exact.
     """
 
+    # columns whose parameters every run has for itself; they are taken as exact
     per_run: tuple[str, ...] = ()
 
     def __call__(self, information: Information) -> Estimate:

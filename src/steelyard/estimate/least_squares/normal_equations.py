@@ -22,8 +22,7 @@ SEEN = 1e-10
 """Squared sine of the angle to earlier columns below which the data do not see a column; eigenvalue
 of a run's own normal matrix, columns of unit length, below which it is not seen."""
 
-TIED = 1e-3
-"""Share of a column's length that another must have in it to be named as its twin."""
+TIED = 1e-3  # share of a column's length that another must have in it to be named as its twin
 
 
 def own_columns(model: Model) -> tuple[str, ...]:
@@ -38,21 +37,14 @@ def own_columns(model: Model) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Eliminated:
-    """One run's own parameters.
-
-    Attributes:
-        offset: Their values where all shared ones are zero.
-        slopes: Their change per shared column, shape `(l, p)`.
-        inverse: Inverse of their own normal matrix, shape `(l, l)`.
-        values: Their values; zero until `solved`.
-    """
+    """One run's own parameters."""
 
     run: str
     columns: tuple[int, ...]
-    offset: Array
-    slopes: Array
-    inverse: Array
-    values: Array
+    offset: Array  # their values where all shared ones are zero
+    slopes: Array  # their change per shared column, `(l, p)`
+    inverse: Array  # inverse of their own normal matrix, `(l, l)`
+    values: Array  # their values; zero until `solved`
 
     def solved(self, shared: Array) -> "Eliminated":
         """The same with values, for those of all shared columns, shape `(p,)`."""
@@ -79,16 +71,11 @@ class Eliminated:
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """Information as an estimator with parameters of single runs sees it.
-
-    Attributes:
-        runs: One part per run; a single part if no column is a run's own.
-        local: Indices of the columns that every run has for itself.
-    """
+    """Information as an estimator with parameters of single runs sees it."""
 
     whole: Information
-    runs: tuple[Information, ...]
-    local: tuple[int, ...]
+    runs: tuple[Information, ...]  # one part per run; a single part if no column is a run's own
+    local: tuple[int, ...]  # indices of the columns that every run has for itself
 
     @classmethod
     def of(cls, information: Information, per_run: Sequence[str]) -> "Runs":
@@ -176,22 +163,14 @@ def explained(
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Values of all columns (unseen ones zero), those kept, and the inverse Gram of these.
+    """Values of all columns (unseen ones zero), those kept, and the inverse Gram of these."""
 
-    Attributes:
-        values: Shared columns, shape `(p,)`; columns of single runs are zero here.
-        kept: Shared columns that the data see.
-        inverse: Inverse of the normal matrix of `kept`.
-        locals: Per run its own columns, see `Runs`.
-        normal: Normal matrix of `kept`.
-    """
-
-    values: Array
-    kept: list[int]
-    inverse: Array
-    locals: tuple[Eliminated, ...]
+    values: Array  # shared columns, `(p,)`; columns of single runs are zero here
+    kept: list[int]  # shared columns that the data see
+    inverse: Array  # inverse of the normal matrix of `kept`
+    locals: tuple[Eliminated, ...]  # per run its own columns, see `Runs`
     blind: tuple[Unidentifiable, ...]
-    normal: Array
+    normal: Array  # normal matrix of `kept`
 
     @cached_property
     def singular(self) -> Array:

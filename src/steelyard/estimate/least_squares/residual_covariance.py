@@ -106,17 +106,10 @@ def _root(fit: Fit, weights: Array) -> Array:
     return np.asarray(np.linalg.inv(factor) / lengths)
 
 
-WINDOWS = 24
-"""Windows that all runs together are cut into; more make them shorter, without a gain."""
-
-FEWEST = 2
-"""Windows of a run that are kept apart, however many runs there are."""
-
-FREEDOM = 2.0
-"""Expected squares of scores below which they are too few."""
-
-NOTED = 1.5
-"""Factor on the width of intervals from which on there is a note."""
+WINDOWS = 24  # windows that all runs together are cut into; more make them shorter, without a gain
+FEWEST = 2  # windows of a run that are kept apart, however many runs there are
+FREEDOM = 2.0  # expected squares of scores below which they are too few
+NOTED = 1.5  # factor on the width of intervals from which on there is a note
 
 
 def inflations(fit: Fit) -> Array:

@@ -19,11 +19,8 @@ from steelyard.estimate.least_squares.normal_equations import Fit, Spread, descr
 from steelyard.estimate.least_squares.residual_covariance import honest_covariance
 from steelyard.estimate.prior.prior import Knowledge
 
-WEIGHTS = 1e-14, 1e4
-"""Least and greatest weight; the eigenvalues add up to the number of columns."""
-
-STEPS = 240
-"""Weights that are tried before the best one is refined."""
+WEIGHTS = 1e-14, 1e4  # least and greatest weight; the eigenvalues add up to the number of columns
+STEPS = 240  # weights that are tried before the best one is refined
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,17 +30,13 @@ class Ridge:
     The covariance is that after the data if `1 / weight` was the variance before them in units of
     the columns' lengths, residuals that are alike for longer than the filter allowed for; `learned`
     is what the data took of it.
-
-    Attributes:
-        towards: Base parameters by name that the estimate is drawn to; zero where there is none.
-        target: What they are, for people to read.
-        weight: Of the deviation; by generalised cross-validation if `None`.
-        per_run: Columns whose parameters every run has for itself; they are not drawn anywhere.
     """
 
+    # base parameters by name that the estimate is drawn to; zero where there is none
     towards: tuple[tuple[str, float], ...] = ()
-    target: str = "zero"
-    weight: float | None = None
+    target: str = "zero"  # what they are, for people to read
+    weight: float | None = None  # of the deviation; by generalised cross-validation if `None`
+    # columns whose parameters every run has for itself; they are not drawn anywhere
     per_run: tuple[str, ...] = ()
 
     @classmethod
@@ -97,21 +90,13 @@ class Ridge:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Deviation from the target in units of the columns' lengths, in the Gram's own directions.
+    """Deviation from the target in units of the columns' lengths, in the Gram's own directions."""
 
-    Attributes:
-        eigenvalues: Of the Gram matrix, columns of unit length, shape `(k,)`.
-        vectors: Their directions, shape `(k, k)`.
-        free: Deviation of the free fit along them, shape `(k,)`.
-        rest: Weighted squares that the free fit leaves.
-        count: Independent samples less parameters of single runs.
-    """
-
-    eigenvalues: Array
-    vectors: Array
-    free: Array
-    rest: float
-    count: float
+    eigenvalues: Array  # of the Gram matrix, columns of unit length, `(k,)`
+    vectors: Array  # their directions, `(k, k)`
+    free: Array  # deviation of the free fit along them, `(k,)`
+    rest: float  # weighted squares that the free fit leaves
+    count: float  # independent samples less parameters of single runs
 
     @classmethod
     def of(cls, unit: Array, deviation: Array, fit: Fit) -> "_Problem":

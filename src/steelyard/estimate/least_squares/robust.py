@@ -23,11 +23,8 @@ from steelyard.estimate.least_squares.least_squares import (
 from steelyard.estimate.least_squares.normal_equations import inverse_of_gram, refuse_few
 from steelyard.estimate.least_squares.residual_covariance import inflations
 
-NORMAL = 0.6744897501960817
-"""Median of |x| of a standard normal x."""
-
-FREEDOM = 2.0
-"""Independent samples per parameter of which there must be more."""
+NORMAL = 0.6744897501960817  # median of |x| of a standard normal x
+FREEDOM = 2.0  # independent samples per parameter of which there must be more
 
 FLOOR = 1e-12
 """Scale of residuals over the root mean square of the effort below which they are rounding."""
@@ -52,13 +49,10 @@ class Weigh(Protocol):
 
 @dataclass(frozen=True)
 class Huber:
-    r"""Squares up to $k$ scales, straight lines beyond [Huber1981].
+    """Squares up to $k$ scales, straight lines beyond [Huber1981]."""
 
-    Attributes:
-        k: Beyond which a residual counts less; 1.345 keeps 95 % of the efficiency of least squares
-            on normal residuals.
-    """
-
+    # beyond which a residual counts less; 1.345 keeps 95 % of the efficiency of least squares on
+    # normal residuals
     k: float = 1.345
     convex = True
 
@@ -73,12 +67,9 @@ class Huber:
 
 @dataclass(frozen=True)
 class Tukey:
-    r"""The biweight: residuals beyond $c$ scales do not count at all [Beaton1974].
+    """The biweight: residuals beyond $c$ scales do not count at all [Beaton1974]."""
 
-    Attributes:
-        c: Beyond which nothing counts; 4.685 keeps 95 % of the efficiency of least squares.
-    """
-
+    # beyond which nothing counts; 4.685 keeps 95 % of the efficiency of least squares
     c: float = 4.685
     convex = False
 
@@ -101,15 +92,12 @@ class Reweighted:
     row's weight, every sample counted as the independent ones that it is worth. The curvature is
     averaged over each row, and $M$ allows for residuals alike over windows as `sandwich` does.
     Inner estimators other than least squares keep their own covariance.
-
-    Attributes:
-        rounds: Most iterations.
-        tolerance: Change of the parameters, in standard deviations, at which they have converged.
     """
 
     weigh: Weigh = field(default_factory=Huber)
     inner: Estimator[Information] = field(default_factory=WeightedLeastSquares)
-    rounds: int = 100
+    rounds: int = 100  # most iterations
+    # change of the parameters, in standard deviations, at which they have converged
     tolerance: float = 1e-6
 
     def __call__(self, samples: FilteredSamples) -> Estimate:

@@ -61,38 +61,23 @@ def with_predicted(
     return information.mapped(layout, parts)
 
 
-DEVIATION = 0.1
-"""Standard deviation of a scale's logarithm before the data."""
-
-ROUNDS = 12
-"""Most Gauss-Newton steps."""
-
-LONGEST = 0.5
-"""Longest step of a logarithm."""
-
-TOLERANCE = 1e-3
-"""Step of a logarithm at which the search has converged."""
+DEVIATION = 0.1  # standard deviation of a scale's logarithm before the data
+ROUNDS = 12  # most Gauss-Newton steps
+LONGEST = 0.5  # longest step of a logarithm
+TOLERANCE = 1e-3  # step of a logarithm at which the search has converged
 
 LAW = "effort_scale"
 
 
 @dataclass(frozen=True, eq=False)
 class Scales:
-    """Scales and what they were found with.
+    """Scales and what they were found with."""
 
-    Attributes:
-        values: Logged effort over that of the model, shape `(rows,)`.
-        covariance: Of their logarithms, shape `(rows, rows)`.
-        parameters: Of the information's columns, shape `(p,)`.
-        gamma: Weight of the prior of the bodies.
-        standard: All standard parameters, then the logarithms of the scales.
-    """
-
-    values: Array
-    covariance: Array
-    parameters: Array
-    gamma: float
-    standard: Array
+    values: Array  # logged effort over that of the model, `(rows,)`
+    covariance: Array  # of their logarithms, `(rows, rows)`
+    parameters: Array  # of the information's columns, `(p,)`
+    gamma: float  # weight of the prior of the bodies
+    standard: Array  # all standard parameters, then the logarithms of the scales
 
     @property
     def std(self) -> Array:
@@ -236,20 +221,15 @@ CHANCE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class EffortScales:
-    """Scales of the logged efforts, estimated together with the parameters.
-
-    Attributes:
-        error: Relative error on what was left out, mean over parts: the geometric mean of a
-            typical joint's and of all joints' together [%].
-        without: The same with all scales 1 [%].
-        scaled: Estimates with scales.
-    """
+    """Scales of the logged efforts, estimated together with the parameters."""
 
     joints: tuple[str, ...]
     found: Scales
+    # relative error on what was left out, mean over parts: the geometric mean of a typical joint's
+    # and of all joints' together [%]
     error: float
-    without: float
-    scaled: Scaled
+    without: float  # the same with all scales 1 [%]
+    scaled: Scaled  # estimates with scales
 
     @property
     def known(self) -> KnownScales:

@@ -20,17 +20,13 @@ Indices = NDArray[np.intp]
 SEEN = 1e-10
 """Squared sine of the angle to shared columns below which a candidate is not identifiable."""
 
-RIDGE = 1e-11
-"""Of normalised chosen columns: two of them may be alike."""
+RIDGE = 1e-11  # of normalised chosen columns: two of them may be alike
 
 EXACT = 1e-13
 """Least residual variance over the variance of the effort: below it there is only rounding."""
 
-ROUNDS = 20
-"""Most changes of the weights from one start."""
-
-TOLERANCE = 1e-4
-"""Relative change of the weights at which they have converged."""
+ROUNDS = 20  # most changes of the weights from one start
+TOLERANCE = 1e-4  # relative change of the weights at which they have converged
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,29 +50,17 @@ class Slots:
 
 @dataclass(frozen=True, eq=False)
 class Costs:
-    """Weighted squares of the residuals of any choice, for fixed weights.
+    """Weighted squares of the residuals of any choice, for fixed weights."""
 
-    Attributes:
-        slots: What choices select.
-        shared: Indices of the shared columns.
-        rest: Weighted squares that the shared columns leave.
-        gram: Of all columns' parts that shared ones do not explain, unit length, `(p, p)`.
-        vector: Their products with the effort, shape `(p,)`.
-        lengths: Of all columns; infinite where zero, shape `(p,)`.
-        parts: Share of each column's length that shared ones do not explain, likewise.
-        roots: Root of the inverse of the shared columns' Gram matrix, `(shared, rank)`.
-        onto: All columns and the effort, seen by the shared ones, shape `(rank, p + 1)`.
-    """
-
-    slots: Slots
-    shared: Indices
-    rest: float
-    gram: Array
-    vector: Array
-    lengths: Array
-    parts: Array
-    roots: Array
-    onto: Array
+    slots: Slots  # what choices select
+    shared: Indices  # indices of the shared columns
+    rest: float  # weighted squares that the shared columns leave
+    gram: Array  # of all columns' parts that shared ones do not explain, unit length, `(p, p)`
+    vector: Array  # their products with the effort, `(p,)`
+    lengths: Array  # of all columns; infinite where zero, `(p,)`
+    parts: Array  # share of each column's length that shared ones do not explain, likewise
+    roots: Array  # root of the inverse of the shared columns' Gram matrix, `(shared, rank)`
+    onto: Array  # all columns and the effort, seen by the shared ones, `(rank, p + 1)`
 
     @classmethod
     def of(cls, information: Information, shared: Indices, slots: Slots, weights: Array) -> "Costs":
@@ -196,28 +180,20 @@ class Problem:
         return np.asarray(np.maximum(squares / np.maximum(counts - used, 1.0), floor))
 
 
-RISE = 3.841458820694124
-"""Rise of the costs, in variances, at the ends of a 95 % interval."""
+RISE = 3.841458820694124  # rise of the costs, in variances, at the ends of a 95 % interval
 
 
 @dataclass(frozen=True, eq=False)
 class CostShape:
-    """A quadratic through the costs around a choice.
-
-    Attributes:
-        choice: The best one, shape `(unknowns,)`.
-        grids: Coordinates of every unknown's grid points.
-        place: Where the quadratic is least, shape `(unknowns,)`; at most one grid point away.
-        gains: Fall of the costs on the way there along each unknown alone, `(unknowns,)`.
-        spread: Inverse of the matrix of second derivatives; infinite on the diagonal for unknowns
-            that lie at an end of their grid or whose costs do not curve upwards.
-    """
+    """A quadratic through the costs around a choice."""
 
     costs: Costs
-    choice: Indices
-    grids: tuple[Array, ...]
-    place: Array
-    gains: Array
+    choice: Indices  # the best one, `(unknowns,)`
+    grids: tuple[Array, ...]  # coordinates of every unknown's grid points
+    place: Array  # where the quadratic is least, `(unknowns,)`; at most one grid point away
+    gains: Array  # fall of the costs on the way there along each unknown alone, `(unknowns,)`
+    # inverse of the matrix of second derivatives; infinite on the diagonal for unknowns that lie at
+    # an end of their grid or whose costs do not curve upwards
     spread: Array
 
     @classmethod

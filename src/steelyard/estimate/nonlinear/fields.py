@@ -43,32 +43,20 @@ from steelyard.model.terms.term import Term
 from steelyard.robot.rigid_body import INERTIAL_NAMES
 from steelyard.runs.run import Run
 
-FIELD_ROUNDS = 12
-"""Most searches per term where terms are searched one after another."""
-
-FIELD_TOLERANCE = 3e-3
-"""Relative change of all fields at which such searches have converged."""
+FIELD_ROUNDS = 12  # most searches per term where terms are searched one after another
+FIELD_TOLERANCE = 3e-3  # relative change of all fields at which such searches have converged
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A field's value, as found.
+    """A field's value, as found."""
 
-    Attributes:
-        term: Name of the term.
-        field: Name of the field.
-        joint: Name of the coordinate it belongs to; `None` if all share it.
-        value: In the field's unit.
-        interval: Of 95 %; ends at the bounds if the data do not end it before.
-        bounds: Between which it was searched.
-    """
-
-    term: str
-    field: str
-    joint: str | None
-    value: float
-    interval: tuple[float, float]
-    bounds: tuple[float, float]
+    term: str  # name of the term
+    field: str  # name of the field
+    joint: str | None  # name of the coordinate it belongs to; `None` if all share it
+    value: float  # in the field's unit
+    interval: tuple[float, float]  # of 95 %; ends at the bounds if the data do not end it before
+    bounds: tuple[float, float]  # between which it was searched
 
     @property
     def open_ends(self) -> tuple[bool, bool]:
@@ -245,11 +233,8 @@ def information(
     return information_of(base_regressor(model))
 
 
-MOST_REFERENCE_REFITS = 3
-"""Most refits of the reference."""
-
-REFERENCE_TOLERANCE = 1e-3
-"""Relative change of the reference's parameters at which it stands still."""
+MOST_REFERENCE_REFITS = 3  # most refits of the reference
+REFERENCE_TOLERANCE = 1e-3  # relative change of the reference's parameters at which it stands still
 
 
 def bodies_of(estimate: Estimate) -> dict[str, float]:

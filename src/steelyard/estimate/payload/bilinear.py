@@ -13,33 +13,22 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.estimate.payload.load_case import LoadCase, covariance_of, inverse
 
-ROUNDS = 50
-"""Most rounds of the weights."""
-
-STEPS = 100
-"""Most steps in a round."""
-
-WEAK = 1e-3
-"""A start below this share of the median gain is put to the median."""
-
-DOUBTFUL = 0.3
-"""Relative standard deviation from which on a gain's sign is in doubt."""
+ROUNDS = 50  # most rounds of the weights
+STEPS = 100  # most steps in a round
+WEAK = 1e-3  # a start below this share of the median gain is put to the median
+DOUBTFUL = 0.3  # relative standard deviation from which on a gain's sign is in doubt
 
 ROUNDING = 1e-16
 """Share of a row's energy that its sum of squared residuals cannot be known to fall below."""
 
-ALONE = 0.99
-"""Share of a column that others do not make up for, from which on its value is its own."""
+ALONE = 0.99  # share of a column that others do not make up for, from which on its value is its own
 
 SURE = 20.0
 """Friction over its standard deviation from which on it determines a gain's sign; filtered samples
 are alike, and count for less than their number."""
 
-LONGEST = 0.5
-"""Most that a step may change `rho`, relative to it: signs are those of the start."""
-
-TOLERANCE = 1e-10
-"""Relative change of the cost at which steps end; of the weights, its square root."""
+LONGEST = 0.5  # most that a step may change `rho`, relative to it: signs are those of the start
+TOLERANCE = 1e-10  # relative change of the cost at which steps end; of the weights, its square root
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,24 +42,17 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class Bilinear:
-    r"""Bilinear least squares, $\sum_j w_j \|y_j - \rho_j Y_j \theta\|^2$, on Gram matrices.
-
-    Attributes:
-        sees: Columns of each row.
-        grams: Gram matrix of each row's `[columns | effort]`.
-        start: Parameters that are not free at their values, the others at zero.
-        given: Known gains; not a number where they are to be found.
-        dissipative: Numbers of columns whose parameters are not negative: friction, whose sign in
-            a row is that of the row's gain.
-    """
+    r"""Bilinear least squares, $\sum_j w_j \|y_j - \rho_j Y_j \theta\|^2$, on Gram matrices."""
 
     names: tuple[str, ...]
-    sees: tuple[tuple[int, ...], ...]
-    grams: tuple[Array, ...]
+    sees: tuple[tuple[int, ...], ...]  # columns of each row
+    grams: tuple[Array, ...]  # Gram matrix of each row's `[columns | effort]`
     counts: Array
-    start: Array
+    start: Array  # parameters that are not free at their values, the others at zero
     free: tuple[int, ...]
-    given: Array
+    given: Array  # known gains; not a number where they are to be found
+    # numbers of columns whose parameters are not negative: friction, whose sign in a row is that of
+    # the row's gain
     dissipative: frozenset[int] = frozenset()
 
     @classmethod

@@ -30,53 +30,37 @@ from steelyard.estimate.payload.payload_estimate import PayloadEstimate, payload
 from steelyard.model.model import Model
 from steelyard.robot.robot import Frame, Robot
 
-LARGEST = 0.5
-"""Largest relative standard deviation of a gain; beyond it the interval reaches zero."""
+LARGEST = 0.5  # largest relative standard deviation of a gain; beyond it the interval reaches zero
 
 
 class DriveGain(NamedTuple):
-    """One joint's gain as it is reported.
-
-    Attributes:
-        half_width: Half-width of the 95 % interval.
-        assumed: Whether the data do not show it.
-    """
+    """One joint's gain as it is reported."""
 
     joint: str
     gain: float
-    half_width: float
+    half_width: float  # half-width of the 95 % interval
     unit: str
     known: bool
-    assumed: bool
+    assumed: bool  # whether the data do not show it
 
 
 @dataclass(frozen=True, eq=False)
 class GainEstimate:
-    """Drive gains.
+    """Drive gains."""
 
-    Attributes:
-        joints: Names of the effort rows.
-        gains: Joint effort per logged unit, shape `(n,)`.
-        units: Their units.
-        covariance: Shape `(n, n)`; zero for known gains.
-        known: Whether each was given.
-        assumed: Whether the data do not show it: it is then the geometric mean of the others, and
-            counts for the joint's own friction and rotor only.
-        relative: Whether gains, and with them all parameters, are known up to one scale only.
-        payload: The payload that fixed the scale, or was found beside, in the scale of the gains;
-            `None` without loaded runs.
-        sigma: Standard deviation of the filtered residuals per row, in the logged unit.
-    """
-
-    joints: tuple[str, ...]
-    gains: Array
-    units: tuple[str, ...]
-    covariance: Array
-    known: tuple[bool, ...]
+    joints: tuple[str, ...]  # names of the effort rows
+    gains: Array  # joint effort per logged unit, `(n,)`
+    units: tuple[str, ...]  # their units
+    covariance: Array  # `(n, n)`; zero for known gains
+    known: tuple[bool, ...]  # whether each was given
+    # whether the data do not show it: it is then the geometric mean of the others, and counts for
+    # the joint's own friction and rotor only
     assumed: tuple[bool, ...]
-    relative: bool
+    relative: bool  # whether gains, and with them all parameters, are known up to one scale only
+    # the payload that fixed the scale, or was found beside, in the scale of the gains; `None`
+    # without loaded runs
     payload: PayloadEstimate | None
-    sigma: Array
+    sigma: Array  # standard deviation of the filtered residuals per row, in the logged unit
 
     @property
     def half_width(self) -> Array:

@@ -131,8 +131,7 @@ def covariance_of(matrix: Array, chosen: Sequence[int]) -> Array:
     return covariance
 
 
-WINDOWS = 8
-"""Windows kept per run; for the correlation of residuals."""
+WINDOWS = 8  # windows kept per run; for the correlation of residuals
 
 
 def carrier(robot: Robot, name: str | None = None) -> Frame:
@@ -192,17 +191,12 @@ class LoadCase:
 
     The parameters are those of the arm, then what each run's friction and offset deviate from
     them, then the ten of each payload.
-
-    Attributes:
-        n_arm: How many parameters the arm has.
-        drift: Columns of the arm that deviate per run.
-        n_loads: Number of payloads; one at least, which may be carried by no run.
     """
 
     information: Information
-    n_arm: int
-    drift: tuple[int, ...]
-    n_loads: int = 1
+    n_arm: int  # how many parameters the arm has
+    drift: tuple[int, ...]  # columns of the arm that deviate per run
+    n_loads: int = 1  # number of payloads; one at least, which may be carried by no run
 
     @property
     def size(self) -> int:

@@ -11,11 +11,8 @@ from steelyard.estimate.estimate import Z95
 from steelyard.robot.rigid_body import INERTIAL_NAMES, INERTIAL_UNITS, Inertia, skew
 from steelyard.robot.robot import Frame, Robot
 
-NOISE = 18.3
-"""95 % quantile of the rise of χ² that noise explains: that of ten degrees of freedom."""
-
-BEYOND_DOUBT = 3.0
-"""Standard deviations below zero from which on the data ask for a negative mass."""
+NOISE = 18.3  # 95 % quantile of the rise of χ² that noise explains: that of ten degrees of freedom
+BEYOND_DOUBT = 3.0  # standard deviations below zero from which on the data ask for a negative mass
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,29 +20,19 @@ class PayloadEstimate:
     """The ten numbers of a payload, about a frame's origin and along its axes.
 
     What the data do not see is not a number, in values and covariance.
-
-    Attributes:
-        frame: The frame.
-        body: The link that carries it.
-        ten: The numbers in Pinocchio's order, shape `(10,)`.
-        covariance: Shape `(10, 10)`.
-        sigma: Standard deviation of the filtered residuals per effort row, shape `(rows,)`.
-        n_samples: Filtered samples per effort row, shape `(rows,)`.
-        notes: What was taken for granted, for people to read.
-        chi_squared: Rise of the weighted squares by the constraint of physical consistency.
-        free_mass: Mass without this constraint [kg]; `None` if it is not known.
-        unexplained: What the model does not explain with any payload; empty if there is nothing.
     """
 
-    frame: str
-    body: str
-    ten: Array
-    covariance: Array
-    sigma: Array
-    n_samples: Array
-    notes: tuple[str, ...] = ()
+    frame: str  # the frame
+    body: str  # the link that carries it
+    ten: Array  # the numbers in Pinocchio's order, `(10,)`
+    covariance: Array  # `(10, 10)`
+    sigma: Array  # standard deviation of the filtered residuals per effort row, `(rows,)`
+    n_samples: Array  # filtered samples per effort row, `(rows,)`
+    notes: tuple[str, ...] = ()  # what was taken for granted, for people to read
+    # rise of the weighted squares by the constraint of physical consistency
     chi_squared: float = 0.0
-    free_mass: float | None = None
+    free_mass: float | None = None  # mass without this constraint [kg]; `None` if it is not known
+    # what the model does not explain with any payload; empty if there is nothing
     unexplained: str = ""
 
     def __repr__(self) -> str:

@@ -23,14 +23,9 @@ from steelyard.model.terms.memory import LENGTHS_TO_FORGET, Presliding
 from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, TermSamples
 from steelyard.robot.robot import Robot
 
-REACH = 1.5
-"""Speed up to which friction takes energy, over the greatest of the data."""
-
-FARTHEST = 20.0
-"""Limit of a joint's speed that is believed, over the greatest of the data."""
-
-STILL = 1e-9
-"""Speed that stands for one next to zero, over `REACH` times the greatest of the data."""
+REACH = 1.5  # speed up to which friction takes energy, over the greatest of the data
+FARTHEST = 20.0  # limit of a joint's speed that is believed, over the greatest of the data
+STILL = 1e-9  # speed that stands for one next to zero, over `REACH` times the greatest of the data
 
 SPEEDS = np.concatenate([[STILL], np.geomspace(1e-4, 0.03, 6), np.linspace(0.05, 1.0, 20)])
 """Grid of speeds, over the same."""
@@ -38,45 +33,31 @@ SPEEDS = np.concatenate([[STILL], np.geomspace(1e-4, 0.03, 6), np.linspace(0.05,
 UNREACHED_SPEEDS = np.linspace(0.1, 1.0, 10)
 """Grid of speeds that the data do not reach, over the limit of the joint."""
 
-CYCLES = (STILL, 0.01, 0.1, 1.0)
-"""Speeds of cycles, over the same as `SPEEDS`."""
-
-OFTEN = 50.0
-"""Cycles per second that no arm exceeds [Hz]."""
-
-NOTHING = 1e-9
-"""Length of a row below which it is rounding."""
+CYCLES = (STILL, 0.01, 0.1, 1.0)  # speeds of cycles, over the same as `SPEEDS`
+OFTEN = 50.0  # cycles per second that no arm exceeds [Hz]
+NOTHING = 1e-9  # length of a row below which it is rounding
 
 SLID = 20.0
 """Travel at a speed until memory is that of steady sliding, over that after which the start is
 forgotten, and over the largest range of a cycle."""
 
-HALF = np.append(0.0, np.geomspace(1e-4, 1.0, 60))
-"""Positions of half a cycle, over its range."""
-
-TURNED = 30
-"""Positions after a turn at which friction is bounded."""
+HALF = np.append(0.0, np.geomspace(1e-4, 1.0, 60))  # positions of half a cycle, over its range
+TURNED = 30  # positions after a turn at which friction is bounded
 
 PEAK = 2.0
 """Greatest friction on the way from one direction to the other, over that of slow sliding."""
 
-RANGES = 2.0 ** np.arange(-8.0, 3.0)
-"""Ranges of cycles, over the greatest length of a law."""
+RANGES = 2.0 ** np.arange(-8.0, 3.0)  # ranges of cycles, over the greatest length of a law
 
 
 @dataclass(frozen=True)
 class Coordinate:
-    """A coordinate whose friction is bounded as a whole, and the laws that act along it.
-
-    Attributes:
-        top: Speed that the data reach, and a little more [rad/s; m/s].
-        farthest: Speed up to which friction takes energy [rad/s; m/s].
-    """
+    """A coordinate whose friction is bounded as a whole, and the laws that act along it."""
 
     axis: Axis
     laws: tuple[ActsOnAxes, ...]
-    top: float
-    farthest: float
+    top: float  # speed that the data reach, and a little more [rad/s; m/s]
+    farthest: float  # speed up to which friction takes energy [rad/s; m/s]
 
 
 def friction_curves(model: Model, fastest: Sequence[float] | Array) -> tuple[Row, ...]:

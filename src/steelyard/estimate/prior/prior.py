@@ -27,32 +27,24 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Knowledge:
-    """What is known before the data.
-
-    Attributes:
-        bodies: Names of the bodies, in the model's order.
-        priors: Per body the nominal mass properties, with a positive definite pseudo-inertia;
-            `None` for a body without prior.
-        lower: Lower bounds of the parameters, shape `(p,)`.
-        upper: Upper bounds, shape `(p,)`.
-        curves: Rows that bound the friction along a coordinate as a whole.
-        deviations: Standard deviations from zero that some parameters have, by name.
-        shaped: Parameters in them whose own lower bounds these rows replace.
-        uncertainty: Relative uncertainty of the priors; found from the data if `None`.
-        notes: What was assumed, for people to read.
-    """
+    """What is known before the data."""
 
     names: tuple[str, ...]
-    bodies: tuple[str, ...]
+    bodies: tuple[str, ...]  # names of the bodies, in the model's order
+    # per body the nominal mass properties, with a positive definite pseudo-inertia; `None` for a
+    # body without prior
     priors: tuple[Inertia | None, ...]
-    lower: Array
-    upper: Array
+    lower: Array  # lower bounds of the parameters, `(p,)`
+    upper: Array  # upper bounds, `(p,)`
     rows: tuple[Row, ...] = ()
-    curves: tuple[Row, ...] = ()
+    curves: tuple[Row, ...] = ()  # rows that bound the friction along a coordinate as a whole
+    # parameters in them whose own lower bounds these rows replace
     shaped: frozenset[str] = frozenset()
+    # standard deviations from zero that some parameters have, by name
     deviations: Mapping[str, float] = field(default_factory=dict)
+    # relative uncertainty of the priors; found from the data if `None`
     uncertainty: float | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what was assumed, for people to read
 
     def __post_init__(self) -> None:
         for name in ("lower", "upper"):
@@ -66,8 +58,7 @@ class Knowledge:
         return [place[f"{kind}.{self.bodies[body]}"] for kind in INERTIAL_NAMES]
 
 
-DENSITY = 2000.0
-"""Of a stand-in [kg/m³]: castings with motors, gears and air in them."""
+DENSITY = 2000.0  # of a stand-in [kg/m³]: castings with motors, gears and air in them
 
 
 def of_spread(mass: float, com: ArrayLike, spread: ArrayLike) -> Inertia:
@@ -145,22 +136,16 @@ Links from CAD have 0.017 and more; lifting to this changes no moment of inertia
 of the greatest, much less than what a prior is taken for. Below it a prior pretends to know the
 thin side of a link better than anyone does."""
 
-UNKNOWN_MASS = 1.0
-"""Of a link without mass where no link of the robot has one [kg]."""
+UNKNOWN_MASS = 1.0  # of a link without mass where no link of the robot has one [kg]
 
 
 @dataclass(frozen=True, eq=False)
 class PriorBody:
-    """A body that can be a prior: its pseudo-inertia is positive definite.
-
-    Attributes:
-        why: Why the one given could not be, and what was done; `None` if it could.
-        thin: Whether it was only widened, being thinner than `THINNEST`.
-    """
+    """A body that can be a prior: its pseudo-inertia is positive definite."""
 
     inertia: Inertia
-    why: str | None = None
-    thin: bool = False
+    why: str | None = None  # why the one given could not be, and what was done; `None` if it could
+    thin: bool = False  # whether it was only widened, being thinner than `THINNEST`
 
 
 def default_knowledge(model: Model) -> Knowledge:

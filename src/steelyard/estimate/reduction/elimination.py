@@ -22,27 +22,16 @@ from steelyard.estimate.least_squares.residual_covariance import scatter, score_
 
 @dataclass(frozen=True, eq=False)
 class FullModel:
-    r"""The data of a full model, and the weights that its least squares found.
+    """The data of a full model, and the weights that its least squares found."""
 
-    Attributes:
-        information: The data, in the columns that they show, `p` of them.
-        variances: Residual variance per effort row of the full model, shape `(rows,)`.
-        factors: How many times more the estimate scatters than by white residuals, shape `(rows,)`.
-        matrix: Normal matrix $A^T W A$, columns of unit length, shape `(p, p)`.
-        vector: $A^T W b$ of the same columns, shape `(p,)`.
-        scores: Covariance of that vector with the factors, shape `(p, p)`.
-        lengths: Lengths of the weighted columns, shape `(p,)`.
-        blind: Columns that the data do not show; they have no value.
-    """
-
-    information: Information
-    variances: Array
-    factors: Array
-    matrix: Array
-    vector: Array
-    scores: Array
-    lengths: Array
-    blind: tuple[Unidentifiable, ...]
+    information: Information  # the data, in the columns that they show, `p` of them
+    variances: Array  # residual variance per effort row of the full model, `(rows,)`
+    factors: Array  # how many times more the estimate scatters than by white residuals, `(rows,)`
+    matrix: Array  # normal matrix $A^T W A$, columns of unit length, `(p, p)`
+    vector: Array  # $A^T W b$ of the same columns, `(p,)`
+    scores: Array  # covariance of that vector with the factors, `(p, p)`
+    lengths: Array  # lengths of the weighted columns, `(p,)`
+    blind: tuple[Unidentifiable, ...]  # columns that the data do not show; they have no value
 
     @classmethod
     def of(cls, information: Information) -> "FullModel":
@@ -89,14 +78,10 @@ class FullModel:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    r"""A reduced model, all other columns being zero.
-
-    Attributes:
-        active: Indices of the columns that are left, ascending, `k` of them.
-    """
+    """A reduced model, all other columns being zero."""
 
     full: FullModel
-    active: tuple[int, ...]
+    active: tuple[int, ...]  # indices of the columns that are left, ascending, `k` of them
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -166,16 +151,11 @@ class State:
 
 @dataclass(frozen=True)
 class Criterion:
-    """A measure of what a parameter is worth to a model.
+    """A measure of what a parameter is worth to a model."""
 
-    Attributes:
-        name: Short name, as options know it.
-        about: What it is, in a few words.
-        worth: Worth of each parameter that is left, shape `(k,)`; the least one is removed.
-    """
-
-    name: str
-    about: str
+    name: str  # short name, as options know it
+    about: str  # what it is, in a few words
+    # worth of each parameter that is left, `(k,)`; the least one is removed
     worth: Callable[[State], Array]
 
 
@@ -205,31 +185,20 @@ Accepts = Callable[[State, State], bool]
 
 @dataclass(frozen=True)
 class Step:
-    """One removal.
-
-    Attributes:
-        cost: Rise of chi-squared by it, see `State.losses`.
-    """
+    """One removal."""
 
     name: str
-    cost: float
+    cost: float  # rise of chi-squared by it, see `State.losses`
 
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """Models from the first one, without what was requested to go, to the smallest.
+    """Models from the first one, without what was requested to go, to the smallest."""
 
-    Attributes:
-        states: The models; each has one parameter less than the one before.
-        steps: What was removed from each but the last.
-        essential: Parameters without which a model was refused, or that had to stay.
-        requested: What the first model lacks already, whatever it is worth.
-    """
-
-    states: tuple[State, ...]
-    steps: tuple[Step, ...]
-    essential: tuple[str, ...]
-    requested: tuple[Step, ...] = ()
+    states: tuple[State, ...]  # the models; each has one parameter less than the one before
+    steps: tuple[Step, ...]  # what was removed from each but the last
+    essential: tuple[str, ...]  # parameters without which a model was refused, or that had to stay
+    requested: tuple[Step, ...] = ()  # what the first model lacks already, whatever it is worth
 
     @property
     def full(self) -> FullModel:

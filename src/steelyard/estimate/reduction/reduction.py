@@ -81,19 +81,14 @@ def rule_of(text: str) -> StoppingRule:
 
 @dataclass(frozen=True, eq=False)
 class Reduction:
-    """A reduced model, and the path it lies on.
-
-    Attributes:
-        chosen: Place of the one that was taken.
-        left_out: Errors on left-out data; `None` where there are too few windows for them.
-        estimate: Its values and their covariance, given the choice.
-        unseen: Errors of all models on other data, shape `(states, rows)` [%]; `None` without.
-    """
+    """A reduced model, and the path it lies on."""
 
     path: Path
-    chosen: int
+    chosen: int  # place of the one that was taken
+    # errors on left-out data; `None` where there are too few windows for them
     left_out: LeftOutErrors | None
-    estimate: Estimate
+    estimate: Estimate  # its values and their covariance, given the choice
+    # errors of all models on other data, `(states, rows)` [%]; `None` without
     unseen: Array | None = None
 
     @property

@@ -25,21 +25,16 @@ PathOf = Callable[[FullModel], Path]
 
 @dataclass(frozen=True, eq=False)
 class LeftOutErrors:
-    """Errors on left-out folds by the number of parameters.
-
-    Attributes:
-        errors: Relative error of each fold and effort row, shape `(folds, sizes, rows)` [%].
-        logarithms: One value per fold and size: the mean of the logarithms of a typical row's
-            error and of that of all rows together, shape `(folds, sizes)`.
-        removed: How many folds had removed a parameter before the smallest model, by name and size.
-        folds: What was left out in turn.
-    """
+    """Errors on left-out folds by the number of parameters."""
 
     sizes: tuple[int, ...]
-    errors: Array
+    errors: Array  # relative error of each fold and effort row, `(folds, sizes, rows)` [%]
+    # one value per fold and size: the mean of the logarithms of a typical row's error and of that
+    # of all rows together, `(folds, sizes)`
     logarithms: Array
+    # how many folds had removed a parameter before the smallest model, by name and size
     removed: tuple[Counter[str], ...]
-    folds: tuple[str, ...]
+    folds: tuple[str, ...]  # what was left out in turn
 
     @property
     def mean(self) -> Array:
@@ -141,17 +136,11 @@ WHERE = "stopping rule of the reduction"
 
 
 class StoppingRule(ABC):
-    """Where a path ends, and which of its models is taken.
+    """Where a path ends, and which of its models is taken."""
 
-    Attributes:
-        name: Short name, as options know it.
-        about: What it takes, in a few words.
-        needs_left_out: Whether it looks at errors on left-out data.
-    """
-
-    name: ClassVar[str]
-    about: ClassVar[str]
-    needs_left_out: ClassVar[bool] = False
+    name: ClassVar[str]  # short name, as options know it
+    about: ClassVar[str]  # what it takes, in a few words
+    needs_left_out: ClassVar[bool] = False  # whether it looks at errors on left-out data
 
     def accepts(self, full: State, smaller: State) -> bool:
         """Whether a model may be one of the path; else the parameter it lost is essential."""
@@ -200,16 +189,13 @@ class Tolerance(StoppingRule):
     (line 10 of its algorithm 1 refuses a removal only if all joints exceed it). The error is the
     root mean square of the residuals, or their mean absolute value (eq. 11) where samples are
     given; the relative error (eq. 12) has the same ratio.
-
-    Attributes:
-        tolerance: $e_\mathrm{tol}$, above zero.
-        samples: Samples whose mean absolute residuals count; `None` for the root mean square.
     """
 
     name: ClassVar[str] = "tolerance"
     about: ClassVar[str] = "no joint's error grows by more than this [%]"
 
-    tolerance: float = 0.05
+    tolerance: float = 0.05  # $e_\mathrm{tol}$, above zero
+    # samples whose mean absolute residuals count; `None` for the root mean square
     samples: FilteredSamples | None = None
 
     def __post_init__(self) -> None:
