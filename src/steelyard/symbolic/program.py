@@ -125,66 +125,24 @@ def run(program: Program, inputs: Sequence[Array]) -> Array:
     return result
 
 
-class Writer:
-    """A program under construction, with its assignments so far."""
-
-    def __init__(self) -> None:
-        self.steps: list[Step] = []
-        self._constants: dict[float, int] = {}
-
-    def push(self, operation: str, *arguments: int, value: float = 0.0) -> int:
-        """Add a step; its number."""
-        self.steps.append(Step(operation, arguments, value))
-        return len(self.steps) - 1
-
-    def constant(self, value: float) -> int:
-        """The step that holds a constant."""
-        if value not in self._constants:
-            self._constants[value] = self.push("constant", value=value)
-        return self._constants[value]
-
-    def plus(self, start: int, factor: int, slope: int) -> int:
-        """`start + factor * slope`."""
-        return self.push("add", start, self.push("mul", factor, slope))
-
-    def weighed(self, slopes: Sequence[int]) -> int:
-        """`k1 + 2 k2 + 2 k3 + k4`."""
-        first, second, third, fourth = slopes
-        middle = self.push("add", second, third)
-        ends = self.push("add", first, fourth)
-        return self.push("add", ends, self.push("add", middle, middle))
-
-    def inlined(self, program: Program, given: Mapping[tuple[int, int], int]) -> list[int]:
-        """Add all steps of a program; the steps that hold its outputs.
-
-        `given` are steps that take the place of input entries `(array, entry)`.
-        """
-        numbers: list[int] = []
-        for step in program.steps:
-            if step.operation == "constant":
-                numbers.append(self.constant(step.value))
-            elif step.operation != "input":
-                numbers.append(self.push(step.operation, *(numbers[a] for a in step.arguments)))
-            elif (step.arguments[0], step.arguments[1]) in given:
-                numbers.append(given[step.arguments[0], step.arguments[1]])
-            else:
-                numbers.append(self.push("input", *step.arguments))
-        return [numbers[k] for k in program.outputs]
-
-
 _LARGEST_SPEED_FLOOR = 1e-6
 Linear = Mapping[int, float]
 """Coefficients over the velocities; empty for what does not depend on them in this way."""
 
 
-class _Softener(Writer):
+class _Softener:
     """A program under construction, with the linear parts of old steps and their new numbers."""
 
     def __init__(self, program: Program, velocity: int, widths: int | float) -> None:
-        super().__init__()
+        self.steps: list[Step] = []
         self.program, self._velocity, self._widths = program, velocity, widths
         self.number: list[int] = []
         self._linear: list[Linear] = []
+
+    def push(self, operation: str, *arguments: int, value: float = 0.0) -> int:
+        """Add a step; its number."""
+        self.steps.append(Step(operation, arguments, value))
+        return len(self.steps) - 1
 
     def take(self, step: Step) -> None:
         """Write one step of the old program, softened if it jumps."""

@@ -3,7 +3,8 @@
 Symbols have the operators and functions of numbers; derivatives are written on the same tape.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -183,8 +184,15 @@ def slopes_of(values: Sequence[Scalar], variables: Sequence[Scalar]) -> list[Sca
     return found
 
 
-def replayed(program: Program, symbols: Sequence[Sequence[Scalar]]) -> list[Any]:
-    """A program's outputs as expressions over symbols, one list of them per input array."""
+def replayed(
+    program: Program,
+    symbols: Sequence[Sequence[Scalar]],
+    instead: Mapping[str, Callable[..., Scalar]] = MappingProxyType({}),
+) -> list[Any]:
+    """A program's outputs as expressions over symbols, one list of them per input array.
+
+    `instead` are functions that take the place of operations.
+    """
     tape = Tape.current()
     values: list[int] = []
     for step in program.steps:
@@ -193,6 +201,9 @@ def replayed(program: Program, symbols: Sequence[Sequence[Scalar]]) -> list[Any]
         elif step.operation == "input":
             array, entry = step.arguments
             values.append(number_of(tape, symbols[array][entry]))
+        elif step.operation in instead:
+            given = (Symbol(tape, values[k]) for k in step.arguments)
+            values.append(number_of(tape, instead[step.operation](*given)))
         else:
             values.append(tape.apply(step.operation, *(values[k] for k in step.arguments)))
     return [Symbol(tape, values[k]) for k in program.outputs]

@@ -39,7 +39,9 @@ COFACTORS = 3
 def solved(matrix: list[list[Scalar]], sides: Sequence[list[Scalar]]) -> list[list[Scalar]]:
     """Solutions of a square system of rows, one per right-hand side."""
     if len(matrix) > COFACTORS:
-        return _by_normal_equations(matrix, sides)
+        columns = list(zip(*matrix, strict=True))
+        normal = [[along(a, b) for b in columns] for a in columns]
+        return solved_by_factors(normal, [[along(c, side) for c in columns] for side in sides])[0]
     size = range(len(matrix))
     adjugate = [[_cofactor(matrix, row, column) for row in size] for column in size]
     inverse = 1.0 / along(matrix[0], [adjugate[k][0] for k in size])
@@ -60,41 +62,28 @@ def _determinant(matrix: Sequence[Sequence[Scalar]]) -> Scalar:
     return along(matrix[0], [_cofactor(matrix, 0, k) for k in range(len(matrix))])
 
 
-def _by_normal_equations(
-    matrix: list[list[Scalar]], sides: Sequence[list[Scalar]]
-) -> list[list[Scalar]]:
-    size = len(matrix)
-    columns = [[matrix[r][c] for r in range(size)] for c in range(size)]
-    lower, diagonal = _factors([[along(a, b) for b in columns] for a in columns])
+def solved_by_factors(
+    matrix: Sequence[Sequence[Scalar]], sides: Sequence[Sequence[Scalar]]
+) -> tuple[list[list[Scalar]], list[Scalar]]:
+    r"""Solutions of a positive definite system $L D L^T$, one per right-hand side; and $D$."""
+    size = range(len(matrix))
+    lower: list[list[Scalar]] = [[0.0] * len(matrix) for _ in size]
+    pivots: list[Scalar] = []
+    for j in size:
+        scaled = [lower[j][k] * pivots[k] for k in range(j)]
+        pivots.append(matrix[j][j] - along(lower[j][:j], scaled))
+        for i in size[j + 1 :]:
+            lower[i][j] = (matrix[i][j] - along(lower[i][:j], scaled)) / pivots[j]
     solutions = []
     for side in sides:
-        x = [along(column, side) for column in columns]
-        for i in range(size):
-            for k in range(i):
-                x[i] = x[i] - lower[i][k] * x[k]
-        x = [value / d for value, d in zip(x, diagonal, strict=True)]
-        for i in reversed(range(size)):
-            for k in range(i + 1, size):
-                x[i] = x[i] - lower[k][i] * x[k]
+        x = list(side)
+        for i in size:
+            x[i] = x[i] - along(lower[i][:i], x[:i])
+        x = [value / pivot for value, pivot in zip(x, pivots, strict=True)]
+        for i in reversed(size):
+            x[i] = x[i] - along([lower[k][i] for k in size[i + 1 :]], x[i + 1 :])
         solutions.append(x)
-    return solutions
-
-
-def _factors(normal: Sequence[Sequence[Scalar]]) -> tuple[list[list[Scalar]], list[Scalar]]:
-    r"""$L$ and $D$ of a positive definite matrix $L D L^T$."""
-    size = len(normal)
-    lower: list[list[Scalar]] = [[0.0] * size for _ in range(size)]
-    diagonal: list[Scalar] = []
-    for i in range(size):
-        for j in range(i + 1):
-            value = normal[i][j]
-            for k in range(j):
-                value = value - lower[i][k] * diagonal[k] * lower[j][k]
-            if i == j:
-                diagonal.append(value)
-            else:
-                lower[i][j] = value / diagonal[j]
-    return lower, diagonal
+    return solutions, pivots
 
 
 def along(row: Sequence[Scalar], values: Sequence[Scalar]) -> Scalar:

@@ -18,7 +18,7 @@ import numpy as np
 
 from steelyard.model.equations.inverse_dynamics import Scalar
 from steelyard.symbolic.native.compiled import Code, compiled
-from steelyard.symbolic.program import InputArray, Program, Step, program_from_json, program_to_json
+from steelyard.symbolic.program import InputArray, Program, program_from_json, program_to_json
 
 Efforts = Callable[..., Sequence[Scalar]]
 """Position, velocity, acceleration and parameters to the effort of every joint."""
@@ -97,17 +97,26 @@ def _spread(
         return list(efforts), [0.0] * n, [0.0] * n
     from steelyard.symbolic.trace import replayed
 
-    freed, sees, count = _freed(law)
-
     def at(signs: Sequence[float]) -> list[Scalar]:
-        return replayed(freed, [*x, signs])
+        """Efforts of the law with these signs; comparisons hold."""
+        given = iter(signs)
+        instead: dict[str, Callable[..., Scalar]] = {
+            "sign": lambda _: next(given),
+            "less": lambda *_: 1.0,
+            "less_equal": lambda *_: 1.0,
+            "maximum": _larger,
+            "minimum": lambda a, b: 0.5 * (a + b - np.abs(a - b)),
+        }
+        return replayed(law, x, instead)
 
+    count = sum(step.operation == "sign" for step in law.steps)
     still = at([0.0] * count)
     most: list[Scalar] = [0.0] * n
     least: list[Scalar] = [0.0] * n
     for k in range(count):
         ways = [at([way if i == k else 0.0 for i in range(count)]) for way in (1.0, -1.0)]
-        for j in (j for j, seen in enumerate(sees) if k in seen):
+        for j in range(n):
+            # zero by structure where effort j does not depend on this sign
             one, other = (way[j] - still[j] for way in ways)
             most[j] = most[j] + _larger(_larger(one, other), 0.0)
             least[j] = least[j] - _larger(_larger(-one, -other), 0.0)
@@ -133,54 +142,3 @@ def _powers(
         *(a + b for a, b in zip(own, ways, strict=True)),
         *(a - b for a, b in zip(own, ways, strict=True)),
     ]
-
-
-@dataclass(frozen=True)
-class _Freed:
-    """A program written anew with signs as an input array, and the signs each step depends on."""
-
-    steps: list[Step]
-    sees: list[set[int]]
-    array: int
-
-    def push(self, operation: str, *arguments: int, value: float = 0.0) -> int:
-        """Append a step and name its number."""
-        own = operation in ("constant", "input")
-        seen = [] if own else [self.sees[k] for k in arguments]
-        self.steps.append(Step(operation, arguments, value))
-        self.sees.append(set().union(*seen))
-        return len(self.steps) - 1
-
-    def extreme(self, a: int, b: int, operation: str) -> int:
-        """The larger or smaller of two; see `_larger`."""
-        apart = self.push("abs", self.push("sub", a, b))
-        total = self.push("add", a, b)
-        twice = self.push("add" if operation == "maximum" else "sub", total, apart)
-        return self.push("mul", twice, self.push("constant", value=0.5))
-
-
-def _freed(law: Program) -> tuple[Program, list[set[int]], int]:
-    """A program whose signs are inputs, the last, and in which comparisons hold.
-
-    With it, the signs that every output depends on, and how many there are.
-    """
-    new = _Freed([], [], len(law.inputs))
-    place: list[int] = []
-    count = 0
-    for step in law.steps:
-        if step.operation == "sign":
-            place.append(new.push("input", new.array, count))
-            new.sees[-1].add(count)
-            count += 1
-        elif step.operation in ("less", "less_equal"):
-            place.append(new.push("constant", value=1.0))
-        elif step.operation in ("maximum", "minimum"):
-            a, b = (place[k] for k in step.arguments)
-            place.append(new.extreme(a, b, step.operation))
-        elif step.operation in ("constant", "input"):
-            place.append(new.push(step.operation, *step.arguments, value=step.value))
-        else:
-            place.append(new.push(step.operation, *(place[k] for k in step.arguments)))
-    inputs = (*law.inputs, InputArray("signs", count))
-    outputs = tuple(place[k] for k in law.outputs)
-    return Program(inputs, tuple(new.steps), outputs), [new.sees[k] for k in outputs], count

@@ -6,11 +6,16 @@ parameters sample by sample: a sample is a lane, and many sets of parameters mov
 """
 
 from collections.abc import Callable, Sequence
+from functools import reduce
+from typing import Any
 
+import numpy as np
+
+from steelyard.model.equations.closed_chains import solved_by_factors
 from steelyard.model.equations.inverse_dynamics import Scalar
-from steelyard.symbolic.program import InputArray, Program, Writer
+from steelyard.symbolic.program import InputArray, Program
 
-Q, DQ, EFFORT, PARAMETERS, WIDTHS, STEP = range(6)
+Q, DQ, EFFORT, PARAMETERS, WIDTHS = range(5)
 """Numbers of the input arrays."""
 
 Efforts = Callable[[Sequence[Scalar]], Sequence[Scalar]]
@@ -37,19 +42,7 @@ def accelerations(efforts: Efforts, applied: Sequence[Scalar]) -> tuple[list[Sca
 
     mass, bias = affine(efforts, len(applied))
     sides = [tau - rest for tau, rest in zip(applied, bias, strict=True)]
-    n = len(sides)
-    lower: list[list[Scalar]] = [[0.0] * n for _ in range(n)]
-    pivots: list[Scalar] = []
-    for j in range(n):
-        scaled = [lower[j][k] * pivots[k] for k in range(j)]
-        pivots.append(mass[j][j] - _dot(lower[j][:j], scaled))
-        for i in range(j + 1, n):
-            lower[i][j] = (mass[i][j] - _dot(lower[i][:j], scaled)) / pivots[j]
-    for i in range(n):
-        sides[i] = sides[i] - _dot(lower[i][:i], sides[:i])
-    found = [side / pivot for side, pivot in zip(sides, pivots, strict=True)]
-    for i in reversed(range(n)):
-        found[i] = found[i] - _dot([lower[k][i] for k in range(i + 1, n)], found[i + 1 :])
+    (found,), pivots = solved_by_factors(mass, [sides])
     return found, pivots
 
 
@@ -60,37 +53,25 @@ def runge_kutta(program: Program, n: int) -> Program:
     same inputs, and the step [s]; outputs are the new `q` and `dq`, then the least pivot of all
     stages.
     """
-    writer = Writer()
-    step = writer.push("input", STEP, 0)
-    half = writer.push("mul", step, writer.constant(0.5))
-    sixth = writer.push("mul", step, writer.constant(1.0 / 6.0))
-    q = [writer.push("input", Q, j) for j in range(n)]
-    dq = [writer.push("input", DQ, j) for j in range(n)]
-    at, speed, least = q, dq, None
-    speeds: list[list[int]] = []
-    forces: list[list[int]] = []
-    for ahead in (half, half, step, None):
-        given = {(array, j): x for array, xs in ((Q, at), (DQ, speed)) for j, x in enumerate(xs)}
-        outputs = writer.inlined(program, given)
-        speeds.append(speed)
-        forces.append(outputs[:n])
-        for pivot in outputs[n:]:
-            least = pivot if least is None else writer.push("minimum", least, pivot)
-        if ahead is not None:
-            at = [writer.plus(x, ahead, v) for x, v in zip(q, speeds[-1], strict=True)]
-            speed = [writer.plus(x, ahead, a) for x, a in zip(dq, forces[-1], strict=True)]
-    ends = [
-        writer.plus(x, sixth, writer.weighed([row[j] for row in slopes]))
-        for start, slopes in ((q, speeds), (dq, forces))
-        for j, x in enumerate(start)
-    ]
-    outputs_of = (*ends, *(() if least is None else (least,)))
-    arrays = (*program.inputs, InputArray("step", 1, shared=True))
-    return Program(arrays, tuple(writer.steps), outputs_of)
+    from steelyard.symbolic.trace import replayed, symbolic
 
+    def build(q: Any, dq: Any, *rest: Any) -> list[Scalar]:
+        *held, (step,) = rest
+        half = 0.5 * step
+        at, speed, pivots = q, dq, list[Scalar]()
+        stages: list[tuple[Sequence[Scalar], Sequence[Scalar]]] = []
+        for ahead in (half, half, step, None):
+            found = replayed(program, [at, speed, *held])
+            stages.append((speed, found[:n]))
+            pivots += found[n:]
+            if ahead is not None:
+                at = [x + ahead * v for x, v in zip(q, speed, strict=True)]
+                speed = [x + ahead * a for x, a in zip(dq, found[:n], strict=True)]
+        ends = []
+        for start, slopes in zip((q, dq), zip(*stages, strict=True), strict=True):
+            for x, first, second, third, fourth in zip(start, *slopes, strict=True):
+                mean = (first + fourth + 2.0 * (second + third)) * (1.0 / 6.0)
+                ends.append(x + step * mean)
+        return [*ends, *([reduce(np.minimum, pivots)] if pivots else [])]
 
-def _dot(a: Sequence[Scalar], b: Sequence[Scalar]) -> Scalar:
-    total: Scalar = 0.0
-    for x, y in zip(a, b, strict=True):
-        total = total + x * y
-    return total
+    return symbolic(build, (*program.inputs, InputArray("step", 1, shared=True)))
