@@ -25,12 +25,7 @@ from steelyard.excite.planned.inverse_kinematics import (
 from steelyard.excite.planned.postures import UnfollowableWay
 from steelyard.excite.planned.tool_paths import ToolPath
 from steelyard.excite.trajectories.polynomials import PiecewiseMotion, quintic
-from steelyard.model.equations.kinematics import (
-    FrameMotion,
-    frame_kinematics,
-    frame_motion,
-    frame_of,
-)
+from steelyard.model.equations.kinematics import FrameKinematics, frame_of
 from steelyard.model.equations.passive_joints import Follower, random_positions
 from steelyard.robot.loop_closures import loop_equations
 from steelyard.robot.robot import Frame, Robot
@@ -134,7 +129,7 @@ class _Poses:
     Postures in which a loop stays open have no pose: their numbers are not finite.
     """
 
-    motion: FrameMotion
+    motion: FrameKinematics
 
     def pose(self, q: Array) -> tuple[Array, Array]:
         """See `Kinematics`."""
@@ -151,7 +146,7 @@ class _Poses:
         follower.restart((assembly[: robot.n], assembly[robot.n :]))
         if not follower.step(q):
             return np.full(3, np.nan), np.full((3, 3), np.nan), np.zeros((6, robot.n))
-        return self.motion(q, follower.closed[1], np.zeros(robot.n))[:3]
+        return self.motion.moving(q, follower.closed[1], np.zeros(robot.n))[:3]
 
     @cached_property
     def _follower(self) -> Follower:
@@ -169,9 +164,9 @@ class _Walk:
     attitude: Attitude
 
     @cached_property
-    def motion(self) -> FrameMotion:
+    def motion(self) -> FrameKinematics:
         """Kinematics of the frame."""
-        return frame_motion(self.robot, self.frame)
+        return FrameKinematics(self.robot, self.frame)
 
     @cached_property
     def loops(self) -> Follower:
@@ -181,7 +176,7 @@ class _Walk:
     def first_postures(self, start: Array | None, seed: int) -> Array:
         """Postures to begin in, the best first, shape `(B, n)`."""
         closed, robot, limits = bool(self.robot.passive), self.robot, self.limits
-        kinematics = _Poses(self.motion) if closed else frame_kinematics(robot, self.frame)
+        kinematics = _Poses(self.motion) if closed else self.motion
         solver = InverseKinematics(kinematics, limits.lower, limits.upper, self.attitude)
         near, rng = start, np.random.default_rng(seed)
         if near is None:
@@ -294,7 +289,7 @@ class _Walk:
         dq, ddq = np.zeros(self.robot.n), np.zeros(self.robot.n)
         unturned = np.zeros(self.attitude.rows)
         dq[free] = np.linalg.lstsq(rates, np.append(velocity, unturned), rcond=None)[0]
-        drift = self._rows(self.motion(q, passive, dq)[3][:, None])[:, 0]
+        drift = self._rows(self.motion.moving(q, passive, dq)[3][:, None])[:, 0]
         needed = np.append(acceleration, unturned) - drift
         ddq[free] = np.linalg.lstsq(rates, needed, rcond=None)[0]
         return _Knot(t, q, dq, ddq, passive)
@@ -313,7 +308,7 @@ class _Walk:
     def _at(self, q: Array, dq: Array) -> tuple[Array, Array, Array, Array] | None:
         """Kinematics of the frame at a posture; `None` where a loop does not close."""
         passive = self._passive(q)
-        return None if passive is None else self.motion(q, passive, dq)
+        return None if passive is None else self.motion.moving(q, passive, dq)
 
     def _passive(self, q: Array) -> Array | None:
         """Positions of the passive joints; `None` where a loop does not close."""

@@ -9,8 +9,9 @@ $a = J \ddot q + \dot J \dot q$; the drift is $\dot J \dot q$. Passive joints fo
 ones, so that $J$ and the drift are those of the independent joints alone.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -70,18 +71,14 @@ class Points:
 
 @dataclass(frozen=True, eq=False)
 class FrameKinematics:
-    """Pose and Jacobian of one frame.
-
-    Inputs of the code are `q` and the positions of passive joints; outputs as `frame_outputs`.
-    """
+    """Pose, Jacobian and drift of one frame."""
 
     robot: Robot
     frame: Frame
-    code: Code
 
     def __call__(self, q: Array) -> tuple[Array, Array, Array]:
         """Position `(N, 3)`, rotation `(N, 3, 3)` and Jacobian `(N, 6, n)` at `q`, `(N, n)`."""
-        values = self.code([q.T, passive_positions(self.robot, q.T)]).T
+        values = self._pose_code([q.T, passive_positions(self.robot, q.T)]).T
         count = len(q)
         jacobian = values[:, 12:].reshape(count, 6, self.robot.n)
         return values[:, :3], values[:, 3:12].reshape(count, 3, 3), jacobian
@@ -93,6 +90,32 @@ class FrameKinematics:
     def jacobian(self, q: Array) -> Array:
         """Joint speeds to the origin's velocity and the angular velocity, shape `(N, 6, n)`."""
         return self(q)[2]
+
+    def moving(self, q: Array, passive: Array, dq: Array) -> tuple[Array, Array, Array, Array]:
+        """Origin `(3,)` [m], axes `(3, 3)`, Jacobian `(6, n)` and drift `(6,)`, in the base frame.
+
+        At one sample: independent `q` `(n,)`, passive joints where loops close, and `dq` `(n,)`.
+        """
+        values = self._motion_code([q[:, None], passive[:, None], dq[:, None]])[:, 0]
+        jacobian = values[12:-6].reshape(6, self.robot.n)
+        return values[:3], values[3:12].reshape(3, 3), jacobian, values[-6:]
+
+    @cached_property
+    def _pose_code(self) -> Code:
+        return self._code("frame", frame_outputs, ("q", "passive"))
+
+    @cached_property
+    def _motion_code(self) -> Code:
+        return self._code("frame motion", _frame_motion_outputs, ("q", "passive", "dq"))
+
+    def _code(self, what: str, outputs: Callable[..., list[Scalar]], names: Sequence[str]) -> Code:
+        place = [self.frame.body, self.frame.rotation.tolist(), self.frame.position.tolist()]
+        sizes = {"q": self.robot.n, "passive": len(self.robot.passive), "dq": self.robot.n}
+        return compiled_equations(
+            [what, robot_to_dict(self.robot), place],
+            lambda *x: outputs(self.robot, self.frame, *x),
+            [Input(name, sizes[name]) for name in names],
+        )
 
 
 def last_frame(robot: Robot) -> str:
@@ -118,15 +141,8 @@ def frame_of(robot: Robot, name: str) -> Frame:
 
 
 def frame_kinematics(robot: Robot, frame: str | Frame) -> FrameKinematics:
-    """Pose and Jacobian of a frame."""
-    chosen = frame_of(robot, frame) if isinstance(frame, str) else frame
-    place = [chosen.body, chosen.rotation.tolist(), chosen.position.tolist()]
-    code = compiled_equations(
-        ["frame", robot_to_dict(robot), place],
-        lambda *x: frame_outputs(robot, chosen, *x),
-        [Input("q", robot.n), Input("passive", len(robot.passive))],
-    )
-    return FrameKinematics(robot, chosen, code)
+    """Pose, Jacobian and drift of a frame."""
+    return FrameKinematics(robot, frame_of(robot, frame) if isinstance(frame, str) else frame)
 
 
 def frame_outputs(
@@ -154,23 +170,36 @@ def points_on(robot: Robot, carriers: Sequence[int], places: ArrayLike) -> Point
     Per point the index of its body, -1 for the base, and its place in that frame, `(m, 3)` [m]. It
     is a `ModelError` if loops decide where one is.
     """
-    points = frozen(places, (len(carriers), 3))
+    points, n = frozen(places, (len(carriers), 3)), robot.n
     for body in carriers:
         refuse_passive(robot, body, robot.bodies[body].name if body >= 0 else "base")
 
     def build() -> tuple[Program, dict[str, Any]]:
-        from steelyard.symbolic.trace import symbolic
+        from steelyard.symbolic.trace import carried_along, symbolic
 
         def outputs(q: Sequence[Scalar]) -> list[Scalar]:
-            found = [
-                carried_point(robot, q, body, point)
-                for body, point in zip(carriers, points, strict=True)
+            slopes = (
+                carried_point(robot, q, *one)[1] for one in zip(carriers, points, strict=True)
+            )
+            return [
+                *_positions(robot, carriers, points, q),
+                *(x for s in slopes for x in _rows(s, n)),
             ]
-            positions = [x for position, _ in found for x in position]
-            return [*positions, *(x for _, slopes in found for x in _rows(slopes, robot.n))]
 
-        programs = _moving_points(robot, carriers, points)
-        return symbolic(outputs, [Input("q", robot.n)]), programs
+        def flow(q: Sequence[Scalar], dq: Sequence[Scalar]) -> list[Scalar]:
+            positions = _positions(robot, carriers, points, q)
+            return [*positions, *carried_along(positions, q, dq)]
+
+        def bend(q: Sequence[Scalar], dq: Sequence[Scalar], ddq: Sequence[Scalar]) -> list[Scalar]:
+            velocities = flow(q, dq)[3 * len(points) :]
+            return carried_along(velocities, [*q, *dq], [*dq, *ddq])
+
+        inputs = [Input(name, n) for name in ("q", "dq", "ddq")]
+        about = {
+            "flow": program_to_json(symbolic(flow, inputs[:2])),
+            "bend": program_to_json(symbolic(bend, inputs)),
+        }
+        return symbolic(outputs, inputs[:1]), about
 
     code = compiled(["points", robot_to_dict(robot), list(carriers), points.tolist()], build)
     flow, bend = (program_from_json(code.about[name]) for name in ("flow", "bend"))
@@ -185,33 +214,16 @@ def positions_of(robot: Robot, carriers: Sequence[int], places: ArrayLike, q: Ar
     from steelyard.symbolic.trace import symbolic
 
     points = frozen(places, (len(carriers), 3))
-
-    def outputs(q: Sequence[Scalar]) -> list[Scalar]:
-        found = zip(carriers, points, strict=True)
-        return [x for body, point in found for x in carried_point(robot, q, body, point)[0]]
-
-    program = symbolic(outputs, [Input("q", robot.n)])
+    inputs = [Input("q", robot.n)]
+    program = symbolic(lambda q: _positions(robot, carriers, points, q), inputs)
     return run(program, [q.T]).T.reshape(len(q), len(carriers), 3)
 
 
-def _moving_points(robot: Robot, carriers: Sequence[int], points: Array) -> dict[str, Any]:
-    """Programs of the points' positions and velocities, and of their accelerations."""
-    from steelyard.symbolic.trace import carried_along, symbolic
-
-    def flow(q: Sequence[Scalar], dq: Sequence[Scalar]) -> list[Scalar]:
-        found = zip(carriers, points, strict=True)
-        positions = [x for body, p in found for x in carried_point(robot, q, body, p)[0]]
-        return [*positions, *carried_along(positions, q, dq)]
-
-    def bend(q: Sequence[Scalar], dq: Sequence[Scalar], ddq: Sequence[Scalar]) -> list[Scalar]:
-        velocities = flow(q, dq)[3 * len(points) :]
-        return carried_along(velocities, [*q, *dq], [*dq, *ddq])
-
-    inputs = [Input(name, robot.n) for name in ("q", "dq", "ddq")]
-    return {
-        "flow": program_to_json(symbolic(flow, inputs[:2])),
-        "bend": program_to_json(symbolic(bend, inputs)),
-    }
+def _positions(
+    robot: Robot, carriers: Sequence[int], points: Array, q: Sequence[Scalar]
+) -> list[Scalar]:
+    ends = zip(carriers, points, strict=True)
+    return [x for body, point in ends for x in carried_point(robot, q, body, point)[0]]
 
 
 def refuse_passive(robot: Robot, body: int, name: str) -> None:
@@ -251,39 +263,6 @@ def _followed(columns: dict[int, Vector], torque_map: Any, n: int) -> dict[int, 
 def _rows(columns: dict[int, Vector], n: int) -> list[Scalar]:
     """Three rows of `n` from the columns that are not zero."""
     return [columns[j][axis] if j in columns else 0.0 for axis in range(3) for j in range(n)]
-
-
-@dataclass(frozen=True, eq=False)
-class FrameMotion:
-    """Kinematics of one frame up to accelerations.
-
-    Inputs of the code are `q`, positions of passive joints, `dq`; outputs as `frame_outputs`, then
-    the drift.
-    """
-
-    robot: Robot
-    frame: Frame
-    code: Code
-
-    def __call__(self, q: Array, passive: Array, dq: Array) -> tuple[Array, Array, Array, Array]:
-        """Origin `(3,)` [m], axes `(3, 3)`, Jacobian `(6, n)` and drift `(6,)`, in the base frame.
-
-        At one sample: independent `q` `(n,)`, passive joints where loops close, and `dq` `(n,)`.
-        """
-        values = self.code([q[:, None], passive[:, None], dq[:, None]])[:, 0]
-        jacobian = values[12:-6].reshape(6, self.robot.n)
-        return values[:3], values[3:12].reshape(3, 3), jacobian, values[-6:]
-
-
-def frame_motion(robot: Robot, frame: Frame) -> FrameMotion:
-    """Kinematics of a frame up to accelerations."""
-    place = [frame.body, frame.rotation.tolist(), frame.position.tolist()]
-    code = compiled_equations(
-        ["frame motion", robot_to_dict(robot), place],
-        lambda *x: _frame_motion_outputs(robot, frame, *x),
-        [Input("q", robot.n), Input("passive", len(robot.passive)), Input("dq", robot.n)],
-    )
-    return FrameMotion(robot, frame, code)
 
 
 def _frame_motion_outputs(
