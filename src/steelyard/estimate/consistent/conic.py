@@ -3,9 +3,8 @@ r"""Conic programs, handed to Clarabel as they are: no modelling layer between.
 A program is $\min \tfrac12 x^T P x + q^T x$ with $b - A x$ in a product of cones.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,11 +70,8 @@ def solved(
     """The optimum, shape `(n,)`; `where` says for messages what is solved.
 
     Gap and infeasibility of at most `aim` are required of the solver; a gap of `enough` counts as
-    solved even if it is more than `FAIR`.
-
-    Raises:
-        Infeasible: There is no point in all cones.
-        Unsolved: The solver stopped for another reason than the optimum.
+    solved even if it is more than `FAIR`. Raises `Infeasible` where there is no point in all cones,
+    and `Unsolved` where the solver stopped for another reason than the optimum.
     """
     infeasible = Infeasible(
         "no parameters satisfy all constraints",
@@ -105,10 +101,7 @@ def solved(
 
 @dataclass(frozen=True, eq=False)
 class _End:
-    """Where the solver stopped: its word for it, the point, its gap and infeasibility.
-
-    `error` is the greater of infeasibility and gap over objective.
-    """
+    """Where the solver stopped; `error` is the greater of infeasibility and gap over objective."""
 
     status: str
     x: Array
@@ -127,6 +120,11 @@ def _clarabel(program: Conic, scaling: bool, most_iterations: int, aim: float) -
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = aim
     settings.equilibrate_enable = scaling
     settings.max_threads = 1
+    rows = np.zeros((sum(len(b.offset) for b in program.blocks), len(program.linear)))
+    start = 0
+    for block in program.blocks:
+        rows[start : start + len(block.offset), block.columns] = block.matrix
+        start += len(block.offset)
     cones = {
         "zero": clarabel.ZeroConeT,
         "nonnegative": clarabel.NonnegativeConeT,
@@ -141,7 +139,7 @@ def _clarabel(program: Conic, scaling: bool, most_iterations: int, aim: float) -
     solver = clarabel.DefaultSolver(
         sparse.diags_array(program.square, format="csc"),
         program.linear,
-        _stacked(program.blocks, len(program.linear)),
+        sparse.csc_array(rows),
         np.concatenate([block.offset for block in program.blocks]),
         kinds,
         settings,
@@ -156,18 +154,3 @@ def _clarabel(program: Conic, scaling: bool, most_iterations: int, aim: float) -
     )
     error = max(gap / max(1.0, abs(solution.obj_val)), *rest)
     return _End(status, x, float(gap), float(max(rest)), float(error))
-
-
-def _stacked(blocks: Sequence[Block], n: int) -> Any:
-    """All blocks' coefficients as one sparse matrix, compressed by columns."""
-    from scipy import sparse
-
-    rows, columns, values, start = [], [], [], 0
-    for block in blocks:
-        row, column = np.nonzero(block.matrix)
-        rows.append(row + start)
-        columns.append(np.asarray(block.columns)[column])
-        values.append(block.matrix[row, column])
-        start += len(block.offset)
-    places = np.concatenate(rows), np.concatenate(columns)
-    return sparse.csc_array((np.concatenate(values), places), shape=(start, n))

@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 
 from steelyard.base.arrays import Array, Parameters, frozen
-from steelyard.estimate.consistent.conic import MOST_ITERATIONS, Infeasible, Unsolved, solved
+from steelyard.estimate.consistent.conic import AIM, MOST_ITERATIONS, Infeasible, Unsolved, solved
 from steelyard.estimate.consistent.constraint_costs import (
     Tried,
     Weighed,
@@ -25,7 +25,7 @@ from steelyard.estimate.consistent.constraint_costs import (
     refuse_contradictions,
     weighed,
 )
-from steelyard.estimate.consistent.penalties import Entropic, Form, Unknowns, unknowns
+from steelyard.estimate.consistent.penalties import Entropic, Form, unknowns
 from steelyard.estimate.consistent.program import Program, conic_constraints, polished
 from steelyard.estimate.estimate import Estimate, StandardEstimate
 from steelyard.estimate.information.base_parameters import BaseMap
@@ -94,8 +94,7 @@ class Consistent:
         """Values of the information's columns, without covariances.
 
         No run has parameters of its own. `gamma` is the weight of the prior, as of a call if
-        `None`; `near` are standard parameters of a similar problem, to begin at. Raises as a call
-        does.
+        `None`; `near` are standard parameters of a similar problem, to begin at.
         """
         program = self.program(whitened(information, equal=self.equal))
         if gamma is None:
@@ -113,11 +112,8 @@ class Consistent:
         return Program(known, conic_constraints(known, self.knowledge), self.form)
 
     def solve(self, program: Program, gamma: float, near: Array | None = None) -> Array:
-        """The unknowns at the optimum with a weight of the prior, near those of a similar problem.
-
-        Raises as a call does.
-        """
-        if near is not None and (end := self._from_nearby(program, gamma, near)) is not None:
+        """The unknowns at the optimum with a weight of the prior, near those of a like problem."""
+        if near is not None and (end := self._polished(program, near, gamma)) is not None:
             return end
         try:
             return self._optimum(program, gamma)
@@ -131,31 +127,32 @@ class Consistent:
                 ) from None
             raise
 
-    def _from_nearby(self, program: Program, gamma: float, near: Array) -> Array | None:
+    def _polished(self, program: Program, near: Array, gamma: float) -> Array | None:
         """The optimum from a solution nearby by Newton's method, where that confirms it."""
-        return polished(program, near, gamma) if self._smooth(program) else None
-
-    def _smooth(self, program: Program) -> bool:
-        return self.form.penalises and all(program.unknowns.priors)
+        smooth = self.form.penalises and all(program.unknowns.priors)
+        return polished(program, near, gamma) if smooth else None
 
     def _optimum(self, program: Program, gamma: float) -> Array:
         """Near it by the solver and to the end by Newton's method, or all by the solver."""
-        conic, m = program.conic(gamma), len(program.unknowns.weak)
-        if self._smooth(program):
+        m, whole = len(program.unknowns.weak), float(np.sum(np.square(program.unknowns.vector)))
+
+        def found(unit: float, aim: float, enough: float) -> Array:
+            conic = program.conic(gamma, unit=unit)
+            return solved(conic, self._where, self.iterations, aim=aim, enough=enough)[:m]
+
+        if self.form.penalises and all(program.unknowns.priors):
             with suppress(Infeasible, Unsolved):
-                near = solved(conic, self._where, self.iterations, aim=ROUGH, enough=ENOUGH)[:m]
-                end = polished(program, near, gamma)
+                end = polished(program, found(1.0, ROUGH, ENOUGH), gamma)
                 if end is not None:
                     return end
         try:
-            return solved(conic, self._where, self.iterations, enough=ENOUGH)[:m]
+            return found(1.0, AIM, ENOUGH)
         except (Infeasible, Unsolved):
             # where consistent bodies contradict the data, the squares are so many times the prior's
             # penalty that the solver loses the latter's digits: other units of the squares help
-            for unit in units_of(program.unknowns):
+            for unit in (unit for unit in (*UNITS, whole) if 1.0 < unit <= whole):
                 with suppress(Infeasible, Unsolved):
-                    conic, enough = program.conic(gamma, unit=unit), GAP_IN_EFFORT_UNITS
-                    return solved(conic, self._where, self.iterations, aim=ROUGH, enough=enough)[:m]
+                    return found(unit, ROUGH, GAP_IN_EFFORT_UNITS)
             raise
 
     @property
@@ -188,21 +185,17 @@ class Consistent:
         fit = replace(data.fit, solution=solution)
         name = f"physically consistent ({self.form.name} prior)"
         estimate = described(name, fit, Spread.of(solution, solution.inverse))
+        names = estimate.parameters.names
         place = {n: k for k, n in enumerate(self.base.base_names)}
-        rows = [place[n] for n in estimate.parameters.names]
-        learned = _share(lift @ known.scale, free, after, before)[rows]
-        learned[[n in self.per_run for n in estimate.parameters.names]] = 1.0
+        learned = _share(lift @ known.scale, free, after, before)[[place[n] for n in names]]
+        learned[[n in self.per_run for n in names]] = 1.0
         alone = np.count_nonzero(lift, axis=1) == 1
+        share = _share(known.scale, free, after, before)
         return replace(
             estimate,
-            standard=self._standard(
-                estimate,
-                standard,
-                known.scale @ after,
-                _share(known.scale, free, after, before),
-            ),
+            standard=self._standard(estimate, standard, known.scale @ after, share),
             learned=frozen(learned),
-            at_bound=tuple(n for n in estimate.parameters.names if n in held and alone[place[n]]),
+            at_bound=tuple(n for n in names if n in held and alone[place[n]]),
             notes=tuple(self._notes(data, program, found)),
         )
 
@@ -232,25 +225,15 @@ class Consistent:
         self, estimate: Estimate, values: Array, spread: Array, share: Array
     ) -> StandardEstimate:
         """All standard parameters; what every run has for itself is as a new run is expected."""
-        learned = share.copy()
-        full, covariance = values.copy(), spread @ spread.T
+        full, learned, covariance = values.copy(), share.copy(), spread @ spread.T
         place = {name: k for k, name in enumerate(self.base.names)}
         for name in self.per_run:
             if name in estimate.parameters.names:
                 k, own = place[name], estimate.parameters.names.index(name)
                 full[k], learned[k] = estimate.parameters.values[own], 1.0
                 covariance[k, k] = estimate.covariance[own, own]
-        return StandardEstimate(
-            Parameters(self.base.names, self.base.units, full),
-            frozen(covariance),
-            frozen(learned),
-        )
-
-
-def units_of(unknowns: Unknowns) -> tuple[float, ...]:
-    """Units of the squares to be tried, up to that of the whole effort."""
-    whole = float(unknowns.vector @ unknowns.vector)
-    return tuple(unit for unit in (*UNITS, whole) if 1.0 < unit <= whole)
+        parameters = Parameters(self.base.names, self.base.units, full)
+        return StandardEstimate(parameters, frozen(covariance), frozen(learned))
 
 
 def _spreads(data: Whitened, program: Program, tried: Tried) -> tuple[Array, Array]:

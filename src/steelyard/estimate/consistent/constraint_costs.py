@@ -7,16 +7,21 @@ than the rank of the data: as much as noise alone moves them.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.estimate.consistent.conic import Block, Conic, Unsolved, solved
-from steelyard.estimate.consistent.penalties import ONE, ORDER, SCALE_WITHOUT_PRIOR, ten_map
-from steelyard.estimate.consistent.program import ConicConstraints, Program, conic_constraints
+from steelyard.estimate.consistent.penalties import ONE, apart, scale_of
+from steelyard.estimate.consistent.program import (
+    ConicConstraints,
+    Program,
+    conic_constraints,
+    scaled_rows,
+)
 from steelyard.estimate.prior.prior import Knowledge, Row
 from steelyard.estimate.prior.prior_constraint import in_words
 from steelyard.robot.rigid_body import INERTIAL_NAMES
@@ -29,18 +34,15 @@ _NEARLY = 1e-6
 
 def refuse_contradictions(knowledge: Knowledge) -> None:
     """Stop at constraints that cannot hold together, with a set of which all are needed."""
-    if labels := contradictions(knowledge):
-        raise contradicting(labels)
-
-
-def contradicting(labels: Sequence[str]) -> DataError:
-    """The error for constraints that cannot hold together."""
+    labels = contradictions(knowledge)
+    if not labels:
+        return
     if len(labels) == 1:
         wrong, fix = f"no physical body satisfies this: {labels[0]}", "correct it, or leave it out"
     else:
         wrong = f"these constraints are infeasible together: {'; '.join(labels)}"
         fix = "correct one of them, or leave it out"
-    return DataError(wrong, where="prior constraints", fix=fix)
+    raise DataError(wrong, where="prior constraints", fix=fix)
 
 
 def contradictions(knowledge: Knowledge) -> tuple[str, ...]:
@@ -48,11 +50,11 @@ def contradictions(knowledge: Knowledge) -> tuple[str, ...]:
 
     They can if any one is left out; empty if all can hold, or the solver cannot decide.
     """
-    bodies = _Bodies(knowledge)
+    allowed = partial(_allowed, knowledge)
     rows = (*_bounds(knowledge), *knowledge.rows)
-    if not knowledge.rows or bodies.allow(rows):
+    if not knowledge.rows or allowed(rows):
         return ()
-    return tuple(dict.fromkeys(row.label for row in irreducible(rows, bodies.allow)))
+    return tuple(dict.fromkeys(row.label for row in irreducible(rows, allowed)))
 
 
 def irreducible(
@@ -87,62 +89,35 @@ def _bounds(knowledge: Knowledge) -> tuple[Row, ...]:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Bodies:
-    r"""What physically consistent bodies allow: the least slack with which all rows hold.
+def _allowed(knowledge: Knowledge, rows: tuple[Row, ...]) -> bool:
+    r"""Whether physically consistent bodies allow rows: all hold with next to no slack.
 
     Each row, in units of its length, may fail by $s$, and so may $X \succeq \delta 1$ of every
     body's pseudo-inertia $L X L^T$ in the scale $L$ of its prior. Such values always exist, so the
     solver never has to prove that there are none.
     """
-
-    knowledge: Knowledge
-
-    def allow(self, rows: tuple[Row, ...]) -> bool:
-        """Whether rows can hold."""
-        if not rows:
-            return True
-        count = self._scale.shape[1]
-        blocks = (self._planes(rows), *map(self._body, range(len(self.knowledge.bodies))))
-        least = Conic(np.zeros(count + 1), np.eye(count + 1)[count], blocks)
-        try:
-            return bool(solved(least, "prior constraints")[count] < _NEARLY)
-        except Unsolved:
-            return True
-
-    def _planes(self, rows: tuple[Row, ...]) -> Block:
-        """All rows with slack, and a slack that is not below -1."""
-        names = self.knowledge.names
-        matrix = np.array([[row.coefficients.get(name, 0.0) for name in names] for row in rows])
-        matrix = matrix @ self._scale
-        sizes = np.linalg.norm(matrix, axis=1)
-        matrix = matrix / sizes[:, None]
-        lower, upper = np.array([(row.lower, row.upper) for row in rows]).T / sizes
-        above, below = np.isfinite(lower), np.isfinite(upper)
-        planes = np.vstack([-matrix[above], matrix[below], np.zeros(matrix.shape[1])])
-        offset = np.concatenate([-lower[above], upper[below], [1.0]])
-        planes = np.column_stack([planes, -np.ones(len(planes))])
-        return Block("nonnegative", np.arange(planes.shape[1]), planes, offset)
-
-    def _body(self, body: int) -> Block:
-        """A physically consistent body, with slack."""
-        columns = np.array([*range(10 * body, 10 * body + 10), self._scale.shape[1]])
-        matrix = -np.column_stack([np.diag(np.sqrt(2.0 - ONE)), ONE])
-        return Block("semidefinite", columns, matrix, -MARGIN * ONE, ORDER)
-
-    @cached_property
-    def _scale(self) -> Array:
-        """Parameters per unknown: entries of every `X`, then the others as they are."""
-        count = len(self.knowledge.bodies)
-        tens = [self.knowledge.tens(body) for body in range(count)]
-        inside = {k for ten in tens for k in ten}
-        others = [k for k in range(len(self.knowledge.names)) if k not in inside]
-        scale = np.zeros((len(self.knowledge.names), 10 * count + len(others)))
-        for body, ten in enumerate(tens):
-            part = ten_map(self.knowledge.priors[body] or SCALE_WITHOUT_PRIOR)
-            scale[ten, 10 * body : 10 * body + 10] = part
-        scale[others, 10 * count + np.arange(len(others))] = 1.0
-        return scale
+    if not rows:
+        return True
+    found = scaled_rows(rows, knowledge.names, scale_of(knowledge)[0])
+    count = found.matrix.shape[1]
+    above, below = np.isfinite(found.lower), np.isfinite(found.upper)
+    planes = np.vstack([-found.matrix[above], found.matrix[below], np.zeros(count)])
+    planes = np.column_stack([planes, -np.ones(len(planes))])
+    ends = np.concatenate([-found.lower[above], found.upper[below], [1.0]])
+    body, bodies = apart(MARGIN), range(len(knowledge.bodies))
+    matrix = np.column_stack([body.matrix, -ONE])
+    blocks = (
+        Block("nonnegative", np.arange(count + 1), planes, ends),  # no slack is below -1
+        *(
+            replace(body, columns=np.append(10 * k + np.arange(10), count), matrix=matrix)
+            for k in bodies
+        ),
+    )
+    least = Conic(np.zeros(count + 1), np.eye(count + 1)[count], blocks)
+    try:
+        return bool(solved(least, "prior constraints")[count] < _NEARLY)
+    except Unsolved:
+        return True
 
 
 LEAST_PRIOR_WEIGHT, MOST_PRIOR_WEIGHT = 1e-3, 1e4
@@ -177,34 +152,33 @@ class Weighed:
     physics: float = 0.0
 
 
-SolveWithWeight = Callable[[float, Array | None], Tried]
-"""The solution with a weight, from unknowns of a solution nearby if there are any."""
+def weighed(attempt: Callable[[float, Array | None], Tried], rank: int) -> Weighed:
+    """Search the likeliest weight whose rise is allowed, up to `rank`.
 
-
-def weighed(attempt: SolveWithWeight, rank: int) -> Weighed:
-    """Search the likeliest weight whose rise is allowed, up to `rank`."""
+    `attempt` solves with a weight, from unknowns of a solution nearby if there are any.
+    """
     search = _Search(attempt)
     best = search.likeliest()
     if search.at(best).rise <= rank:
         return Weighed(search.at(best), len(search.found))
     least = search.at(LEAST_PRIOR_WEIGHT).rise
-    allowed = rank if least <= rank else least + rank
-    gamma = search.largest(best, allowed)
-    return Weighed(search.at(gamma), len(search.found), least if least > rank else 0.0)
+    physics = least if least > rank else 0.0
+    gamma = search.largest(best, rank + physics)
+    return Weighed(search.at(gamma), len(search.found), physics)
 
 
+@dataclass(frozen=True, eq=False)
 class _Search:
     """Weights that were tried; each is solved once."""
 
-    def __init__(self, attempt: SolveWithWeight) -> None:
-        self._attempt = attempt
-        self.found: dict[float, Tried] = {}
+    attempt: Callable[[float, Array | None], Tried]
+    found: dict[float, Tried] = field(default_factory=dict)
 
     def at(self, gamma: float) -> Tried:
         """The solution with a weight."""
         if gamma not in self.found:
             apart = {abs(np.log(gamma / known)): tried.u for known, tried in self.found.items()}
-            self.found[gamma] = self._attempt(gamma, apart[min(apart)] if apart else None)
+            self.found[gamma] = self.attempt(gamma, apart[min(apart)] if apart else None)
         return self.found[gamma]
 
     def likeliest(self) -> float:
@@ -293,9 +267,8 @@ def contradicted(program: Program, free: Array, covariance: Array) -> tuple[str,
     """
     constraints, known = program.constraints, program.unknowns
     found: dict[str, tuple[float, float]] = {}
-    values = constraints.matrix @ free
-    squares = np.einsum("rm,mn,rn->r", constraints.matrix, covariance, constraints.matrix)
-    stds = np.sqrt(np.maximum(squares, 0.0))
+    values, roots = constraints.matrix @ free, constraints.matrix @ covariance
+    stds = np.sqrt(np.maximum(np.sum(roots * constraints.matrix, axis=1), 0.0))
     standard = dict(zip(known.names, known.standard(free).tolist(), strict=True))
     for row, value, std, low, high in zip(
         constraints.rows, values, stds, constraints.lower, constraints.upper, strict=True
@@ -325,10 +298,7 @@ EDGE = 0.02  # least eigenvalue of a body's `X` below which it is at the edge of
 CONSTRAINTS_IN_NOTE = 6  # active constraints that a note names
 
 SolveProgram = Callable[[Program, float], Tried]
-"""The solution of a program with a weight of the prior."""
-
 Spread = Callable[[Program, Tried], Array]
-"""Covariance of the unknowns of a solution, shape `(m, m)`."""
 
 
 def cost_notes(
@@ -336,7 +306,8 @@ def cost_notes(
 ) -> list[str]:
     """What contradicts the data: knowledge, physical constraints, or the prior.
 
-    `attempt` solves a program, and `spread` is the covariance of a solution's unknowns.
+    `attempt` solves a program with a weight of the prior, and `spread` is the covariance of a
+    solution's unknowns, `(m, m)`.
     """
     rank, gamma, rise, notes = len(program.unknowns.vector), found.tried.gamma, found.tried.rise, []
     try:
@@ -379,10 +350,8 @@ def _physical(
         upper=np.where(laws, np.inf, knowledge.upper),
         curves=(),
     )
-    alone = attempt(
-        replace(program, constraints=conic_constraints(program.unknowns, unbounded)),
-        LEAST_PRIOR_WEIGHT,
-    )
+    bare = replace(program, constraints=conic_constraints(program.unknowns, unbounded))
+    alone = attempt(bare, LEAST_PRIOR_WEIGHT)
     _, at = active_bounds(program, whole.u, spread(program, whole))
     thin = np.linalg.eigvalsh(program.unknowns.pseudo(whole.u))[:, 0] <= EDGE
     edges = [name for name, near in zip(knowledge.bodies, thin, strict=True) if near]

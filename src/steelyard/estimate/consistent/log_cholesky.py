@@ -13,7 +13,7 @@ until the criterion falls by a fair part of what was promised.
 """
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,9 +78,8 @@ class LogCholesky(Consistent):
         notes = (*estimate.notes, *_ignored_notes(known, estimate.values))
         return replace(estimate, estimator="log-Cholesky Gauss-Newton", notes=notes)
 
-    def _from_nearby(self, program: Program, gamma: float, near: Array) -> Array | None:
+    def _polished(self, program: Program, near: Array, gamma: float) -> Array | None:
         """Nothing: the search in these coordinates begins at the prior."""
-        return None
 
     def _optimum(self, program: Program, gamma: float) -> Array:
         lower, upper = _bounds_of_terms(program)
@@ -90,13 +89,9 @@ class LogCholesky(Consistent):
         x, left = criterion.start, self.steps
         for size in BARRIERS:
             barrier = size * max(1.0, criterion.plain(x)) if size < 1.0 else 1.0
+            near = replace(criterion, barrier=barrier)
             found = bounded_gauss_newton(
-                replace(criterion, barrier=barrier),
-                x,
-                criterion.lower,
-                criterion.upper,
-                left,
-                CENTRED * barrier,
+                near, x, criterion.lower, criterion.upper, left, CENTRED * barrier
             )
             x, left = found.x, left - found.steps
             if not found.converged:
@@ -119,10 +114,11 @@ def _ignored_notes(knowledge: Knowledge, values: Parameters) -> list[str]:
     """How many prior constraints are not used, and which of all do not hold."""
     notes = []
     if ignored := {row.label for row in knowledge.rows if not _is_used(row)}:
-        entries_are = "1 entry" if len(ignored) == 1 else f"{len(ignored)} entries"
-        verb = "is" if len(ignored) == 1 else "are"
+        entries_are, are = (
+            ("1 entry", "is") if len(ignored) == 1 else (f"{len(ignored)} entries", "are")
+        )
         notes.append(
-            f"{entries_are} of [[knowledge]] about links or ties {verb} ignored by this estimator"
+            f"{entries_are} of [[knowledge]] about links or ties {are} ignored by this estimator"
         )
     bounds = zip(knowledge.names, knowledge.lower.tolist(), knowledge.upper.tolist(), strict=True)
     rows = [
@@ -301,31 +297,8 @@ SHORTER = 0.5  # factor by which a step that keeps less is shortened
 SHORTENED = 60  # how often at most
 
 
-class Problem(Protocol):
-    """A criterion that looks like a sum of squares from near by."""
-
-    def cost(self, x: Array) -> float:
-        """The criterion; infinite where there is none."""
-        ...
-
-    def near(self, x: Array) -> tuple[Array, Array]:
-        """Residuals `(r,)` and derivatives `(r, k)`.
-
-        Half their squares have the criterion's slope, and its curvature or about that.
-        """
-        ...
-
-    def moved(self, x: Array, step: Array, part: float) -> Array | None:
-        """The place after a part of a step, straight or along a curve; `None` if there is none."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class GaussNewtonResult:
-    """Where it ended after how many steps, the criterion there, and what a further step promises.
-
-    It has converged if that is small enough.
-    """
+class GaussNewtonResult(NamedTuple):
+    """Where it ended after how many steps, the criterion there, and what a further one promises."""
 
     x: Array
     cost: float
@@ -335,7 +308,7 @@ class GaussNewtonResult:
 
 
 def bounded_gauss_newton(
-    problem: Problem, start: Array, lower: Array, upper: Array, steps: int, tolerance: float
+    problem: Criterion, start: Array, lower: Array, upper: Array, steps: int, tolerance: float
 ) -> GaussNewtonResult:
     """Minimise a criterion within bounds `(k,)`, until a step gains less than the tolerance."""
     x, cost, promise = start, problem.cost(start), np.inf

@@ -90,30 +90,23 @@ class Unknowns:
 
 def unknowns(data: Whitened, base: BaseMap, knowledge: Knowledge) -> Unknowns:
     """The unknowns of a problem."""
-    count = len(knowledge.bodies)
-    tens = [knowledge.tens(body) for body in range(count)]
+    first = 10 * len(knowledge.bodies)
     place = {name: k for k, name in enumerate(base.base_names)}
     lift = base.lift[[place[name] for name in data.names]]
-    bodies = {k for ten in tens for k in ten}
+    scale, terms = scale_of(knowledge)
     strength = np.linalg.norm(data.matrix @ lift, axis=0)
-    terms = tuple(k for k in range(len(base.names)) if k not in bodies)
-    scale = np.zeros((len(base.names), 10 * count + len(terms)))
-    for body, ten in enumerate(tens):
-        prior = knowledge.priors[body] or SCALE_WITHOUT_PRIOR
-        scale[ten, 10 * body : 10 * body + 10] = ten_map(prior)
     least = UNSEEN * float(strength.max(initial=0.0))
     strength = strength[list(terms)]
     sizes = np.divide(
         data.effort, strength, out=np.full(len(terms), UNKNOWN), where=strength > least
     )
     stated = np.array([knowledge.deviations.get(base.names[k], np.nan) for k in terms])
-    sizes = np.where(np.isfinite(stated), stated, sizes)
-    scale[list(terms), 10 * count + np.arange(len(terms))] = sizes
+    scale[:, first:] *= np.where(np.isfinite(stated), stated, sizes)
     matrix = data.matrix @ lift @ scale
-    matrix[:, 10 * count + np.flatnonzero(strength <= least)] = 0.0
+    matrix[:, first + np.flatnonzero(strength <= least)] = 0.0
     weak = np.full(scale.shape[1], WIDEST**-2)
-    weak[: 10 * count] = 0.0
-    weak[10 * count + np.flatnonzero((strength <= least) | np.isfinite(stated))] = 1.0
+    weak[:first] = 0.0
+    weak[first + np.flatnonzero((strength <= least) | np.isfinite(stated))] = 1.0
     return Unknowns(
         base.names,
         tuple(prior is not None for prior in knowledge.priors),
@@ -125,13 +118,24 @@ def unknowns(data: Whitened, base: BaseMap, knowledge: Knowledge) -> Unknowns:
     )
 
 
+def scale_of(knowledge: Knowledge) -> tuple[Array, tuple[int, ...]]:
+    """Parameters per entry of every `X`, then the others, which are given, as they are."""
+    tens = [knowledge.tens(body) for body in range(len(knowledge.bodies))]
+    terms = [k for k in range(len(knowledge.names)) if not any(k in ten for ten in tens)]
+    scale = np.zeros((len(knowledge.names), 10 * len(tens) + len(terms)))
+    for body, ten in enumerate(tens):
+        part = ten_map(knowledge.priors[body] or SCALE_WITHOUT_PRIOR)
+        scale[ten, 10 * body : 10 * body + 10] = part
+    scale[terms, 10 * len(tens) + np.arange(len(terms))] = 1.0
+    return scale, tuple(terms)
+
+
 def ten_map(prior: Inertia) -> Array:
     """Ten numbers of a body per entry of its `X`, shape `(10, 10)`."""
     factor = np.linalg.cholesky(prior.pseudo)
     return np.asarray(_TENS @ (factor @ BASIS @ factor.T)[:, ROWS, COLUMNS].T)
 
 
-_DIAGONAL = np.flatnonzero(ONE)
 _TWICE = 2.0 - ONE
 
 FAINT = 1e-6  # weight that keeps bodies without prior bounded
@@ -160,8 +164,8 @@ class Form(Protocol):
         """Least eigenvalue of `X`."""
         ...
 
-    def part(self, gamma: float) -> BodyPenalty:
-        """Cost and cones of one body, the penalty times `gamma`."""
+    def part(self, weight: float) -> BodyPenalty:
+        """Cost and cones of one body, the penalty times a weight."""
         ...
 
     def cost(self, x: Array) -> float:
@@ -189,12 +193,10 @@ class Entropic:
     penalises: ClassVar[bool] = True
     margin: float = 1e-3
 
-    def part(self, gamma: float) -> BodyPenalty:
+    def part(self, weight: float) -> BodyPenalty:
         """Ten entries of `Z` and four logarithms help."""
-        linear = np.zeros(24)
-        linear[_DIAGONAL] = gamma
-        linear[20:] = -gamma
-        return BodyPenalty(np.zeros(24), linear, (_bordered(), *_logarithms(), _apart(self.margin)))
+        linear = weight * np.concatenate([ONE, np.zeros(10), -np.ones(4)])
+        return BodyPenalty(np.zeros(24), linear, (_bordered(), *_logarithms(), apart(self.margin)))
 
     def cost(self, x: Array) -> float:
         """The divergence."""
@@ -216,29 +218,30 @@ class Pullback:
 
     name: ClassVar[str] = "quadratic"
     penalises: ClassVar[bool] = True
+    size: ClassVar[float] = 1.0
+    centre: ClassVar[Array] = ONE
     margin: float = 1e-3
 
-    def part(self, gamma: float) -> BodyPenalty:
-        """A quadratic around the prior; no helpers."""
-        linear = np.zeros(10)
-        linear[_DIAGONAL] = -gamma
-        return BodyPenalty(gamma * _TWICE, linear, (_apart(self.margin),))
+    def part(self, weight: float) -> BodyPenalty:
+        """A quadratic around a centre; no helpers."""
+        size = weight * self.size
+        return BodyPenalty(size * _TWICE, -size * self.centre, (apart(self.margin),))
 
     def cost(self, x: Array) -> float:
         """Half the squared distance."""
-        return 0.5 * float(np.square(x - np.eye(ORDER)).sum())
+        return 0.5 * self.size * float(_TWICE @ np.square(x[ROWS, COLUMNS] - self.centre))
 
     def slope(self, x: Array) -> Array:
         r"""$\mathrm{tr}((X - 1) E_a)$."""
-        return np.asarray(np.tensordot(BASIS, x - np.eye(ORDER), axes=2))
+        return np.asarray(self.size * _TWICE * (x[ROWS, COLUMNS] - self.centre))
 
     def curvature(self, x: Array) -> Array:
         """The same everywhere."""
-        return np.diag(_TWICE)
+        return np.diag(self.size * _TWICE)
 
 
 @dataclass(frozen=True)
-class Free:
+class Free(Pullback):
     """No penalty beyond physical consistency.
 
     What no data show is kept from growing without bound: 1000 times the prior costs one half.
@@ -246,51 +249,25 @@ class Free:
 
     name: ClassVar[str] = "free"
     penalises: ClassVar[bool] = False
-    margin: float = 1e-3
-
-    def part(self, gamma: float) -> BodyPenalty:
-        """The margin, and hardly more."""
-        return BodyPenalty(FAINT * _TWICE, np.zeros(10), (_apart(self.margin),))
-
-    def cost(self, x: Array) -> float:
-        """Next to nothing."""
-        return 0.5 * FAINT * float(_TWICE @ np.square(x[ROWS, COLUMNS]))
-
-    def slope(self, x: Array) -> Array:
-        """Next to nothing."""
-        return np.asarray(FAINT * _TWICE * x[ROWS, COLUMNS])
-
-    def curvature(self, x: Array) -> Array:
-        """Next to nothing."""
-        return np.diag(FAINT * _TWICE)
+    size: ClassVar[float] = FAINT
+    centre: ClassVar[Array] = np.zeros(10)
 
 
-def _triangle(order: int, entries: dict[tuple[int, int], list[int]], width: int) -> Array:
-    """Rows of a matrix's upper triangle whose entry `(i, j)` is the sum of some unknowns."""
-    rows = []
-    for j in range(order):
-        for i in range(j + 1):
-            row = np.zeros(width)
-            row[entries.get((i, j), [])] = 1.0 if i == j else np.sqrt(2.0)
-            rows.append(row)
-    return np.array(rows)
-
-
-def _apart(margin: float) -> Block:
+def apart(margin: float) -> Block:
     """`X - margin` is positive semidefinite."""
-    matrix = _triangle(ORDER, {place: [k] for k, place in enumerate(ENTRIES)}, 10)
-    return Block("semidefinite", np.arange(10), -matrix, -margin * ONE, ORDER)
+    return Block("semidefinite", np.arange(10), -np.diag(np.sqrt(_TWICE)), -margin * ONE, ORDER)
 
 
 def _bordered() -> Block:
     """`X` bordered by `Z` and its diagonal is positive semidefinite."""
-    entries = {place: [k] for k, place in enumerate(ENTRIES)}
+    places = [(i, j) for j in range(2 * ORDER) for i in range(j + 1)]
+    matrix = np.zeros((len(places), 20))
     for k, (i, j) in enumerate(ENTRIES):
         # Z is lower triangular: its entry (j, i) is the upper triangle's (i, j)
-        entries[j, ORDER + i] = [10 + k]
+        matrix[places.index((i, j)), k] = 1.0 if i == j else np.sqrt(2.0)
+        matrix[places.index((j, ORDER + i)), 10 + k] = np.sqrt(2.0)
         if i == j:
-            entries[ORDER + i, ORDER + i] = [10 + k]
-    matrix = _triangle(2 * ORDER, entries, 20)
+            matrix[places.index((ORDER + i, ORDER + i)), 10 + k] = 1.0
     return Block("semidefinite", np.arange(20), -matrix, np.zeros(len(matrix)), 2 * ORDER)
 
 
@@ -303,5 +280,5 @@ def _logarithms() -> tuple[Block, ...]:
             np.array([[-1.0, 0.0], [0.0, 0.0], [0.0, -1.0]]),
             np.array([0.0, 1.0, 0.0]),
         )
-        for k, diagonal in enumerate(_DIAGONAL)
+        for k, diagonal in enumerate(np.flatnonzero(ONE))
     )

@@ -11,7 +11,7 @@ no slope, bounds that hold pulling outward, is the optimum; where that cannot be
 body lies at the margin of physical consistency, nothing is returned.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -63,19 +63,20 @@ class ConicConstraints:
 def conic_constraints(unknowns: Unknowns, knowledge: Knowledge) -> ConicConstraints:
     """Bounds of the parameters and the user's rows; those that hold for any body are left out."""
     rows = (*_bounds(unknowns, knowledge), *knowledge.curves, *knowledge.rows)
-    place = {name: k for k, name in enumerate(unknowns.names)}
-    matrix = np.zeros((len(rows), unknowns.scale.shape[1]))
-    for number, row in enumerate(rows):
-        for name, coefficient in row.coefficients.items():
-            matrix[number] += coefficient * unknowns.scale[place[name]]
-    sizes = np.linalg.norm(matrix, axis=1)
-    sizes = np.where(sizes > 0.0, sizes, 1.0)
-    lower, upper = (
-        np.array([getattr(row, side) for row in rows]) / sizes for side in ("lower", "upper")
-    )
-    equal = lower == upper
+    found = scaled_rows(rows, unknowns.names, unknowns.scale)
+    lower, upper, equal = found.lower, found.upper, found.equal
     lower = np.where((lower < -UNREACHED_BOUND) & ~equal, -np.inf, lower)
     upper = np.where((upper > UNREACHED_BOUND) & ~equal, np.inf, upper)
+    return replace(found, lower=lower, upper=upper)
+
+
+def scaled_rows(rows: tuple[Row, ...], names: Sequence[str], scale: Array) -> ConicConstraints:
+    r"""Rows over named parameters as constraints of the unknowns, $\phi = T u$ with a scale $T$."""
+    coefficients = np.array([[row.coefficients.get(name, 0.0) for name in names] for row in rows])
+    matrix = coefficients.reshape(len(rows), len(names)) @ scale
+    sizes = np.linalg.norm(matrix, axis=1)
+    sizes = np.where(sizes > 0.0, sizes, 1.0)
+    lower, upper = np.reshape([(row.lower, row.upper) for row in rows], (-1, 2)).T / sizes
     return ConicConstraints(rows, matrix / sizes[:, None], lower, upper)
 
 
@@ -123,8 +124,8 @@ class Program:
         )
         blocks += [block for block in sides if len(block.offset)]
         total = m + rank
-        for place, _, form in self._penalties(gamma):
-            part = form.part(gamma)
+        for place, weight, form in self._penalties(gamma):
+            part = form.part(weight)
             helpers = len(part.linear) - 10
             columns = np.concatenate([np.arange(m)[place], total + np.arange(helpers)])
             square[0][place] += part.square[:10]
