@@ -125,7 +125,7 @@ def _loaded(file: ModelFile, folder: Path) -> tuple[Robot, Mapping[str, Any], Mo
 
 def _unguarded(command: Any) -> Any:
     """The command itself, whose errors are not yet turned into words and an exit code."""
-    return command.__wrapped__
+    return vars(command)["body"]
 
 
 def _states(robot: Robot) -> tuple[Array, Array, Array]:

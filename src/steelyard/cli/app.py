@@ -48,7 +48,7 @@ for command in (
     demo,
     doctor,
 ):
-    app.command(cls=DerivedCommand if hasattr(command, "make") else None)(command)
+    app.command(cls=DerivedCommand)(command)
 
 app.add_typer(log)
 

@@ -107,13 +107,10 @@ def output_folder(default: str) -> Any:
     )
 
 
-def verbose_option(help: str) -> Any:
-    """The option `--verbose` with its help."""
-    return typer.Option("--verbose", "-v", help=help)
-
-
 Json = Annotated[bool, typer.Option("--json", help="Machine-readable results on standard output.")]
-Details = Annotated[bool, verbose_option("Print all errors, parameters and notes.")]
+Details = Annotated[
+    bool, typer.Option("--verbose", "-v", help="Print all errors, parameters and notes.")
+]
 ReportFolder = Annotated[Path | None, output_option("Output folder for the report; none if unset.")]
 PlotsFolder = Annotated[
     Path | None, output_option("Output folder for a page with plots; none if unset.")
@@ -122,7 +119,6 @@ Threads = Annotated[
     int | None, typer.Option(min=1, help="Threads for the pass over the data; all cores if unset.")
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")]
-DesignBudget = Annotated[float, typer.Option(min=1.0, help="Time limit of the design in seconds.")]
 XACRO_ARGUMENTS_HELP = "Arguments of a xacro file follow it: arm.urdf.xacro name:=left."
 RobotArgument = Annotated[
     str,
@@ -160,7 +156,7 @@ class CommandResult(Protocol):
         """Write report and tables to a folder."""
         ...
 
-    def show(self, console: "Console") -> None:
+    def show(self, console: "Console", /) -> None:
         """Print it."""
         ...
 
@@ -200,29 +196,32 @@ def progress_bar() -> Iterator[Progress]:
         yield watch
 
 
-def computed(compute: Callable[..., R], folder: Path | None, *, early: bool = False) -> R:
+def computed(compute: Callable[..., R], folder: Path | None) -> R:
     """Compute a result with a progress bar, and write it to a new folder, if any, whole or not.
 
-    With `early`, a folder that cannot be made is refused before the computation.
+    A folder that cannot be made is refused before the computation.
     """
     from steelyard.base.files import whole_folder
 
     with progress_bar() as progress, ExitStack() as stack:
-        part = stack.enter_context(whole_folder(folder)) if early and folder else None
+        part = stack.enter_context(whole_folder(folder)) if folder else None
         found = compute(progress=progress)
-        if folder is not None:
-            found.write(part or stack.enter_context(whole_folder(folder)))
+        if part is not None:
+            found.write(part)
             interrupt.too_late()
     return found
 
 
-def reported(compute: Callable[..., R], output: Path | None, as_json: bool, **files: str) -> R:
+def reported(
+    compute: Callable[..., R], output: Path | None, as_json: bool, *shown: bool, **files: str
+) -> R:
     """Compute a result, write it if wanted, and print it.
 
     Args:
         compute: Takes the watcher as `progress`.
         output: Folder to write to; none if `None`.
         as_json: Whether to print it as JSON.
+        *shown: How much the terminal shows; the JSON values of such a command name the folder.
         **files: Names of written files that the terminal lists, by what they are.
     """
     from rich.console import Console
@@ -230,9 +229,10 @@ def reported(compute: Callable[..., R], output: Path | None, as_json: bool, **fi
     folder = optional_folder(output)
     found = computed(compute, folder)
     if as_json:
-        print_json(found.to_dict())
+        place = {"output": folder and str(folder)} if shown else {}
+        print_json({**found.to_dict(), **place})
         return found
-    found.show(Console())
+    found.show(Console(), *shown)
     if folder is not None:
         typer.echo("\n" + file_lines(folder, **files))
     return found

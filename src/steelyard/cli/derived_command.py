@@ -1,19 +1,25 @@
-"""Commands made from public functions: from their signatures, bounds and docstrings."""
+"""Commands made from functions: from their signatures, bounds and docstrings."""
 
+import ast
 import functools
 import inspect
 import pkgutil
 import re
 from collections.abc import Callable, Iterable, Mapping, Set
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import typer
 import typer.main
 from typer.core import TyperCommand
 
 from steelyard.cli.command import (
+    Details,
     FixedBase,
+    Json,
     LogArgument,
     LogArguments,
     ModelArgument,
@@ -31,6 +37,8 @@ SHARED: Mapping[str, Any] = {
     "fixed_base": FixedBase,
     "threads": Threads,
     "seed": Seed,
+    "verbose": Details,
+    "as_json": Json,
 }
 """Parameters that are the same in every command."""
 
@@ -53,20 +61,24 @@ METAVARS = {
 }
 """What stands for a value in the help text, by the parameter's name."""
 
+SHORT = {"output": ("-o",), "verbose": ("-v",)}
+"""Short names of options."""
+
 
 def from_function(
-    home: str, **changes: dict[str, Any] | None
+    home: str = "", **changes: dict[str, Any] | None
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Make a command from a public function: from its signature, bounds and docstring.
+    """Make a command from a function: from its signature, bounds and docstring.
 
     A parameter without a default is an argument, another one an option: a switch if it is a bool
     (`--no-NAME` if the default is true), one that takes several values if it is a list. Its help
     is in the docstring of the function, its bounds are those of `checked`. The decorated function
-    gets the call with these arguments as its first one, and has the other options of the command.
+    gets the call with these arguments as its first one. Its own further parameters are made alike;
+    their help is below `Options` of its docstring, unless the type is annotated for Typer.
 
     Args:
-        home: Module and name of the function, such as `"steelyard:identify"`. It is imported
-            when the command is called or its help is printed.
+        home: Module and name of a public function, such as `"steelyard:identify"`; none if empty.
+            It is imported when the command is called; its help is read from the source.
         changes: What is different on the command line, by the parameter's name: `name` of the
             option, `type`, or arguments of `typer.Option`; `None` for a parameter that it lacks.
     """
@@ -74,8 +86,10 @@ def from_function(
     def around(body: Callable[..., None]) -> Callable[..., None]:
         def command() -> None: ...
 
-        command.__name__, command.__doc__ = body.__name__, body.__doc__
-        vars(command)["make"] = functools.partial(_made, body, home, changes)
+        command.__name__ = body.__name__
+        command.__doc__ = OPTIONS.sub("\n", inspect.getdoc(body) or "")
+        made = functools.partial(_made, body, home, changes)
+        vars(command).update(body=body, make=made)
         return command
 
     return around
@@ -105,18 +119,24 @@ def _made(
     body: Callable[..., None], home: str, changes: Mapping[str, dict[str, Any] | None]
 ) -> Callable[..., None]:
     """The command as a function with one parameter for each argument and option."""
-    function = pkgutil.resolve_name(home)
-    own = list(inspect.signature(body).parameters.values())[1:]
-    left_out = {"progress", *(p.name for p in own), *(n for n, c in changes.items() if c is None)}
-    hints, known = get_type_hints(function), inspect.signature(function).parameters
-    options = {name for name, p in known.items() if p.default is not p.empty}
-    texts = {name: help_text(t, options) for name, t in argument_texts(function).items()}
-    least = getattr(function, "least", {})
-    derived = {
-        name: _parameter(p, hints[name], texts.get(name, ""), least.get(name), changes.get(name))
-        for name, p in known.items()
-        if name not in left_out
-    }
+    own = dict(inspect.signature(body).parameters)
+    own_texts = argument_texts(body.__doc__)
+    derived: dict[str, inspect.Parameter] = {}
+    known: Mapping[str, inspect.Parameter] = {}
+    if home:
+        del own[next(iter(own))]
+        function = declared(home)
+        known = inspect.signature(function).parameters
+        left_out = {"progress", *own, *(name for name, change in changes.items() if change is None)}
+        options = {name for name, p in known.items() if p.default is not p.empty}
+        texts = argument_texts(function.__doc__)
+        texts = {name: help_text(text, options) for name, text in texts.items()}
+        least = getattr(function, "least", {})
+        derived = {
+            name: _parameter(p, texts.get(name, ""), least.get(name), changes.get(name))
+            for name, p in known.items()
+            if name not in left_out
+        }
 
     @functools.wraps(body)
     def run(**given: Any) -> None:
@@ -125,25 +145,98 @@ def _made(
             value = given.pop(parameter.name)
             if value is not None or known[name].default is None:
                 arguments[name] = value if parameter.name == name else not value
-        body(functools.partial(function, **arguments), **given)
+        first = [functools.partial(pkgutil.resolve_name(home), **arguments)] if home else []
+        body(*first, **given)
 
-    parameters = [*derived.values(), *(p.replace(kind=p.KEYWORD_ONLY) for p in own)]
+    more = (_parameter(p, own_texts.get(n, ""), None, changes.get(n)) for n, p in own.items())
+    parameters = [*derived.values(), *more]
     vars(run)["__signature__"] = inspect.Signature(parameters)
     run.__annotations__ = {p.name: p.annotation for p in parameters}
     return guarded(run)
 
 
+def declared(home: str) -> Callable[..., Any]:
+    """A function as its source declares it: what it takes, its bounds and its docstring.
+
+    Nothing that its module imports from this package is imported, as that takes a second or two.
+    """
+    names, name = _Names(home.partition(":")[0]), home.partition(":")[2]
+    while isinstance(node := names.defining(name), ast.ImportFrom):
+        names = _Names(node.module or "")
+    if not isinstance(node, ast.FunctionDef):
+        raise LookupError(home)
+    arguments = [*node.args.args, *node.args.kwonlyargs]
+    kinds = {x.arg: eval(_compiled(x.annotation, "eval"), {}, names) for x in arguments}
+    for argument in arguments:
+        argument.annotation = None
+    node.body, node.returns = node.body[:1], None
+    exec(_compiled(node, "exec"), {}, names)
+    names[name].__annotations__ = kinds
+    parameters = inspect.signature(names[name]).parameters.values()
+    found = inspect.Signature([p.replace(annotation=kinds[p.name]) for p in parameters])
+    vars(names[name])["__signature__"] = found
+    function: Callable[..., Any] = names[name]
+    return function
+
+
+def _compiled(node: Any, mode: str) -> Any:
+    whole = ast.Module([node], []) if mode == "exec" else ast.Expression(node)
+    return compile(whole, "<declaration>", mode)
+
+
+class _Names(dict[str, Any]):
+    """Names of a module, evaluated from its source; of classes of this package only the name."""
+
+    def __init__(self, module: str) -> None:
+        super().__init__()
+        spec = find_spec(module)
+        source = Path((spec and spec.origin) or "")
+        stub = source.with_suffix(".pyi")
+        self._tree = ast.parse((stub if stub.exists() else source).read_text(encoding="utf-8"))
+
+    def defining(self, name: str) -> ast.AST | None:
+        """The first outermost statement that defines a name."""
+        for node in ast.walk(self._tree):
+            match node:
+                case ast.FunctionDef() | ast.ClassDef():
+                    names = [node.name]
+                case ast.ImportFrom():
+                    names = [alias.asname or alias.name for alias in node.names]
+                case ast.Assign() | ast.AnnAssign():
+                    targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+                    inside = (x for target in targets for x in ast.walk(target))
+                    names = [x.id for x in inside if isinstance(x, ast.Name)]
+                case _:
+                    continue
+            if name in names:
+                return node
+        return None
+
+    def __missing__(self, name: str) -> Any:
+        match node := self.defining(name):
+            case ast.ClassDef():
+                self[name] = type(name, (), {})
+            case ast.ImportFrom(module=str(module)):
+                (original,) = (x.name for x in node.names if (x.asname or x.name) == name)
+                light = not module.startswith("steelyard.") or module.startswith("steelyard.base.")
+                there = vars(import_module(module)) if light else _Names(module)
+                self[name] = there[original]
+            case ast.Assign() | ast.AnnAssign():
+                exec(_compiled(node, "exec"), {}, self)
+            case _:
+                raise KeyError(name)
+        return self[name]
+
+
 def _parameter(
-    parameter: inspect.Parameter,
-    hint: Any,
-    text: str,
-    least: float | None,
-    changes: Mapping[str, Any] | None,
+    parameter: inspect.Parameter, text: str, least: float | None, changes: Mapping[str, Any] | None
 ) -> inspect.Parameter:
     """A parameter as Typer reads it; a switch that is on by default gets the name `no_NAME`."""
-    name, default = parameter.name, parameter.default
-    if changes is None and name in SHARED:
-        return parameter.replace(annotation=SHARED[name], kind=parameter.KEYWORD_ONLY)
+    name, default, hint = parameter.name, parameter.default, parameter.annotation
+    if get_origin(hint) is not Annotated and changes is None:
+        hint = SHARED.get(name, hint)
+    if get_origin(hint) is Annotated:
+        return parameter.replace(annotation=hint, kind=parameter.KEYWORD_ONLY)
     kind = _command_line_type(hint)
     if kind is bool:
         name, default = (f"no_{name}", False) if default else (name, default)
@@ -162,7 +255,11 @@ def _parameter(
         told["metavar"] = None
     kind, option = told.pop("type"), told.pop("name")
     is_argument = default is parameter.empty and "name" not in (changes or {})
-    shown = typer.Argument(**told) if is_argument else typer.Option(option, **told)
+    shown = (
+        typer.Argument(**told)
+        if is_argument
+        else typer.Option(option, *SHORT.get(name, ()), **told)
+    )
     return parameter.replace(
         name=name, default=default, annotation=Annotated[kind, shown], kind=parameter.KEYWORD_ONLY
     )
@@ -178,10 +275,14 @@ def _command_line_type(hint: Any) -> Any:
     return hint
 
 
-def argument_texts(function: Callable[..., Any]) -> dict[str, str]:
+OPTIONS = re.compile(r"\n\n(?:Args|Options):\n((?: .*\n?)*)")
+"""The section of a docstring that says what arguments or options are."""
+
+
+def argument_texts(docstring: str | None) -> dict[str, str]:
     """What the docstring says of each argument, in one line."""
-    section = (inspect.getdoc(function) or "").partition("\nArgs:\n")[2].split("\n\n")[0]
-    found = re.findall(r"^    (\w+): (.+(?:\n {8}.+)*)", section, re.M)
+    section = OPTIONS.search(inspect.cleandoc(docstring or ""))
+    found = re.findall(r"^    (\w+): (.+(?:\n {8}.+)*)", section[1] if section else "", re.M)
     return {name: " ".join(text.split()) for name, text in found}
 
 

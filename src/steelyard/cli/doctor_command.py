@@ -12,7 +12,8 @@ from pathlib import Path
 
 import typer
 
-from steelyard.cli.command import Json, guarded, print_json
+from steelyard.cli.command import print_json
+from steelyard.cli.derived_command import from_function
 
 EXTRA_PACKAGES = {
     "polars": "logs in Parquet, results as data frames, CSV logs ten times faster",
@@ -41,8 +42,8 @@ class Line:
     optional: bool = False
 
 
-@guarded
-def doctor(as_json: Json = False) -> None:
+@from_function()
+def doctor(as_json: bool = False) -> None:
     """Print what is installed, what is cached, and where files can be written.
 
     The exit code is 1 if something is missing that commands need.

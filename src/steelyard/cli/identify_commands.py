@@ -10,8 +10,6 @@ from steelyard.base.progress import Progress
 from steelyard.cli import interrupt
 from steelyard.cli.command import (
     LOG_HELP,
-    Details,
-    Json,
     PlotsFolder,
     ReportFolder,
     computed,
@@ -19,6 +17,7 @@ from steelyard.cli.command import (
     optional_folder,
     output_folder,
     print_json,
+    reported,
 )
 from steelyard.cli.derived_command import from_function
 
@@ -35,8 +34,8 @@ NO_CHECK = {"help": "Skip the check of the logs; see `steelyard check`."}
 def identify(
     call: "partial[Identification]",
     output: Annotated[Path | None, output_folder("steelyard-ROBOT")] = None,
-    verbose: Details = False,
-    as_json: Json = False,
+    verbose: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Identify a robot's dynamics from logs of its motion.
 
@@ -53,7 +52,7 @@ def identify(
 
     robot = call.keywords["robot"]
     folder = new_folder(output, f"steelyard-{stem_of(robot)}")
-    found = computed(call, folder, early=True)
+    found = computed(call, folder)
     if as_json:
         print_json({"output": str(folder), **found.to_dict()})
     else:
@@ -64,22 +63,18 @@ def identify(
     raise typer.Exit(exit_code(found.content))
 
 
-@from_function("steelyard:validate")
+@from_function("steelyard:validate", max_error={"min": 0.0, "metavar": "PERCENT"})
 def validate(
     call: "partial[Validation]",
     output: ReportFolder = None,
-    max_error: Annotated[
-        float | None,
-        typer.Option(
-            min=0.0,
-            help="Largest error, in % of the effort used; above it the exit code is 1.",
-            metavar="PERCENT",
-        ),
-    ] = None,
-    verbose: Details = False,
-    as_json: Json = False,
+    max_error: float | None = None,
+    verbose: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Score an identified model on logs that it was not fitted to.
+
+    Options:
+        max_error: Largest error, in % of the effort used; above it the exit code is 1.
 
     Exit code 0: done, and the error is not too large. 1: the verdict is poor (the headline's error
     is above 30 %, or something is wrong with these logs), or with --max-error: that error is above
@@ -131,8 +126,8 @@ def validate(
 def compare(
     call: "partial[EstimatorComparison]",
     output: PlotsFolder = None,
-    verbose: Details = False,
-    as_json: Json = False,
+    verbose: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Compare estimators by cross-validation: fit all logs but one and predict it.
 
@@ -140,7 +135,6 @@ def compare(
 
     Example: steelyard compare ur10e.toml run1.csv run2.csv run3.csv -o compared
     """
-    from rich.console import Console
 
     def compute(progress: Progress) -> "EstimatorComparison":
         found = call(progress=progress, interruption=interrupt.Interrupted)
@@ -148,14 +142,8 @@ def compare(
             interrupt.answered()
         return found
 
-    folder = optional_folder(output)
-    found = computed(compute, folder)
-    if as_json:
-        print_json({**found.to_dict(), "output": folder and str(folder)})
-    else:
-        found.show(Console(), verbose)
-        if folder is not None:
-            typer.echo("\n" + file_lines(folder, page="compare.html", JSON="compare.json"))
+    files = {"page": "compare.html", "JSON": "compare.json"}
+    found = reported(compute, output, as_json, verbose, **files)
     if found.untried:
         raise typer.Exit(interrupt.INTERRUPTED)
 
@@ -175,8 +163,8 @@ def compare(
 def compare_models(
     call: "partial[ComparedModels]",
     output: PlotsFolder = None,
-    verbose: Details = False,
-    as_json: Json = False,
+    verbose: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Compare identified models of one robot on logs: errors, parameters, masses, efforts.
 
@@ -184,13 +172,4 @@ def compare_models(
 
     Example: steelyard compare-models full-model reduced-model --on other_motion.csv -o compared
     """
-    from rich.console import Console
-
-    folder = optional_folder(output)
-    found = computed(call, folder)
-    if as_json:
-        print_json({**found.to_dict(), "output": folder and str(folder)})
-        return
-    found.show(Console(), verbose)
-    if folder is not None:
-        typer.echo(file_lines(folder, page="models.html", JSON="models.json"))
+    reported(call, output, as_json, verbose, page="models.html", JSON="models.json")

@@ -9,14 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from steelyard.cli import interrupt
-from steelyard.cli.command import (
-    XACRO_ARGUMENTS_HELP,
-    FixedBase,
-    Json,
-    guarded,
-    output_option,
-    print_json,
-)
+from steelyard.cli.command import XACRO_ARGUMENTS_HELP, print_json
+from steelyard.cli.derived_command import from_function
 
 if TYPE_CHECKING:
     from steelyard.cli.drive_questions import Stated
@@ -34,14 +28,17 @@ _NAMED = 6
 """Locked joints that are named; the robot file lists all."""
 
 
-@guarded
+@from_function(
+    model={"help": f"URDF, xacro file or MJCF of the robot. {XACRO_ARGUMENTS_HELP}"}
+    | {"metavar": "URDF"},
+    rate={"min": 1e-6, "max": 1e6},
+    gains={"metavar": "LIST"},
+    ratios={"metavar": "LIST"},
+    coupling={"metavar": "MOTOR,JOINT,RATIO"},
+    zeros={"metavar": "LIST"},
+)
 def init(
-    model: Annotated[
-        str,
-        typer.Argument(
-            help=f"URDF, xacro file or MJCF of the robot. {XACRO_ARGUMENTS_HELP}", metavar="URDF"
-        ),
-    ],
+    model: str,
     logs: Annotated[
         list[str] | None,
         typer.Argument(
@@ -49,50 +46,15 @@ def init(
             metavar="[LOG]...",
         ),
     ] = None,
-    output: Annotated[Path | None, output_option("Robot file to write; must not exist.")] = None,
-    rate: Annotated[
-        float | None,
-        typer.Option(
-            help="Sampling rate of the log in Hz, if it has no time column.", min=1e-6, max=1e6
-        ),
-    ] = None,
-    gains: Annotated[
-        str | None,
-        typer.Option(
-            help="Drive gains of currents, Nm (N) at the joint per A, one per joint: 12,12,9.8.",
-            metavar="LIST",
-        ),
-    ] = None,
-    ratios: Annotated[
-        str | None,
-        typer.Option(
-            help="Gear ratios, if the log has motor-side signals: one per joint, negative if "
-            "opposite: 32,-48.",
-            metavar="LIST",
-        ),
-    ] = None,
-    coupling: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="A motor that turns with a second joint: MOTOR is the name of the joint that it "
-            "drives, JOINT the second one, RATIO turns of the motor per turn of JOINT, such as "
-            "joint_6,joint_5,32. Repeatable.",
-            metavar="MOTOR,JOINT,RATIO",
-        ),
-    ] = None,
-    zeros: Annotated[
-        str | None,
-        typer.Option(
-            help="Joint positions where the log, or the motor, says zero, in rad (m), or with "
-            "deg: 0,-90deg,90deg.",
-            metavar="LIST",
-        ),
-    ] = None,
-    no_input: Annotated[
-        bool, typer.Option("--no-input", help="Ask nothing, even at a terminal.")
-    ] = False,
-    fixed_base: FixedBase = None,
-    as_json: Json = False,
+    output: Path | None = None,
+    rate: float | None = None,
+    gains: str | None = None,
+    ratios: str | None = None,
+    coupling: list[str] | None = None,
+    zeros: str | None = None,
+    no_input: bool = False,
+    fixed_base: str | None = None,
+    as_json: bool = False,
 ) -> None:
     """Write a commented robot file: guesses columns, locks finger joints, copies limits.
 
@@ -100,6 +62,19 @@ def init(
 
     The exit code is 1 if the file is incomplete: columns of some joints are missing in the log or
     not recognised, values contradict the model, or gear ratios are unknown.
+
+    Options:
+        output: Robot file to write; must not exist.
+        rate: Sampling rate of the log in Hz, if it has no time column.
+        gains: Drive gains of currents, Nm (N) at the joint per A, one per joint: 12,12,9.8.
+        ratios: Gear ratios, if the log has motor-side signals: one per joint, negative if
+            opposite: 32,-48.
+        coupling: A motor that turns with a second joint: MOTOR is the name of the joint that it
+            drives, JOINT the second one, RATIO turns of the motor per turn of JOINT, such as
+            joint_6,joint_5,32. Repeatable.
+        zeros: Joint positions where the log, or the motor, says zero, in rad (m), or with deg:
+            0,-90deg,90deg.
+        no_input: Ask nothing, even at a terminal.
 
     Example: steelyard init panda.urdf run1.csv -o panda.toml
 

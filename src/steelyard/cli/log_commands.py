@@ -5,23 +5,18 @@ from contextlib import ExitStack
 from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from steelyard.cli import interrupt
 from steelyard.cli.command import (
-    Json,
     LogArgument,
-    LogArguments,
-    guarded,
     optional_folder,
-    output_option,
     print_json,
     progress_bar,
-    verbose_option,
 )
-from steelyard.cli.derived_command import from_function
+from steelyard.cli.derived_command import DerivedCommand, from_function
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -63,16 +58,19 @@ WHAT_DECIDES_GAINS = (
         "follows.",
         "metavar": "[FILE.toml]",
     },
+    verbose={},
 )
 def check(
     call: "partial[CheckResult]",
-    output: Annotated[
-        Path | None, output_option("Output folder for a page with plots and JSON; none if unset.")
-    ] = None,
-    verbose: Annotated[bool, verbose_option("Print what each check found, ok ones too.")] = False,
-    as_json: Json = False,
+    output: Path | None = None,
+    verbose: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Check logs for errors, and propose lines of the robot file that correct them.
+
+    Options:
+        output: Output folder for a page with plots and JSON; none if unset.
+        verbose: Print what each check found, ok ones too.
 
     The exit code is 0 if all is ok or open (not decidable from these logs), 1 if something is
     doubtful or the result is inconclusive (the misfit is too large for most checks), 2 if something
@@ -174,12 +172,9 @@ log = typer.Typer(
 )
 
 
-@log.command()
-@guarded
-def info(
-    logs: LogArguments,
-    as_json: Json = False,
-) -> None:
+@log.command(cls=DerivedCommand)
+@from_function()
+def info(logs: list[str], as_json: bool = False) -> None:
     """List rows, duration, rate and columns of logs.
 
     Example: steelyard log info run.csv
@@ -202,28 +197,19 @@ def info(
         show_content(content, Console())
 
 
-@log.command()
-@guarded
+@log.command(cls=DerivedCommand)
+@from_function(output={"metavar": "OUTPUT"}, columns={"metavar": "NAME..."})
 def convert(
     source: LogArgument,
-    output: Annotated[
-        Path,
-        typer.Argument(
-            help="File to write: .csv, .parquet, .npz, .mat or .h5; must not exist.",
-            metavar="OUTPUT",
-        ),
-    ],
-    columns: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--columns",
-            help="Columns to write, in this order; * is a wildcard. All if unset.",
-            metavar="NAME...",
-        ),
-    ] = None,
-    as_json: Json = False,
+    output: Path,
+    columns: list[str] | None = None,
+    as_json: bool = False,
 ) -> None:
     """Convert a log, or a part of it, to another format; no number is changed.
+
+    Options:
+        output: File to write: .csv, .parquet, .npz, .mat or .h5; must not exist.
+        columns: Columns to write, in this order; * is a wildcard. All if unset.
 
     Example: steelyard log convert run.mcap@1:5 run.csv --columns "/joint_states/*"
     """

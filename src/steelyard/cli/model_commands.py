@@ -9,14 +9,9 @@ import typer
 from steelyard.base.progress import DESIGN_BUDGET_S
 from steelyard.cli import interrupt
 from steelyard.cli.command import (
-    Details,
-    Json,
-    ModelArgument,
     file_lines,
-    guarded,
     optional_folder,
     output_folder,
-    output_option,
     print_json,
     progress_bar,
 )
@@ -29,50 +24,38 @@ if TYPE_CHECKING:
 
 
 @from_function(
-    "steelyard:reduce", criterion={"metavar": "NAME"}, stop={"metavar": "RULE"}, bodies=None
+    "steelyard:reduce",
+    criterion={"metavar": "NAME"},
+    stop={"metavar": "RULE"},
+    robot={"metavar": "ROBOT"},
+    following={"name": "--next", "metavar": "DIR"},
+    last={"metavar": "MOTION"},
+    budget={"min": 1.0},
 )
 def reduce(
     call: "partial[ReducedModel]",
-    robot: Annotated[
-        str | None,
-        typer.Option("--robot", help="Robot file; --bodies and --next need it.", metavar="ROBOT"),
-    ] = None,
-    bodies: Annotated[
-        bool,
-        typer.Option(
-            "--bodies",
-            help="Estimate physically consistent link inertial parameters, with the removed "
-            "parameters equal to zero; such a model can be exported.",
-        ),
-    ] = False,
-    following: Annotated[
-        Path | None,
-        typer.Option(
-            "--next",
-            help="Also design the motion that excites the smaller model best, into this folder.",
-            metavar="DIR",
-        ),
-    ] = None,
-    last: Annotated[
-        Path | None,
-        typer.Option(
-            "--last",
-            help="trajectory.json of the motion that was logged: the next one is improved from it.",
-            metavar="MOTION",
-        ),
-    ] = None,
-    budget: Annotated[
-        float, typer.Option(min=1.0, help="Time limit of that design in seconds.")
-    ] = DESIGN_BUDGET_S,
+    robot: str | None = None,
+    bodies: bool = False,
+    following: Path | None = None,
+    last: Path | None = None,
+    budget: float = DESIGN_BUDGET_S,
     output: Annotated[Path | None, output_folder("steelyard-reduced")] = None,
-    verbose: Details = False,
-    as_json: Json = False,
+    verbose: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Remove parameters as long as errors on left-out data do not rise significantly.
 
     Removed parameters are zero, and the others are estimated again. The smaller model describes
     the speeds and postures of the logs; elsewhere a removed parameter may matter. The estimate with
     a prior (`steelyard identify`) often predicts as well without removing anything.
+
+    Options:
+        robot: Robot file; --bodies and --next need it.
+        bodies: Estimate physically consistent link inertial parameters, with the removed
+            parameters equal to zero; such a model can be exported.
+        following: Also design the motion that excites the smaller model best, into this folder.
+        last: trajectory.json of the motion that was logged: the next one is improved from it.
+        budget: Time limit of that design in seconds.
 
     Example: steelyard reduce steelyard-ur10e run1.parquet run2.parquet --validate run3.parquet
     """
@@ -144,55 +127,35 @@ FEW_DATA_SHARE = 0.5
 """Share of a link's mass from the data below which the terminal names the link."""
 
 
-@guarded
+@from_function(
+    original={"name": "--model", "metavar": "URDF"},
+    functions={"name": "--function", "metavar": "NAME"},
+    frames={"name": "--frame", "metavar": "NAME"},
+)
 def export(
-    model: ModelArgument,
-    to: Annotated[
-        Kind | None,
-        typer.Option(help="Format; if unset, from the suffix of --output."),
-    ] = None,
-    original: Annotated[
-        Path | None,
-        typer.Option(
-            "--model",
-            help="URDF of the robot, or its robot file: values are written into a copy; meshes "
-            "and comments are kept.",
-            metavar="URDF",
-        ),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        output_option(
-            "Output file, of C, ROS 2 and Simulink a folder; must not exist. If unset, in the "
-            "current folder and named after the robot."
-        ),
-    ] = None,
-    precision: Annotated[
-        Literal["double", "float"] | None,
-        typer.Option(help="Type of numbers in C; double if unset."),
-    ] = None,
-    functions: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--function",
-            help="Function in the C or Python code; repeat for several: torque, gravity, bias, "
-            "friction, mass, regressor (all of these if unset), momentum, momentum_rate, "
-            "forward_dynamics, observer (external efforts and contact).",
-            metavar="NAME",
-        ),
-    ] = None,
-    frames: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--frame",
-            help="Frame whose pose and Jacobian are in the C or Python code; repeat for several; "
-            "if unset, those at the robot's ends.",
-            metavar="NAME",
-        ),
-    ] = None,
-    as_json: Json = False,
+    model: str,
+    to: Kind | None = None,
+    original: Path | None = None,
+    output: Path | None = None,
+    precision: Literal["double", "float"] | None = None,
+    functions: list[str] | None = None,
+    frames: list[str] | None = None,
+    as_json: bool = False,
 ) -> None:
     """Write an identified model as URDF or MJCF, or as code for controllers.
+
+    Options:
+        to: Format; if unset, from the suffix of --output.
+        original: URDF of the robot, or its robot file: values are written into a copy; meshes and
+            comments are kept.
+        output: Output file, of C, ROS 2 and Simulink a folder; must not exist. If unset, in the
+            current folder and named after the robot.
+        precision: Type of numbers in C; double if unset.
+        functions: Function in the C or Python code; repeat for several: torque, gravity, bias,
+            friction, mass, regressor (all of these if unset), momentum, momentum_rate,
+            forward_dynamics, observer (external efforts and contact).
+        frames: Frame whose pose and Jacobian are in the C or Python code; repeat for several; if
+            unset, those at the robot's ends.
 
     Code is C, Python, an FMU, a ROS 2 package or an S-function for Simulink.
 
@@ -289,7 +252,7 @@ def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
     links = count(sum(not body.massless for body in made.content.robot.bodies), "moving link")
     mass = sum(inertia.mass for inertia in made.content.inertias)
     console = Console()
-    console.print(Text(f"{path}: {links}, {mass:.4g} kg"), soft_wrap=True)
+    typer.echo(f"{path}: {links}, {mass:.4g} kg")
     few = [f"{name} {x:.0%}" for name, x in made.mass_shares.items() if x < FEW_DATA_SHARE]
     for heading, sentences in (
         (f"{made.form.upper()} cannot represent:", made.unsupported),
@@ -306,9 +269,6 @@ def _print_export(path: Path, made: "Exported", as_json: bool) -> None:
 
 def _print_code(path: Path, form: Kind, written: "WrittenCode", as_json: bool) -> None:
     """What was written, names that became others, and functions that there cannot be."""
-    from rich.console import Console
-    from rich.text import Text
-
     if as_json:
         print_json(
             {
@@ -333,5 +293,4 @@ def _print_code(path: Path, form: Kind, written: "WrittenCode", as_json: bool) -
     if written.renamed:
         pairs = ", ".join(f"{name} as {plain}" for name, plain in written.renamed.items())
         lines.append(f"identifiers: {pairs}")
-    for line in lines:
-        Console().print(Text(line), soft_wrap=True)
+    typer.echo("\n".join(lines))

@@ -10,15 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from steelyard.cli import interrupt
-from steelyard.cli.command import (
-    Json,
-    RobotArgument,
-    guarded,
-    output_folder,
-    print_json,
-    progress_bar,
-    verbose_option,
-)
+from steelyard.cli.command import output_folder, print_json, progress_bar
 from steelyard.cli.derived_command import from_function
 
 if TYPE_CHECKING:
@@ -47,17 +39,13 @@ EXITS = {"good": 0, "fair": UNCOVERED, "poor": UNPROVEN}
     budget={"min": 1.0},
     formats={"name": "--format", "metavar": "NAME"},
     rate={"help": "Points per second in the files of --format."},
+    verbose={},
 )
 def excite(
     call: "partial[DesignedMotion]",
     output: Annotated[Path | None, output_folder("steelyard-ROBOT-motion")] = None,
-    verbose: Annotated[
-        bool,
-        verbose_option(
-            "Print all tight limits, all motions that would reduce uncertainty, and notes."
-        ),
-    ] = False,
-    as_json: Json = False,
+    verbose: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Design an excitation motion, and prove that it satisfies all limits.
 
@@ -68,6 +56,9 @@ def excite(
     something was not checked (floor, links without shapes, torques), no search converged, or
     parameters are nearly inseparable; all files are written, and the summary lists what is not
     covered.
+
+    Options:
+        verbose: Print all tight limits, all motions that would reduce uncertainty, and notes.
 
     Example: steelyard excite panda.toml --budget 20 -o panda-motion
     """
@@ -142,29 +133,28 @@ THIS_MACHINE = "127.0.0.1"
 """This machine alone."""
 
 
-@guarded
+@from_function(
+    trajectory={"metavar": "TRAJECTORY"},
+    port={"min": 1, "max": 65535},
+    speed={"min": 0.01, "max": 100.0},
+)
 def replay(
-    robot: RobotArgument,
-    trajectory: Annotated[
-        Path,
-        typer.Argument(
-            help="Motion: trajectory.json, or a table of time and positions.", metavar="TRAJECTORY"
-        ),
-    ],
-    port: Annotated[
-        int, typer.Option(min=1, max=65535, help="Port of the page in the browser.")
-    ] = 8080,
-    host: Annotated[
-        str, typer.Option(help="Address to listen at; 0.0.0.0 accepts other machines.")
-    ] = THIS_MACHINE,
-    speed: Annotated[
-        float, typer.Option(min=0.01, max=100.0, help="Playback speed, relative to the motion's.")
-    ] = 1.0,
+    robot: str,
+    trajectory: Path,
+    port: int = 8080,
+    host: str = THIS_MACHINE,
+    speed: float = 1.0,
 ) -> None:
     r"""Animate a motion of a robot in the browser, until Ctrl-C.
 
     Links are drawn as their collision shapes, or as lines without one. Needs viser:
     pip install "steelyard\[replay]".
+
+    Options:
+        trajectory: Motion: trajectory.json, or a table of time and positions.
+        port: Port of the page in the browser.
+        host: Address to listen at; 0.0.0.0 accepts other machines.
+        speed: Playback speed, relative to the motion's.
 
     Example: steelyard replay panda.toml panda-motion/trajectory.json
     """

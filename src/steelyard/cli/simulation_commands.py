@@ -10,12 +10,8 @@ import typer
 from steelyard.cli import interrupt
 from steelyard.cli.command import (
     MODEL_HELP,
-    Details,
-    Json,
-    Seed,
     computed,
     file_lines,
-    guarded,
     output_folder,
     print_json,
     progress_bar,
@@ -49,7 +45,7 @@ FACTOR = {"metavar": "FACTOR"}
 def simulate(
     call: "partial[SimulatedRun]",
     output: Annotated[Path | None, output_folder("steelyard-ROBOT-simulated")] = None,
-    as_json: Json = False,
+    as_json: bool = False,
 ) -> None:
     """Simulate a robot with random true parameters near the nominal ones, and log it.
 
@@ -104,7 +100,7 @@ def simulate(
 def track(
     call: "partial[TrackingComparison]",
     output: Annotated[Path | None, output_folder("steelyard-ROBOT-tracking")] = None,
-    as_json: Json = False,
+    as_json: bool = False,
 ) -> None:
     """Simulate a robot under control, with and without an identified model.
 
@@ -121,7 +117,7 @@ def track(
     from steelyard.robot.models.xacro import stem_of
 
     folder = new_folder(output, f"steelyard-{stem_of(call.keywords['robot'])}-tracking")
-    found = computed(call, folder, early=True)
+    found = computed(call, folder)
     if as_json:
         print_json({**found.to_dict(), "output": str(folder)})
         return
@@ -136,12 +132,12 @@ DESIGN_TIME = 120.0
 """Seconds after which it ends in any case."""
 
 
-@guarded
+@from_function()
 def demo(
     output: Annotated[Path | None, output_folder("steelyard-demo")] = None,
-    seed: Seed = 0,
-    verbose: Details = False,
-    as_json: Json = False,
+    seed: int = 0,
+    verbose: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Demonstration on a simulated arm: design a motion, identify, validate.
 

@@ -2,16 +2,14 @@
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from steelyard.cli.command import (
     LOG_HELP,
-    Json,
     ReportFolder,
     optional_folder,
-    output_option,
     print_json,
     reported,
 )
@@ -39,20 +37,17 @@ XYZ = {"type": tuple[float, float, float] | None, "metavar": "X Y Z"}
 )
 def payload(
     call: "partial[PayloadEstimate]",
-    when: Annotated[
-        bool,
-        typer.Option(
-            "--when", help="Find when something is picked up and put down along each log."
-        ),
-    ] = False,
-    output: Annotated[
-        Path | None, output_option("Output folder for payload.json and, with --when, a page.")
-    ] = None,
-    as_json: Json = False,
+    when: bool = False,
+    output: Path | None = None,
+    as_json: bool = False,
 ) -> None:
     """Identify a payload: physically consistent mass, centre and inertia, with 95 % intervals.
 
     With --when: times at which it is picked up and put down, each with a 95 % interval.
+
+    Options:
+        when: Find when something is picked up and put down along each log.
+        output: Output folder for payload.json and, with --when, a page.
 
     Example: steelyard payload steelyard-ur10e loaded.csv --frame tool0 --box 0.2 0.1 0.1
     """
@@ -99,7 +94,7 @@ def payload(
 
 
 @from_function("steelyard:contact")
-def contact(call: "partial[Contacts]", output: ReportFolder = None, as_json: Json = False) -> None:
+def contact(call: "partial[Contacts]", output: ReportFolder = None, as_json: bool = False) -> None:
     """Find contacts in a log without a force sensor: when, at which joints, on which link.
 
     Example: steelyard contact steelyard-ur10e shift.csv --calibrate free1.csv free2.csv
@@ -110,15 +105,15 @@ def contact(call: "partial[Contacts]", output: ReportFolder = None, as_json: Jso
 @from_function("steelyard:external_wrench")
 def wrench(
     call: "partial[ExternalWrench]",
-    output: Annotated[
-        Path | None,
-        output_option("Output folder for report.html, wrench.csv and wrench.json; none if unset."),
-    ] = None,
-    as_json: Json = False,
+    output: Path | None = None,
+    as_json: bool = False,
 ) -> None:
     """Estimate force and moment on a frame along a log, without a force sensor.
 
     With 95 % intervals, finite in singular postures; names what is not observable.
+
+    Options:
+        output: Output folder for report.html, wrench.csv and wrench.json; none if unset.
 
     Example: steelyard wrench steelyard-ur10e shift.csv --frame tool0 -o wrench
     """
@@ -126,7 +121,7 @@ def wrench(
 
 
 @from_function("steelyard:health", logs={"help": f"In the order of time. {LOG_HELP}"})
-def health(call: "partial[Health]", output: ReportFolder = None, as_json: Json = False) -> None:
+def health(call: "partial[Health]", output: ReportFolder = None, as_json: bool = False) -> None:
     """Detect drift of friction, offsets and effort scales from logs of normal operation.
 
     Exit code 0: no drift. 1: something drifted, or may have (drift not proven). 2: error.
@@ -144,16 +139,17 @@ def health(call: "partial[Health]", output: ReportFolder = None, as_json: Json =
 )
 def feedforward(
     call: "partial[FeedforwardTorques]",
-    output: Annotated[
-        Path, output_option("Table to write, .csv or .parquet; must not exist.")
-    ] = Path("feedforward.csv"),
-    as_json: Json = False,
+    output: Path = Path("feedforward.csv"),
+    as_json: bool = False,
 ) -> None:
     """Compute the joint torques of a model along a desired motion.
 
     The table has time, positions, velocities, accelerations and torques (q_NAME, dq_NAME, ddq_NAME,
     tau_NAME) in SI units. Friction is computed from the desired velocity: from the measured one
     it would chatter.
+
+    Options:
+        output: Table to write, .csv or .parquet; must not exist.
 
     Example: steelyard feedforward steelyard-ur10e motion/trajectory.json -o torques.csv
     """

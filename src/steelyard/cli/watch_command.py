@@ -8,12 +8,12 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from steelyard.cli import interrupt
-from steelyard.cli.command import Json, optional_folder, output_option, progress_bar
+from steelyard.cli.command import optional_folder, progress_bar
 from steelyard.cli.derived_command import from_function
 
 if TYPE_CHECKING:
@@ -34,38 +34,27 @@ REDRAW_PERIOD = 0.1
     rate={"min": 1e-9},
     bandwidth={"min": 1e-3},
     every={"min": 0.0},
+    source={"name": "--from", "metavar": "SOURCE"},
+    timeout={"min": 0.0, "metavar": "SECONDS"},
 )
 def watch(
     call: "partial[WatchStart]",
-    source: Annotated[
-        str,
-        typer.Option(
-            "--from",
-            help="File that is being written (CSV, JSON lines, MCAP), or - for standard input "
-            "(CSV, JSON lines), with the columns of the robot file.",
-            metavar="SOURCE",
-        ),
-    ],
-    timeout: Annotated[
-        float | None,
-        typer.Option(
-            min=0.0,
-            help="End if nothing is appended to the file for this time; 0 reads what is there. "
-            "If unset, only Ctrl-C ends it; standard input ends with its writer.",
-            metavar="SECONDS",
-        ),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        output_option(
-            "Output folder for events.csv and estimates.csv, written as they come; must not exist."
-        ),
-    ] = None,
-    as_json: Json = False,
+    source: str,
+    timeout: float | None = None,
+    output: Path | None = None,
+    as_json: bool = False,
 ) -> None:
     """Report external torque, contacts and payload on samples as they arrive.
 
     Events are printed as they come, one line each; with --json one JSON object a line.
+
+    Options:
+        source: File that is being written (CSV, JSON lines, MCAP), or - for standard input (CSV,
+            JSON lines), with the columns of the robot file.
+        timeout: End if nothing is appended to the file for this time; 0 reads what is there. If
+            unset, only Ctrl-C ends it; standard input ends with its writer.
+        output: Output folder for events.csv and estimates.csv, written as they come; must not
+            exist.
 
     Example: steelyard watch steelyard-ur10e --from today.csv --frame tool0 -o today
     """
