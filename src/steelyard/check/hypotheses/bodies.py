@@ -61,15 +61,10 @@ WIDEST_FRICTION = 100.0
 
 @dataclass(frozen=True, eq=False)
 class ConsistentBodies:
-    """Bodies of a log's own under one reading.
+    """Bodies of a log's own under one reading."""
 
-    Attributes:
-        score: How well they agree.
-        scale: Typical effort of the bodies over that of the nominal ones.
-    """
-
-    score: LikelihoodScore
-    scale: float
+    score: LikelihoodScore  # how well they agree
+    scale: float  # typical effort of the bodies over that of the nominal ones
 
     @property
     def percent(self) -> float:

@@ -46,17 +46,11 @@ OTHER_GAIN_FACTOR, WORSE_MISFIT_FACTOR = 1.4, 1.3
 
 @dataclass(frozen=True, eq=False)
 class OtherEffort:
-    """What efforts may be instead of what is declared.
+    """What efforts may be instead of what is declared."""
 
-    Attributes:
-        says: In a few words.
-        kind: The kind of effort.
-        factors: On the efforts as declared, shape `(n,)`.
-    """
-
-    says: str
-    kind: str
-    factors: Array
+    says: str  # in a few words
+    kind: str  # the kind of effort
+    factors: Array  # on the efforts as declared, shape `(n,)`
 
 
 def effort_hypotheses(reading: Reading, others: Sequence[OtherEffort]) -> Iterator[Hypothesis]:

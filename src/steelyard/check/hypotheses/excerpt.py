@@ -36,31 +36,19 @@ START_UP = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Excerpt:
-    """Samples of a log in its own units and columns, joint-major; signs and units not applied.
+    """Samples of a log in its own units and columns, joint-major; signs and units not applied."""
 
-    Attributes:
-        t: Time from the log's start, shape `(B,)` [s].
-        stretch: Number of the stretch each sample lies in, shape `(B,)`; time is even within one.
-        z: Position columns low-passed, shape `(n, B)`.
-        dz: Their first derivative.
-        ddz: Their second derivative.
-        e: Effort columns behind the same low-pass, shape `(n, B)`.
-        rate: Samples per second [Hz].
-        cutoff: Of the low-pass [Hz].
-        log_rate: Rows per second of the log [Hz].
-        origin: Time of the log's start [s].
-    """
-
-    t: Array
+    t: Array  # time from the log's start, shape `(B,)` [s]
+    # number of the stretch each sample lies in, shape `(B,)`; time is even within one
     stretch: NDArray[np.intp]
-    z: Array
-    dz: Array
-    ddz: Array
-    e: Array
-    rate: float
-    cutoff: float
-    log_rate: float
-    origin: float
+    z: Array  # position columns low-passed, shape `(n, B)`
+    dz: Array  # their first derivative
+    ddz: Array  # their second derivative
+    e: Array  # effort columns behind the same low-pass, shape `(n, B)`
+    rate: float  # samples per second [Hz]
+    cutoff: float  # of the low-pass [Hz]
+    log_rate: float  # rows per second of the log [Hz]
+    origin: float  # time of the log's start [s]
 
     @cached_property
     def span(self) -> Array:

@@ -83,17 +83,11 @@ FEWEST_FRICTION_WINDOWS = 6
 
 @dataclass(frozen=True, eq=False)
 class RowFriction:
-    """What the friction of one row does, in the units of its effort.
+    """What the friction of one row does, in the units of its effort."""
 
-    Attributes:
-        size: Rms of its friction, negative where it drives the joint, over the rms effort.
-        std: Standard error of that.
-        explained: Share of the squared effort that the fit explains.
-    """
-
-    size: float
-    std: float
-    explained: float
+    size: float  # rms of its friction, negative where it drives the joint, over the rms effort
+    std: float  # standard error of that
+    explained: float  # share of the squared effort that the fit explains
 
     @property
     def drives(self) -> bool:
@@ -231,21 +225,13 @@ far it may be [s]."""
 
 @dataclass(frozen=True, eq=False)
 class RowDelays:
-    """What the rows of one run say of the delay.
+    """What the rows of one run say of the delay."""
 
-    Attributes:
-        delay: Of all rows together [s].
-        std: Its standard error [s].
-        spread: Of the rows' delays around it [s].
-        gone: Share of the typical squared residual that it explains.
-        rows: How many rows are used.
-    """
-
-    delay: float
-    std: float
-    spread: float
-    gone: float
-    rows: int
+    delay: float  # of all rows together [s]
+    std: float  # its standard error [s]
+    spread: float  # of the rows' delays around it [s]
+    gone: float  # share of the typical squared residual that it explains
+    rows: int  # how many rows are used
 
     @property
     def scatter(self) -> float:

@@ -41,30 +41,19 @@ from steelyard.robot.robot import Robot, Transmission
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """The likelihood of readings of one log.
+    """The likelihood of readings of one log."""
 
-    Attributes:
-        excerpt: Its samples.
-        signals: How the robot file reads it.
-        knowledge: What is known of the robot.
-        gravity: In the base frame as the robot file has it, shape `(3,)` [m/s²].
-        gains: Joint effort per base unit of the declared efforts, shape `(n,)`.
-        gears: Gears between motors and joints, as the robot file has them.
-        bounds: Least and largest nuisance of every joint, each `(n, 4)`, in base units.
-        size: Typical effort of every joint as it should be, in base units, shape `(n,)`.
-        sweeps: How carefully friction is fitted.
-        scales: Logged effort over what the gains say, as a reference found it of these sensors.
-    """
-
-    excerpt: Excerpt
-    signals: Signals
-    knowledge: Knowledge
-    gravity: Array
-    gains: Array
-    gears: Transmission | None
+    excerpt: Excerpt  # its samples
+    signals: Signals  # how the robot file reads it
+    knowledge: Knowledge  # what is known of the robot
+    gravity: Array  # in the base frame as the robot file has it, shape `(3,)` [m/s²]
+    gains: Array  # joint effort per base unit of the declared efforts, shape `(n,)`
+    gears: Transmission | None  # gears between motors and joints, as the robot file has them
+    # least and largest nuisance of every joint, each `(n, 4)`, in base units
     bounds: tuple[Array, Array]
-    size: Array
-    sweeps: int = COORDINATE_SWEEPS
+    size: Array  # typical effort of every joint as it should be, in base units, shape `(n,)`
+    sweeps: int = COORDINATE_SWEEPS  # how carefully friction is fitted
+    # logged effort over what the gains say, as a reference found it of these sensors
     scales: Array | float = 1.0
 
     @cached_property
@@ -144,34 +133,22 @@ class Reading:
 
     Joint j's position is `position_scale[j] * z[position[j]]`, its effort
     `effort_scale[j] * e[effort[j]]`, behind which maps, offsets and gains of the signals count.
-
-    Attributes:
-        likelihood: The log.
-        position: Column of each joint's position among those declared.
-        position_scale: rad or m per logged unit, sign included, shape `(n,)`.
-        effort: Column of each joint's effort among those declared.
-        effort_scale: What a logged unit is in the declared base unit, shape `(n,)`.
-        gravity: In the base frame, shape `(3,)` [m/s²]; zero where efforts come without.
-        delay: By how much efforts are logged late [s].
-        time: Seconds per declared second.
-        kind: Of the efforts.
-        ratios: Gear ratio of every motor to its own joint over the declared one, shape `(n,)`.
-        payload: Ten numbers of what the last body carries, in its frame; `None` if nothing.
-        zeros: What is added to the joint positions beside declared offsets, shape `(n,)` [rad; m];
-            `None` if nothing.
     """
 
-    likelihood: Likelihood
-    position: tuple[int, ...]
-    position_scale: Array
-    effort: tuple[int, ...]
-    effort_scale: Array
-    gravity: Array
-    delay: float
-    kind: str
-    ratios: Array
-    time: float = 1.0
+    likelihood: Likelihood  # the log
+    position: tuple[int, ...]  # column of each joint's position among those declared
+    position_scale: Array  # rad or m per logged unit, sign included, shape `(n,)`
+    effort: tuple[int, ...]  # column of each joint's effort among those declared
+    effort_scale: Array  # what a logged unit is in the declared base unit, shape `(n,)`
+    gravity: Array  # in the base frame, shape `(3,)` [m/s²]; zero where efforts come without
+    delay: float  # by how much efforts are logged late [s]
+    kind: str  # of the efforts
+    ratios: Array  # gear ratio of every motor to its own joint over the declared one, shape `(n,)`
+    time: float = 1.0  # seconds per declared second
+    # ten numbers of what the last body carries, in its frame; `None` if nothing
     payload: Array | None = None
+    # what is added to the joint positions beside declared offsets, shape `(n,)` [rad; m];
+    # `None` if nothing
     zeros: Array | None = None
 
     @property
@@ -406,30 +383,21 @@ NOT_SCORED = LikelihoodScore(*np.zeros((3, 0)))
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """One explanation.
+    """One explanation."""
 
-    Attributes:
-        cause: Name of the check that it belongs to.
-        says: What it supposes, in a few words.
-        reading: How it reads the log.
-        cost: Log-likelihood that its choice among others of its kind, and its fitted numbers, take.
-        joints: Indices of the joints concerned.
-        score: How well it agrees; empty before it is evaluated.
-        spread: Standard deviation of the number that was fitted, if one was.
-        fixed: Whether the robot file may be changed to say so; not where its numbers are poorly
-            identifiable.
-        compared: What the misfits are of, and the misfit before [%]; the nominal model or the
-            reference, and that of the explanation before, if `None`.
-    """
-
-    cause: str
-    says: str
-    reading: Reading
+    cause: str  # name of the check that it belongs to
+    says: str  # what it supposes, in a few words
+    reading: Reading  # how it reads the log
+    # log-likelihood that its choice among others of its kind, and its fitted numbers, take
     cost: float
-    joints: tuple[int, ...]
-    score: LikelihoodScore = NOT_SCORED
-    spread: float = 0.0
+    joints: tuple[int, ...]  # indices of the joints concerned
+    score: LikelihoodScore = NOT_SCORED  # how well it agrees; empty before it is evaluated
+    spread: float = 0.0  # standard deviation of the number that was fitted, if one was
+    # whether the robot file may be changed to say so; not where its numbers are poorly
+    # identifiable
     fixed: bool = True
+    # what the misfits are of, and the misfit before [%]; the nominal model or the reference,
+    # and that of the explanation before, if `None`
     compared: tuple[str, float] | None = None
 
     @property

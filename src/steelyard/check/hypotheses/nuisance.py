@@ -194,19 +194,12 @@ WORST_MISFIT = 1e3
 
 @dataclass(frozen=True, eq=False)
 class EffortProducts:
-    """Products of samples of every joint in motion with every effort column; `h` readings.
+    """Products of samples of every joint in motion with every effort column; `h` readings."""
 
-    Attributes:
-        yy: Of tanh, speed, one, acceleration and prediction, shape `(h, n, 5, 5)`.
-        ye: Of these with the effort columns, shape `(h, n, 5, n)`.
-        ee: Squares of the effort columns, shape `(h, n, n)`.
-        count: Independent samples in motion, shape `(h, n)`.
-    """
-
-    yy: Array
-    ye: Array
-    ee: Array
-    count: Array
+    yy: Array  # of tanh, speed, one, acceleration and prediction, shape `(h, n, 5, 5)`
+    ye: Array  # of these with the effort columns, shape `(h, n, 5, n)`
+    ee: Array  # squares of the effort columns, shape `(h, n, n)`
+    count: Array  # independent samples in motion, shape `(h, n)`
 
     def of(self, which: Sequence[int]) -> "EffortProducts":
         """Those of some readings, by number; one may be there several times."""
@@ -220,17 +213,11 @@ class EffortProducts:
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodScore:
-    """How well readings agree with what is known; `...` readings.
+    """How well readings agree with what is known; `...` readings."""
 
-    Attributes:
-        misfits: Of every joint, 1 for one that does not count, shape `(..., n)`.
-        counts: Independent samples that every joint counts for, shape `(..., n)`.
-        nuisances: Friction, offset and rotor inertia, shape `(..., n, 4)`.
-    """
-
-    misfits: Array
-    counts: Array
-    nuisances: Array
+    misfits: Array  # of every joint, 1 for one that does not count, shape `(..., n)`
+    counts: Array  # independent samples that every joint counts for, shape `(..., n)`
+    nuisances: Array  # friction, offset and rotor inertia, shape `(..., n, 4)`
 
     @property
     def log_likelihood(self) -> Array:

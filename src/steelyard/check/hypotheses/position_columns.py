@@ -136,21 +136,13 @@ ZERO_POINTS, ZERO_ZOOMS = 9, 3
 
 @dataclass(frozen=True)
 class JointZero:
-    """The zero offset of a joint: its position is the logged one plus it.
+    """The zero offset of a joint: its position is the logged one plus it."""
 
-    Attributes:
-        joint: Index of the joint.
-        name: The joint's name.
-        unit: `rad` or `m`.
-        value: The likeliest offset; 0 where it is not identifiable.
-        std: Its standard deviation; infinite where it is not identifiable.
-    """
-
-    joint: int
-    name: str
-    unit: str
-    value: float
-    std: float
+    joint: int  # index of the joint
+    name: str  # the joint's name
+    unit: str  # `rad` or `m`
+    value: float  # the likeliest offset; 0 where it is not identifiable
+    std: float  # its standard deviation; infinite where it is not identifiable
 
     @property
     def identifiable(self) -> bool:

@@ -6,7 +6,7 @@ falls with the `ORDER`-th power of the rows' distance, so noise far below what v
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import reduce
 from operator import add
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
 from steelyard.check.case import Case, Evidence, log_check
-from steelyard.check.finding import Finding, Fix, percent_of
+from steelyard.check.finding import Finding, Fix, Severity, percent_of
 from steelyard.check.identifiability import clean_runs, customary_model
 from steelyard.check.signals.overview import signal_overview, with_rows
 from steelyard.check.signals.units import driven_joints, unit_reading
@@ -27,24 +27,15 @@ from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
 from steelyard.robot.init.column_names import Column, Quantity, by_number
 
 DIFFERENCE_ORDER = 6
-"""Of the differences."""
 
 
 def noise_levels(t: Array, x: Array, moving: NDArray[np.bool_]) -> Array:
-    """Standard deviation of the white noise of each signal while its joint moves.
+    """Standard deviation of the white noise of each of the signals `(N, n)` while its joint moves.
 
     The rows' distance in time is taken once from the stamps and once as even, for stamps may
     jitter although rows are even; the lower noise of both counts. The median makes jumps and gaps
-    harmless.
-
-    Args:
-        t: Times of the rows, increasing, shape `(N,)`.
-        x: Signals, shape `(N, n)`.
-        moving: Whether each joint moves, shape `(N, n)`.
-
-    Returns:
-        Shape `(n,)`; NaN of signals that have fewer than `10 * ORDER` rows in motion, or of which
-        more than a tenth of these repeat the row before: they are quantised too coarsely.
+    harmless. NaN where fewer than `10 * ORDER` rows are in motion, or more than a tenth of these
+    repeat the row before: the signal is quantised too coarsely.
     """
     levels = np.full(x.shape[1], np.nan)
     if len(t) <= DIFFERENCE_ORDER:
@@ -70,12 +61,7 @@ def _difference(t: Array, x: Array) -> Array:
     return np.asarray(sum(weights[:, [i]] * x[i : i + count] for i in range(DIFFERENCE_ORDER + 1)))
 
 
-def other_efforts(evidence: Evidence) -> tuple[str, ...]:
-    """Patterns of columns, one per joint, such as `current{}_A`."""
-    return other_columns(evidence, evidence.recording.signals.effort, "effort")
-
-
-def other_columns(
+def _other_columns(
     evidence: Evidence, declared: Sequence[str], quantity: Quantity
 ) -> tuple[str, ...]:
     """Patterns of columns of a quantity, one per declared column, such as `current{}_A`."""
@@ -85,9 +71,14 @@ def other_columns(
 
 
 def with_others(fix: Fix, evidence: Evidence) -> Fix:
-    """The advice, with the columns that may be taken instead."""
-    others = ", ".join(f"'{pattern}'" for pattern in other_efforts(evidence))
-    return Fix(f"{fix.says}; this log has {others} too", fix.edits) if others else fix
+    """The advice, with the effort columns that may be taken instead."""
+    declared = evidence.recording.signals.effort
+    return Fix(fix.says + _beside(evidence, declared, "effort"), fix.edits)
+
+
+def _beside(evidence: Evidence, declared: Sequence[str], quantity: Quantity) -> str:
+    others = ", ".join(f"'{one}'" for one in _other_columns(evidence, declared, quantity))
+    return f"; this log has {others} too" if others else ""
 
 
 NOISE_FREE = 5e-4
@@ -101,8 +92,19 @@ real robots leave 0.007 to 0.36."""
 LOG_MEASURED_TORQUES = Fix(
     "log the measured torque or the motor current, not the controller's feedforward or model torque"
 )
+NOISE_FREE_EFFORTS = {
+    (True, True): ", and the rigid-body model explains all of them: they were computed from the "
+    "motion, not measured, so a fit returns the parameters they were computed with, not the "
+    "robot's",
+    (True, False): ", and the rigid-body model explains all of them: as positions have no noise "
+    "either, the log is a simulation or a computed command; a fit finds the parameters of that "
+    "computation",
+    (False, True): ", positions have: efforts were computed, or low-passed before they were logged",
+    (False, False): " and positions have none: both were low-passed before they were logged, or "
+    "computed",
+}
+"""What they are, by whether a model explains them and positions are measured."""
 COMPUTED_EFFORT_ROWS = 20_000
-"""Rows that are looked at."""
 SPEED_TIME, SLOW_JOINT_SHARE = 0.02, 0.05
 """Time over which a speed is taken [s], and the share of the fastest below which a joint rests."""
 
@@ -130,48 +132,27 @@ def computed_efforts_check(case: Case, evidence: Evidence) -> Finding | None:
             f"; residual of a fit {percent_of(residual)} of the effort, at least "
             f"{percent_of(EXPLAINED_BY_MODEL)} required"
         )
-    says = "efforts have no measurement noise"
-    advice = with_others(LOG_MEASURED_TORQUES, evidence)
-    if residual is not None and residual <= EXPLAINED_BY_MODEL:
-        says += ", and the rigid-body model explains all of them: "
-        if measured:
-            says += (
-                "they were computed from the motion, not measured, so a fit returns the parameters "
-                "they were computed with, not the robot's"
-            )
-            return Finding.wrong(says, figure, fix=advice)
-        says += (
-            "as positions have no noise either, the log is a simulation or a computed command; a "
-            "fit finds the parameters of that computation"
-        )
-        return Finding.doubtful(says, figure, fix=advice)
-    if measured:
-        says += ", positions have: efforts were computed, or low-passed before they were logged"
-        return Finding.doubtful(says, figure, fix=advice)
-    says += " and positions have none: both were low-passed before they were logged, or computed"
-    return Finding.ok(says, figure, answered=False)
+    explained = residual is not None and residual <= EXPLAINED_BY_MODEL
+    says = "efforts have no measurement noise" + NOISE_FREE_EFFORTS[explained, measured]
+    if not (explained or measured):
+        return Finding.ok(says, figure, answered=False)
+    severity = Severity.WRONG if explained and measured else Severity.DOUBTFUL
+    return Finding.of(severity, says, figure, fix=with_others(LOG_MEASURED_TORQUES, evidence))
 
 
 def noise_shares(case: Case, evidence: Evidence) -> tuple[Array, Array]:
     """Noise of efforts and positions over their variation, NaN where unknown, each `(n,)`."""
     overview = signal_overview(case, evidence)
     t, q, effort = (x[:COMPUTED_EFFORT_ROWS] for x in (overview.t, overview.q, overview.effort))
-    moving = _moving(q, overview.step * unit_reading(case, evidence).second)
-    moving &= driven_joints(case, evidence)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return (
-            noise_levels(t, effort, moving) / effort.std(axis=0),
-            noise_levels(t, q, moving) / q.std(axis=0),
-        )
-
-
-def _moving(q: Array, step: float) -> NDArray[np.bool_]:
-    """Whether each joint moves at each row, shape `(N, n)`."""
+    step = overview.step * unit_reading(case, evidence).second
     reach = max(1, round(0.5 * SPEED_TIME / max(step, 1e-9)))
     padded = np.pad(q, ((reach, reach), (0, 0)), mode="edge")
     far = np.abs(padded[2 * reach :] - padded[: -2 * reach])
-    fast: NDArray[np.bool_] = far > SLOW_JOINT_SHARE * np.quantile(far, 0.98, axis=0)
-    return fast
+    moving = far > SLOW_JOINT_SHARE * np.quantile(far, 0.98, axis=0)
+    moving &= driven_joints(case, evidence)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        of_effort, of_q = (noise_levels(t, x, moving) / x.std(axis=0) for x in (effort, q))
+    return of_effort, of_q
 
 
 def _unexplained(case: Case, evidence: Evidence) -> float | None:
@@ -195,10 +176,19 @@ of the joints' largest on seven real robots, two resampled logs aside: 1e-5."""
 @log_check("set points", "Are signals measured, or set-points of the controller?", logs=with_rows)
 def set_points_check(case: Case, evidence: Evidence) -> Finding:
     """Columns whose names speak of set-points, and positions without noise beside noisy efforts."""
-    named = list(_set_point_columns(evidence))
+    signals, named, instead = evidence.recording.signals, [], ""
+    declared: dict[Quantity, tuple[str, ...]] = {
+        "position": signals.position,
+        "velocity": signals.velocity or (),
+        "effort": signals.effort,
+    }
+    for quantity, columns in declared.items():
+        if targets := [name for name in columns if Column(name).of_target]:
+            more = f" and {len(targets) - 1} more" * (len(targets) > 1)
+            named.append(f"{quantity} column '{targets[0]}'{more}")
+            instead += _beside(evidence, columns, quantity)
     if named:
-        says = "; ".join(says for says, _ in named) + ": commanded by their names, not measured"
-        instead = "; ".join(instead for _, instead in named if instead)
+        says = "; ".join(named) + ": commanded by their names, not measured"
         fix = Fix("declare the columns that hold measurements under [signals]" + instead)
         return Finding.doubtful(says, fix=fix)
     if not signal_overview(case, evidence).moves:
@@ -224,24 +214,4 @@ def measured_instead(evidence: Evidence) -> tuple[str, ...]:
     """Patterns of effort columns that may be measured, where the declared ones are set-points."""
     declared = evidence.recording.signals.effort
     targets = any(Column(name).of_target for name in declared)
-    return other_columns(evidence, declared, "effort") if targets else ()
-
-
-def _set_point_columns(evidence: Evidence) -> Iterator[tuple[str, str]]:
-    """Declared columns that are called set-points, and those that may be taken instead."""
-    signals = evidence.recording.signals
-    declared: tuple[tuple[Quantity, tuple[str, ...]], ...] = (
-        ("position", signals.position),
-        ("velocity", signals.velocity or ()),
-        ("effort", signals.effort),
-    )
-    for quantity, columns in declared:
-        targets = [name for name in columns if Column(name).of_target]
-        if not targets:
-            continue
-        more = f" and {len(targets) - 1} more" * (len(targets) > 1)
-        others = ", ".join(f"'{one}'" for one in other_columns(evidence, columns, quantity))
-        yield (
-            f"{quantity} column '{targets[0]}'{more}",
-            f"; this log has {others} too" if others else "",
-        )
+    return _other_columns(evidence, declared, "effort") if targets else ()

@@ -5,7 +5,7 @@ does, and so do errors of a model that several limbs share. An inertial sensor i
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,35 +30,17 @@ POSITION_QUANTILE = 0.005
 """Positions outside these quantiles, on each side, do not count."""
 
 
-@dataclass(frozen=True, eq=False)
-class _JointMotion:
-    """What each joint does, in true units.
-
-    Attributes:
-        range: From lowest to highest position, in true units or, if that is more, as declared,
-            shape `(n,)` [rad; m].
-        fast: Nearly its highest speed, shape `(n,)` [rad/s; m/s].
-        moves: Whether it moves enough, shape `(n,)`.
-        band: Frequency below which each joint's motion lives, shape `(n,)` [Hz]; 0 at rest.
-    """
-
-    range: Array
-    fast: Array
-    moves: NDArray[np.bool_]
-    band: Array
-
-
 @case_check("excitation", "Which joints move?")
 def excitation_check(case: Case) -> Iterable[Finding]:
     """Joints that move, and those that hardly do, of which little can be learnt."""
     logs = [evidence for evidence in case.logs if signal_overview(case, evidence).step > 0.0]
     motions = [_joint_motion(case, evidence) for evidence in logs]
     alone = len(motions) == 1
-    for evidence, done in zip(logs, motions, strict=True):
-        yield _excitation_found(case, evidence, done, alone)
+    for evidence, motion in zip(logs, motions, strict=True):
+        yield replace(_excitation_found(case, *motion, alone), log=evidence.name)
     if len(motions) < 2:
         return
-    moves = np.any([done.moves for done in motions], axis=0)
+    moves = np.any([moves for _, moves, _ in motions], axis=0)
     still = np.flatnonzero(~moves)
     names = tuple(case.joints[j] for j in still)
     figure = f"{np.count_nonzero(moves)} of {len(moves)} joints move"
@@ -74,67 +56,54 @@ def excitation_check(case: Case) -> Iterable[Finding]:
     )
 
 
-def _excitation_found(case: Case, evidence: Evidence, done: _JointMotion, alone: bool) -> Finding:
-    still = np.flatnonzero(~done.moves)
-    bound = np.array([LITTLE_RANGE[c.kind] for c in case.loaded.robot.coordinates])
-    severity = Severity.OK
-    if not done.moves.any():
-        severity = Severity.WRONG if alone else Severity.DOUBTFUL
-    elif len(still) and alone:
-        severity = Severity.DOUBTFUL
-    names, fix = [case.joints[j] for j in still], None
-    if severity:
+def _excitation_found(
+    case: Case, reach: Array, moves: NDArray[np.bool_], band: Array, alone: bool
+) -> Finding:
+    coordinates, still = case.loaded.robot.coordinates, np.flatnonzero(~moves)
+    bound = np.array([LITTLE_RANGE[c.kind] for c in coordinates])
+    names = tuple(case.joints[j] for j in still)
+    severity, says, fix = Severity.OK, "no joint moves", None
+    if len(still) and (alone or not moves.any()):
+        severity = Severity.DOUBTFUL if moves.any() or not alone else Severity.WRONG
         fix = Fix(_help(case, still) if alone else "leave this log out: nothing moves in it")
+    if moves.any():
+        low, high = band[moves].min(), band[moves].max()
+        says = f"hardly any motion of {', '.join(names)}" if names else "every joint moves"
+        says += f"; motion up to {low:.2g} to {high:.2g} Hz, by joint"
+    least = int(np.argmin(reach / bound))
+    unit = coordinates[least].unit
     return Finding.of(
         severity,
-        _excitation_words(done, names),
-        _least_motion(case, done),
-        joints=tuple(names) if severity else (),
+        says,
+        f"{case.joints[least]} moves least: range {reach[least]:.2g} {unit}, at least "
+        f"{bound[least]:g} {unit} required",
+        joints=names if severity else (),
         fix=fix,
         picture=of_joints(
-            "range [rad; m]", (("range", done.range, "bars"), ("hardly moves", bound, "points"))
+            "range [rad; m]", (("range", reach, "bars"), ("hardly moves", bound, "points"))
         ),
-        log=evidence.name,
     )
 
 
-def _joint_motion(case: Case, evidence: Evidence) -> _JointMotion:
+def _joint_motion(case: Case, evidence: Evidence) -> tuple[Array, NDArray[np.bool_], Array]:
+    """Range of each joint, whether it moves enough, and where its motion ends, each `(n,)`.
+
+    Ranges [rad; m] are in true units or, if that is more, as declared; frequencies [Hz] are 0 at
+    rest.
+    """
     overview, units = signal_overview(case, evidence), unit_reading(case, evidence)
     coordinates = case.loaded.robot.coordinates
     n = len(coordinates)
-    slope = motion_in_units(case, evidence)
-    scale = np.array([joint.position_scale for joint in units.joints])
     if len(overview.q) < 2:
-        return _JointMotion(np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.bool_), np.zeros(n))
+        return np.zeros(n), np.zeros(n, dtype=np.bool_), np.zeros(n)
     low, high = np.quantile(overview.q, [POSITION_QUANTILE, 1.0 - POSITION_QUANTILE], axis=0)
-    reach = (high - low) * np.maximum(scale, 1.0)
+    reach = (high - low) * np.maximum([joint.position_scale for joint in units.joints], 1.0)
     enough = reach >= [LITTLE_RANGE[c.kind] for c in coordinates]
-    moves = enough & slope.moving
-    fast = np.zeros(n)
-    if slope.v.shape[1]:
-        fast = np.quantile(np.abs(slope.v), 1.0 - POSITION_QUANTILE, axis=1) * scale
+    moves = enough & motion_in_units(case, evidence).moving
     even, rate = overview.even(overview.q, units.second)
     longest = max(even, key=lambda x: x.shape[1], default=np.zeros((n, 0)))
     band = [motion_band(longest[j : j + 1], rate).frequency if moves[j] else 0.0 for j in range(n)]
-    return _JointMotion(reach, fast, moves, np.array(band))
-
-
-def _excitation_words(done: _JointMotion, still: Sequence[str]) -> str:
-    if not done.moves.any():
-        return "no joint moves"
-    band = done.band[done.moves]
-    first = f"hardly any motion of {', '.join(still)}" if still else "every joint moves"
-    return f"{first}; motion up to {band.min():.2g} to {band.max():.2g} Hz, by joint"
-
-
-def _least_motion(case: Case, done: _JointMotion) -> str:
-    bound = [LITTLE_RANGE[c.kind] for c in case.loaded.robot.coordinates]
-    least = int(np.argmin(done.range / bound))
-    unit = case.loaded.robot.coordinates[least].unit
-    return (
-        f"{case.joints[least]} moves least: range {done.range[least]:.2g} {unit}, at least "
-        f"{bound[least]:g} {unit} required"
-    )
+    return reach, moves, np.array(band)
 
 
 def _help(case: Case, still: NDArray[np.intp]) -> str:
@@ -189,10 +158,7 @@ def _long_rests(still: NDArray[np.bool_], rate: float) -> NDArray[np.bool_]:
 def _rest_words(rests: NDArray[np.bool_], t: Array, duration: float) -> str:
     """How much is rest; the ends, where the low-pass does not reach, are as what is next to them.
 
-    Args:
-        rests: Whether no joint moves, shape `(N,)`.
-        t: Time since the log's start, shape `(N,)` [s].
-        duration: Of the log [s].
+    Whether no joint moves and time since the log's start [s], both `(N,)`; duration of the log [s].
     """
     if not rests.any():
         return "no standstill"
@@ -205,22 +171,13 @@ def _rest_words(rests: NDArray[np.bool_], t: Array, duration: float) -> str:
     )
 
 
-TURN_WORDS = {"gyro", "gyroscope", "omega", "angular"}
-ACCELERATION_WORDS = {"acc", "accel", "accelerometer", "acceleration"}
+TURN_WORDS = {*"gyro gyroscope omega angular".split()}
+ACCELERATION_WORDS = {*"acc accel accelerometer acceleration".split()}
 INERTIAL_SENSOR_WORDS = {
-    "imu",
-    "gyro",
-    "gyroscope",
-    "accelerometer",
-    "base",
-    "trunk",
-    "torso",
-    "pelvis",
-    "body",
+    *"imu gyro gyroscope accelerometer base trunk torso pelvis body".split(),
 }
 """Words of columns of an inertial sensor, of its place, and of what it measures."""
 BASE_ROWS = 20_000
-"""Rows that are looked at."""
 LEAST_TURN = 0.05
 """Root mean square about its mean from which on a rate of turn is motion [rad/s]."""
 LEAST_PULL = 0.03

@@ -37,10 +37,8 @@ FASTEST_RATE = 500.0
 """Highest rate at which motion is looked at [Hz], once the clock's unit is known."""
 MOVED, MOVED_STEPS = 0.01, 30.0
 """Range of a joint that moves [rad; m], and in steps of its sensor."""
-LEAST_ROWS = 10
-"""Good rows from which on single signals are looked at."""
-SHORTEST_STRETCH = 50
-"""Rows of the shortest stretch that is looked at."""
+LEAST_ROWS, SHORTEST_STRETCH = 10, 50
+"""Good rows from which on single signals are looked at, and rows of the shortest stretch."""
 
 
 def cached_per_log(question: Callable[[Case, Evidence], T]) -> Callable[[Case, Evidence], T]:
@@ -59,25 +57,15 @@ def cached_per_log(question: Callable[[Case, Evidence], T]) -> Callable[[Case, E
 
 @dataclass(frozen=True, eq=False)
 class SignalOverview:
-    """Good rows of a log's excerpt.
+    """Good rows of a log's excerpt."""
 
-    Attributes:
-        channels: Order of the channels.
-        stamps: All readable stamps in the order of the rows, shape `(M,)` [s as declared].
-        t: Time of the good rows, increasing, shape `(N,)` [s as declared].
-        x: Their channels, shape `(N, C)` [SI as declared].
-        kept: Which rows of the excerpt they are, shape `(R,)`.
-        broken: Which rows are missing values or hold garbage, shape `(R,)`.
-        step: Median step forward [s as declared]; 0 if time never goes forward.
-    """
-
-    channels: Channels
-    stamps: Array
-    t: Array
-    x: Array
-    kept: NDArray[np.bool_]
-    broken: NDArray[np.bool_]
-    step: float
+    channels: Channels  # order of the channels
+    stamps: Array  # all readable stamps in the order of the rows, shape `(M,)` [s as declared]
+    t: Array  # time of the good rows, increasing, shape `(N,)` [s as declared]
+    x: Array  # their channels, shape `(N, C)` [SI as declared]
+    kept: NDArray[np.bool_]  # which rows of the excerpt they are, shape `(R,)`
+    broken: NDArray[np.bool_]  # which rows are missing values or hold garbage, shape `(R,)`
+    step: float  # median step forward [s as declared]; 0 if time never goes forward
 
     @property
     def q(self) -> Array:
@@ -142,14 +130,9 @@ class SignalOverview:
         return evened if _rough(evened, self.q) < _rough(self.t, self.q) else self.t
 
     def even(self, values: Array, second: float = 1.0) -> tuple[tuple[Array, ...], float]:
-        """Stretches of some signals on an even clock.
+        """Stretches `(any, samples)` of signals `(N, any)` on an even clock, and their rate [Hz].
 
-        Args:
-            values: Signals of the good rows, shape `(N, any)`.
-            second: Seconds that a declared second really has.
-
-        Returns:
-            Stretches, shape `(any, samples)` each, and their rate [Hz].
+        A declared second has so many seconds.
         """
         if not self.stretches:
             return (), 1.0
@@ -271,19 +254,12 @@ def _convolved(x: Array, kernel: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class PositionSlopes:
-    """Derivatives of the positions in all stretches together.
+    """Derivatives of the positions in all stretches together."""
 
-    Attributes:
-        t: Time, shape `(N,)` [s as declared].
-        v: Derivatives, shape `(n, N)` [declared unit per true second].
-        rate: [Hz].
-        moving: Joints that move enough to say anything about, shape `(n,)`.
-    """
-
-    t: Array
-    v: Array
-    rate: float
-    moving: NDArray[np.bool_]
+    t: Array  # time, shape `(N,)` [s as declared]
+    v: Array  # derivatives, shape `(n, N)` [declared unit per true second]
+    rate: float  # [Hz]
+    moving: NDArray[np.bool_]  # joints that move enough to say anything about, shape `(n,)`
 
 
 def position_slopes(overview: SignalOverview, second: float = 1.0) -> PositionSlopes:
@@ -299,15 +275,9 @@ def position_slopes(overview: SignalOverview, second: float = 1.0) -> PositionSl
 
 
 def moving_joints(overview: SignalOverview, v: Array) -> NDArray[np.bool_]:
-    """Joints that move enough to say anything about, shape `(n,)`.
-
-    Args:
-        overview: The log.
-        v: Derivatives of its positions, shape `(n, any)`.
-    """
-    n = overview.channels.joints
+    """Joints that move enough to say anything about, by their derivatives `(n, any)`; `(n,)`."""
     if v.shape[1] == 0:
-        return np.zeros(n, dtype=np.bool_)
+        return np.zeros(len(v), dtype=np.bool_)
     speed = np.sqrt(np.square(v).mean(axis=1))
     steps = RANGE_STEPS * overview.resolution[overview.channels.q]
     spread = np.ptp(overview.q, axis=0)

@@ -1,7 +1,7 @@
 """Are positions the joints' own, in the declared unit, and not in the columns of velocities?"""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from steelyard.check.signals.overview import (
 from steelyard.check.signals.units import (
     SAME_SCALE,
     UnitReading,
-    declared_units,
     motion_in_units,
     position_beyond_range,
     unit_reading,
@@ -28,32 +27,24 @@ from steelyard.check.signals.velocity_agreement import AGREEING_CORRELATION
 from steelyard.robot.file.signals import POSITION_UNITS, Signals
 from steelyard.robot.init.column_names import Column
 
-RATE_UNIT_WORDS = ("s", "rpm", "rads", "degs")
+RATE_UNIT_WORDS = {"s", "rpm", "rads", "degs"}
 """Last words of the units of velocities."""
 
 
 @dataclass(frozen=True)
 class MisplacedVelocity:
-    """A position column that holds velocities.
+    """A position column that holds velocities."""
 
-    Attributes:
-        joint: Number of its joint.
-        column: Its name.
-        correlation: With the derivative of `position`; 0 where only the name says so.
-        position: The column that holds the positions; empty if none is known.
-    """
-
-    joint: int
-    column: str
-    correlation: float
-    position: str
+    joint: int  # number of its joint
+    column: str  # its name
+    correlation: float  # with the derivative of `position`; 0 where only the name says so
+    position: str  # the column that holds the positions; empty if none is known
 
     @property
     def sure(self) -> bool:
         """Whether its values, or the unit in its name, are those of a velocity."""
-        return self.correlation > 0.0 or Column(self.column).unit_words[-1:] in [
-            (w,) for w in RATE_UNIT_WORDS
-        ]
+        rated = Column(self.column).unit_words[-1:]
+        return self.correlation > 0.0 or bool({*rated} & RATE_UNIT_WORDS)
 
 
 @cached_per_log
@@ -62,39 +53,23 @@ def misplaced_velocities(case: Case, evidence: Evidence) -> tuple[MisplacedVeloc
 
     Columns beside one are called alike but for words of positions, velocities and units.
     """
-    signals = evidence.recording.signals
-    beside = [_beside(name, evidence.log.columns) for name in signals.position]
-    if not any(beside) and not any(map(_called_velocity, signals.position)):
-        return ()
-    found = []
-    for joint, (name, others) in enumerate(zip(signals.position, beside, strict=True)):
-        own, of_own = _misplaced_correlations(case, evidence, joint, others)
-        best = int(np.argmax(own)) if len(own) else 0
-        either = len(own) > 0 and of_own[best] >= AGREEING_CORRELATION  # motion of one frequency
-        if (
-            len(own)
-            and own[best] >= AGREEING_CORRELATION
-            and (not either or _called_velocity(name))
-        ):
-            found.append(MisplacedVelocity(joint, name, float(own[best]), others[best]))
-        elif _called_velocity(name) and not (of_own >= AGREEING_CORRELATION).any():
-            free = [c for c in others if c not in signals.columns]
-            positions = [c for c in free if Column(c).quantity == "position"]
-            found.append(
-                MisplacedVelocity(joint, name, 0.0, positions[0] if len(positions) == 1 else "")
-            )
+    signals, found = evidence.recording.signals, []
+    motions = ("position", "velocity")
+    columns = [c for c in map(Column, evidence.log.columns) if c.quantity in motions]
+    for joint, column in enumerate(map(Column, signals.position)):
+        beside = [c for c in columns if c.name != column.name and c.stem == column.stem]
+        own, of_own = _misplaced_correlations(case, evidence, joint, [c.name for c in beside])
+        best, called = int(np.argmax(own)) if beside else 0, column.quantity == "velocity"
+        one_frequency = of_own >= AGREEING_CORRELATION
+        if beside and own[best] >= AGREEING_CORRELATION and (called or not one_frequency[best]):
+            correlation, position = float(own[best]), beside[best].name
+            found.append(MisplacedVelocity(joint, column.name, correlation, position))
+        elif called and not one_frequency.any():
+            positions = [c.name for c in beside if c.quantity == "position"]
+            free = [name for name in positions if name not in signals.columns]
+            position = free[0] if len(free) == 1 else ""
+            found.append(MisplacedVelocity(joint, column.name, 0.0, position))
     return tuple(found)
-
-
-def _called_velocity(name: str) -> bool:
-    return Column(name).quantity == "velocity"
-
-
-def _beside(name: str, columns: Sequence[str]) -> list[str]:
-    """Positions and velocities that are called as a column is."""
-    stem = Column(name).stem
-    others = [Column(c) for c in columns if c != name]
-    return [c.name for c in others if c.quantity in ("position", "velocity") and c.stem == stem]
 
 
 def _misplaced_correlations(
@@ -117,19 +92,15 @@ def _misplaced_correlations(
     even, rate = overview.even(
         np.concatenate((mine, values), axis=1), unit_reading(case, evidence).second
     )
-    if not even:
+    x, v = (
+        np.concatenate([np.zeros((values.shape[1] + 1, 0)), *(of(y, rate) for y in even)], axis=1)
+        for of in (gaussian_smoothed, gaussian_slope)
+    )
+    if x.shape[1] < 2:
         return none
-    x = np.concatenate([gaussian_smoothed(part, rate) for part in even], axis=1)
-    v = np.concatenate([gaussian_slope(part, rate) for part in even], axis=1)
-    return _correlation_with(x[:1], v[1:]), np.abs(_correlation_with(v[:1], x[1:]))
-
-
-def _correlation_with(one: Array, others: Array) -> Array:
-    """Correlation of one signal `(1, N)` with others `(m, N)`, shape `(m,)`."""
-    a, b = (x - x.mean(axis=1, keepdims=True) for x in (one, others))
-    size = np.sqrt(np.square(a).sum(axis=1) * np.square(b).sum(axis=1))
-    found: Array = np.divide((a * b).sum(axis=1), size, out=np.zeros(len(b)), where=size > 0.0)
-    return found
+    with np.errstate(invalid="ignore"):  # of columns that never change
+        own, of_own = np.corrcoef(x[0], v[1:])[0, 1:], np.corrcoef(v[0], x[1:])[0, 1:]
+    return np.nan_to_num(own), np.abs(np.nan_to_num(of_own))
 
 
 OUTSIDE_RANGE = 1.1
@@ -145,19 +116,20 @@ def position_check(case: Case, evidence: Evidence) -> Finding:
     if wrong := misplaced_velocities(case, evidence):
         return _misplaced(case, evidence, wrong)
     low, high = np.quantile(signal_overview(case, evidence).q, [0.005, 0.995], axis=0)
-    off = _off(case, low, high)
+    joints = zip(case.loaded.robot.coordinates, low, high, strict=True)
+    off = np.array([position_beyond_range(c, float(a), float(b)) for c, a, b in joints])
     units = unit_reading(case, evidence)
-    declared = declared_units(evidence, case)
-    other = [j for j, unit in enumerate(declared) if units.joints[j].position_unit != unit]
+    pairs = enumerate(zip(units.as_declared, units.joints, strict=True))
+    other = [j for j, (a, b) in pairs if a.position_unit != b.position_unit]
     picture = _picture(case, low, high)
     if _of_motors(case, evidence, off, units):
-        return _motors(case, evidence, low, high, picture)
+        return replace(_motors(case, high - low, off), picture=picture)
     if other:
-        return _other_unit(case, evidence, units, other, off, picture)
+        return replace(_other_unit(case, evidence, units, other, off), picture=picture)
     outside = np.flatnonzero(off > OUTSIDE_RANGE)
     names = tuple(case.joints[j] for j in outside)
     are = "are outside their limits" if len(names) > 1 else "is outside its limits"
-    facts = _facts(case, evidence)
+    facts = _facts(case, evidence, {joint.position_unit for joint in units.as_declared})
     return Finding.doubtful_if(
         bool(names),
         f"{', '.join(names)} {are}; {facts}" if names else f"{facts}, within the joints' limits",
@@ -205,12 +177,6 @@ def _with_positions(signals: Signals, wrong: Sequence[MisplacedVelocity]) -> tup
     return tuple(edits)
 
 
-def _off(case: Case, low: Array, high: Array) -> Array:
-    """How far each joint gets from the middle of its range, over half the range."""
-    joints = zip(case.loaded.robot.coordinates, low, high, strict=True)
-    return np.array([position_beyond_range(c, float(a), float(b)) for c, a, b in joints])
-
-
 def _of_motors(case: Case, evidence: Evidence, off: Array, units: UnitReading) -> bool:
     """Whether positions are motors', but not declared so: by their names, or as nothing fits."""
     signals = evidence.recording.signals
@@ -224,12 +190,10 @@ def _of_motors(case: Case, evidence: Evidence, off: Array, units: UnitReading) -
     return bool(far.all() and (off * np.minimum(corrected, 1.0) > MOTOR_RANGE).all())
 
 
-def _motors(case: Case, evidence: Evidence, low: Array, high: Array, picture: Picture) -> Finding:
-    limits = [c.limits for c in case.loaded.robot.coordinates]
-    span = np.array([x.upper - x.lower for x in limits])
+def _motors(case: Case, reach: Array, off: Array) -> Finding:
+    span = np.array([c.limits.upper - c.limits.lower for c in case.loaded.robot.coordinates])
     ranged = np.isfinite(span) & (span > 0.0)
-    ratios = np.ceil(np.divide(high - low, span, out=np.ones(len(span)), where=ranged))
-    off = _off(case, low, high)
+    ratios = np.ceil(np.divide(reach, span, out=np.ones(len(span)), where=ranged))
     outside = bool((off > OUTSIDE_RANGE).any())
     far = f"up to {off.max():.0f} times farther than the joints can go"
     least = " ".join(f"{ratio:.0f}" for ratio in ratios)
@@ -243,27 +207,18 @@ def _motors(case: Case, evidence: Evidence, low: Array, high: Array, picture: Pi
             "[robot.transmission]"
             + (f"; for positions to be within limits they must be at least {least}" * outside)
         ),
-        picture=picture,
     )
 
 
 def _other_unit(
-    case: Case,
-    evidence: Evidence,
-    units: UnitReading,
-    other: list[int],
-    off: Array,
-    picture: Picture,
+    case: Case, evidence: Evidence, units: UnitReading, other: list[int], off: Array
 ) -> Finding:
-    names = tuple(case.joints[j] for j in other)
-    gains = {j: units.as_declared[j].cost - units.joints[j].cost for j in other}
-    clear = max(other, key=gains.__getitem__)
+    clear = max(other, key=lambda j: units.as_declared[j].cost - units.joints[j].cost)
     unit = " and ".join(sorted({units.joints[j].position_unit for j in other}))
     value = unit_value([j.position_unit for j in units.joints], case, POSITION_UNITS)
     gears = case.loaded.robot.transmission
     geared = gears is not None and bool(np.all(np.abs(np.diag(gears.matrix)) == 1.0))
     sure = units.sure and not geared
-    edit = Edit(("signals", "position_unit"), value)
     says = f"declare these positions in {unit}"
     if geared:
         says = f"give the gear ratios, which are all 1, under [robot.transmission], or {says}"
@@ -272,26 +227,22 @@ def _other_unit(
         f"positions of {case.listed(other)} {'are' if sure else 'may be'} in {unit}: as declared, "
         f"{case.joints[clear]} would {_reasons(case, evidence, units, clear, off)}",
         _value_text(case, off),
-        joints=names,
-        fix=Fix(says, (edit,))
+        joints=tuple(case.joints[j] for j in other),
+        fix=Fix(says, (Edit(("signals", "position_unit"), value),))
         if sure
         else Fix(says if geared else f"examine the log, and {says} if they are"),
-        picture=picture,
     )
 
 
 def _reasons(case: Case, evidence: Evidence, units: UnitReading, joint: int, off: Array) -> str:
     """What speaks against the declared unit: range, speed and logged velocities."""
-    fast, limit = (
-        motion_in_units(case, evidence),
-        case.loaded.robot.coordinates[joint].limits.velocity,
-    )
-    speed = np.quantile(np.abs(fast.v[joint]), 0.995) if fast.v.shape[1] else 0.0
+    v, coordinate = motion_in_units(case, evidence).v[joint], case.loaded.robot.coordinates[joint]
+    speed = np.quantile(np.abs(v), 0.995) if len(v) else 0.0
     found = []
     if off[joint] > OUTSIDE_RANGE:
         found.append(f"reach {off[joint]:.2g} times its limits")
     if speed > 0.0:
-        unit = f"{case.loaded.robot.coordinates[joint].unit}/s"
+        unit, limit = f"{coordinate.unit}/s", coordinate.limits.velocity
         known = f" (limit {limit:.2g} {unit})" if np.isfinite(limit) else ""
         found.append(f"move at {speed:.2g} {unit}{known}")
     if units.agreement is not None and units.agreement.reliable_joints[joint]:
@@ -301,9 +252,9 @@ def _reasons(case: Case, evidence: Evidence, units: UnitReading, joint: int, off
     return ", ".join(found) or "hardly move"
 
 
-def _facts(case: Case, evidence: Evidence) -> str:
+def _facts(case: Case, evidence: Evidence, declared: set[str]) -> str:
     signals, gears = evidence.recording.signals, case.loaded.robot.transmission
-    units = " and ".join(sorted(set(declared_units(evidence, case))))
+    units = " and ".join(sorted(declared))
     if wrapped := evidence.recording.wrapped:
         units += f" ({', '.join(wrapped)} wrap after a turn: unwrapped)"
     if signals.position_map is None or gears is None:
@@ -324,9 +275,8 @@ def _value_text(case: Case, off: Array) -> str:
 
 
 def _picture(case: Case, low: Array, high: Array) -> Picture:
-    limits = [c.limits for c in case.loaded.robot.coordinates]
-    lower = np.array([x.lower if np.isfinite(x.lower) else np.nan for x in limits])
-    upper = np.array([x.upper if np.isfinite(x.upper) else np.nan for x in limits])
+    limits = np.array([(c.limits.lower, c.limits.upper) for c in case.loaded.robot.coordinates])
+    lower, upper = np.where(np.isfinite(limits), limits, np.nan).T
     return of_joints(
         "position as declared [rad; m]",
         (

@@ -100,17 +100,11 @@ LONGEST_SHOWN_HOLD = 20
 
 @dataclass(frozen=True, eq=False)
 class ZeroOrderHold:
-    """How long some channels keep a value.
+    """How long some channels keep a value."""
 
-    Attributes:
-        lengths: Of stretches of one value between two clear changes, of all channels [rows].
-        every: Rows from one new sample to the next; 1 if samples are not held.
-        share: Of the stretches that have the commonest length, in [0, 1].
-    """
-
-    lengths: NDArray[np.intp]
-    every: int
-    share: float
+    lengths: NDArray[np.intp]  # of one value between two clear changes, of all channels [rows]
+    every: int  # rows from one new sample to the next; 1 if samples are not held
+    share: float  # of the stretches that have the commonest length, in [0, 1]
 
     @property
     def value_text(self) -> str:
@@ -130,13 +124,8 @@ class ZeroOrderHold:
 
 
 def zero_order_hold(x: Array, step: Array) -> ZeroOrderHold:
-    """How long channels keep a value.
-
-    Args:
-        x: Channels, shape `(N, c)`.
-        step: Smallest change of each, shape `(c,)`.
-    """
-    lengths = np.concatenate([_stretches(*channel) for channel in zip(x.T, step, strict=True)])
+    """How long channels `(N, c)`, with smallest changes `(c,)`, keep a value."""
+    lengths = np.concatenate([_held_rows(*channel) for channel in zip(x.T, step, strict=True)])
     if len(lengths) < FEWEST_HELD_ROWS:
         return ZeroOrderHold(lengths, 1, 0.0)
     count = np.bincount(lengths)
@@ -145,18 +134,10 @@ def zero_order_hold(x: Array, step: Array) -> ZeroOrderHold:
     return ZeroOrderHold(lengths, every if share >= REGULAR_HOLD_SHARE else 1, share)
 
 
-def old_rows(x: Array) -> NDArray[np.bool_]:
-    """Whether each row has all values of the row before, shape `(N,)`."""
-    return np.concatenate(([False], (x[1:] == x[:-1]).all(axis=1)))
+def _mean_age(x: Array, updates: ZeroOrderHold, rows: NDArray[np.bool_]) -> float:
+    """How many rows ago values `(N, c)` were new on average, at rest left out [rows].
 
-
-def mean_age(x: Array, updates: ZeroOrderHold, rows: NDArray[np.bool_]) -> float:
-    """How many rows ago values were new on average, at rest left out [rows].
-
-    Args:
-        x: Channels, shape `(N, c)`.
-        updates: How long they keep a value.
-        rows: Rows that count also where values are old, shape `(N,)`.
+    Old values count in the given rows, shape `(N,)`.
     """
     row = np.arange(len(x))[:, None]
     new = np.concatenate((np.ones((1, x.shape[1]), dtype=np.bool_), x[1:] != x[:-1]))
@@ -164,7 +145,7 @@ def mean_age(x: Array, updates: ZeroOrderHold, rows: NDArray[np.bool_]) -> float
     return float(age[(age < updates.every) & (rows[:, None] | (age == 0))].mean())
 
 
-def _stretches(x: Array, step: float) -> NDArray[np.intp]:
+def _held_rows(x: Array, step: float) -> NDArray[np.intp]:
     """Lengths of stretches of one value between two clear changes of a channel [rows]."""
     change = np.abs(np.diff(x))
     rows = np.flatnonzero(change)
@@ -202,9 +183,9 @@ def _repeats(evidence: Evidence, overview: SignalOverview) -> Iterable[Finding]:
     efforts = zero_order_hold(overview.effort, overview.resolution[c.effort])
     rows = np.ones(len(overview.t), dtype=np.bool_)
     if evidence.processing.bridge_repeats and 0 < positions.every - 1 <= LONGEST_STALE:
-        rows = ~old_rows(overview.q)
-    age = mean_age(overview.q, positions, rows) * overview.step
-    late = mean_age(overview.effort, efforts, rows) * overview.step - age
+        rows[1:] = (overview.q[1:] != overview.q[:-1]).any(axis=1)
+    age = _mean_age(overview.q, positions, rows) * overview.step
+    late = _mean_age(overview.effort, efforts, rows) * overview.step - age
     if positions.every > 1:
         yield _held_positions(overview, positions, round(age, 5))
     elif (irregular := _irregular(overview)) is not None:

@@ -50,10 +50,17 @@ def noise_check(case: Case, evidence: Evidence) -> Finding:
     bad = np.flatnonzero(constant | coarse | loud)
     seen = np.flatnonzero(move) if move.any() else np.arange(len(move))
     least, loudest = seen[np.argmin(levels[seen])], seen[np.argmax(share[seen])]
-    clauses = [
-        *_blamed(case, evidence, constant, coarse, loud, levels),
-        _noise_facts(case, overview, noise, evidence.recording.signals.effort_units),
+    columns = evidence.recording.signals.effort
+    steps = overview.resolution[overview.channels.effort]
+    flat = ", ".join(f"{case.joints[j]} (column '{columns[j]}')" for j in np.flatnonzero(constant))
+    noisy = ", ".join(case.joints[j] for j in np.flatnonzero(loud))
+    clauses = [f"the effort of {flat} never changes: it is not measured"] if flat else []
+    clauses += [
+        f"the effort of {case.joints[j]} has only {levels[j]} levels, {steps[j]:.2g} apart"
+        for j in np.flatnonzero(coarse)
     ]
+    clauses += [f"the effort of {noisy} is mostly noise"] if noisy else []
+    clauses.append(_noise_facts(case, overview, noise, evidence.recording.signals.effort_units))
     fix = DECLARE_MEASURED_COLUMNS if constant.any() else LEAVE_COARSE_JOINTS
     return Finding.of(
         Severity.WRONG if constant.any() else Severity(int(len(bad) > 0)),
@@ -66,31 +73,6 @@ def noise_check(case: Case, evidence: Evidence) -> Finding:
         fix=with_others(fix, evidence) if len(bad) else None,
         picture=_noise_picture(case, evidence, overview, int(bad[0] if len(bad) else least)),
     )
-
-
-def _blamed(
-    case: Case,
-    evidence: Evidence,
-    constant: NDArray[np.bool_],
-    coarse: NDArray[np.bool_],
-    loud: NDArray[np.bool_],
-    levels: NDArray[np.intp],
-) -> list[str]:
-    clauses, columns = [], evidence.recording.signals.effort
-    if constant.any():
-        named = (f"{case.joints[j]} (column '{columns[j]}')" for j in np.flatnonzero(constant))
-        clauses.append(f"the effort of {', '.join(named)} never changes: it is not measured")
-    overview = signal_overview(case, evidence)
-    steps = overview.resolution[overview.channels.effort]
-    for joint in np.flatnonzero(coarse):
-        clauses.append(
-            f"the effort of {case.joints[joint]} has only {levels[joint]} levels, "
-            f"{steps[joint]:.2g} apart"
-        )
-    if loud.any():
-        names = ", ".join(case.joints[j] for j in np.flatnonzero(loud))
-        clauses.append(f"the effort of {names} is mostly noise")
-    return clauses
 
 
 def _noise_facts(case: Case, overview: SignalOverview, noise: Array, units: tuple[str, ...]) -> str:
@@ -122,14 +104,13 @@ LONG_STAY = 5
 """Stays of usual length that a stay at the highest or lowest value must be long at least."""
 OFTEN_AT_LIMIT = 0.005
 """Share of all rows there from which on an effort is cut off, too."""
-STEPS_BESIDE_EXTREME = 5
-"""Steps of the sensor next to an extreme, for the usual length of a stay at one level."""
+STEPS_BESIDE_EXTREME, REACH_BESIDE_EXTREME = 5, 5.5
+"""Steps of the sensor next to an extreme, for the usual length of a stay at one level; and with
+room for rounding."""
 STAY_RATIO = 8.0
 r"""Stay at the extreme over the mean stay beside it, at least. A smooth peak that fills its highest
 level stays $2\sqrt2$ there and $\sqrt{k+1} - \sqrt k$ on each side of the levels below it: a ratio
 of 6.9 for $k = 1 ... 5$, and a row more by rounding."""
-REACH_BESIDE_EXTREME = STEPS_BESIDE_EXTREME + 0.5
-"""The same with room for rounding."""
 SWITCHED_GAP = 0.15
 """Distance to the next level over the range, from which on an effort is switched, not cut off."""
 FEWEST_UNSIGNED_JOINTS = 2
@@ -149,7 +130,7 @@ class _Stay:
 
     @property
     def share(self) -> float:
-        """Rows over the bound: 1 or more of what is cut off."""
+        """1 or more of what is cut off."""
         return self.rows / self.bound
 
 
@@ -157,10 +138,12 @@ class _Stay:
 def saturation_check(case: Case, evidence: Evidence) -> Finding:
     """Efforts that stay at exactly their highest or lowest value."""
     overview = signal_overview(case, evidence)
-    stays = [_stay(column) for column in overview.effort.T]
+    ends = [(_highest(x), _highest(-x)) for x in overview.effort.T]
+    stays = [
+        high if high.share >= low.share else replace(low, value=-low.value) for high, low in ends
+    ]
     cut = [j for j, stay in enumerate(stays) if stay.share >= 1.0]
     worst = max(range(len(stays)), key=lambda j: stays[j].share)
-    names = tuple(case.joints[j] for j in cut)
     unit = evidence.recording.signals.effort_units
     clauses = [
         f"the effort of {case.joints[j]} stays at {stays[j].value:.4g} {unit[j]} "
@@ -176,15 +159,9 @@ def saturation_check(case: Case, evidence: Evidence) -> Finding:
         f"{stays[worst].rows} rows at an extreme ({case.joints[worst]})"
         + (f", fewer than {bound:.0f} required" if np.isfinite(bound) else ""),
         Fix("move slower or with less load, or raise the range of the effort measurement"),
-        joints=names,
+        joints=[case.joints[j] for j in cut],
         picture=picture if cut else None,
     )
-
-
-def _stay(effort: Array) -> _Stay:
-    """The more striking of the stays at the highest and at the lowest value."""
-    high, low = _highest(effort), _highest(-effort)
-    return high if high.share >= low.share else replace(low, value=-low.value)
 
 
 def _highest(effort: Array) -> _Stay:

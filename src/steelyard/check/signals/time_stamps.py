@@ -10,11 +10,11 @@ through the links' lengths, in that of accelerations. So a fit identifies $s$ as
 size of gravity. The typical residual variance, in logarithms, is sought over $\ln s$.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields, replace
+from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import SteelyardError
@@ -66,36 +66,20 @@ SLOW_LEAP_SHARE = 0.2
 """Typical velocity, over the rms one, below which missing rows cannot be detected."""
 
 
-@dataclass(frozen=True, eq=False)
-class PositionLeaps:
-    """Where positions leap ahead.
+def _leaps(t: Array, q: Array) -> tuple[Array, int]:
+    """How many rows' time is missing where all joints leap ahead at once, one number each.
 
-    Attributes:
-        rows: The rows before, numbers among those given, shape `(k,)`.
-        missing: How many rows' time is missing at each, shape `(k,)`.
-        moving: Rows at which a leap would have been seen.
+    And the number of rows at which a leap would have been seen. By increasing times `(N,)` [s] and
+    positions `(N, n)`; rows that repeat all positions are left out before.
     """
-
-    rows: NDArray[np.intp]
-    missing: Array
-    moving: int
-
-
-def position_leaps(t: Array, q: Array) -> PositionLeaps:
-    """Leaps of all joints at once; rows that repeat all positions are left out before.
-
-    Args:
-        t: Times of the rows, increasing, shape `(N,)` [s].
-        q: Positions, shape `(N, n)`.
-    """
-    none = PositionLeaps(np.zeros(0, dtype=np.intp), np.zeros(0), 0)
     fresh = np.flatnonzero(np.concatenate(([True], (np.diff(q, axis=0) != 0.0).any(axis=1))))
     if len(fresh) < 8 * STEPS_AROUND_LEAP:
-        return none
+        return np.zeros(0), 0
     velocity = np.diff(q[fresh], axis=0) / np.diff(t[fresh])[:, None]
     size = np.sqrt(np.mean(np.square(velocity), axis=0))
     velocity = velocity[:, size > 0.0] / size[size > 0.0]
-    around = _around(velocity)
+    windows = np.lib.stride_tricks.sliding_window_view(velocity, 2 * STEPS_AROUND_LEAP + 1, axis=0)
+    around = np.median(np.delete(windows, STEPS_AROUND_LEAP, axis=2), axis=2)
     inner = velocity[STEPS_AROUND_LEAP:-STEPS_AROUND_LEAP]
     square = np.sum(np.square(around), axis=1)
     factor = np.sum(inner * around, axis=1) / np.maximum(square, 1e-300)
@@ -106,17 +90,7 @@ def position_leaps(t: Array, q: Array) -> PositionLeaps:
         & (factor >= LEAP_FACTOR)
         & (left <= COMMON_LEAP_RESIDUE * np.linalg.norm(inner, axis=1))
     )
-    at = np.flatnonzero(found)
-    return PositionLeaps(
-        fresh[at + STEPS_AROUND_LEAP], factor[at] - 1.0, int(np.count_nonzero(moving))
-    )
-
-
-def _around(velocity: Array) -> Array:
-    """Median of the velocities before and after each, itself aside, without the ends."""
-    windows = np.lib.stride_tricks.sliding_window_view(velocity, 2 * STEPS_AROUND_LEAP + 1, axis=0)
-    others = np.delete(windows, STEPS_AROUND_LEAP, axis=2)
-    return np.asarray(np.median(others, axis=2))
+    return factor[found] - 1.0, int(np.count_nonzero(moving))
 
 
 DOUBTFUL_GAPS, GAPS_PER_ROW = 5, 2.5e-4
@@ -130,17 +104,11 @@ REPEATED_STAMP_SHARE, BACKWARD_SHARE = 0.01, 0.05
 
 @dataclass(frozen=True)
 class _Steps:
-    """What the stamps say, in true seconds.
+    """What the stamps say, in true seconds."""
 
-    Attributes:
-        step: Median step forward [s].
-        steps: All steps [s].
-        jitter: Standard deviation of steps without gaps, over the median one.
-    """
-
-    step: float
-    steps: Array
-    jitter: float
+    step: float  # median step forward [s]
+    steps: Array  # all steps [s]
+    jitter: float  # standard deviation of steps without gaps, over the median one
 
     @property
     def long(self) -> Array:
@@ -207,7 +175,7 @@ def _clock_found(case: Case, evidence: Evidence) -> Finding:
         )
     found, gone = _judged(steps), missing_rows(case, evidence)
     if found.severity is Severity.OK and gone is not None:
-        return _leaps(gone, steps.step)
+        return _leaps_found(*gone, steps.step)
     if column == ROW:
         found = replace(found, says=f"{found.says}, as declared: the log has no column of time")
     return replace(found, picture=_picture(steps, overview.stamps))
@@ -221,27 +189,24 @@ def out_of_order(case: Case, evidence: Evidence) -> bool:
 
 
 @cached_per_log
-def missing_rows(case: Case, evidence: Evidence) -> PositionLeaps | None:
-    """Where rows are missing though stamps go on evenly; `None` if there are hardly any."""
+def missing_rows(case: Case, evidence: Evidence) -> tuple[Array, int] | None:
+    """Leaps where rows are missing though stamps go on evenly; `None` if there are hardly any."""
     overview = signal_overview(case, evidence)
     if not overview.moves:
         return None
-    found = position_leaps(overview.t, overview.q)
-    often = (
-        len(found.rows) >= DOUBTFUL_LEAPS and found.missing.sum() >= DOUBTFUL_MISSING * found.moving
-    )
-    return found if often else None
+    missing, moving = _leaps(overview.t, overview.q)
+    often = len(missing) >= DOUBTFUL_LEAPS and missing.sum() >= DOUBTFUL_MISSING * moving
+    return (missing, moving) if often else None
 
 
-def _leaps(found: PositionLeaps, step: float) -> Finding:
-    share = float(found.missing.sum()) / max(found.moving, 1)
-    typical = float(np.median(found.missing))
+def _leaps_found(missing: Array, moving: int, step: float) -> Finding:
+    share = float(missing.sum()) / max(moving, 1)
+    typical = float(np.median(missing))
     return Finding.of(
         Severity.WRONG if share >= MUCH_MISSING else Severity.DOUBTFUL,
-        f"rows are missing though time stamps are uniform: at {len(found.rows)} places all "
+        f"rows are missing though time stamps are uniform: at {len(missing)} places all "
         f"joints jump ahead simultaneously, by {typical:.2g} rows typically; "
-        f"{_time(step * found.missing.sum())} in all. Time stamps were made uniform after rows "
-        "were lost",
+        f"{_time(step * missing.sum())} in all. Time stamps were made uniform after rows were lost",
         f"{percent_of(share)} of the rows in motion are missing (at most "
         f"{100.0 * DOUBTFUL_MISSING:g} % allowed)",
         fix=Fix("log the controller's own time stamps, and do not change them"),
@@ -364,39 +329,29 @@ class _Scaled(Run):
             yield replace(block, dq=self.factor * block.dq, ddq=self.factor**2 * block.ddq)
 
 
-class _Search:
-    """Logarithm of the typical residual variance of one run, by scale of its clock."""
+def _by_scale(regressor: Regressor, run: Run) -> Callable[[float], tuple[float, float]]:
+    """Logarithm of the typical residual variance, and samples, by the logarithm of the scale."""
+    values = {f.name: getattr(run, f.name) for f in fields(Run)}
 
-    def __init__(self, regressor: Regressor, run: Run) -> None:
-        self._regressor, self._run = regressor, run
-        self._known: dict[float, float] = {}
-        self.samples = 1.0
+    @cache
+    def variance(x: float) -> tuple[float, float]:
+        information = gather(regressor, _Scaled(**values, factor=float(np.exp(x))))
+        fit = WeightedLeastSquares(rounds=ROW_WEIGHT_ROUNDS).fit(information)
+        samples = float(information.n_samples.sum())
+        return float(information.n_samples @ np.log(fit.variances) / samples), samples
 
-    def __call__(self, x: float) -> float:
-        if x not in self._known:
-            values = {f.name: getattr(self._run, f.name) for f in fields(Run)}
-            scaled = _Scaled(**values, factor=float(np.exp(x)))
-            information = gather(self._regressor, scaled)
-            fit = WeightedLeastSquares(rounds=ROW_WEIGHT_ROUNDS).fit(information)
-            counts = information.n_samples
-            self.samples = float(counts.sum())
-            self._known[x] = float(counts @ np.log(fit.variances) / self.samples)
-        return self._known[x]
+    return variance
 
-    def best(self) -> tuple[float, float]:
-        """The best logarithm of the scale, and its standard deviation."""
-        x, std = min(TRIED_SCALES.tolist(), key=self), np.inf
-        for step in SCALE_STEPS:
-            x, std = self._parabola(x, step)
-        return x, std
 
-    def _parabola(self, x: float, step: float) -> tuple[float, float]:
-        low, mid, high = (self(x + d) for d in (-step, 0.0, step))
+def _best_scale(variance: Callable[[float], tuple[float, float]]) -> tuple[float, float]:
+    """The best logarithm of the scale, and its standard deviation."""
+    x, std = min(TRIED_SCALES.tolist(), key=variance), np.inf
+    for step in SCALE_STEPS:
+        (low, _), (mid, samples), (high, _) = (variance(x + d) for d in (-step, 0.0, step))
         bend = (low - 2.0 * mid + high) / step**2
-        if bend <= 0.0:
-            return x, np.inf
-        shift = float(np.clip(0.5 * (low - high) / step / bend, -step, step))
-        return x + shift, float(np.sqrt(2.0 / (bend * self.samples)))
+        std = float(np.sqrt(2.0 / (bend * samples))) if bend > 0.0 else np.inf
+        x += float(np.clip(0.5 * (low - high) / step / bend, -step, step)) if bend > 0.0 else 0.0
+    return x, std
 
 
 def time_scale(case: Case) -> Finding | None:
@@ -405,17 +360,16 @@ def time_scale(case: Case) -> Finding | None:
     if signals is None or signals.velocity is not None:
         return None
     try:
-        found = longest_run(
-            case, lambda log: int(driven_joints(case, log).sum()) >= FEWEST_RATE_JOINTS
-        )
+        found = longest_run(case, lambda log: driven_joints(case, log).sum() >= FEWEST_RATE_JOINTS)
         if found is None:
             return None
         evidence, run = found
-        search = _Search(base_regressor(customary_model(case)), run)
-        if min(search(TRIED_SCALE), search(-TRIED_SCALE)) > search(0.0) - VARIANCE_FALL:
+        variance = _by_scale(base_regressor(customary_model(case)), run)
+        now = variance(0.0)[0]
+        if min(variance(x)[0] for x in (TRIED_SCALE, -TRIED_SCALE)) > now - VARIANCE_FALL:
             return None
-        x, std = search.best()
-        gone = 1.0 - float(np.exp(search(x) - search(0.0)))
+        x, std = _best_scale(variance)
+        gone = 1.0 - float(np.exp(variance(x)[0] - now))
     except (SteelyardError, TypeError):
         return None
     if (
@@ -449,7 +403,7 @@ def time_scale_by_velocities(case: Case, evidence: Evidence) -> Finding | None:
     reliable = np.flatnonzero(units.agreement.reliable_joints)
     if len(reliable) < FEWEST_RATE_JOINTS:
         return None
-    ratio = np.array([units.relative(int(j)) for j in reliable])
+    ratio = units.relative[reliable]
     scale, spread = float(np.mean(ratio)), float(np.ptp(ratio))
     if spread > UNEVEN_RATE or not RATE_TOLERANCE < abs(scale - 1.0) < MOST_OFF:
         return None

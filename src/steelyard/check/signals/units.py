@@ -67,21 +67,13 @@ SAME_SCALE = 1.15
 
 @dataclass(frozen=True)
 class JointReading:
-    """Units of one joint.
+    """Units of one joint."""
 
-    Attributes:
-        position_unit: Of the positions.
-        position_scale: Radians (metres) that a declared one really is.
-        velocity_unit: Of the velocities; empty if none are logged.
-        velocity_scale: The same of velocities.
-        cost: Of this reading.
-    """
-
-    position_unit: str
-    position_scale: float
-    velocity_unit: str
-    velocity_scale: float
-    cost: float
+    position_unit: str  # of the positions
+    position_scale: float  # radians (metres) that a declared one really is
+    velocity_unit: str  # of the velocities; empty if none are logged
+    velocity_scale: float  # the same of velocities
+    cost: float  # of this reading
 
 
 def step_cost(step: float) -> float:
@@ -94,30 +86,19 @@ def step_cost(step: float) -> float:
 
 @dataclass(frozen=True)
 class JointFacts:
-    """What one joint's units are judged by.
+    """What one joint's units are judged by."""
 
-    Attributes:
-        coordinate: The joint.
-        low: Lowest position, as declared.
-        high: Highest position.
-        speed: Nearly the highest speed, in the seconds in which the log was looked at.
-        moves: Whether it moves.
-        scale: Velocity over derivative in the same seconds; NaN if that is not known.
-        positions: Units of the positions, the declared one first, and their scales over its.
-        velocities: The same of the velocities; empty if none are logged.
-        changed: What another unit of the velocities costs.
-        named: Units of position and velocity that the columns' names say; empty if they do not.
-    """
-
-    coordinate: Coordinate
-    low: float
-    high: float
-    speed: float
-    moves: bool
-    scale: float
+    coordinate: Coordinate  # the joint
+    low: float  # lowest position, as declared
+    high: float  # highest position
+    speed: float  # nearly the highest speed, in the seconds in which the log was looked at
+    moves: bool  # whether it moves
+    scale: float  # velocity over derivative in the same seconds; NaN if that is not known
+    # units of the positions, the declared one first, and their scales over its
     positions: dict[str, float]
-    velocities: dict[str, float]
-    changed: float
+    velocities: dict[str, float]  # the same of the velocities; empty if none are logged
+    changed: float  # what another unit of the velocities costs
+    # units of position and velocity that the columns' names say; empty if they do not
     named: tuple[str, str] = ("", "")
 
     def cheapest(self, second: float) -> JointReading:
@@ -212,25 +193,16 @@ SURE_UNIT_GAIN = 1.0
 
 @dataclass(frozen=True)
 class UnitReading:
-    """The units that fit best.
+    """The units that fit best."""
 
-    Attributes:
-        time_unit: Of the stamps; `ROW` where velocities contradict the declared rate.
-        second: Seconds that a declared second really has.
-        joints: Units of each joint.
-        as_declared: The same with the units as declared, for their costs.
-        cost: Of all.
-        declared_cost: Of all units as declared.
-        agreement: Velocities against derivatives, in seconds of this reading but positions and
-            velocities as declared; `None` if there are none.
-    """
-
-    time_unit: str
-    second: float
-    joints: tuple[JointReading, ...]
-    as_declared: tuple[JointReading, ...]
-    cost: float
-    declared_cost: float
+    time_unit: str  # of the stamps; `ROW` where velocities contradict the declared rate
+    second: float  # seconds that a declared second really has
+    joints: tuple[JointReading, ...]  # units of each joint
+    as_declared: tuple[JointReading, ...]  # the same with the units as declared, for their costs
+    cost: float  # of all
+    declared_cost: float  # of all units as declared
+    # velocities against derivatives, in seconds of this reading but positions and velocities
+    # as declared; `None` if there are none
     agreement: VelocityAgreement | None
 
     @property
@@ -240,13 +212,11 @@ class UnitReading:
         gains = [a.cost - b.cost for a, b in pairs if a.position_unit != b.position_unit]
         return min((gain for gain in gains if gain > 0.0), default=0.0) >= SURE_UNIT_GAIN
 
-    def relative(self, joint: int) -> float:
-        """Velocity over derivative of the position once all units are right; NaN if unknown."""
-        if self.agreement is None:
-            return float("nan")
-        units = self.joints[joint]
-        scale = float(self.agreement.scale[joint])
-        return scale * units.velocity_scale / units.position_scale
+    @property
+    def relative(self) -> Array:
+        """Velocity over derivative once all units are right, shape `(n,)`; NaN if unknown."""
+        scale = np.nan if self.agreement is None else self.agreement.scale
+        return scale * np.array([j.velocity_scale / j.position_scale for j in self.joints])
 
 
 def logged_velocities(case: Case, evidence: Evidence) -> tuple[tuple[str, ...], Array] | None:
@@ -266,20 +236,6 @@ def logged_velocities(case: Case, evidence: Evidence) -> tuple[tuple[str, ...], 
         return None
     values = np.concatenate(parts)[overview.kept]
     return columns, np.where(np.isfinite(values), values, 0.0)
-
-
-def unit_of(scale: float, units: Mapping[str, float]) -> str:
-    """The unit with that scale; the nearest one."""
-    return min(units, key=lambda unit: abs(log(units[unit] / abs(scale))))
-
-
-def declared_units(evidence: Evidence, case: Case) -> tuple[str, ...]:
-    """Unit of each position as the robot file declares it."""
-    scales = evidence.recording.signals.position_scale
-    return tuple(
-        unit_of(float(s), POSITION_UNITS[c.kind])
-        for s, c in zip(scales, case.loaded.robot.coordinates, strict=True)
-    )
 
 
 def unit_value(
@@ -355,15 +311,15 @@ def _facts(
     scale = np.full(n, np.nan)
     if agreed is not None:
         scale = np.where(agreed.reliable_joints, agreed.scale, np.nan)
-    positions, logged = declared_units(evidence, case), logged_velocities(case, evidence)
+    logged = logged_velocities(case, evidence)
     rated = ("",) * n if logged is None else logged[0]
     own = np.ones(n)
     if signals.velocity is not None and signals.velocity_scale is not None:
-        own = np.abs(signals.velocity_scale)
+        own = signals.velocity_scale
     facts = []
     for joint, c in enumerate(case.loaded.robot.coordinates):
         of_position, of_velocity = POSITION_UNITS[c.kind], VELOCITY_UNITS[c.kind]
-        rates = _relative(unit_of(float(own[joint]), of_velocity), of_velocity)
+        rates = _relative(float(own[joint]), of_velocity)
         facts.append(
             JointFacts(
                 c,
@@ -372,7 +328,7 @@ def _facts(
                 float(fast[joint]),
                 bool(slope.moving[joint]),
                 float(scale[joint]),
-                _relative(positions[joint], of_position),
+                _relative(float(signals.position_scale[joint]), of_position),
                 {} if agreed is None else rates,
                 CHANGED_UNIT_COST if signals.velocity is not None else 0.5 * CHANGED_UNIT_COST,
                 (_named(signals.position[joint], of_position), _named(rated[joint], of_velocity)),
@@ -390,10 +346,10 @@ def _named(column: str, units: Mapping[str, float]) -> str:
     return ""
 
 
-def _relative(declared: str, units: Mapping[str, float]) -> dict[str, float]:
-    """Scales of units over that of the declared one, which comes first."""
-    ordered = [declared, *(unit for unit in units if unit != declared)]
-    return {unit: units[unit] / units[declared] for unit in ordered}
+def _relative(scale: float, units: Mapping[str, float]) -> dict[str, float]:
+    """Scales of units over that of the declared one, nearest to a scale, which comes first."""
+    declared = min(units, key=lambda unit: abs(log(units[unit] / abs(scale))))
+    return {declared: 1.0} | {unit: size / units[declared] for unit, size in units.items()}
 
 
 @cached_per_log

@@ -1,12 +1,13 @@
 """Are logged velocities the derivatives of the positions?"""
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import log
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.base.arrays import Array
 from steelyard.check.case import Case, Evidence, log_check
 from steelyard.check.decision.verdict import positions_at_fault
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, trace
@@ -31,44 +32,7 @@ VELOCITY_PICTURE_TIME = 10.0
 REMOVE_VELOCITIES = tuple(
     Edit(("signals", key), None) for key in ("velocity", "velocity_unit", "velocity_sign")
 )
-LEAVE_VELOCITIES_OUT = "leave the velocities out: positions are differentiated then"
-
-
-@dataclass(frozen=True, eq=False)
-class _VelocityFaults:
-    """What is wrong with velocities; arrays are masks over the joints.
-
-    Attributes:
-        swapped: Another column fits.
-        unit: They are in another unit.
-        turned: They have the other sign.
-        scaled: They are off by a factor that is no unit's.
-        strange: They are not the derivative of any position.
-        late: They lag.
-        differenced: They are differences of a row's position and its neighbour's.
-        of_positions: Whether the unit of positions, which is doubtful, is what is wrong.
-    """
-
-    swapped: NDArray[np.bool_]
-    unit: NDArray[np.bool_]
-    turned: NDArray[np.bool_]
-    scaled: NDArray[np.bool_]
-    strange: NDArray[np.bool_]
-    late: NDArray[np.bool_]
-    differenced: NDArray[np.bool_]
-    of_positions: bool
-
-    @property
-    def grave(self) -> NDArray[np.bool_]:
-        """Joints with a fault that is not only a lag."""
-        bad: NDArray[np.bool_] = self.swapped | self.unit | self.turned | self.scaled | self.strange
-        return bad
-
-    @property
-    def misplaced(self) -> bool:
-        """Whether nothing is wrong but order and sign, which positions may have instead."""
-        other: NDArray[np.bool_] = self.unit | self.scaled | self.strange
-        return bool((self.swapped | self.turned).any() and not other.any())
+LEAVE_OUT = Fix("leave the velocities out: positions are differentiated then", REMOVE_VELOCITIES)
 
 
 @log_check("velocity", "Are velocities the derivatives of positions?")
@@ -83,141 +47,168 @@ def velocity_check(case: Case, evidence: Evidence) -> Finding | None:
         return None
     if misplaced_velocities(case, evidence) or not signal_overview(case, evidence).moves:
         return None
-    columns = logged[0]
-    declared = evidence.recording.signals.velocity is not None
-    faults = _faults(case, evidence, units, agreed)
-    clauses = _clauses(case, columns, units, agreed, faults, declared)
+    columns, velocities = logged[0], _Velocities(case, evidence, *logged, units, agreed)
+    declared, bad = evidence.recording.signals.velocity is not None, velocities.faulty
+    grave = bool(velocities.of("swapped", "unit", "turned", "scaled", "strange").any())
+    clauses = velocities.clauses
     severity, fix, answered = Severity.OK, None, True
     if missing_rows(case, evidence) is not None:
         clauses, answered = ["rows are missing, which breaks d(q)/dt: see clock"], False
-    elif declared and faults.misplaced and positions_at_fault(case, evidence):
+    elif declared and velocities.misplaced and positions_at_fault(case, evidence):
         clauses.append("the positions are wrong")
-    elif declared and faults.grave.any() and faults.of_positions:
+    elif declared and grave and velocities.of_positions:
         severity = Severity.DOUBTFUL
         fix = Fix("check the unit of the positions; the velocities agree with it as declared")
-    elif declared and faults.grave.any():
-        severity, fix = Severity.WRONG, _fix(case, evidence, columns, units, faults)
-    elif declared and (faults.late | faults.differenced).any():
-        severity, fix = Severity.DOUBTFUL, Fix(LEAVE_VELOCITIES_OUT, REMOVE_VELOCITIES)
-    bad = faults.grave | faults.late | faults.differenced
+    elif declared and grave:
+        severity, fix = Severity.WRONG, velocities.fix
+    elif declared and bad.any():
+        severity, fix = Severity.DOUBTFUL, LEAVE_OUT
     left_out = "" if declared else f"velocities ({columns[0]} ...) are logged but left out; "
     return Finding.of(
         severity,
-        left_out + "; ".join([*clauses, _facts(agreed)]),
-        _value_text(case, evidence, units, agreed),
+        left_out + "; ".join([*clauses, _lags(agreed)]),
+        velocities.value_text,
         joints=tuple(case.joints[j] for j in np.flatnonzero(bad)),
         fix=fix,
-        picture=_picture(case, agreed, _worst(agreed, bad)),
+        picture=_picture(case, agreed, bad),
         answered=answered,
     )
 
 
-def _faults(
-    case: Case, evidence: Evidence, units: UnitReading, agreed: VelocityAgreement
-) -> _VelocityFaults:
-    overview, signals = signal_overview(case, evidence), evidence.recording.signals
-    driven, n = driven_joints(case, evidence), len(agreed.order)
-    # what is only dragged along moves too little for a scale or a lag
-    reliable = agreed.reliable_joints & driven
-    relative = np.array([abs(units.relative(j)) for j in range(n)])
-    step = overview.step * units.second
-    with np.errstate(invalid="ignore"):
-        off = np.abs(np.log(np.where(relative > 0.0, relative, np.nan))) > log(SAME_SCALE)
+@dataclass(frozen=True, eq=False)
+class _Velocities:
+    """Logged velocities `(N, n)` of one log in their columns, and what is wrong with them."""
+
+    case: Case
+    evidence: Evidence
+    columns: tuple[str, ...]
+    logged: Array
+    units: UnitReading
+    agreed: VelocityAgreement
+
+    @cached_property
+    def faults(self) -> dict[str, NDArray[np.bool_]]:
+        """Masks over the joints, shape `(n,)`.
+
+        Another column fits; they are in another unit, of the other sign, off by a factor that is
+        no unit's, or the derivative of no position; they lag, or are differences of a row's
+        position and its neighbour's.
+        """
+        overview, agreed, units = signal_overview(self.case, self.evidence), self.agreed, self.units
+        signals, driven = self.evidence.recording.signals, driven_joints(self.case, self.evidence)
+        # what is only dragged along moves too little for a scale or a lag
+        reliable = agreed.reliable_joints & driven
+        ratio, step = np.abs(units.relative), overview.step * units.second
         taken_out = 0.0 if signals.velocity is None else signals.velocity_delay
-        late = np.abs(agreed.lag - taken_out) > np.maximum(
-            LATE_STEPS * step, LATE_ERRORS * agreed.lag_std
-        )
-        turned = reliable & (agreed.scale < 0.0)
-    pairs = list(zip(units.as_declared, units.joints, strict=True))
-    swapped, strange = agreed.order != np.arange(n), driven & ~reliable
-    unit = reliable & np.array([a.velocity_unit != b.velocity_unit for a, b in pairs])
-    positions = np.array([a.position_unit != b.position_unit for a, b in pairs])
-    other = swapped | turned | (reliable & off) | strange
-    differenced, logged = np.zeros(n, dtype=np.bool_), logged_velocities(case, evidence)
-    if logged is not None:
+        with np.errstate(invalid="ignore"):
+            off = np.abs(np.log(np.where(ratio > 0.0, ratio, np.nan))) > log(SAME_SCALE)
+            longest = np.maximum(LATE_STEPS * step, LATE_ERRORS * agreed.lag_std)
+            late = np.abs(agreed.lag - taken_out) > longest
+            turned = agreed.scale < 0.0
+        pairs = zip(units.as_declared, units.joints, strict=True)
         q = overview.q * [joint.position_scale for joint in units.joints]
-        dq = logged[1] * [joint.velocity_scale for joint in units.joints]
-        differenced = driven & one_sided_differences(units.second * overview.t, q, dq)
-    of_positions = not units.sure and not other.any() and bool(positions[unit].all())
-    return _VelocityFaults(
-        swapped, unit, turned, reliable & off, strange, reliable & late, differenced, of_positions
-    )
+        dq = self.logged * [joint.velocity_scale for joint in units.joints]
+        return {
+            "swapped": agreed.order != np.arange(len(driven)),
+            "unit": reliable & [a.velocity_unit != b.velocity_unit for a, b in pairs],
+            "turned": reliable & turned,
+            "scaled": reliable & off,
+            "strange": driven & ~reliable,
+            "late": reliable & late,
+            "differenced": driven & one_sided_differences(units.second * overview.t, q, dq),
+        }
 
+    def of(self, *faults: str) -> NDArray[np.bool_]:
+        """Joints with any of some faults, shape `(n,)`."""
+        return np.asarray(np.any([self.faults[fault] for fault in faults], axis=0))
 
-def _clauses(
-    case: Case,
-    columns: tuple[str, ...],
-    units: UnitReading,
-    agreed: VelocityAgreement,
-    faults: _VelocityFaults,
-    declared: bool,
-) -> list[str]:
-    """What is wrong, one clause each."""
-    clauses = []
-    unused = "" if declared else ", but are not used"
-    if faults.swapped.any():
-        pairs = [f"{columns[agreed.order[j]]} is of {case.joints[j]}" for j in _at(faults.swapped)]
-        clauses.append(f"velocity columns are swapped: {', '.join(pairs)}")
-    if faults.unit.any():
-        unit = " and ".join(sorted({units.joints[j].velocity_unit for j in _at(faults.unit)}))
-        are = "may be" if faults.of_positions else "are"
-        clauses.append(f"velocities of {case.listed(_at(faults.unit))} {are} in {unit}")
-    if faults.turned.any():
-        clauses.append(
-            f"position and velocity of {case.listed(_at(faults.turned))} have opposite signs, "
-            "either may be at fault"
+    @property
+    def faulty(self) -> NDArray[np.bool_]:
+        """Joints with any fault, shape `(n,)`."""
+        return self.of(*self.faults)
+
+    @property
+    def misplaced(self) -> bool:
+        """Whether nothing is wrong but order and sign, which positions may have instead."""
+        other = self.of("unit", "scaled", "strange")
+        return bool(self.of("swapped", "turned").any() and not other.any())
+
+    @property
+    def of_positions(self) -> bool:
+        """Whether the unit of positions, which is doubtful, is what is wrong."""
+        pairs = zip(self.units.as_declared, self.units.joints, strict=True)
+        other = np.array([a.position_unit != b.position_unit for a, b in pairs])
+        alone = not self.of("swapped", "turned", "scaled", "strange").any()
+        return not self.units.sure and alone and bool(other[self.faults["unit"]].all())
+
+    @property
+    def clauses(self) -> list[str]:
+        """What is wrong, one clause each."""
+        order, joints, units = self.agreed.order, self.case.joints, self.units.joints
+        found = {k: np.flatnonzero(mask).tolist() for k, mask in self.faults.items()}
+        declared = self.evidence.recording.signals.velocity is not None
+        unused = "" if declared else ", but are not used"
+        swapped = ", ".join(f"{self.columns[order[j]]} is of {joints[j]}" for j in found["swapped"])
+        unit = " and ".join(sorted({units[j].velocity_unit for j in found["unit"]}))
+        are = "may be" if self.of_positions else "are"
+        factors = ", ".join(f"{abs(self.units.relative[j]):.3g}" for j in found["scaled"])
+        says = {
+            "swapped": f"velocity columns are swapped: {swapped}",
+            "unit": f"velocities of %s {are} in {unit}",
+            "turned": "position and velocity of %s have opposite signs, either may be at fault",
+            "scaled": f"velocities of %s are {factors} times d(q)/dt",
+            "strange": "velocities of %s are not the derivatives of the positions",
+            "late": f"velocities of %s are late{unused}",
+            "differenced": "velocities of %s are differences of successive positions: half a row "
+            f"late, with twice the noise{unused}",
+        }
+        named = {fault: self.case.listed(which) for fault, which in found.items() if which}
+        return [says[fault].replace("%s", names) for fault, names in named.items()]
+
+    @property
+    def fix(self) -> Fix:
+        """Order, unit and sign put right; or no velocities, if they cannot be."""
+        order, signals = self.agreed.order, self.evidence.recording.signals
+        if self.of("scaled", "strange").any():
+            return LEAVE_OUT
+        edits, says = [], []
+        if self.faults["swapped"].any():
+            edits.append(Edit(("signals", "velocity"), [self.columns[k] for k in order]))
+            says.append("order the columns as the joints are")
+        if self.faults["unit"].any():
+            units = [joint.velocity_unit for joint in self.units.joints]
+            value = unit_value(units, self.case, VELOCITY_UNITS)
+            edits.append(Edit(("signals", "velocity_unit"), value))
+            says.append("declare the unit of the velocities")
+        if self.faults["turned"].any() and signals.velocity_scale is not None:
+            own = np.sign(signals.velocity_scale)[order]
+            signs = np.where(self.faults["turned"], -own, own)
+            edits.append(Edit(("signals", "velocity_sign"), [int(s) for s in signs]))
+            says.append(
+                "change the signs of the velocities (or of the positions, if a check against "
+                "a model finds them wrong)"
+            )
+        return Fix("; ".join(says), tuple(edits))
+
+    @property
+    def value_text(self) -> str:
+        """The joints whose scale and whose lag are farthest off."""
+        agreed, joints = self.agreed, self.case.joints
+        reliable = np.flatnonzero(agreed.reliable_joints)
+        if not len(reliable):
+            best = float(np.nanmax(np.abs(agreed.correlation)))
+            return f"correlation of {best:.2g} with d(q)/dt, at least 0.9 required"
+        far = reliable[np.argmax(np.abs(self.units.relative[reliable] - 1.0))]
+        late = reliable[np.argmax(np.abs(agreed.lag[reliable]))]
+        step = 1e3 * signal_overview(self.case, self.evidence).step * self.units.second
+        return (
+            f"{joints[far]}: {agreed.scale[far]:.3g} times d(q)/dt ({1.0 / SAME_SCALE:.2g} to "
+            f"{SAME_SCALE:g} allowed); {joints[late]}: {1e3 * agreed.lag[late]:.2f} ± "
+            f"{1e3 * agreed.lag_std[late]:.2f} ms late (at most {LATE_STEPS * step:.3g} ms allowed)"
         )
-    factors = ", ".join(f"{abs(units.relative(j)):.3g}" for j in _at(faults.scaled))
-    for mask, says in (
-        (faults.scaled, f"{factors} times d(q)/dt"),
-        (faults.strange, "not the derivatives of the positions"),
-        (faults.late, f"late{unused}"),
-        (
-            faults.differenced,
-            "differences of successive positions: half a row late, with twice the noise" + unused,
-        ),
-    ):
-        if mask.any():
-            clauses.append(f"velocities of {case.listed(_at(mask))} are {says}")
-    return clauses
 
 
-def _fix(
-    case: Case,
-    evidence: Evidence,
-    columns: tuple[str, ...],
-    units: UnitReading,
-    faults: _VelocityFaults,
-) -> Fix:
-    """Order, unit and sign put right; or no velocities, if they cannot be."""
-    agreed, signals = units.agreement, evidence.recording.signals
-    if faults.scaled.any() or faults.strange.any() or agreed is None:
-        return Fix(LEAVE_VELOCITIES_OUT, REMOVE_VELOCITIES)
-    edits, says = [], []
-    if faults.swapped.any():
-        order: Any = [columns[k] for k in agreed.order]
-        edits.append(Edit(("signals", "velocity"), order))
-        says.append("order the columns as the joints are")
-    if faults.unit.any():
-        value = unit_value([j.velocity_unit for j in units.joints], case, VELOCITY_UNITS)
-        edits.append(Edit(("signals", "velocity_unit"), value))
-        says.append("declare the unit of the velocities")
-    if faults.turned.any() and signals.velocity_scale is not None:
-        own = np.sign(signals.velocity_scale)[agreed.order]
-        signs = np.where(faults.turned, -own, own)
-        edits.append(Edit(("signals", "velocity_sign"), [int(s) for s in signs]))
-        says.append(
-            "change the signs of the velocities (or of the positions, if a check against "
-            "a model finds them wrong)"
-        )
-    return Fix("; ".join(says), tuple(edits))
-
-
-def _at(mask: NDArray[np.bool_]) -> list[int]:
-    return np.flatnonzero(mask).tolist()
-
-
-def _facts(agreed: VelocityAgreement) -> str:
+def _lags(agreed: VelocityAgreement) -> str:
     """The lags in words."""
     reliable = agreed.reliable_joints
     if not reliable.any():
@@ -228,34 +219,10 @@ def _facts(agreed: VelocityAgreement) -> str:
     return f"velocities lag {spread} ms (± {error:.1g}) behind d(q)/dt"
 
 
-def _value_text(
-    case: Case, evidence: Evidence, units: UnitReading, agreed: VelocityAgreement
-) -> str:
-    reliable = _at(agreed.reliable_joints)
-    if not reliable:
-        best = float(np.nanmax(np.abs(agreed.correlation)))
-        return f"correlation of {best:.2g} with d(q)/dt, at least 0.9 required"
-    ratio = np.array([units.relative(j) for j in range(len(agreed.order))])
-    far = max(reliable, key=lambda j: abs(ratio[j] - 1.0))
-    late = max(reliable, key=lambda j: abs(float(agreed.lag[j])))
-    step = 1e3 * signal_overview(case, evidence).step * units.second
-    declared = float(agreed.scale[far])
-    return (
-        f"{case.joints[far]}: {declared:.3g} times d(q)/dt ({1.0 / SAME_SCALE:.2g} to "
-        f"{SAME_SCALE:g} allowed); {case.joints[late]}: {1e3 * agreed.lag[late]:.2f} ± "
-        f"{1e3 * agreed.lag_std[late]:.2f} ms late (at most {LATE_STEPS * step:.3g} ms allowed)"
-    )
-
-
-def _worst(agreed: VelocityAgreement, bad: NDArray[np.bool_]) -> int:
-    if bad.any():
-        return _at(bad)[0]
+def _picture(case: Case, agreed: VelocityAgreement, bad: NDArray[np.bool_]) -> Picture:
+    """Derivative and velocity, as declared, of the first bad or the latest joint at its busiest."""
     lag = np.where(agreed.reliable_joints, np.abs(agreed.lag), -1.0)
-    return int(np.argmax(lag))
-
-
-def _picture(case: Case, agreed: VelocityAgreement, joint: int) -> Picture:
-    """Derivative and velocity of a joint where it is busiest, as declared."""
+    joint = int(np.argmax(bad if bad.any() else lag))
     v, t = agreed.derivative[joint], agreed.t
     length = len(t)
     if length > 1:

@@ -7,6 +7,7 @@ $\delta$ the controller's filter, and the correlation of every column with every
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,34 +34,17 @@ BETTER_ORDER_GAIN = 0.1
 
 @dataclass(frozen=True, eq=False)
 class VelocityAgreement:
-    """What velocities have to do with positions, for each joint.
+    """What velocities have to do with positions, for each joint."""
 
-    Attributes:
-        order: Number of the velocity column that fits each joint, shape `(n,)`.
-        moving: Joints that move enough to compare, shape `(n,)`.
-        scale: Logged velocity per derivative of the position, shape `(n,)`; NaN where not moving.
-        lag: How much later the velocity is, shape `(n,)` [s].
-        lag_std: Standard error of the lag, shape `(n,)` [s].
-        correlation: At that lag, shape `(n,)`.
-        t: Time from the first sample of the longest stretch, shape `(N,)` [s].
-        derivative: Low-passed derivative of the positions there, shape `(n, N)`.
-        logged: Low-passed velocities there, in the order of the columns, shape `(n, N)`.
-    """
-
-    order: NDArray[np.intp]
-    moving: NDArray[np.bool_]
-    scale: Array
-    lag: Array
-    lag_std: Array
-    correlation: Array
-    t: Array
-    derivative: Array
-    logged: Array
-
-    @property
-    def swapped(self) -> tuple[int, ...]:
-        """Joints whose velocity is in another column."""
-        return tuple(np.flatnonzero(self.order != np.arange(len(self.order))).tolist())
+    order: NDArray[np.intp]  # number of the velocity column that fits each joint, shape `(n,)`
+    moving: NDArray[np.bool_]  # joints that move enough to compare, shape `(n,)`
+    scale: Array  # logged velocity per derivative of the position, `(n,)`; NaN where not moving
+    lag: Array  # how much later the velocity is, shape `(n,)` [s]
+    lag_std: Array  # standard error of the lag, shape `(n,)` [s]
+    correlation: Array  # at that lag, shape `(n,)`
+    t: Array  # time from the first sample of the longest stretch, shape `(N,)` [s]
+    derivative: Array  # low-passed derivative of the positions there, shape `(n, N)`
+    logged: Array  # low-passed velocities there, in the order of the columns, shape `(n, N)`
 
     def in_seconds(self, second: float) -> "VelocityAgreement":
         """The same with time in other units, of which each is so many of those here."""
@@ -77,24 +61,15 @@ class VelocityAgreement:
     def reliable_joints(self) -> NDArray[np.bool_]:
         """Joints whose scale and lag can be believed."""
         with np.errstate(invalid="ignore"):
-            sure: NDArray[np.bool_] = self.moving & (
-                np.abs(self.correlation) >= AGREEING_CORRELATION
-            )
-        return sure
+            return np.asarray(self.moving & (np.abs(self.correlation) >= AGREEING_CORRELATION))
 
 
 def velocity_agreement(
     overview: SignalOverview, velocity: Array, second: float = 1.0
 ) -> VelocityAgreement | None:
-    """Hold velocities against positions.
+    """Hold velocities of the good rows `(N, n)` against positions, with seconds of that length.
 
-    Args:
-        overview: The log.
-        velocity: Velocities of the good rows, shape `(N, n)`.
-        second: Seconds that a declared second really has.
-
-    Returns:
-        What was found; `None` if the log has no stretch that is long enough.
+    `None` if the log has no stretch that is long enough.
     """
     n = velocity.shape[1]
     even, rate = overview.even(np.concatenate((overview.q, velocity), axis=1), second)
@@ -126,7 +101,7 @@ def _velocity_order(
     table = np.abs(np.stack([_correlations(pairs, int(k)) for k in lags]))
     table[:, ~moving] = 0.0
     n = len(moving)
-    own, at_once = np.arange(n), np.zeros(n, dtype=np.intp)
+    own = np.arange(n)
     together = np.trace(table, axis1=1, axis2=2)
     values = []
     for one in table:
@@ -140,26 +115,25 @@ def _velocity_order(
     order = own
     if moved.any() and sure.all() and gain >= BETTER_ORDER_GAIN * np.count_nonzero(moved):
         order = chosen
-    for joint in np.flatnonzero(moving):
-        at_once[joint] = lags[int(np.argmax(table[:, joint, order[joint]]))]
-    return order, at_once
+    at_once = lags[np.argmax(table[:, own, order], axis=0)]
+    return order, np.where(moving, at_once, 0)
 
 
 def _correlations(pairs: list[tuple[Array, Array]], lag: int) -> Array:
     """Correlation of every derivative with every velocity that much later, shape `(n, n)`."""
     n = len(pairs[0][0])
-    product, left, right = np.zeros((n, n)), np.zeros(n), np.zeros(n)
+    both, left, right = np.zeros((n, n)), np.zeros(n), np.zeros(n)
     for v, w in pairs:
         length = v.shape[1] - abs(lag)
         if length <= 0:
             continue
         a = v[:, max(0, -lag) : max(0, -lag) + length]
         b = w[:, max(0, lag) : max(0, lag) + length]
-        product += a @ b.T
+        both += a @ b.T
         left += np.square(a).sum(axis=1)
         right += np.square(b).sum(axis=1)
     size = np.sqrt(left[:, None] * right[None])
-    return np.divide(product, size, out=np.zeros((n, n)), where=size > 0.0)
+    return np.divide(both, size, out=np.zeros((n, n)), where=size > 0.0)
 
 
 def _velocity_fit(
@@ -216,23 +190,16 @@ VELOCITY_UNIT_RATIOS = tuple(a / b for a in _SCALES for b in _SCALES if a != b)
 def rate_by_velocities(
     signals: Signals, overview: SignalOverview, logged: tuple[Sequence[str], Array] | None
 ) -> float | None:
-    """The rate at which velocities are the derivative of the positions [Hz].
+    """The rate at which logged velocities `(N, n)` are the derivative of the positions [Hz].
 
     Velocities that are a multiple of the derivative, the same in all joints, show the rate, unless
-    the multiple is the ratio of two units.
-
-    Args:
-        signals: As declared.
-        overview: The log's good rows.
-        logged: Columns of velocities and their values `(N, n)`; `None` if there are none.
-
-    Returns:
-        The rate; `None` if there is a column of time, the declared rate is right, or nothing moves.
+    the multiple is the ratio of two units. `None` if there is a column of time, the declared rate
+    is right, or nothing moves.
     """
-    agreed = (
-        None if logged is None or signals.time != ROW else velocity_agreement(overview, logged[1])
-    )
-    if agreed is None or logged is None:
+    if logged is None or signals.time != ROW:
+        return None
+    agreed = velocity_agreement(overview, logged[1])
+    if agreed is None:
         return None
     scales = agreed.scale[agreed.reliable_joints]
     if len(scales) < FEWEST_RATE_JOINTS or not (scales > 0.0).all():
@@ -245,12 +212,8 @@ def rate_by_velocities(
     near = 0.5 * RATE_TOLERANCE if stated else max(RATE_TOLERANCE, spread)
     if any(abs(scale / ratio - 1.0) < near for ratio in VELOCITY_UNIT_RATIOS):
         return None
-    return _round_rate(scale / signals.time_scale)
-
-
-def _round_rate(rate: float) -> float:
-    """The rate with the fewest digits that is as near as velocities determine it."""
-    rates = [float(f"{rate:.{digits}g}") for digits in (1, 2, 3, 4)]
+    rate = scale / signals.time_scale  # with the fewest digits that is as near as it is determined
+    rates = (float(f"{rate:.{digits}g}") for digits in (1, 2, 3, 4))
     return next(x for x in rates if abs(x / rate - 1.0) < 0.5 * RATE_TOLERANCE)
 
 
@@ -261,22 +224,16 @@ FEWEST_MOVING_ROWS = 50
 """Rows in motion from which on there is a finding."""
 SLOW_VELOCITY_SHARE = 0.05
 """Share of the fastest below which a joint rests."""
-DIFFERENCE_STEP_TOLERANCE = 0.05
+DIFFERENCE_STEP_RANGE = (-0.05, 0.05)
 """How far the step that differences were divided by may be off the clock's."""
 DIFFERENCE_ROUNDING = 1e-6
 """The same over the velocities, where positions have no noise."""
 
 
 def one_sided_differences(t: Array, q: Array, dq: Array) -> NDArray[np.bool_]:
-    """Whether each velocity is the difference of its row's position and a neighbour's.
+    """Whether each velocity is the difference of its row's position and a neighbour's, `(n,)`.
 
-    Args:
-        t: Times of the rows, increasing, shape `(N,)` [s].
-        q: Positions, shape `(N, n)`.
-        dq: Velocities in their unit per second, shape `(N, n)`.
-
-    Returns:
-        Shape `(n,)`.
+    Increasing times `(N,)` [s]; positions and, in their unit per second, velocities `(N, n)`.
     """
     if len(t) < FEWEST_MOVING_ROWS:
         return np.zeros(q.shape[1], dtype=np.bool_)
@@ -294,13 +251,9 @@ def _is_one(slopes: Sequence[Array], dq: Array) -> bool:
     noise = min(float(np.median(np.square(np.diff(x, n=2))[fast[1:-1]])) for x in slopes)
     size = float(np.sqrt(np.mean(np.square(dq))))
     bound = max(SAME_DIFFERENCE * np.sqrt(noise / 6.0), DIFFERENCE_ROUNDING * size)
-    pairs = [(logged, slope) for logged in (dq[1:], dq[:-1]) for slope in slopes]
-    return any(_distance_from_difference(x[fast], slope[fast]) <= bound for x, slope in pairs)
-
-
-def _distance_from_difference(dq: Array, slope: Array) -> float:
-    """Distance of nine rows in ten, up to a factor near one for the step that was divided by."""
-    factor = np.clip(
-        np.median(dq / slope), 1.0 - DIFFERENCE_STEP_TOLERANCE, 1.0 + DIFFERENCE_STEP_TOLERANCE
-    )
-    return float(np.quantile(np.abs(dq - factor * slope), 0.9))
+    for logged, slope in product((dq[1:][fast], dq[:-1][fast]), (x[fast] for x in slopes)):
+        # up to a factor near one for the step that was divided by, in nine rows of ten
+        off = np.clip(np.median(logged / slope) - 1.0, *DIFFERENCE_STEP_RANGE)
+        if np.quantile(np.abs(logged - (1.0 + off) * slope), 0.9) <= bound:
+            return True
+    return False

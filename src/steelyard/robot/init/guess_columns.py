@@ -42,24 +42,17 @@ _BY_NAME = "by the joints' names"
 
 @dataclass(frozen=True)
 class Guess:
-    """What a log's columns seem to be.
+    """What a log's columns seem to be."""
 
-    Attributes:
-        section: As the robot file would say it; a current's gain is left open.
-        joints: Joints that the log has positions and efforts of, in the order of the columns.
-        velocity: Velocity columns that were seen, and left out.
-        reasons: Why, one sentence each, for the user.
-        contradictions: Values that contradict the model file, one sentence each.
-        gears: Gears between motors and joints, where the log has positions of both.
-        velocity_unit: Unit of all velocity columns, or one per joint; `None` for rad/s and m/s.
-    """
-
-    section: SignalsSection
+    section: SignalsSection  # as the robot file would say it; a current's gain is left open
+    # joints that the log has positions and efforts of, in the order of the columns
     joints: tuple[str, ...]
-    velocity: tuple[str, ...]
-    reasons: tuple[str, ...]
-    contradictions: tuple[str, ...] = ()
+    velocity: tuple[str, ...]  # velocity columns that were seen, and left out
+    reasons: tuple[str, ...]  # why, one sentence each, for the user
+    contradictions: tuple[str, ...] = ()  # values that contradict the model file, one sentence each
+    # gears between motors and joints, where the log has positions of both
     gears: Gears | None = None
+    # unit of all velocity columns, or one per joint; `None` for rad/s and m/s
     velocity_unit: Any = None
 
     @property

@@ -126,21 +126,13 @@ class VelocityGuess:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Velocities of a log against its positions, medians over the joints that move.
+    """Velocities of a log against its positions, medians over the joints that move."""
 
-    Attributes:
-        scale: Of the positions over the integrated velocities.
-        late: How late velocities come [s].
-        step: Of the clock [s].
-        noise: Of the velocities over that of differences of positions.
-        farthest: The scale that differs most from 1, of any joint that moves.
-    """
-
-    scale: float
-    late: float
-    step: float
-    noise: float
-    farthest: float
+    scale: float  # of the positions over the integrated velocities
+    late: float  # how late velocities come [s]
+    step: float  # of the clock [s]
+    noise: float  # of the velocities over that of differences of positions
+    farthest: float  # the scale that differs most from 1, of any joint that moves
 
     @property
     def delay(self) -> str:

@@ -24,29 +24,20 @@ class Effort:
 
 @dataclass(frozen=True)
 class Known:
-    """What the robot file states beyond the columns.
+    """What the robot file states beyond the columns."""
 
-    Attributes:
-        effort: Content of the effort columns; as guessed if `None`.
-        gains: Joint torque per logged base unit, or `identify`, one per joint; none if unknown.
-        gains_source: Where they come from, in words.
-        reference: Number of the joint whose gain is set to 1 where none is known.
-        gravity: Gravity in the base frame [m/s²]; the model's if `None`.
-        gears: Gears between motors and joints.
-        zeros: Joint positions where the log says zero [rad; m]; none if unknown.
-        auto: Whether friction laws are chosen from the data.
-        friction: Why, or why not, in words; empty without a log.
-    """
-
-    effort: Effort | None = None
+    effort: Effort | None = None  # content of the effort columns; as guessed if `None`
+    # joint torque per logged base unit, or `identify`, one per joint; none if unknown
     gains: tuple[Gain, ...] = ()
-    gains_source: str = ""
-    reference: int = 0
+    gains_source: str = ""  # where they come from, in words
+    reference: int = 0  # number of the joint whose gain is set to 1 where none is known
+    # gravity in the base frame [m/s²]; the model's if `None`
     gravity: tuple[float, float, float] | None = None
-    gears: Gears | None = None
+    gears: Gears | None = None  # gears between motors and joints
+    # joint positions where the log says zero [rad; m]; none if unknown
     zeros: tuple[float, ...] = ()
-    auto: bool = False
-    friction: str = ""
+    auto: bool = False  # whether friction laws are chosen from the data
+    friction: str = ""  # why, or why not, in words; empty without a log
 
 
 def with_effort(guess: Guess, effort: Effort | None) -> Guess:

@@ -59,28 +59,19 @@ class Assignment:
 
 @dataclass(frozen=True)
 class Draft:
-    """A robot file that is proposed, and what it rests on.
+    """A robot file that is proposed, and what it rests on."""
 
-    Attributes:
-        text: The robot file.
-        identified: Joints that it identifies.
-        hands: Joints that it locks because they are of a hand.
-        without_columns: Joints that carry or are carried by identified ones, and are locked because
-            the log has no columns for them.
-        apart: Other joints without columns; their positions do not matter.
-        guess: What the log's columns seem to be; `None` without a log, or where they are unknown.
-        missing: What the file lacks and what to do, one pair each.
-        unreadable: Whether `load_robot` refuses the file until gear ratios are filled in.
-    """
-
-    text: str
-    identified: tuple[str, ...]
-    hands: tuple[str, ...]
+    text: str  # the robot file
+    identified: tuple[str, ...]  # joints that it identifies
+    hands: tuple[str, ...]  # joints that it locks because they are of a hand
+    # joints that carry or are carried by identified ones, and are locked because the log has
+    # no columns for them
     without_columns: tuple[str, ...]
-    apart: tuple[str, ...]
+    apart: tuple[str, ...]  # other joints without columns; their positions do not matter
+    # what the log's columns seem to be; `None` without a log, or where they are unknown
     guess: Guess | None
-    missing: tuple[tuple[str, str], ...]
-    unreadable: bool
+    missing: tuple[tuple[str, str], ...]  # what the file lacks and what to do, one pair each
+    unreadable: bool  # whether `load_robot` refuses the file until gear ratios are filled in
 
 
 def assigned(
