@@ -157,7 +157,7 @@ class Positional(Viscous):
     law: ClassVar[str] = "positional"  # machine code is cached by the names of laws
 
     def columns(self, robot: Robot, state: JointState) -> Columns:
-        return spread(self.axes(robot), lambda _, axis: axis.of(state.dq) * axis.of(state.q))
+        return spread(self.axes(robot), [a.of(state.dq) * a.of(state.q) for a in self.axes(robot)])
 
 
 def test_friction_of_positions_is_part_of_the_torque_only(tmp_path: Path) -> None:

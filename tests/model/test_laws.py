@@ -215,7 +215,7 @@ def test_units_follow_the_joint(law: str) -> None:
 @pytest.mark.parametrize("kind", ["revolute", "prismatic"])
 def test_units_of_an_axis(kind: JointKind) -> None:
     axis = Axis("a", (1.0,), kind)
-    assert (axis.speed_unit, axis.effort_per("x")) == {
+    assert (axis.speed_unit, axis.unit("{force}/x")) == {
         "revolute": ("rad/s", "N m/x"),
         "prismatic": ("m/s", "N/x"),
     }[kind]

@@ -5,7 +5,7 @@ springs and offsets beside them. All programs read the arrays that `Quantity.arg
 channels of the terms that enter, and their standard parameters.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -15,7 +15,7 @@ import numpy as np
 from steelyard.base.errors import DataError, ModelError
 from steelyard.model.equations.closed_chains import completed
 from steelyard.model.equations.forward_dynamics import accelerations
-from steelyard.model.equations.inverse_dynamics import JointState, Scalar
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
 from steelyard.model.equations.kinematics import frame_of, frame_outputs
 from steelyard.model.terms.memory import Presliding
 from steelyard.model.terms.term import StatefulTerm, Term
@@ -25,7 +25,7 @@ from steelyard.symbolic.native.compiled import Code, compiled
 from steelyard.symbolic.program import InputArray as Input
 from steelyard.symbolic.program import Program
 
-Given = Mapping[str, Sequence[Scalar]]
+Given = Mapping[str, Scalars]
 """Symbols of the arguments, of `channels` and of `parameters`, by name."""
 
 
@@ -46,7 +46,7 @@ class Quantity:
     name: str
     arguments: tuple[str, ...]
     enters: Callable[[Term], bool]
-    build: Callable[[Equations, Given], Sequence[Scalar]]
+    build: Callable[[Equations, Given], Scalars]
     shape: Callable[[Equations], tuple[int, ...]]
     key: tuple[Any, ...] = ()
     pivot: bool = False
@@ -103,7 +103,7 @@ class Quantity:
             Input("parameters", len(part.parameters), shared=True),
         )
 
-        def build(*x: Sequence[Scalar]) -> list[Scalar]:
+        def build(*x: Scalars) -> list[Scalar]:
             given = dict(zip([array.name for array in inputs], x, strict=True))
             dq, ddq = given.get("dq", rest), given.get("ddq", rest)
             state = JointState(given["q"], dq, ddq, given["passive"])
@@ -120,13 +120,13 @@ class Quantity:
 
 def _efforts(part: Equations, given: Given) -> list[Scalar]:
     """Velocities and accelerations that are not given are zero."""
-    rest: Sequence[Scalar] = [0.0] * part.robot.n
+    rest: Scalars = [0.0] * part.robot.n
     dq, ddq = given.get("dq", rest), given.get("ddq", rest)
     state = JointState(given["q"], dq, ddq, given["channels"])
     return part.torque_of(state, given["parameters"])
 
 
-def _inertial(part: Equations, given: Given, ddq: Sequence[Scalar]) -> list[Scalar]:
+def _inertial(part: Equations, given: Given, ddq: Scalars) -> list[Scalar]:
     r"""$M(q)\,\ddot q$."""
     weightless = Equations(part.robot.changed(gravity=np.zeros(3)), part.terms)
     kept = {name: given[name] for name in ("q", "channels", "parameters")}
@@ -158,7 +158,7 @@ def _momentum_rate(part: Equations, given: Given) -> list[Scalar]:
     return [slope - g for slope, g in zip(slopes, weight, strict=True)]
 
 
-def _followed(part: Equations, given: Given, slopes: Sequence[Scalar]) -> list[Scalar]:
+def _followed(part: Equations, given: Given, slopes: Scalars) -> list[Scalar]:
     """Derivatives by all joints as derivatives by the independent ones, which the others follow."""
     n = part.robot.n
     rest: list[Scalar] = [0.0] * n

@@ -1,6 +1,6 @@
 """A robot and the terms of its torque as equations over symbols, and the programs made of them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -9,7 +9,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array, Parameter
 from steelyard.model.equations.closed_chains import completed, projected
-from steelyard.model.equations.inverse_dynamics import JointState, Scalar, inverse_dynamics
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars, inverse_dynamics
 from steelyard.model.laws.register import description_of
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.terms.memory import Presliding, Scan
@@ -80,9 +80,7 @@ class Equations:
         full, _ = completed(self.robot, state)
         return [x for term in self._remembering for x in term.started(self.robot, full)]
 
-    def stepped(
-        self, state: JointState, memory: Sequence[Scalar]
-    ) -> tuple[list[Scalar], list[Scalar]]:
+    def stepped(self, state: JointState, memory: Scalars) -> tuple[list[Scalar], list[Scalar]]:
         """Memory of friction after one step, and all channels there, from the memory before it.
 
         The state at the step's end is of independent joints, its channels the passive positions.
@@ -106,7 +104,7 @@ class Equations:
                 entries[row, start + column] = value
         return projected(self.robot, entries, torque_map)
 
-    def torque_of(self, state: JointState, values: Sequence[Scalar]) -> list[Scalar]:
+    def torque_of(self, state: JointState, values: Scalars) -> list[Scalar]:
         """Efforts over symbols: bodies by inverse dynamics, other terms by their columns."""
         full, torque_map = completed(self.robot, state)
         efforts: list[Scalar] = [0.0] * self.robot.n_joints

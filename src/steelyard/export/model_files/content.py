@@ -232,15 +232,16 @@ def _chain(robot: Robot, joints: Iterable[int]) -> bool:
 
 
 def _unit(axis: Axis, kind: AxisPartKind) -> str:
-    return {
-        "rotor": axis.inertia_unit,
-        "dry": axis.effort_unit,
-        "viscous": axis.rate_unit,
-        "quadratic": axis.effort_per(f"({axis.speed_unit})²"),
-        "cubic": axis.effort_per(f"({axis.speed_unit})³"),
-        "stiffness": axis.stiffness_unit,
-        "preload": axis.effort_unit,
-    }[kind]
+    units = {
+        "rotor": "{inertia}",
+        "dry": "{effort}",
+        "viscous": "{rate}",
+        "quadratic": "{force}/({speed})²",
+        "cubic": "{force}/({speed})³",
+        "stiffness": "{stiffness}",
+        "preload": "{effort}",
+    }
+    return axis.unit(units[kind])
 
 
 def _pulls(terms: Sequence[Placed], form: Format) -> tuple[tuple[Pull, ...], tuple[str, ...]]:

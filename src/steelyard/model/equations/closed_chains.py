@@ -22,6 +22,7 @@ import numpy as np
 from steelyard.model.equations.inverse_dynamics import (
     JointState,
     Scalar,
+    Scalars,
     Vector,
     _constant,
     _cross,
@@ -48,7 +49,7 @@ def solved(matrix: list[list[Scalar]], sides: Sequence[list[Scalar]]) -> list[li
     return [[inverse * along(adjugate[k], side) for k in size] for side in sides]
 
 
-def _cofactor(matrix: Sequence[Sequence[Scalar]], row: int, column: int) -> Scalar:
+def _cofactor(matrix: Sequence[Scalars], row: int, column: int) -> Scalar:
     rest = [
         [x for k, x in enumerate(line) if k != column] for j, line in enumerate(matrix) if j != row
     ]
@@ -56,14 +57,14 @@ def _cofactor(matrix: Sequence[Sequence[Scalar]], row: int, column: int) -> Scal
     return value if (row + column) % 2 == 0 else negative(value)
 
 
-def _determinant(matrix: Sequence[Sequence[Scalar]]) -> Scalar:
+def _determinant(matrix: Sequence[Scalars]) -> Scalar:
     if not matrix:
         return 1.0
     return along(matrix[0], [_cofactor(matrix, 0, k) for k in range(len(matrix))])
 
 
 def solved_by_factors(
-    matrix: Sequence[Sequence[Scalar]], sides: Sequence[Sequence[Scalar]]
+    matrix: Sequence[Scalars], sides: Sequence[Scalars]
 ) -> tuple[list[list[Scalar]], list[Scalar]]:
     r"""Solutions of a positive definite system $L D L^T$, one per right-hand side; and $D$."""
     size = range(len(matrix))
@@ -86,7 +87,7 @@ def solved_by_factors(
     return solutions, pivots
 
 
-def along(row: Sequence[Scalar], values: Sequence[Scalar]) -> Scalar:
+def along(row: Scalars, values: Scalars) -> Scalar:
     """Sum of products, leaving out what is zero by structure."""
     total: Scalar = None
     for factor, value in zip(row, values, strict=True):
@@ -153,7 +154,7 @@ def completed(robot: Robot, state: JointState) -> tuple[JointState, Any]:
     return JointState(q, dq, [*state.ddq, *ddq], state.channels[count:]), torque_map
 
 
-def corrected(robot: Robot, q: Sequence[Scalar], passive: Sequence[Scalar]) -> list[Scalar]:
+def corrected(robot: Robot, q: Scalars, passive: Scalars) -> list[Scalar]:
     """One Newton step of the passive positions, and the squared gap of every pin [m²] before it."""
     equations = loop_equations(robot)
     arms = _arms(robot, [*q, *passive])
@@ -192,7 +193,7 @@ def projected(
     return result
 
 
-def _arms(robot: Robot, q: Sequence[Scalar]) -> list[tuple[_Arm, _Arm]]:
+def _arms(robot: Robot, q: Scalars) -> list[tuple[_Arm, _Arm]]:
     """Both ends of every pin."""
     found = []
     for loop in robot.loops:
@@ -203,7 +204,7 @@ def _arms(robot: Robot, q: Sequence[Scalar]) -> list[tuple[_Arm, _Arm]]:
     return found
 
 
-def _arm(robot: Robot, chain: Sequence[int], point: Any, q: Sequence[Scalar]) -> _Arm:
+def _arm(robot: Robot, chain: Sequence[int], point: Any, q: Scalars) -> _Arm:
     rotation, position = _constant(np.eye(3)), _constant(np.zeros(3))
     hinges = []
     for body in (robot.bodies[k] for k in chain):
@@ -234,7 +235,7 @@ def _slopes(equations: LoopEquations, arms: Sequence[tuple[_Arm, _Arm]]) -> list
     return rows
 
 
-def _drift(arm: _Arm, dq: Sequence[Scalar]) -> Vector:
+def _drift(arm: _Arm, dq: Scalars) -> Vector:
     """How the point of an arm accelerates while no joint accelerates."""
     zero = _constant(np.zeros(3))
     omega, alpha, acceleration, origin = zero, zero, zero, zero

@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.model.equations.inverse_dynamics import Scalar
+from steelyard.model.equations.inverse_dynamics import Scalar, Scalars
 from steelyard.symbolic.native.compiled import Code, compiled
 from steelyard.symbolic.program import InputArray, Program, program_from_json, program_to_json
 
-Efforts = Callable[..., Sequence[Scalar]]
+Efforts = Callable[..., Scalars]
 """Position, velocity, acceleration and parameters to the effort of every joint."""
 
 
@@ -62,17 +62,17 @@ def effort_bounds(
         shared = InputArray("parameters", parameters, shared=True)
         law = None if rough is None else symbolic(rough, [*state, shared])
 
-        def values(*x: Sequence[Scalar]) -> list[Scalar]:
+        def values(*x: Scalars) -> list[Scalar]:
             middle, most, least = _spread(smooth(*x), law, x)
             if power:
                 return _powers(middle, most, least, x[1])
             return [a + b for part in (most, least) for a, b in zip(middle, part, strict=True)]
 
-        def slopes(*x: Sequence[Scalar]) -> list[Scalar]:
+        def slopes(*x: Scalars) -> list[Scalar]:
             found = values(*x)
             return [*found, *slopes_of(found, [v for part in x[:3] for v in part])]
 
-        def rates(*x: Sequence[Scalar]) -> list[Scalar]:
+        def rates(*x: Scalars) -> list[Scalar]:
             found = values(*x[:3], x[4])
             moving = [[v for part in x[k : k + 3] for v in part] for k in (0, 1)]
             return carried_along(found, *moving)
@@ -89,7 +89,7 @@ def effort_bounds(
 
 
 def _spread(
-    efforts: Sequence[Scalar], law: Program | None, x: Sequence[Sequence[Scalar]]
+    efforts: Scalars, law: Program | None, x: Sequence[Scalars]
 ) -> tuple[list[Scalar], list[Scalar], list[Scalar]]:
     """Efforts without signs, and the most and the least that signs add to them."""
     n = len(efforts)
@@ -129,10 +129,10 @@ def _larger(a: Scalar, b: Scalar) -> Scalar:
 
 
 def _powers(
-    middle: Sequence[Scalar],
-    most: Sequence[Scalar],
-    least: Sequence[Scalar],
-    dq: Sequence[Scalar],
+    middle: Scalars,
+    most: Scalars,
+    least: Scalars,
+    dq: Scalars,
 ) -> list[Scalar]:
     """Greatest powers of the joints and of all together, then the least."""
     own = [(m + 0.5 * (a + b)) * v for m, a, b, v in zip(middle, most, least, dq, strict=True)]

@@ -5,20 +5,20 @@ is their derivative and the rest is what is left at $\ddot q = 0$. Programs of t
 parameters sample by sample: a sample is a lane, and many sets of parameters move side by side.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import reduce
 from typing import Any
 
 import numpy as np
 
 from steelyard.model.equations.closed_chains import solved_by_factors
-from steelyard.model.equations.inverse_dynamics import Scalar
+from steelyard.model.equations.inverse_dynamics import Scalar, Scalars
 from steelyard.symbolic.program import InputArray, Program
 
 Q, DQ, EFFORT, PARAMETERS, WIDTHS = range(5)
 """Numbers of the input arrays."""
 
-Efforts = Callable[[Sequence[Scalar]], Sequence[Scalar]]
+Efforts = Callable[[Scalars], Scalars]
 """Accelerations to efforts."""
 
 
@@ -33,7 +33,7 @@ def inputs(n: int, parameters: int) -> tuple[InputArray, ...]:
     )
 
 
-def accelerations(efforts: Efforts, applied: Sequence[Scalar]) -> tuple[list[Scalar], list[Scalar]]:
+def accelerations(efforts: Efforts, applied: Scalars) -> tuple[list[Scalar], list[Scalar]]:
     """Accelerations under applied efforts, by $M = L D L^T$, and the pivots `D`.
 
     The pivots are positive if and only if the mass matrix is positive definite.
@@ -59,7 +59,7 @@ def runge_kutta(program: Program, n: int) -> Program:
         *held, (step,) = rest
         half = 0.5 * step
         at, speed, pivots = q, dq, list[Scalar]()
-        stages: list[tuple[Sequence[Scalar], Sequence[Scalar]]] = []
+        stages: list[tuple[Scalars, Scalars]] = []
         for ahead in (half, half, step, None):
             found = replayed(program, [at, speed, *held])
             stages.append((speed, found[:n]))

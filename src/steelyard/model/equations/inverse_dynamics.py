@@ -26,6 +26,7 @@ from steelyard.robot.rigid_body import skew
 from steelyard.robot.robot import Body, Robot
 
 Scalar = Any
+Scalars = Sequence[Scalar]
 Vector = Any
 Matrix = Any
 
@@ -38,10 +39,10 @@ class JointState:
     positions of joints that loops determine, states of friction with memory, reference loads.
     """
 
-    q: Sequence[Scalar]
-    dq: Sequence[Scalar]
-    ddq: Sequence[Scalar]
-    channels: Sequence[Scalar] = ()
+    q: Scalars
+    dq: Scalars
+    ddq: Scalars
+    channels: Scalars = ()
 
 
 @dataclass(frozen=True)
@@ -67,9 +68,7 @@ class _Moving:
     turning: Matrix
 
 
-def inverse_dynamics(
-    robot: Robot, state: JointState, inertials: Sequence[Sequence[Scalar]]
-) -> list[Scalar]:
+def inverse_dynamics(robot: Robot, state: JointState, inertials: Sequence[Scalars]) -> list[Scalar]:
     """Joint efforts of the rigid bodies.
 
     Args:
@@ -100,7 +99,7 @@ def inverse_dynamics(
 
 
 def carried_point(
-    robot: Robot, q: Sequence[Scalar], body: int, point: ArrayLike, ancestor: int = -1
+    robot: Robot, q: Scalars, body: int, point: ArrayLike, ancestor: int = -1
 ) -> tuple[Vector, dict[int, Vector]]:
     """Where a point `(3,)` [m] in a body's frame is, seen from one of the bodies that carry it.
 
@@ -182,7 +181,7 @@ def _placement(body: Body, x: Scalar) -> tuple[Matrix, Vector]:
     return fixed + _times(cosine, np.cos(x)) + _times(sine, np.sin(x)), _constant(body.position)
 
 
-def _wrench(motion: _Moving, ten: Sequence[Scalar]) -> tuple[Vector, Vector]:
+def _wrench(motion: _Moving, ten: Scalars) -> tuple[Vector, Vector]:
     """Force and moment that move a body, about its frame's origin."""
     m, h, six = ten[0], _vector(ten[1:4]), _vector(ten[4:10])
     force = _times(motion.acceleration, m) + motion.spread @ h
@@ -198,14 +197,14 @@ def _constant(values: Any) -> Any:
     return clean.astype(object)
 
 
-def _vector(values: Sequence[Scalar]) -> Vector:
+def _vector(values: Scalars) -> Vector:
     vector = np.empty(len(values), dtype=object)
     for index, value in enumerate(values):
         vector[index] = value
     return vector
 
 
-def _matrix(*rows: Sequence[Scalar]) -> Matrix:
+def _matrix(*rows: Scalars) -> Matrix:
     return np.stack([_vector(row) for row in rows])
 
 

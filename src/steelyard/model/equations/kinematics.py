@@ -24,6 +24,7 @@ from steelyard.model.equations.inverse_dynamics import (
     JointState,
     Matrix,
     Scalar,
+    Scalars,
     Vector,
     _constant,
     _placement,
@@ -145,9 +146,7 @@ def frame_kinematics(robot: Robot, frame: str | Frame) -> FrameKinematics:
     return FrameKinematics(robot, frame_of(robot, frame) if isinstance(frame, str) else frame)
 
 
-def frame_outputs(
-    robot: Robot, frame: Frame, q: Sequence[Scalar], passive: Sequence[Scalar]
-) -> list[Scalar]:
+def frame_outputs(robot: Robot, frame: Frame, q: Scalars, passive: Scalars) -> list[Scalar]:
     r"""Position, rotation and Jacobian of a frame, row by row; loops are closed at the positions.
 
     Passive joints follow the independent ones with $\dot q_p = G \dot q_a$, so that a frame behind
@@ -177,7 +176,7 @@ def points_on(robot: Robot, carriers: Sequence[int], places: ArrayLike) -> Point
     def build() -> tuple[Program, dict[str, Any]]:
         from steelyard.symbolic.trace import carried_along, symbolic
 
-        def outputs(q: Sequence[Scalar]) -> list[Scalar]:
+        def outputs(q: Scalars) -> list[Scalar]:
             slopes = (
                 carried_point(robot, q, *one)[1] for one in zip(carriers, points, strict=True)
             )
@@ -186,11 +185,11 @@ def points_on(robot: Robot, carriers: Sequence[int], places: ArrayLike) -> Point
                 *(x for s in slopes for x in _rows(s, n)),
             ]
 
-        def flow(q: Sequence[Scalar], dq: Sequence[Scalar]) -> list[Scalar]:
+        def flow(q: Scalars, dq: Scalars) -> list[Scalar]:
             positions = _positions(robot, carriers, points, q)
             return [*positions, *carried_along(positions, q, dq)]
 
-        def bend(q: Sequence[Scalar], dq: Sequence[Scalar], ddq: Sequence[Scalar]) -> list[Scalar]:
+        def bend(q: Scalars, dq: Scalars, ddq: Scalars) -> list[Scalar]:
             velocities = flow(q, dq)[3 * len(points) :]
             return carried_along(velocities, [*q, *dq], [*dq, *ddq])
 
@@ -219,9 +218,7 @@ def positions_of(robot: Robot, carriers: Sequence[int], places: ArrayLike, q: Ar
     return run(program, [q.T]).T.reshape(len(q), len(carriers), 3)
 
 
-def _positions(
-    robot: Robot, carriers: Sequence[int], points: Array, q: Sequence[Scalar]
-) -> list[Scalar]:
+def _positions(robot: Robot, carriers: Sequence[int], points: Array, q: Scalars) -> list[Scalar]:
     ends = zip(carriers, points, strict=True)
     return [x for body, point in ends for x in carried_point(robot, q, body, point)[0]]
 
@@ -238,7 +235,7 @@ def refuse_passive(robot: Robot, body: int, name: str) -> None:
             )
 
 
-def _turned(robot: Robot, q: Sequence[Scalar], frame: Frame) -> tuple[Matrix, dict[int, Vector]]:
+def _turned(robot: Robot, q: Scalars, frame: Frame) -> tuple[Matrix, dict[int, Vector]]:
     """Axes of a frame in the base frame, and the angular velocity per joint speed."""
     rotation, axes = _constant(np.eye(3)), dict[int, Vector]()
     for link in (robot.bodies[k] for k in robot.carriers(frame.body)):
@@ -268,9 +265,9 @@ def _rows(columns: dict[int, Vector], n: int) -> list[Scalar]:
 def _frame_motion_outputs(
     robot: Robot,
     frame: Frame,
-    q: Sequence[Scalar],
-    passive: Sequence[Scalar],
-    dq: Sequence[Scalar],
+    q: Scalars,
+    passive: Scalars,
+    dq: Scalars,
 ) -> list[Scalar]:
     """Outputs of `frame_outputs`, and the drift: how the velocities grow while `dq` is constant."""
     from steelyard.symbolic.trace import carried_along

@@ -7,19 +7,19 @@ from typing import ClassVar
 import numpy as np
 
 from steelyard.base.errors import ModelError
-from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.equations.inverse_dynamics import JointState, Scalars
 from steelyard.model.terms.axes import (
     DEFAULT_SHAPE,
+    Axes,
     Field,
     directions,
     is_zero,
     per_axis,
     refuse_negative,
     refuse_shape,
-    spread,
 )
 from steelyard.model.terms.model_files import Placed, Values, under
-from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation, Role
+from steelyard.model.terms.term import ActsOnAxes, Cause, Dissipation, Role
 from steelyard.robot.robot import Robot
 
 
@@ -62,14 +62,13 @@ class Coulomb(ActsOnAxes):
         """By the plain sign it sticks and slips: at rest it holds up to its size."""
         return "brake" if is_zero(self.threshold) and is_zero(self.smoothing) else "effort"
 
-    def columns(self, robot: Robot, state: JointState) -> Columns:
+    def efforts(self, axes: Axes, state: JointState) -> Scalars:
         """Direction of motion."""
-        axes = self.axes(robot)
         sense = directions(axes, state.dq, self.smoothing, self.law, self.shape)
         if is_zero(self.threshold):
-            return spread(axes, lambda k, _: sense[k])
-        rest = per_axis(self.threshold, axes, self.law)
-        return spread(axes, lambda k, axis: sense[k] * (np.abs(axis.of(state.dq)) > rest[k]))
+            return sense
+        parts = zip(sense, axes, per_axis(self.threshold, axes, self.law), strict=True)
+        return [s * (np.abs(axis.of(state.dq)) > rest) for s, axis, rest in parts]
 
     def in_model_files(self, robot: Robot, values: Values) -> Placed:
         """Dry friction by the plain sign."""

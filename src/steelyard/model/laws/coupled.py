@@ -68,7 +68,7 @@ class Coupled(Term):
                 f"{self.law}_{self.kind}.{mover.name}>{loaded.name}",
                 loaded.effort_unit
                 if self.kind == "coulomb"
-                else loaded.effort_per(f"({mover.speed_unit})"),
+                else loaded.unit(f"{{force}}/({mover.speed_unit})"),
             )
             for mover, loaded in self._axes(robot)
         )
@@ -82,7 +82,7 @@ class Coupled(Term):
             if self.kind == "coulomb"
             else [mover.of(state.dq) for mover in movers]
         )
-        return spread([loaded for _, loaded in pairs], lambda k, _: speeds[k])
+        return spread([loaded for _, loaded in pairs], speeds)
 
     def _axes(self, robot: Robot) -> list[tuple[Axis, Axis]]:
         return [

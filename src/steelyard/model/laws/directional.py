@@ -6,18 +6,18 @@ from typing import ClassVar
 
 import numpy as np
 
-from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.equations.inverse_dynamics import JointState, Scalars
 from steelyard.model.terms.axes import (
     DEFAULT_SHAPE,
+    Axes,
     Field,
+    directional,
     directions,
     refuse_negative,
     refuse_shape,
-    spread,
 )
 from steelyard.model.terms.model_files import Place, mean_of_directions
-from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation
-from steelyard.robot.robot import Robot
+from steelyard.model.terms.term import ActsOnAxes, Cause, Dissipation
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class DirectionalCoulomb(ActsOnAxes):
     cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "motion in both directions of"
     in_model_files: ClassVar[Place] = mean_of_directions("dry")
-    ways: ClassVar[tuple[str, ...]] = ("_forward", "_backward")
+    units: ClassVar[Mapping[str, str]] = {"_forward": "{effort}", "_backward": "{effort}"}
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
     smoothing: Field = 0.0
     shape: str = DEFAULT_SHAPE
@@ -47,14 +47,9 @@ class DirectionalCoulomb(ActsOnAxes):
         refuse_negative(self.law, smoothing=self.smoothing)
         refuse_shape(self.law, self.shape, self.smoothing)
 
-    def columns(self, robot: Robot, state: JointState) -> Columns:
+    def efforts(self, axes: Axes, state: JointState) -> Scalars:
         """The direction of motion, its positive and its negative part."""
-        axes = self.axes(robot)
-        sense = directions(axes, state.dq, self.smoothing, self.law, self.shape)
-        return {
-            **spread(axes, lambda k, _: 0.5 * (sense[k] + np.abs(sense[k]))),
-            **spread(axes, lambda k, _: 0.5 * (sense[k] - np.abs(sense[k])), len(axes)),
-        }
+        return directional(directions(axes, state.dq, self.smoothing, self.law, self.shape))
 
 
 @dataclass(frozen=True)
@@ -66,14 +61,9 @@ class DirectionalViscous(ActsOnAxes):
     cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "motion at several speeds in both directions of"
     in_model_files: ClassVar[Place] = mean_of_directions("viscous")
-    unit: ClassVar[str] = "rate_unit"
-    ways: ClassVar[tuple[str, ...]] = ("_forward", "_backward")
+    units: ClassVar[Mapping[str, str]] = {"_forward": "{rate}", "_backward": "{rate}"}
 
-    def columns(self, robot: Robot, state: JointState) -> Columns:
+    def efforts(self, axes: Axes, state: JointState) -> Scalars:
         """The velocity, its positive and its negative part."""
-        axes = self.axes(robot)
         speeds = [axis.of(state.dq) for axis in axes]
-        return {
-            **spread(axes, lambda k, _: np.maximum(speeds[k], 0.0)),
-            **spread(axes, lambda k, _: np.minimum(speeds[k], 0.0), len(axes)),
-        }
+        return [bound(x, 0.0) for bound in (np.maximum, np.minimum) for x in speeds]

@@ -1,16 +1,13 @@
 """Friction that falls when motion begins, by another amount in each direction."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from steelyard.model.equations.inverse_dynamics import JointState
+from steelyard.model.equations.inverse_dynamics import JointState, Scalars
 from steelyard.model.laws.stribeck import Stribeck
-from steelyard.model.terms.axes import directions, spread
+from steelyard.model.terms.axes import Axes, directional, directions
 from steelyard.model.terms.model_files import Place, mean_curve_of_directions
-from steelyard.model.terms.term import Columns
-from steelyard.robot.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -25,14 +22,10 @@ class DirectionalStribeck(Stribeck):
 
     law: ClassVar[str] = "directional_stribeck"
     in_model_files: ClassVar[Place] = mean_curve_of_directions("excess of friction at breakaway")
-    ways: ClassVar[tuple[str, ...]] = ("_forward", "_backward")
+    units: ClassVar[Mapping[str, str]] = {"_forward": "{effort}", "_backward": "{effort}"}
 
-    def columns(self, robot: Robot, state: JointState) -> Columns:
+    def efforts(self, axes: Axes, state: JointState) -> Scalars:
         """The direction of motion, its positive and its negative part, fading with speed."""
-        axes = self.axes(robot)
         sense = directions(axes, state.dq, self.smoothing, self.law, self.shape)
         fading = self.fading(axes, state.dq)
-        return {
-            **spread(axes, lambda k, _: 0.5 * (sense[k] + np.abs(sense[k])) * fading[k]),
-            **spread(axes, lambda k, _: 0.5 * (sense[k] - np.abs(sense[k])) * fading[k], len(axes)),
-        }
+        return [s * x for s, x in zip(directional(sense), fading * 2, strict=True)]

@@ -1,6 +1,6 @@
 """Friction that grows with the load on the joint."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Any, ClassVar
@@ -8,13 +8,13 @@ from typing import Any, ClassVar
 import numpy as np
 from typing_extensions import Self
 
-from steelyard.base.arrays import Array, Parameter
+from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError, advice
 from steelyard.model.equations.closed_chains import completed, projected
-from steelyard.model.equations.inverse_dynamics import JointState, Scalar
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
 from steelyard.model.laws.presliding import OneState
 from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.terms.axes import Axis, each
+from steelyard.model.terms.axes import Axes
 from steelyard.model.terms.memory import RigidTorque
 from steelyard.model.terms.model_files import Place, left_out
 from steelyard.model.terms.term import Dissipation
@@ -45,6 +45,7 @@ class LoadDependent(OneState):
     shown_by: ClassVar[str] = "motion in both directions under several loads of"
     in_model_files: ClassVar[Place] = left_out("friction that grows with load")
     unnamed: ClassVar[tuple[str, ...]] = ("per_run", "reference")
+    units: ClassVar[Mapping[str, str]] = {"": "1"}
     needs_reference: ClassVar[bool] = True
     state_only_fields: ClassVar[tuple[str, ...]] = ("length", "reference")
     reference: tuple[tuple[str, float], ...] = ()
@@ -65,12 +66,8 @@ class LoadDependent(OneState):
             )
         return replace(self, reference=tuple(bodies.items()))
 
-    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """One per coordinate, not negative."""
-        return each(self.axes(robot), self.law, lambda _: "1", lower=0.0)
-
     def channels(
-        self, robot: Robot, state: JointState, states: Sequence[Scalar], torque: RigidTorque
+        self, robot: Robot, state: JointState, states: Scalars, torque: RigidTorque
     ) -> list[Scalar]:
         """Load times direction."""
         borne = _borne(robot, state, list(torque(self.reference_of(robot))))
@@ -99,7 +96,7 @@ class LoadDependent(OneState):
                 where=f"robot '{robot.name}', list of terms",
                 fix=advice(strange[0], names, "numbers of bodies"),
             )
-        return np.array([values.get(name, 0.0) for name in names])
+        return RigidBody.numbers_of(robot, values)
 
 
 def _numbers(reference: Any) -> tuple[tuple[str, float], ...]:
@@ -129,7 +126,7 @@ def _borne(robot: Robot, state: JointState, torque: list[Scalar]) -> list[Scalar
     return [*(rows[row, 0] for row in range(n)), *(0.0 * x for x in torque[n:])]
 
 
-def _shares(robot: Robot, axes: Sequence[Axis]) -> Array:
+def _shares(robot: Robot, axes: Axes) -> Array:
     r"""Loads along the axes per torque of the joints, shape `(axes, n_joints)`.
 
     A motor bears its row of $R^{-T}\tau$; another coordinate $c$ bears $c \cdot \tau / \|c\|^2$.

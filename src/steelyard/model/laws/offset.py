@@ -4,11 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.terms.axes import spread
+from steelyard.model.equations.inverse_dynamics import JointState, Scalars
+from steelyard.model.terms.axes import Axes
 from steelyard.model.terms.model_files import Place, left_out
-from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation
-from steelyard.robot.robot import Robot
+from steelyard.model.terms.term import ActsOnAxes, Cause, Dissipation
 
 
 @dataclass(frozen=True)
@@ -24,6 +23,6 @@ class Offset(ActsOnAxes):
     symbol: ClassVar[str] = "OFF"
     shares: ClassVar[Mapping[str, tuple[float, float]]] = {"offset": (-0.03, 0.03)}
 
-    def columns(self, robot: Robot, state: JointState) -> Columns:
+    def efforts(self, axes: Axes, state: JointState) -> Scalars:
         """One."""
-        return spread(self.axes(robot), lambda _, axis: 0.0 * axis.of(state.dq) + 1.0)
+        return [0.0 * axis.of(state.dq) + 1.0 for axis in axes]

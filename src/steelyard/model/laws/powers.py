@@ -1,17 +1,16 @@
 """Friction that grows with a power of speed."""
 
 from abc import abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from steelyard.base.arrays import Parameter
-from steelyard.model.equations.inverse_dynamics import JointState, Scalar
-from steelyard.model.terms.axes import each, spread
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
+from steelyard.model.terms.axes import Axes
 from steelyard.model.terms.model_files import Place, as_one, curve_over_speed
-from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation
-from steelyard.robot.robot import Robot
+from steelyard.model.terms.term import ActsOnAxes, Cause, Dissipation
 
 CREEP = 1e-12
 """Speed up to which the root is a straight line, so that its slope stays finite [rad/s; m/s]."""
@@ -23,17 +22,10 @@ class _OfSpeed(ActsOnAxes):
     dissipation: ClassVar[Dissipation] = "together"
     cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "motion at several speeds of"
-    per: ClassVar[str]
-    """Unit of the function, with `{}` for that of speed."""
 
-    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """One per coordinate, not negative."""
-        axes = self.axes(robot)
-        return each(axes, self.law, lambda x: x.effort_per(self.per.format(x.speed_unit)), 0.0)
-
-    def columns(self, robot: Robot, state: JointState) -> Columns:
+    def efforts(self, axes: Axes, state: JointState) -> Scalars:
         """The function of each coordinate's speed."""
-        return spread(self.axes(robot), lambda _, axis: self.curve(axis.of(state.dq)))
+        return [self.curve(axis.of(state.dq)) for axis in axes]
 
     @abstractmethod
     def curve(self, speed: Scalar) -> Scalar:
@@ -46,7 +38,7 @@ class Quadratic(_OfSpeed):
 
     law: ClassVar[str] = "quadratic"
     in_model_files: ClassVar[Place] = as_one("quadratic")
-    per: ClassVar[str] = "({})²"
+    units: ClassVar[Mapping[str, str]] = {"": "{force}/({speed})²"}
 
     def curve(self, speed: Scalar) -> Scalar:
         """The square with the speed's sign."""
@@ -59,7 +51,7 @@ class Cubic(_OfSpeed):
 
     law: ClassVar[str] = "cubic"
     in_model_files: ClassVar[Place] = as_one("cubic")
-    per: ClassVar[str] = "({})³"
+    units: ClassVar[Mapping[str, str]] = {"": "{force}/({speed})³"}
 
     def curve(self, speed: Scalar) -> Scalar:
         """The cube."""
@@ -72,7 +64,7 @@ class Root(_OfSpeed):
 
     law: ClassVar[str] = "root"
     in_model_files: ClassVar[Place] = curve_over_speed("friction with the root of speed")
-    per: ClassVar[str] = "√({})"
+    units: ClassVar[Mapping[str, str]] = {"": "{force}/√({speed})"}
 
     def curve(self, speed: Scalar) -> Scalar:
         """The root with the speed's sign."""

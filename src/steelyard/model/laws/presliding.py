@@ -6,7 +6,7 @@ only LuGre, whose steady state depends on the velocity, takes the velocity of a 
 whole step.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -14,14 +14,20 @@ import numpy as np
 
 from steelyard.base.arrays import Array, Parameter
 from steelyard.base.errors import ModelError
-from steelyard.model.equations.inverse_dynamics import JointState, Scalar
-from steelyard.model.terms.axes import Axis, Field, each, per_axis, refuse_not_positive, spread
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
+from steelyard.model.terms.axes import (
+    Axes,
+    Axis,
+    Field,
+    each,
+    per_axis,
+    refuse_not_positive,
+)
 from steelyard.model.terms.memory import Presliding, RigidTorque, StateStep, relaxed
 from steelyard.model.terms.model_files import Place, full_sliding
-from steelyard.model.terms.term import INVENTED_TORQUE_SHARE, Cause, Columns, Dissipation
+from steelyard.model.terms.term import INVENTED_TORQUE_SHARE, Dissipation
 from steelyard.robot.robot import Robot
 
-REVERSALS = "reversals of"
 PRESLIDING_DISPLACEMENT = "presliding displacement"
 
 
@@ -33,8 +39,6 @@ class OneState(Presliding):
         length: Presliding length, one for all or one per coordinate [rad; m].
     """
 
-    cause: ClassVar[Cause] = "friction"
-    shown_by: ClassVar[str] = REVERSALS
     state_only_fields: ClassVar[tuple[str, ...]] = ("length",)
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"length": (1e-5, 3e-2)}
     length: Field = 3e-4
@@ -42,17 +46,11 @@ class OneState(Presliding):
     def __post_init__(self) -> None:
         refuse_not_positive(self.law, length=self.length)
 
-    def columns(self, robot: Robot, state: JointState) -> Columns:
-        """The channel."""
-        return spread(self.axes(robot), lambda k, _: state.channels[k])
-
-    def lengths_of(self, axes: Sequence[Axis]) -> list[float]:
+    def lengths_of(self, axes: Axes) -> list[float]:
         """One per coordinate."""
         return per_axis(self.length, axes, self.law)
 
-    def steps(
-        self, axes: Sequence[Axis], moved: Sequence[Scalar], speeds: Sequence[Scalar]
-    ) -> list[StateStep]:
+    def steps(self, axes: Axes, moved: Scalars, speeds: Scalars) -> list[StateStep]:
         """A Dahl state each [Dahl1968]."""
         return [relaxed(*x) for x in zip(moved, self.lengths_of(axes), strict=True)]
 
@@ -88,8 +86,6 @@ class MaxwellSlip(Presliding):
 
     law: ClassVar[str] = "maxwell_slip"
     dissipation: ClassVar[Dissipation] = "together"
-    cause: ClassVar[Cause] = "friction"
-    shown_by: ClassVar[str] = REVERSALS
     in_model_files: ClassVar[Place] = full_sliding(unsupported=PRESLIDING_DISPLACEMENT)
     state_only_fields: ClassVar[tuple[str, ...]] = ("lengths", "relaxing")
     lengths: tuple[float, ...] = (3e-4, 1e-3, 3e-3, 1e-2)
@@ -105,26 +101,14 @@ class MaxwellSlip(Presliding):
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """One per coordinate and element, not negative."""
-        return tuple(
-            parameter
-            for k in range(len(self.lengths))
-            for parameter in each(
-                self.axes(robot), f"{self.law}{k + 1}", lambda axis: axis.effort_unit, lower=0.0
-            )
-        )
+        names = [f"{self.law}{k + 1}" for k in range(len(self.lengths))]
+        return tuple(p for name in names for p in each(self.axes(robot), name, "{effort}", 0.0))
 
-    def columns(self, robot: Robot, state: JointState) -> Columns:
-        """The states of the elements."""
-        axes = self.axes(robot) * len(self.lengths)
-        return spread(axes, lambda k, _: state.channels[k])
-
-    def lengths_of(self, axes: Sequence[Axis]) -> list[float]:
+    def lengths_of(self, axes: Axes) -> list[float]:
         """One per element and coordinate."""
         return [length for length in self.lengths for _ in axes]
 
-    def steps(
-        self, axes: Sequence[Axis], moved: Sequence[Scalar], speeds: Sequence[Scalar]
-    ) -> list[StateStep]:
+    def steps(self, axes: Axes, moved: Scalars, speeds: Scalars) -> list[StateStep]:
         """Elements stretch, and slip at one or give way."""
         pairs = [(x, length) for length in self.lengths for x in moved]
         if self.relaxing:
@@ -157,11 +141,10 @@ class LuGre(Presliding):
 
     law: ClassVar[str] = "lugre"
     dissipation: ClassVar[Dissipation] = "each"
-    cause: ClassVar[Cause] = "friction"
-    shown_by: ClassVar[str] = REVERSALS
     in_model_files: ClassVar[Place] = full_sliding(
         "lugre", unsupported=f"{PRESLIDING_DISPLACEMENT} and breakaway"
     )
+    units: ClassVar[Mapping[str, str]] = {"": "{effort}", "_damping": "{force}/Hz"}
     shares: ClassVar[Mapping[str, tuple[float, float]]] = {"lugre_damping": (0.3, 0.8)}
     state_only_fields: ClassVar[tuple[str, ...]] = ("length", "breakaway", "speed")
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {
@@ -184,41 +167,22 @@ class LuGre(Presliding):
                 fix="give `breakaway` as a ratio of at least 1, one for all or a list",
             )
 
-    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """Coulomb friction and bristle damping per coordinate."""
-        axes = self.axes(robot)
-        return (
-            *each(axes, self.law, lambda axis: axis.effort_unit, lower=0.0),
-            *each(axes, f"{self.law}_damping", lambda axis: axis.effort_per("Hz"), lower=0.0),
-        )
-
-    def columns(self, robot: Robot, state: JointState) -> Columns:
-        """The state and its rate."""
-        axes = self.axes(robot)
-        count = len(axes)
-        return {
-            **spread(axes, lambda k, _: state.channels[k]),
-            **spread(axes, lambda k, _: state.channels[count + k], count),
-        }
-
     def n_channels(self, robot: Robot) -> int:
         """State and rate per coordinate."""
         return 2 * len(self.axes(robot))
 
-    def lengths_of(self, axes: Sequence[Axis]) -> list[float]:
+    def lengths_of(self, axes: Axes) -> list[float]:
         """One per coordinate."""
         return per_axis(self.length, axes, self.law)
 
-    def steps(
-        self, axes: Sequence[Axis], moved: Sequence[Scalar], speeds: Sequence[Scalar]
-    ) -> list[StateStep]:
+    def steps(self, axes: Axes, moved: Scalars, speeds: Scalars) -> list[StateStep]:
         """Bristles bend towards the level of their speed."""
         ratios = (max(x, 1.0) for x in per_axis(self.breakaway, axes, self.law))
         parts = zip(moved, self.lengths_of(axes), self._levels(axes, speeds), ratios, strict=True)
         return [relaxed(*x) for x in parts]
 
     def channels(
-        self, robot: Robot, state: JointState, states: Sequence[Scalar], torque: RigidTorque
+        self, robot: Robot, state: JointState, states: Scalars, torque: RigidTorque
     ) -> list[Scalar]:
         """The states and their rates."""
         axes = self.axes(robot)
@@ -226,7 +190,7 @@ class LuGre(Presliding):
         parts = zip(states, speeds, self._levels(axes, speeds), self.lengths_of(axes), strict=True)
         return [*states, *((v - np.abs(v) * s / level) / length for s, v, level, length in parts)]
 
-    def _levels(self, axes: Sequence[Axis], speeds: Sequence[Scalar]) -> list[Scalar]:
+    def _levels(self, axes: Axes, speeds: Scalars) -> list[Scalar]:
         """Steady states $g$ at speeds."""
         ratios, scales = (per_axis(x, axes, self.law) for x in (self.breakaway, self.speed))
         relative = [v / scale for v, scale in zip(speeds, scales, strict=True)]

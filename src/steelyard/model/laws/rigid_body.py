@@ -1,9 +1,12 @@
 """The rigid bodies themselves: gravity, inertia, Coriolis and centrifugal torques."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from steelyard.base.arrays import Parameter
+import numpy as np
+
+from steelyard.base.arrays import Array, Parameter
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, inverse_dynamics
 from steelyard.model.terms.model_files import Placed, Values
 from steelyard.model.terms.term import Cause, Columns, Dissipation, Role, Term
@@ -65,6 +68,11 @@ class RigidBody(Term):
                 if number in slopes and tape.known.get(slopes[number]) != 0.0:
                     entries[row, column] = Symbol(tape, slopes[number])
         return entries
+
+    @staticmethod
+    def numbers_of(robot: Robot, values: Mapping[str, float]) -> Array:
+        """Ten numbers per body from those that are named, others zero, shape `(10 n_bodies,)`."""
+        return np.array([values.get(p.name, 0.0) for p in RigidBody().parameters(robot)])
 
     @property
     def role(self) -> Role:

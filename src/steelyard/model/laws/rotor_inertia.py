@@ -7,10 +7,10 @@ from typing import ClassVar
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.terms.axes import Axis, spread
+from steelyard.model.equations.inverse_dynamics import JointState, Scalars
+from steelyard.model.terms.axes import Axes, Axis
 from steelyard.model.terms.model_files import Place, as_one
-from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation, Role
+from steelyard.model.terms.term import ActsOnAxes, Cause, Dissipation, Role
 from steelyard.robot.robot import Robot
 
 
@@ -27,13 +27,13 @@ class RotorInertia(ActsOnAxes):
     cause: ClassVar[Cause] = "inertia"
     shown_by: ClassVar[str] = "stronger acceleration of"
     in_model_files: ClassVar[Place] = as_one("rotor")
-    unit: ClassVar[str] = "inertia_unit"
+    units: ClassVar[Mapping[str, str]] = {"": "{inertia}"}
     symbol: ClassVar[str] = "IA"
     shares: ClassVar[Mapping[str, tuple[float, float]]] = {"rotor_inertia": (0.2, 0.6)}
 
-    def columns(self, robot: Robot, state: JointState) -> Columns:
+    def efforts(self, axes: Axes, state: JointState) -> Scalars:
         """The coordinate's acceleration."""
-        return spread(self.axes(robot), lambda _, axis: axis.of(state.ddq))
+        return [axis.of(state.ddq) for axis in axes]
 
     @property
     def role(self) -> Role:

@@ -5,10 +5,10 @@ from typing import ClassVar
 
 from steelyard.base.arrays import Parameter
 from steelyard.base.errors import ModelError
-from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.terms.axes import Axis, each, spread
+from steelyard.model.equations.inverse_dynamics import JointState, Scalars
+from steelyard.model.terms.axes import Axes, each
 from steelyard.model.terms.model_files import AxisPart, Placed, Values, under
-from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation
+from steelyard.model.terms.term import ActsOnAxes, Cause, Dissipation
 from steelyard.robot.robot import Robot
 
 
@@ -44,21 +44,17 @@ class Spring(ActsOnAxes):
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """Stiffness per coordinate, not negative; then the preloads, where they are unknown."""
         axes = self.axes(robot)
-        stiffness = each(axes, self.law, lambda axis: axis.stiffness_unit, lower=0.0)
+        stiffness = each(axes, self.law, "{stiffness}", lower=0.0)
         if self.free != "unknown":
             return stiffness
-        return (*stiffness, *each(axes, f"{self.law}_preload", lambda axis: axis.effort_unit))
+        return (*stiffness, *each(axes, f"{self.law}_preload", "{effort}"))
 
-    def columns(self, robot: Robot, state: JointState) -> Columns:
+    def efforts(self, axes: Axes, state: JointState) -> Scalars:
         """The stretch; with unknown free positions, the position and minus one."""
-        axes = self.axes(robot)
+        positions = [axis.of(state.q) for axis in axes]
         if self.free == "unknown":
-            return {
-                **spread(axes, lambda _, axis: axis.of(state.q)),
-                **spread(axes, lambda _, axis: 0.0 * axis.of(state.q) - 1.0, len(axes)),
-            }
-        free = self._free(axes)
-        return spread(axes, lambda k, axis: axis.of(state.q) - free[k])
+            return [*positions, *(0.0 * x - 1.0 for x in positions)]
+        return [x - free for x, free in zip(positions, self._free(axes), strict=True)]
 
     def in_model_files(self, robot: Robot, values: Values) -> Placed:
         """Stiffness and preload."""
@@ -70,7 +66,7 @@ class Spring(ActsOnAxes):
         pairs = zip(stiffness, free, strict=True)
         return Placed((*stiffness, *(AxisPart(p.axis, "preload", p.value * x) for p, x in pairs)))
 
-    def _free(self, axes: tuple[Axis, ...]) -> tuple[float, ...]:
+    def _free(self, axes: Axes) -> tuple[float, ...]:
         if not isinstance(self.free, tuple):
             return (float(self.free),) * len(axes)
         if len(self.free) != len(axes):

@@ -1,15 +1,15 @@
 """Friction that falls when motion begins."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from steelyard.model.equations.inverse_dynamics import JointState, Scalar
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
 from steelyard.model.terms.axes import (
     DEFAULT_SHAPE,
-    Axis,
+    Axes,
     Field,
     directions,
     per_axis,
@@ -17,11 +17,9 @@ from steelyard.model.terms.axes import (
     refuse_not_positive,
     refuse_shape,
     refuse_unknown,
-    spread,
 )
 from steelyard.model.terms.model_files import Place, curve_over_speed
-from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation
-from steelyard.robot.robot import Robot
+from steelyard.model.terms.term import ActsOnAxes, Cause, Dissipation
 
 
 @dataclass(frozen=True)
@@ -60,14 +58,12 @@ class Stribeck(ActsOnAxes):
         refuse_negative(self.law, smoothing=self.smoothing)
         refuse_shape(self.law, self.shape, self.smoothing)
 
-    def columns(self, robot: Robot, state: JointState) -> Columns:
+    def efforts(self, axes: Axes, state: JointState) -> Scalars:
         """The direction of motion, fading with speed."""
-        axes = self.axes(robot)
         sense = directions(axes, state.dq, self.smoothing, self.law, self.shape)
-        fading = self.fading(axes, state.dq)
-        return spread(axes, lambda k, _: sense[k] * fading[k])
+        return [s * x for s, x in zip(sense, self.fading(axes, state.dq), strict=True)]
 
-    def fading(self, axes: Sequence[Axis], dq: Sequence[Scalar]) -> list[Scalar]:
+    def fading(self, axes: Axes, dq: Scalars) -> list[Scalar]:
         r"""$e^{-|v/v_s|^\beta}$ along every coordinate."""
         scales = per_axis(self.speed, axes, self.law)
         relative = [axis.of(dq) / scale for axis, scale in zip(axes, scales, strict=True)]

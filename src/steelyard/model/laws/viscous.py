@@ -1,13 +1,13 @@
 """Friction that grows with speed."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from steelyard.model.equations.inverse_dynamics import JointState
-from steelyard.model.terms.axes import spread
+from steelyard.model.equations.inverse_dynamics import JointState, Scalars
+from steelyard.model.terms.axes import Axes
 from steelyard.model.terms.model_files import Place, as_one
-from steelyard.model.terms.term import ActsOnAxes, Cause, Columns, Dissipation
-from steelyard.robot.robot import Robot
+from steelyard.model.terms.term import ActsOnAxes, Cause, Dissipation
 
 
 @dataclass(frozen=True)
@@ -19,9 +19,9 @@ class Viscous(ActsOnAxes):
     cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "motion at several speeds of"
     in_model_files: ClassVar[Place] = as_one("viscous")
-    unit: ClassVar[str] = "rate_unit"
+    units: ClassVar[Mapping[str, str]] = {"": "{rate}"}
     symbol: ClassVar[str] = "FV"
 
-    def columns(self, robot: Robot, state: JointState) -> Columns:
+    def efforts(self, axes: Axes, state: JointState) -> Scalars:
         """The coordinate's velocity."""
-        return spread(self.axes(robot), lambda _, axis: axis.of(state.dq))
+        return [axis.of(state.dq) for axis in axes]

@@ -14,7 +14,7 @@ import numpy as np
 
 from steelyard.base.arrays import Parameter
 from steelyard.base.errors import ModelError
-from steelyard.model.equations.inverse_dynamics import Scalar
+from steelyard.model.equations.inverse_dynamics import Scalar, Scalars
 from steelyard.robot.robot import JointKind, Robot
 
 Along = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
@@ -36,7 +36,7 @@ class Axis:
     row: tuple[float, ...]
     kind: JointKind
 
-    def of(self, values: Sequence[Scalar]) -> Scalar:
+    def of(self, values: Scalars) -> Scalar:
         """`c` times the joints' positions, velocities or accelerations."""
         total: Scalar = None
         for coefficient, value in zip(self.row, values, strict=True):
@@ -45,34 +45,44 @@ class Axis:
                 total = part if total is None else total + part
         return total
 
+    def unit(self, words: str) -> str:
+        """A unit from those of `_UNITS` in braces, such as `{force}/({speed})²`."""
+        return words.format(**_UNITS[self.kind])
+
     @property
     def effort_unit(self) -> str:
         """Unit of effort."""
-        return "N" if self.kind == "prismatic" else "Nm"
+        return self.unit("{effort}")
 
     @property
     def speed_unit(self) -> str:
         """Unit of velocity."""
-        return "m/s" if self.kind == "prismatic" else "rad/s"
+        return self.unit("{speed}")
 
-    @property
-    def rate_unit(self) -> str:
-        """Unit of effort per velocity."""
-        return "N s/m" if self.kind == "prismatic" else "N m s/rad"
 
-    @property
-    def inertia_unit(self) -> str:
-        """Unit of effort per acceleration."""
-        return "kg" if self.kind == "prismatic" else "kg m²"
+_UNITS: Mapping[JointKind, Mapping[str, str]] = {
+    "revolute": {
+        "effort": "Nm",
+        "force": "N m",
+        "speed": "rad/s",
+        "rate": "N m s/rad",
+        "inertia": "kg m²",
+        "stiffness": "N m/rad",
+    },
+    "prismatic": {
+        "effort": "N",
+        "force": "N",
+        "speed": "m/s",
+        "rate": "N s/m",
+        "inertia": "kg",
+        "stiffness": "N/m",
+    },
+}
+"""Units of effort (alone, and in a product), velocity, and effort per velocity, acceleration and
+position."""
 
-    @property
-    def stiffness_unit(self) -> str:
-        """Unit of effort per position."""
-        return "N/m" if self.kind == "prismatic" else "N m/rad"
 
-    def effort_per(self, unit: str) -> str:
-        """Unit of effort per something of another unit."""
-        return f"{'N' if self.kind == 'prismatic' else 'N m'}/{unit}"
+Axes = Sequence[Axis]
 
 
 def coordinates(
@@ -87,27 +97,31 @@ def coordinates(
     return tuple(named)
 
 
-def each(
-    axes: Sequence[Axis], law: str, unit: Callable[[Axis], str], lower: float = float("-inf")
-) -> tuple[Parameter, ...]:
-    """One parameter named `law.axis` for every axis."""
-    return tuple(Parameter(f"{law}.{axis.name}", unit(axis), lower=lower) for axis in axes)
+def each(axes: Axes, law: str, unit: str, lower: float = float("-inf")) -> tuple[Parameter, ...]:
+    """One parameter named `law.axis` for every axis, of a unit as of `Axis.unit`."""
+    return tuple(Parameter(f"{law}.{axis.name}", axis.unit(unit), lower=lower) for axis in axes)
 
 
-def spread(
-    axes: Sequence[Axis], value: Callable[[int, Axis], Scalar], first: int = 0
-) -> dict[tuple[int, int], Scalar]:
-    """Columns from parameter `first` on, one per axis: the effort along it per unit."""
+def spread(axes: Axes, efforts: Scalars) -> dict[tuple[int, int], Scalar]:
+    """Columns of efforts per unit of each parameter, along one axis after another."""
     columns: dict[tuple[int, int], Scalar] = {}
-    for k, axis in enumerate(axes):
-        effort = value(k, axis)
-        for joint, coefficient in enumerate(axis.row):
+    for k, effort in enumerate(efforts):
+        for joint, coefficient in enumerate(axes[k % len(axes)].row):
             if coefficient:
-                columns[joint, first + k] = effort if coefficient == 1.0 else coefficient * effort
+                columns[joint, k] = effort if coefficient == 1.0 else coefficient * effort
     return columns
 
 
-def per_axis(values: float | tuple[float, ...], axes: Sequence[Axis], law: str) -> list[float]:
+def directional(values: Scalars) -> list[Scalar]:
+    """The parts of directions of motion above zero, then those below."""
+    sizes = [np.abs(x) for x in values]
+    return [
+        *(0.5 * (x + size) for x, size in zip(values, sizes, strict=True)),
+        *(0.5 * (x - size) for x, size in zip(values, sizes, strict=True)),
+    ]
+
+
+def per_axis(values: float | tuple[float, ...], axes: Axes, law: str) -> list[float]:
     """One positive value of a field for every axis, from one for all or a list."""
     if isinstance(values, Find):
         raise ModelError(
@@ -233,8 +247,8 @@ Field = float | tuple[float, ...]
 
 
 def directions(
-    axes: Sequence[Axis],
-    dq: Sequence[Scalar],
+    axes: Axes,
+    dq: Scalars,
     smoothing: Field,
     law: str,
     shape: str = DEFAULT_SHAPE,

@@ -4,7 +4,7 @@ The torque is not linear in the geometry. Around a reference model it is to firs
 columns of this term are those derivatives: what a fit gives them is how far the geometry is off.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar, Literal
@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from steelyard.base.arrays import Array, Parameter, frozen
-from steelyard.model.equations.inverse_dynamics import JointState, Scalar, inverse_dynamics
+from steelyard.model.equations.inverse_dynamics import JointState, Scalars, inverse_dynamics
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.terms.term import Columns, Dissipation, StatefulTerm, TermSamples
 from steelyard.robot.robot import Body, Coordinate, Robot, robot_to_dict
@@ -46,7 +46,7 @@ def placement_code(robot: Robot) -> Code:
     """Machine code; inputs are motion, ten numbers and `MOVES` displacements per body."""
     count, n = len(robot.bodies), robot.n_joints
 
-    def torque(q: Any, dq: Any, ddq: Any, tens: Any, moves: Any) -> Sequence[Scalar]:
+    def torque(q: Any, dq: Any, ddq: Any, tens: Any, moves: Any) -> Scalars:
         movable, none = with_displacements(robot), [0.0] * (MOVES * count)
         state = JointState([*q, *moves], [*dq, *none], [*ddq, *none])
         bodies = [[0.0] * 10] * len(movable.bodies)
@@ -120,21 +120,16 @@ class GeometryErrors(StatefulTerm):
         """One per joint and parameter."""
         return robot.n_joints * len(list(self._moves(robot)))
 
-    def warm_up(self, robot: Robot) -> Array:
-        """Nothing is remembered."""
-        return np.zeros(robot.n_joints)
-
     def remember(self, robot: Robot, samples: TermSamples, memory: Any) -> tuple[Array, Any]:
         """Derivatives of the reference model's torque along the motion."""
-        names, values = [p.name for p in RigidBody().parameters(robot)], dict(self.reference)
-        tens = np.array([values.get(name, 0.0) for name in names])
+        tens = RigidBody.numbers_of(robot, dict(self.reference))
         motion = samples.q, samples.dq, samples.ddq
-        found = []
+        joints, found = [joint.name for joint in robot.joints], []
         for name, _, move in self._moves(robot):
             slope = torque_slope(robot, motion, tens, move)
             kind, _, joint = name.partition(".")
             if kind == "compliance":
-                slope = -samples.rigid_torque(tens)[_joint_number(robot, joint)] * slope
+                slope = -samples.rigid_torque(tens)[joints.index(joint)] * slope
             found.append(slope)
         return np.concatenate(found), None
 
@@ -143,38 +138,27 @@ class GeometryErrors(StatefulTerm):
         if robot.passive:
             return
         for kind, unit in (("zero_offset", "{0}"), ("compliance", "{0}/{1}")):
-            for joint in robot.joints if kind in self.which else ():
+            for k, joint in enumerate(robot.joints if kind in self.which else ()):
                 units = unit.format(joint.unit, joint.effort_unit)
-                yield f"{kind}.{joint.name}", units, _displacement_with_joint(robot, joint.name)
+                yield f"{kind}.{joint.name}", units, _displacement_with_joint(robot, k)
+        count = len(robot.bodies)
+        unit_moves = np.eye(MOVES * count).reshape(count, MOVES, MOVES * count)
         for k, body in enumerate(robot.bodies):
             if "position" in self.which:
                 for number, axis in enumerate("xyz"):
-                    move = _displacement_of_body(robot, k, np.eye(MOVES)[number])
-                    yield f"position_{axis}.{body.joint}", "m", move
+                    yield f"position_{axis}.{body.joint}", "m", unit_moves[k, number]
             if "axis" in self.which:
                 for number, across in enumerate(_unit_vectors_across(body.axis), start=1):
-                    turn = np.concatenate((np.zeros(3), across))
-                    move = _displacement_of_body(robot, k, turn)
-                    yield f"axis_{number}.{body.joint}", "rad", move
+                    yield f"axis_{number}.{body.joint}", "rad", across @ unit_moves[k, 3:]
 
 
-def _joint_number(robot: Robot, joint: str) -> int:
-    return [coordinate.name for coordinate in robot.joints].index(joint)
-
-
-def _displacement_with_joint(robot: Robot, joint: str) -> Array:
+def _displacement_with_joint(robot: Robot, joint: int) -> Array:
     """What a joint's own motion displaces: its body, and those that mimic it."""
     moves = np.zeros((len(robot.bodies), MOVES))
     for k, body in enumerate(robot.bodies):
-        if body.coordinate == _joint_number(robot, joint):
+        if body.coordinate == joint:
             along = slice(0, 3) if body.kind == "prismatic" else slice(3, 6)
             moves[k, along] = body.ratio * body.axis
-    return moves.ravel()
-
-
-def _displacement_of_body(robot: Robot, body: int, move: Array) -> Array:
-    moves = np.zeros((len(robot.bodies), MOVES))
-    moves[body] = move
     return moves.ravel()
 
 
@@ -219,13 +203,8 @@ class EffortReadingErrors(StatefulTerm):
         """One per parameter."""
         return len(self.parameters(robot))
 
-    def warm_up(self, robot: Robot) -> Array:
-        """Nothing is remembered."""
-        return np.zeros(robot.n_joints)
-
     def remember(self, robot: Robot, samples: TermSamples, memory: Any) -> tuple[Array, Any]:
         """Torque of the reference model, and its square with the torque's sign."""
-        names, values = [p.name for p in RigidBody().parameters(robot)], dict(self.reference)
-        torque = samples.rigid_torque(np.array([values.get(name, 0.0) for name in names]))
+        torque = samples.rigid_torque(RigidBody.numbers_of(robot, dict(self.reference)))
         scale = np.array(self.scale or (1.0,) * robot.n_joints)[:, None]
         return np.concatenate((torque, torque * np.abs(torque) / scale)), None

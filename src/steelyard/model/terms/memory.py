@@ -8,16 +8,16 @@ sample by sample, in the virtual robot and in exported C code it is the same ste
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
-from steelyard.model.equations.inverse_dynamics import JointState, Scalar, inverse_dynamics
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars, inverse_dynamics
 from steelyard.model.equations.passive_joints import Follower, all_joints, open_loop
-from steelyard.model.terms.axes import Axis
-from steelyard.model.terms.term import ActsOnAxes, StatefulTerm, Term, TermSamples
+from steelyard.model.terms.axes import Axes
+from steelyard.model.terms.term import ActsOnAxes, Cause, StatefulTerm, Term, TermSamples
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.native.compiled import recurrence
 
@@ -45,18 +45,23 @@ class Memory:
 class Presliding(ActsOnAxes, StatefulTerm):
     """Friction whose states follow the position along its coordinates."""
 
+    cause: ClassVar[Cause] = "friction"
+    shown_by: ClassVar[str] = "reversals of"
+
+    def efforts(self, axes: Axes, state: JointState) -> Scalars:
+        """The channels."""
+        return state.channels
+
     @abstractmethod
-    def lengths_of(self, axes: Sequence[Axis]) -> list[float]:
+    def lengths_of(self, axes: Axes) -> list[float]:
         """Length over which each state turns round, those of all axes one after another."""
 
     @abstractmethod
-    def steps(
-        self, axes: Sequence[Axis], moved: Sequence[Scalar], speeds: Sequence[Scalar]
-    ) -> list[StateStep]:
+    def steps(self, axes: Axes, moved: Scalars, speeds: Scalars) -> list[StateStep]:
         """One step of every state, from changes of position and speeds at its end along axes."""
 
     def channels(
-        self, robot: Robot, state: JointState, states: Sequence[Scalar], torque: RigidTorque
+        self, robot: Robot, state: JointState, states: Scalars, torque: RigidTorque
     ) -> list[Scalar]:
         """Channels after a step; by default the states after it."""
         return list(states)
@@ -77,7 +82,7 @@ class Presliding(ActsOnAxes, StatefulTerm):
         return [*here, *_begun(speeds, self.lengths_of(axes))]
 
     def stepped(
-        self, robot: Robot, state: JointState, memory: Sequence[Scalar]
+        self, robot: Robot, state: JointState, memory: Scalars
     ) -> tuple[list[Scalar], list[Scalar]]:
         """Memory and channels after one step, from all joints at its end and the memory before."""
         axes = self.axes(robot)
@@ -125,7 +130,7 @@ class Presliding(ActsOnAxes, StatefulTerm):
         return np.array(channels), Memory(q[:, -1].copy(), last)
 
 
-def _begun(speeds: Sequence[Scalar], lengths: Sequence[float]) -> list[Scalar]:
+def _begun(speeds: Scalars, lengths: Sequence[float]) -> list[Scalar]:
     """States after a stretch of `SPEED_KEPT_BEFORE` at the first speed along each axis."""
     pairs = [(speeds[k % len(speeds)], length) for k, length in enumerate(lengths)]
     return [np.sign(v) * (1.0 - np.exp(-np.abs(v) * SPEED_KEPT_BEFORE / x)) for v, x in pairs]

@@ -13,8 +13,8 @@ import numpy as np
 from typing_extensions import Self
 
 from steelyard.base.arrays import Array, Parameter
-from steelyard.model.equations.inverse_dynamics import JointState, Scalar
-from steelyard.model.terms.axes import Along, Axis, coordinates
+from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
+from steelyard.model.terms.axes import Along, Axes, Axis, coordinates, each, spread
 from steelyard.model.terms.model_files import Place
 from steelyard.robot.robot import Robot
 
@@ -136,9 +136,9 @@ class StatefulTerm(Term):
     def n_channels(self, robot: Robot) -> int:
         """Number of channels."""
 
-    @abstractmethod
     def warm_up(self, robot: Robot) -> Array:
         """Travel of each joint after which the unknown start is forgotten, `(n_joints,)`."""
+        return np.zeros(robot.n_joints)
 
     @abstractmethod
     def remember(self, robot: Robot, samples: TermSamples, memory: Any) -> tuple[Array, Any]:
@@ -166,25 +166,29 @@ class ActsOnAxes(Term):
         per_run: Whether every run has parameters of its own.
     """
 
-    unit: ClassVar[str] = "effort_unit"
-    """Property of an `Axis`: unit of the parameters."""
     lower: ClassVar[float] = 0.0
     """Least value of the parameters."""
-    ways: ClassVar[tuple[str, ...]] = ("",)
-    """Behind the law's name in that of a parameter: `_forward` and `_backward`."""
+    units: ClassVar[Mapping[str, str]] = {"": "{effort}"}
+    """What stands behind the law's name in that of a parameter, such as `_forward`, to the unit,
+    see `Axis.unit`."""
     joints: tuple[str, ...] | str | None = None
     motors: tuple[str, ...] | str | None = None
     along: Along | None = None
     per_run: bool = False
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """One per coordinate and direction of motion, not negative unless the law says so."""
+        """One per coordinate and entry of `units`, not negative unless the law says so."""
+        axes, units = self.axes(robot), self.units.items()
+        return tuple(p for end, unit in units for p in each(axes, self.law + end, unit, self.lower))
+
+    def columns(self, robot: Robot, state: JointState) -> Columns:
+        """Efforts along its coordinates, as torques of the joints."""
         axes = self.axes(robot)
-        return tuple(
-            Parameter(f"{self.law}{way}.{axis.name}", getattr(axis, self.unit), lower=self.lower)
-            for way in self.ways
-            for axis in axes
-        )
+        return spread(axes, self.efforts(axes, state))
+
+    @abstractmethod
+    def efforts(self, axes: Axes, state: JointState) -> Scalars:
+        """Effort per unit of each parameter, those of all axes one after another."""
 
     def axes(self, robot: Robot) -> tuple[Axis, ...]:
         """The coordinates it acts along."""
@@ -247,9 +251,8 @@ class CandidateTerms(StatefulTerm):
 
     def warm_up(self, robot: Robot) -> Array:
         """That of the longest memory."""
-        if isinstance(self.longest, StatefulTerm):
-            return self.longest.warm_up(robot)
-        return np.zeros(robot.n_joints)
+        longest = self.longest
+        return (longest if isinstance(longest, StatefulTerm) else super()).warm_up(robot)
 
     def remember(self, robot: Robot, samples: TermSamples, memory: Any) -> tuple[Array, Any]:
         """All candidates' columns along the motion."""
