@@ -156,7 +156,7 @@ def condition(state: State, *, unit: bool) -> float:
     """Condition number of the design matrix of a model."""
     matrix, _, _ = state.full.information.select(state.names).normal()
     lengths = np.sqrt(np.diag(matrix)) if unit else np.ones(len(matrix))
-    return condition_of(np.linalg.eigvalsh(matrix / lengths[:, None] / lengths))
+    return condition_of(matrix / lengths[:, None] / lengths)
 
 
 def unseen(found: Reduction, place: int, samples: FilteredSamples) -> Array:

@@ -25,7 +25,7 @@ from steelyard.estimate.friction.friction_choice import DIRECTION_LOSS_PROBABILI
 from steelyard.estimate.information.base_parameters import base_parameters
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import Regressor
-from steelyard.estimate.least_squares.normal_equations import Runs, own_columns, solve
+from steelyard.estimate.least_squares.normal_equations import Runs, lengths_of, own_columns, solve
 from steelyard.estimate.nonlinear.fields import bodies_of, information_from
 from steelyard.estimate.scores.cross_validation import (
     folding,
@@ -131,8 +131,7 @@ def _scores(
     own, names = set(model.names), information.layout.columns
     per_run = tuple(c for c in names if c in set(own_columns(model)))
     matrix, vector, _, squares = Runs.of(information, per_run).normal(weights)
-    lengths = np.sqrt(np.maximum(squares, 0.0))
-    scale = np.where(lengths > 1e-12 * lengths.max(initial=1e-300), lengths, np.inf)
+    scale = lengths_of(squares)
     matrix, vector = matrix / scale[:, None] / scale, vector / scale
     mine = [k for k, c in enumerate(names) if c in own and c not in per_run]
     added = [k for k, c in enumerate(names) if c not in own]

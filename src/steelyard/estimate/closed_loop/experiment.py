@@ -37,10 +37,7 @@ from steelyard.runs.smoothing.filters import zero_phase
 from steelyard.runs.smoothing.fir_methods import SavitzkyGolay
 
 CONTROL_RATE = 1000.0  # least rate of simulated controllers [1/s]
-
-SETTLING = 0.25
-"""Time in which a simulation forgets how it was started, and which is not looked at [s]."""
-
+SETTLING = 0.25  # time in which a simulation forgets how it was started; not looked at [s]
 _RAW = SavitzkyGolay(window=3, degree=2)  # positions as they are, and their central differences
 
 _SHORTEST, _POSTURES = 2.0, 64
@@ -260,8 +257,7 @@ def _assumed_loop(run: Measured, masses: Array) -> RunController:
 
 
 _TICKS_PER_EVENT = 500
-_DIVERGED_DISTANCE = 3.0
-"""Distance from what was measured at which a simulation has run away [rad; m]."""
+_DIVERGED_DISTANCE = 3.0  # distance from the measured motion that is a run-away [rad; m]
 
 
 @dataclass(frozen=True, eq=False)

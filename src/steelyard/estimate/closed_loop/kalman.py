@@ -29,9 +29,7 @@ from steelyard.estimate.closed_loop.simulating_estimators import not_converged_e
 from steelyard.estimate.estimate import Estimate
 
 _ORDER = 4
-_NORM = np.sqrt(70.0)
-"""Size of a fourth difference of white noise of size 1: the root of 1 + 16 + 36 + 16 + 1."""
-
+_NORM = np.sqrt(70.0)  # fourth difference of white noise of size 1: root of 1 + 16 + 36 + 16 + 1
 _GAUSSIAN = 1.482602218505602  # standard deviation over the median size of normal numbers
 
 
@@ -61,10 +59,7 @@ def torque_noise(tau: Array, q: Array) -> Array:
     return np.asarray(_GAUSSIAN * np.median(np.abs(rest), axis=0) / _NORM)
 
 
-_TURN, _SPEED, _SHARE = 1e-6, 1e-5, 1e-4
-"""Changes by which derivatives are found: of positions, velocities, and of the rest over their
-size."""
-
+_TURN, _SPEED, _SHARE = 1e-6, 1e-5, 1e-4  # changes of positions, speeds, and the rest over its size
 _FAR = 0.5  # error of a predicted position at which the filter has diverged [rad; m]
 _UNSURE = 0.1  # first uncertainty of velocities, over their size
 
@@ -87,8 +82,7 @@ class Noise:
         return np.where(counts > 0.0, self.torque**2, self.size**2)
 
 
-Belief = tuple[Array, Array]
-"""Parameters, shape `(p,)`, and their covariance, `(p, p)`."""
+Belief = tuple[Array, Array]  # parameters `(p,)`, and their covariance `(p, p)`
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,13 +238,9 @@ def filtered(
 
 KALMAN_NAME = "extended Kalman filter"
 
-_LEAST_POSITION_NOISE, _LEAST_TORQUE_NOISE = 1e-8, 1e-5
-"""Least noise of positions [rad; m], and of torques over their size."""
-
+_LEAST_POSITION_NOISE, _LEAST_TORQUE_NOISE = 1e-8, 1e-5  # [rad; m], over the size
 _STEADY = 0.1  # change between passes over the standard deviations, root mean square, that is none
-
-_CREDIBLE_ERROR_RATIO = 1.3
-"""Mean square of a joint's errors, over what was expected, that is still believed."""
+_CREDIBLE_ERROR_RATIO = 1.3  # mean square of a joint's errors, over the expected, that is believed
 
 
 @dataclass(frozen=True)

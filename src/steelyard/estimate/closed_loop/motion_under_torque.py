@@ -74,13 +74,8 @@ def joint_inertia(masses: Array, rate: float = 1000.0) -> tuple[Array, float]:
 
 
 LONGEST_STEP = 5e-4  # longest step of the integration [s]
-
-STIFFEST = 4000.0
-"""Fastest rate at which friction may brake: two over the longest step, within the method's 2.78
-[1/s]."""
-
-LEAST_WIDTH = {"revolute": 0.005, "prismatic": 0.001}
-"""Least speed within which laws that jump at zero speed turn [rad/s; m/s]."""
+STIFFEST = 4000.0  # friction's fastest braking: 2 over the longest step, of the method's 2.78 [1/s]
+LEAST_WIDTH = {"revolute": 0.005, "prismatic": 0.001}  # least turning speed [rad/s; m/s]
 
 _SHARED = [False, False, False, False, True]
 

@@ -40,8 +40,7 @@ UNITS = (1e4, 1e6)
 """Units of the squares that are tried where the solver stops in that of the noise, before that of
 the whole effort."""
 
-GAP_IN_EFFORT_UNITS = 1e-5
-"""Gap that is enough in such a unit: of squares that are nearly all of the effort's."""
+GAP_IN_EFFORT_UNITS = 1e-5  # gap that is enough in such a unit: squares are nearly all the effort's
 
 ENOUGH = 5e-5
 """Gap of the objective that moves no value by more than 0.01 standard deviations: within a gap `g`

@@ -26,8 +26,7 @@ from steelyard.estimate.prior.prior import Knowledge, Row
 from steelyard.estimate.prior.prior_constraint import in_words
 from steelyard.robot.rigid_body import INERTIAL_NAMES
 
-MARGIN = 1e-4
-"""What is still a body: least eigenvalue of a body's pseudo-inertia in the scale of its prior."""
+MARGIN = 1e-4  # least eigenvalue of a body's pseudo-inertia in the scale of its prior
 
 _NEARLY = 1e-6
 
@@ -120,9 +119,7 @@ def _allowed(knowledge: Knowledge, rows: tuple[Row, ...]) -> bool:
         return True
 
 
-LEAST_PRIOR_WEIGHT, MOST_PRIOR_WEIGHT = 1e-3, 1e4
-"""Range of weights; prior uncertainties of 3000 % and 1 %."""
-
+LEAST_PRIOR_WEIGHT, MOST_PRIOR_WEIGHT = 1e-3, 1e4  # uncertainties of 3000 % and 1 %
 FIRST_PRIOR_WEIGHT = 10.0  # weight that is tried first: 32 %
 PRIOR_WEIGHT_STEP = 6.0  # factor between weights until the likeliest is between two
 REFINED = 2  # times that a parabola through three weights gives a better one

@@ -43,8 +43,7 @@ BROKEN = 1e-6  # by how much a constraint may be violated, relative to what it a
 BARRIERS = (1.0, 1e-2, 1e-4, 1e-6, 1e-8)
 """Weights of the barrier, one after the other; four of the last per body is what it may cost."""
 
-CENTRED = 0.1
-"""What a step still promises, relative to the barrier's weight, where the next barrier begins."""
+CENTRED = 0.1  # promise of a step over the barrier's weight at which the next barrier begins
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,8 +255,7 @@ def _bounds_of_terms(program: Program) -> Array:
     return ends
 
 
-_ON = ROWS == COLUMNS
-"""Which entries lie on the diagonal; those of `U` are the entries of `X`, transposed."""
+_ON = ROWS == COLUMNS  # entries on the diagonal; those of `U` are the entries of `X`, transposed
 
 
 def entries(coordinates: Array) -> tuple[Array, Array]:
@@ -289,9 +287,7 @@ def _numbers(matrices: Array) -> Array:
     return np.asarray(np.where(_ON, 1.0, np.sqrt(2.0)) * matrices[..., ROWS, COLUMNS])
 
 
-STUCK = 1e-8
-"""Gain, relative to the criterion or to 1, that rounding may hide: no step gains anything."""
-
+STUCK = 1e-8  # gain, relative to the criterion or to 1, that rounding may hide
 FAIR = 1e-4  # part of the promise that a step has to keep
 SHORTER = 0.5  # factor by which a step that keeps less is shortened
 SHORTENED = 60  # how often at most

@@ -22,16 +22,9 @@ from steelyard.estimate.prior.prior import Knowledge
 from steelyard.robot.rigid_body import Inertia
 
 ORDER = 4  # rows of a pseudo-inertia
-
-ENTRIES = tuple((i, j) for j in range(ORDER) for i in range(j + 1))
-"""Places of the upper triangle, column by column."""
-
-WIDEST = 10.0
-"""Standard deviation of a cause of torque that nothing is known of, in that of the whole effort."""
-
-UNSEEN = 1e-9
-"""Effort of a parameter, over that of the strongest, below which the data do not see it."""
-
+ENTRIES = tuple((i, j) for j in range(ORDER) for i in range(j + 1))  # upper triangle by columns
+WIDEST = 10.0  # standard deviation of a wholly unknown cause of torque, in that of the whole effort
+UNSEEN = 1e-9  # effort of a parameter over that of the strongest that the data do not see
 UNKNOWN = 100.0  # standard deviation of a parameter that the data do not see, in its SI unit
 
 SCALE_WITHOUT_PRIOR = Inertia.about_com(1.0, np.zeros(3), 0.01 * np.eye(3))
@@ -45,8 +38,7 @@ BASIS = np.zeros((10, ORDER, ORDER))
 BASIS[range(10), ROWS, COLUMNS] = BASIS[range(10), COLUMNS, ROWS] = 1.0
 BASIS.flags.writeable = False
 
-_TENS = np.array([Inertia.from_pseudo(e).ten for e in BASIS]).T
-"""Ten numbers of a body per entry of its pseudo-inertia, shape `(10, 10)`."""
+_TENS = np.array([Inertia.from_pseudo(e).ten for e in BASIS]).T  # ten numbers per entry, `(10, 10)`
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,8 +23,7 @@ from steelyard.estimate.consistent.penalties import Form, Free, Unknowns
 from steelyard.estimate.prior.prior import Knowledge, Row
 from steelyard.robot.rigid_body import INERTIAL_NAMES
 
-UNREACHED_BOUND = 1e6
-"""Bound that nothing reaches, in units of a body's prior or of the whole effort."""
+UNREACHED_BOUND = 1e6  # bound never reached, in units of a body's prior or of the whole effort
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,12 +52,8 @@ def momentum_residual(momentum: Array, effort: Array, rate: float) -> Array:
     )
 
 
-SMALL = np.float64(MAX_ANGLE**2)
-"""Sum of squares below which no position is too large for the machine code."""
-
-PER_PERIOD_COVARIANCE = 4.0
-"""How often the covariance of the efforts is computed in a period of the bandwidth, at most."""
-
+SMALL = np.float64(MAX_ANGLE**2)  # sum of squares of positions that machine code can take
+PER_PERIOD_COVARIANCE = 4.0  # most computations of the efforts' covariance a period
 GAP = 2.0  # longest step, over the longest that the bandwidth allows, that is no gap
 FEW = 20  # steps from which on too many gaps are an error
 

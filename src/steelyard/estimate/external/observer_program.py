@@ -26,8 +26,7 @@ from steelyard.symbolic.native.compiled import Code, compiled
 from steelyard.symbolic.program import InputArray as Input
 from steelyard.symbolic.program import Program
 
-Axes = Literal["frame", "base"]
-"""Whose axes a wrench is given along."""
+Axes = Literal["frame", "base"]  # whose axes a wrench is given along
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,8 +134,7 @@ def _regressor(equations: Equations, given: Given, columns: tuple[int, ...]) -> 
     return [entries.get((row, k), 0.0) for row in range(equations.robot.n) for k in columns]
 
 
-STATES = 4
-"""Vectors that a step hands to the next one: momentum, drive, slow velocities, external efforts."""
+STATES = 4  # vectors handed to the next step: momentum, drive, slow velocities, external efforts
 
 
 @dataclass(frozen=True, eq=False)

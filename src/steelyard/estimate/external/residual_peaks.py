@@ -93,12 +93,8 @@ RANGES = ("rest", "turning", "slow", "medium", "fast")
 """Ranges of a joint's speed; it is turning where it starts, stops or reverses."""
 
 CHANGE = len(RANGES)  # column of the maxima of changes at rest, after those of the ranges
-
-TESTS = np.array([0.5, 1.0, 1.0, 1.0, 1.0, 0.5])
-"""Share of the false alarms of each column: two of them test a joint at rest."""
-
-LONGEST_VISIT = 1.0
-"""Longest visit to a range in which a joint moves [s]; longer stays count several times."""
+TESTS = np.array([0.5, 1.0, 1.0, 1.0, 1.0, 0.5])  # false alarms per column: two test rest
+LONGEST_VISIT = 1.0  # longest visit in motion [s]; longer stays count several times
 
 HOLD = 0.15
 """A faster range begins that long after the last sample in a slower one [s]: the residual's filter
@@ -106,14 +102,9 @@ and the friction of a joint that starts to move remember."""
 
 MOST_KEPT = 200  # maxima kept per joint and range
 TAIL_SHARE = 0.3  # share of the maxima of a range that its tail is fitted to
-
-SETTLED = 0.5
-"""A joint is at rest that long after its last motion [s]: a robot that stops abruptly swings."""
-
+SETTLED = 0.5  # rest begins that long after the last motion [s]: an abrupt stop makes robots swing
 FEWEST = 10  # maxima that the tail of a range needs
-
-EXTRAPOLATION = 10.0
-"""How many times longer than the calibration the mean time between false alarms may be."""
+EXTRAPOLATION = 10.0  # most times between false alarms over the length of the calibration
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,9 +14,7 @@ from steelyard.base.arrays import Array
 from steelyard.symbolic.native.compiled import recurrence
 
 CREEP = 2.0  # time constant of the slow mean [s]
-
-QUIET = 1.0
-"""Changes are compared that long after the slow mean began [s]: an abrupt stop lets links swing."""
+QUIET = 1.0  # changes count that long after the slow mean began [s]: stopped links swing
 
 ONSET = 0.2
 """Changes that motion follows within that time [s] are not compared: efforts rise before a joint

@@ -45,8 +45,7 @@ LOSS_PROBABILITY, DIRECTION_LOSS_PROBABILITY = 0.9, 0.95
 """Probability with which a loss over the parts must be one, by Student's distribution; and that to
 any of the many laws of direction."""
 
-Mix = tuple[Term, ...]
-"""Friction laws that act together."""
+Mix = tuple[Term, ...]  # friction laws that act together
 
 
 @dataclass(frozen=True)

@@ -91,8 +91,7 @@ def _place(term: Term) -> tuple[Any, ...]:
     return (term.law, *(getattr(term, name, None) for name in ("joints", "motors", "along")))
 
 
-ConsistentOf = Callable[[Model, BaseMap], Consistent]
-"""The consistent estimate for a model and its base parameters."""
+ConsistentOf = Callable[[Model, BaseMap], Consistent]  # for a model and its base parameters
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,11 +57,8 @@ SPEED: tuple[tuple[Term, ...], ...] = (
 )
 """How friction grows with speed."""
 
-PLAIN: tuple[Term, ...] = (*DIRECTION[0], *SPEED[0])
-"""Coulomb and viscous friction, with which all others are compared."""
-
-LOADED = ("motor_current", "motor_torque")
-"""Kinds of effort that gears stand behind: their friction grows with the load."""
+PLAIN: tuple[Term, ...] = (*DIRECTION[0], *SPEED[0])  # with which others are compared
+LOADED = ("motor_current", "motor_torque")  # efforts behind gears: friction grows with load
 
 LOAD: tuple[tuple[Term, ...], ...] = ((), (LoadDependent(length=1e-3),))
 """Whether friction grows with the load."""
@@ -153,8 +150,7 @@ def _short(value: object) -> str:
 
 
 LENGTHS = 3.0  # lengths of a law's state that a joint travels until its samples are used
-SPEEDS = 2.0
-"""Fast over slow motion (quantiles 0.9 and 0.1 of the speed) from which on speeds differ."""
+SPEEDS = 2.0  # fast over slow motion (quantiles 0.9 and 0.1) from which on speeds differ
 SLOWEST = 0.03  # speed up to which a joint rests, relative to its fastest
 
 

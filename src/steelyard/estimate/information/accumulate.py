@@ -54,9 +54,7 @@ MOVING = 0.1
 """Filtered weight above which a filtered sample counts: only a rest as long as the filter is left
 out, a reversal of the motion is not a rest."""
 
-RESTING = 0.02
-"""Share of left out samples behind the filter from which on a filtered sample is beside rests."""
-
+RESTING = 0.02  # share of left out samples from which on a filtered sample is beside rests
 PADDING = 8  # extra samples per row, so that rows do not start a power of two apart
 
 

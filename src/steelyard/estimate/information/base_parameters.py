@@ -37,12 +37,8 @@ from steelyard.robot.robot import Robot
 from steelyard.symbolic.native import cache
 from steelyard.symbolic.program import run
 
-NEW = 1e-2
-"""Part of a column, relative to its norm, that must be new for it to be taken in natural order."""
-
-UNSEEN = 1e-9
-"""Norm of a column, relative to the largest, at which it is zero but for rounding errors."""
-
+NEW = 1e-2  # part of a column's norm that must be new for it to be taken in natural order
+UNSEEN = 1e-9  # norm of a column, over the largest, that is zero but for rounding
 GAP = 1e-3  # singular values above this part of the largest one count in any case
 ROUNDING = 1e-14  # singular values below this part of the largest one are rounding errors
 

@@ -23,9 +23,8 @@ from steelyard.estimate.least_squares.normal_equations import (
     Fit,
     described,
     inverse_of_gram,
-    spread_of,
 )
-from steelyard.estimate.least_squares.residual_covariance import scatter
+from steelyard.estimate.least_squares.residual_covariance import scatter, spread_of
 from steelyard.estimate.prior.prior import Knowledge
 
 
@@ -118,9 +117,7 @@ def _joined(estimate: Estimate, layout: Layout, known: Mapping[str, float]) -> E
     )
 
 
-Bounds = Mapping[str, tuple[float, float]]
-"""Lower and upper bound by name of the column; infinite where there is none."""
-
+Bounds = Mapping[str, tuple[float, float]]  # by name of the column; infinite if none
 AT_BOUND = 1e-6  # distance from a bound, in standard deviations, up to which a parameter lies on it
 
 
@@ -247,10 +244,6 @@ class BoundedLeastSquares:
     per_run: tuple[str, ...] = ()  # columns whose parameters every run has for itself
 
     def __call__(self, information: Information) -> Estimate:
-        """Estimate all columns that the data see.
-
-        Raises:
-            DataError: The data show nothing, or a bound is unusable.
-        """
+        """Estimate all columns that the data see."""
         box = Box.of(whitened(information, self.per_run), self.bounds)
         return box.estimate("bounded least squares", box.optimum(), ())

@@ -29,21 +29,20 @@ from steelyard.estimate.least_squares.normal_equations import (
     Fit,
     Runs,
     Solution,
-    Spread,
     described,
     inverse_of_gram,
+    lengths_of,
     refuse_few,
     scores_of,
     solve,
-    spread_of,
     variances_of,
 )
 from steelyard.estimate.least_squares.residual_covariance import (
     inflations,
     moved,
-    moved_scores,
     note_of,
     scatter,
+    spread_of,
 )
 
 DEPTH = 4  # earlier points that are mixed
@@ -67,7 +66,7 @@ class OrdinaryLeastSquares:
         solution = solve(data, ones)
         fit = Fit(data, solution, variances=variances_of(data, solution, ones))
         factors = scatter(WeightedLeastSquares(per_run=self.per_run).fit(information))
-        spread = _spread(fit, ones, factors * fit.variances)
+        spread = spread_of(fit, factors * fit.variances, ones)
         estimate = described("ordinary least squares", fit, spread)
         return replace(estimate, notes=note_of(information.layout.rows, factors))
 
@@ -84,7 +83,7 @@ class WeightedLeastSquares:
         """Estimate all columns that the data see."""
         fit = self.fit(information)
         factors = scatter(fit)
-        spread = _spread(fit, 1.0 / fit.variances, factors / fit.variances)
+        spread = spread_of(fit, factors / fit.variances, 1.0 / fit.variances)
         estimate = described("weighted least squares", fit, spread)
         return replace(estimate, notes=note_of(information.layout.rows, factors))
 
@@ -92,58 +91,39 @@ class WeightedLeastSquares:
         """Values and converged weights, without covariances."""
         data = Runs.of(information, self.per_run)
         energy = information.effort_squares() / np.maximum(information.n_samples, 1.0)
-        logs, mixed = np.log(np.where(energy > 0.0, energy, 1.0)), Mixing()
+        logs = np.log(np.where(energy > 0.0, energy, 1.0))
+        points, changes = list[Array](), list[Array]()
         before: Solution | None = None
         for _ in range(self.rounds):
             weights = np.exp(-logs)
             solution = before = solve(data, weights, before)
             variances = variances_of(data, solution, weights)
-            change = np.log(variances) - logs
-            if np.abs(change).max() < self.tolerance:
+            points.append(logs)
+            changes.append(np.log(variances) - logs)
+            if np.abs(changes[-1]).max() < self.tolerance:
                 break
-            logs = mixed.next(logs, change)
+            logs = mixed(points, changes)
         return Fit(data, solution, variances)
 
 
-def _spread(fit: Fit, weights: Array, noise: Array) -> Spread:
-    """What noise does to a fit, and what samples beside rests move.
+def mixed(points: list[Array], changes: list[Array]) -> Array:
+    """Anderson's mixing: the next point of a fixed-point iteration from the last few.
 
-    The noise is the variance of the residuals times the square of their weight, per row.
+    That at which a linear model of the changes is zero, or the plain next one. The lists are of
+    points and of what one plain step would add to each; points too far away are forgotten.
     """
-    spread, solution = spread_of(fit, noise), fit.solution
-    scores = scores_of(fit.data, solution.locals, solution.kept, noise)
-    shift = solution.inverse @ moved_scores(fit, weights, scores)
-    own = [part.slopes[:, solution.kept] @ shift for part in solution.locals]
-    return Spread(
-        spread.shared + np.outer(shift, shift),
-        tuple(found + np.outer(x, x) for found, x in zip(spread.own, own, strict=True)),
-    )
-
-
-class Mixing:
-    """Anderson's mixing: the next point of a fixed-point iteration from the last few."""
-
-    def __init__(self) -> None:
-        self._points: list[Array] = []
-        self._changes: list[Array] = []
-
-    def next(self, point: Array, change: Array) -> Array:
-        """The point at which a linear model of the changes is zero, or the plain next one.
-
-        `change` is what one plain step would add to the point.
-        """
-        size = float(np.abs(change).max())
-        if size > NEAR:
-            self._points, self._changes = [], []
-            return point + change
-        self._points = [*self._points[-DEPTH:], point]
-        self._changes = [*self._changes[-DEPTH:], change]
-        slopes = np.diff(self._changes, axis=0).T
-        if not slopes.size:
-            return point + change
-        shares = np.linalg.lstsq(slopes, change, rcond=1e-8)[0]
-        step = change - (np.diff(self._points, axis=0).T + slopes) @ shares
-        return np.asarray(point + np.clip(step, -LONGEST, LONGEST))
+    if float(np.abs(changes[-1]).max()) > NEAR:
+        next_point = points[-1] + changes[-1]
+        points.clear()
+        changes.clear()
+        return next_point
+    del points[: -DEPTH - 1], changes[: -DEPTH - 1]
+    slopes, change = np.diff(changes, axis=0).T, changes[-1]
+    if not slopes.size:
+        return points[-1] + change
+    shares = np.linalg.lstsq(slopes, change, rcond=1e-8)[0]
+    step = change - (np.diff(points, axis=0).T + slopes) @ shares
+    return np.asarray(points[-1] + np.clip(step, -LONGEST, LONGEST))
 
 
 RANK = 1e-11  # eigenvalue of the normal matrix, columns of unit length, below which it is rounding
@@ -160,7 +140,6 @@ class Whitened:
     matrix: Array  # `R`, `(rank, c)`
     vector: Array  # `z`, `(rank,)`
     noise: Array  # covariance of `z` from windows of time and samples beside rests, `(rank, rank)`
-    lengths: Array  # root of the sum of squares of each whitened column, `(c,)`
     effort: float  # root of the sum of squares of the whitened efforts
 
 
@@ -169,8 +148,7 @@ def whitened(
 ) -> Whitened:
     """Compress information; `equal` weighs all rows the same, by their mean variance.
 
-    Raises:
-        DataError: There are too few samples to distinguish noise from motion.
+    A `DataError` says that there are too few samples to distinguish noise from motion.
     """
     refuse_few(information, len(information.layout.columns), FREEDOM)
     fit = WeightedLeastSquares(per_run=tuple(per_run)).fit(information)
@@ -178,11 +156,10 @@ def whitened(
     if equal:
         counts = information.n_samples
         variances = np.full(len(counts), variances @ counts / counts.sum())
-    normal, right, eliminated, squares = fit.data.normal(1.0 / variances)
+    normal, right, eliminated, _ = fit.data.normal(1.0 / variances)
     columns = [k for k in range(len(right)) if k not in fit.data.local]
     normal, right = normal[np.ix_(columns, columns)], right[columns]
-    lengths = np.sqrt(np.maximum(np.diag(normal), 0.0))
-    scale = np.where(lengths > 1e-12 * lengths.max(initial=1e-300), lengths, np.inf)
+    scale = lengths_of(np.diag(normal))
     values, vectors = np.linalg.eigh(normal / scale[:, None] / scale)
     kept = values > RANK * values[-1]
     roots, vectors = np.sqrt(values[kept]), vectors[:, kept]
@@ -209,7 +186,6 @@ def whitened(
         matrix,
         (vectors.T @ (right / scale)) / roots,
         noise,
-        np.sqrt(np.maximum(squares[columns], 0.0)),
         float(np.sqrt(effort)),
     )
 

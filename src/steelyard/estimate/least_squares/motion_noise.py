@@ -34,6 +34,7 @@ from steelyard.estimate.least_squares.normal_equations import (
     described,
     inverse_of_gram,
     refuse_few,
+    unit_length,
 )
 from steelyard.estimate.least_squares.residual_covariance import honest_covariance
 from steelyard.estimate.least_squares.robust import FREEDOM, residuals_of
@@ -114,11 +115,7 @@ class MotionNoise:
     per_run: tuple[str, ...] = ()  # columns whose parameters every run has for itself
 
     def __call__(self, samples: FilteredSamples) -> Estimate:
-        """Estimate all columns that the samples see.
-
-        Raises:
-            DataError: They see none, or nothing is known of the noise of their motion.
-        """
+        """Estimate all columns that the data see."""
         start = WeightedLeastSquares(per_run=self.per_run)(samples.information())
         refuse_few(samples.information(), len(start.parameters), FREEDOM)
         problem = _Problem.of(self.regressor, samples, start, _roots(samples, self.position))
@@ -294,8 +291,7 @@ class _Problem:
         )
 
 
-GENERIC = 1e-12
-"""Least gap between the smallest eigenvalue of columns alone and that of columns and effort."""
+GENERIC = 1e-12  # least gap between the smallest eigenvalues without and with the effort
 
 
 @dataclass(frozen=True)
@@ -311,16 +307,11 @@ class TotalLeastSquares:
     per_run: tuple[str, ...] = ()
 
     def __call__(self, information: Information) -> Estimate:
-        """Estimate all columns that the data see.
-
-        Raises:
-            DataError: The data see no parameter, or no small change of them makes them consistent.
-        """
+        """Estimate all columns that the data see."""
         fit = WeightedLeastSquares(per_run=self.per_run).fit(information)
         kept, weights = fit.solution.kept, 1.0 / fit.variances
         matrix, vector, _, _ = fit.data.normal(weights)
-        lengths = np.sqrt(np.diag(matrix)[kept])
-        unit = matrix[np.ix_(kept, kept)] / lengths[:, None] / lengths
+        unit, lengths = unit_length(matrix[np.ix_(kept, kept)])
         square = 0.0
         for run, own in zip(fit.data.runs, fit.solution.locals, strict=True):
             _, of_run, size = run.normal(weights)

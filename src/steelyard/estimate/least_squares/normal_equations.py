@@ -8,7 +8,6 @@ the Schur complement $A - B C^+ B^T$, and these add over runs, however many ther
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -79,11 +78,7 @@ class Runs:
 
     @classmethod
     def of(cls, information: Information, per_run: Sequence[str]) -> "Runs":
-        """Split information where columns belong to single runs.
-
-        Raises:
-            DataError: There is no column of a name.
-        """
+        """Split information where columns belong to single runs."""
         columns = information.layout.columns
         for name in per_run:
             if name not in columns:
@@ -128,10 +123,8 @@ class Runs:
         """The run's own columns that it sees, as a function of the shared ones."""
         sizes = np.diag(matrix)
         columns = [k for k in self.local if sizes[k] > 1e-24 * sizes.max(initial=1e-300)]
-        own = matrix[np.ix_(columns, columns)]
-        lengths = np.sqrt(np.diag(own))
-        inverse = np.linalg.pinv(own / lengths[:, None] / lengths, rcond=SEEN, hermitian=True)
-        inverse = inverse / lengths[:, None] / lengths
+        own, lengths = unit_length(matrix[np.ix_(columns, columns)])
+        inverse = np.linalg.pinv(own, rcond=SEEN, hermitian=True) / lengths[:, None] / lengths
         slopes = -inverse @ matrix[columns]
         slopes[:, list(self.local)] = 0.0
         name = run.windows[0].run if run.windows else ""
@@ -172,17 +165,6 @@ class Solution:
     blind: tuple[Unidentifiable, ...]
     normal: Array  # normal matrix of `kept`
 
-    @cached_property
-    def singular(self) -> Array:
-        """Eigenvalues of the normal matrix, ascending."""
-        return frozen(np.linalg.eigvalsh(self.normal))
-
-    @cached_property
-    def singular_normalised(self) -> Array:
-        """Eigenvalues of the normal matrix with columns of unit length, ascending."""
-        scale = np.sqrt(np.diag(self.normal))
-        return frozen(np.linalg.eigvalsh(self.normal / scale[:, None] / scale))
-
 
 @dataclass(frozen=True, eq=False)
 class Fit:
@@ -204,21 +186,18 @@ def solve(data: Runs, weights: Array, before: Solution | None = None) -> Solutio
     """Least squares over all rows, each with a weight, shape `(rows,)`.
 
     It begins with the columns of the solution before, with other weights, which mostly sees the
-    same.
-
-    Raises:
-        DataError: The data show no parameter.
+    same; a `DataError` says that the data show no parameter.
     """
     information = data.whole
     matrix, vector, eliminated, squares = data.normal(weights)
-    lengths = np.sqrt(np.maximum(squares, 0.0))
-    scale = np.where(lengths > 1e-12 * lengths.max(initial=1e-300), lengths, np.inf)
+    scale = lengths_of(squares)
     scale[list(data.local)] = np.inf
     unit = matrix / scale[:, None] / scale
     if before is not None and _all_new(unit[np.ix_(before.kept, before.kept)]):
         kept, blind = before.kept, before.blind
     else:
         kept, blind = visible(unit, np.isfinite(scale), information.layout.columns)
+    lengths = np.sqrt(np.maximum(squares, 0.0))
     blind = explained(blind, eliminated, lengths, information.layout.columns)
     if not kept:
         raise DataError(
@@ -228,8 +207,7 @@ def solve(data: Runs, weights: Array, before: Solution | None = None) -> Solutio
         )
     refuse_few(information, len(kept), 1.0)
     normal = matrix[np.ix_(kept, kept)]
-    scale = np.sqrt(np.diag(normal))
-    reduced = normal / scale[:, None] / scale
+    reduced, scale = unit_length(normal)
     inverse = np.linalg.inv(reduced)
     values = np.zeros(len(vector))
     first = inverse @ (vector[kept] / scale)
@@ -326,29 +304,6 @@ class Spread:
         return cls(covariance, tuple(p.covariance(kept, covariance) for p in solution.locals))
 
 
-def spread_of(fit: Fit, noise: Array | None = None) -> Spread:
-    """What noise does to a fit.
-
-    It is the variance of the residuals times the square of their weight, per row; where all rows
-    weigh the same, and by default, the variances are it.
-    """
-    data, solution = fit.data, fit.solution
-    kept, inverse = solution.kept, solution.inverse
-    total, parts = np.zeros((len(kept), len(kept))), []
-    for run, own in zip(data.runs, solution.locals, strict=True):
-        matrix, _, _ = run.normal(fit.variances if noise is None else noise)
-        shared = shared_map(own, kept)
-        total += shared.T @ matrix @ shared
-        mine = own.inverse @ matrix[list(own.columns)]
-        parts.append((own.slopes[:, kept], mine[:, list(own.columns)] @ own.inverse, mine @ shared))
-    covariance = inverse @ total @ inverse
-    each = []
-    for slopes, noise, across in parts:
-        cross = across @ inverse @ slopes.T
-        each.append(noise + slopes @ covariance @ slopes.T + cross + cross.T)
-    return Spread(covariance, tuple(each))
-
-
 def scores_of(
     data: Runs, locals_: Sequence[Eliminated], kept: Sequence[int], weights: Array
 ) -> Array:
@@ -392,8 +347,8 @@ def described(name: str, fit: Fit, spread: Spread) -> Estimate:
         blind=solution.blind,
         sigma=frozen(np.sqrt(variances)),
         n_samples=frozen(data.whole.n_samples),
-        condition=condition_of(solution.singular),
-        condition_normalised=condition_of(solution.singular_normalised),
+        condition=condition_of(solution.normal),
+        condition_normalised=condition_of(unit_length(solution.normal)[0]),
         per_run=tuple(
             RunParameters(
                 part.run, named(part.columns, part.values), frozen(np.sqrt(np.diag(covariance)))
@@ -429,14 +384,26 @@ def _with_locals(solution: Solution, spread: Spread) -> tuple[Array, Array, list
     return np.concatenate([solution.values[solution.kept], means]), total, own
 
 
+def unit_length(gram: Array) -> tuple[Array, Array]:
+    """A Gram matrix with columns of unit length, and the lengths that they had."""
+    lengths = np.sqrt(np.diag(gram))
+    return gram / lengths[:, None] / lengths, lengths
+
+
+def lengths_of(squares: Array) -> Array:
+    """Lengths of columns by their squares; infinite where they are zero but for rounding."""
+    lengths = np.sqrt(np.maximum(squares, 0.0))
+    return np.where(lengths > 1e-12 * lengths.max(initial=1e-300), lengths, np.inf)
+
+
 def inverse_of_gram(gram: Array) -> Array:
     """Inverse of a Gram matrix, found with columns of unit length."""
-    lengths = np.sqrt(np.diag(gram))
-    inverse = np.linalg.inv(gram / lengths[:, None] / lengths)
-    return np.asarray(inverse / lengths[:, None] / lengths)
+    unit, lengths = unit_length(gram)
+    return np.asarray(np.linalg.inv(unit) / lengths[:, None] / lengths)
 
 
-def condition_of(eigenvalues: Array) -> float:
+def condition_of(gram: Array) -> float:
     """Root of the ratio of a Gram matrix's extreme eigenvalues, as far as rounding shows it."""
+    eigenvalues = np.linalg.eigvalsh(gram)
     rounding = np.finfo(np.float64).eps * eigenvalues[-1]
     return float(np.sqrt(eigenvalues[-1] / max(eigenvalues[0], rounding)))

@@ -45,13 +45,14 @@ from steelyard.base.arrays import Array
 from steelyard.estimate.least_squares.normal_equations import (
     Eliminated,
     Fit,
+    Spread,
     scores_of,
     shared_map,
     solve,
+    unit_length,
 )
 
-LEAST_EIGENVALUE_AWAY = 0.01
-"""Eigenvalue of `A` below which nothing away from rests identifies a direction."""
+LEAST_EIGENVALUE_AWAY = 0.01  # of `A`, that identifies a direction away from rests
 
 
 def moved(fit: Fit, weights: Array, root: Array, columns: Sequence[int], noise: Array) -> Array:
@@ -100,10 +101,8 @@ def away(fit: Fit) -> Fit | None:
 def _root(fit: Fit, weights: Array) -> Array:
     """From normal vectors over the columns `fit.solution.kept` to white coordinates."""
     kept = fit.solution.kept
-    matrix, _, _, _ = fit.data.normal(weights)
-    lengths = np.sqrt(np.diag(matrix)[kept])
-    factor = np.linalg.cholesky(matrix[np.ix_(kept, kept)] / lengths[:, None] / lengths)
-    return np.asarray(np.linalg.inv(factor) / lengths)
+    unit, lengths = unit_length(fit.data.normal(weights)[0][np.ix_(kept, kept)])
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(unit)) / lengths)
 
 
 WINDOWS = 24  # windows that all runs together are cut into; more make them shorter, without a gain
@@ -157,6 +156,27 @@ def _scatter(fit: Fit, most: int) -> Array:
     factors, chance = found / expected, np.sqrt(2.0 * squares) / expected
     low = np.minimum(factors * (1.0 + chance), 1.0)
     return np.where(enough, np.where(factors < 1.0, low, factors), 1.0)
+
+
+def spread_of(fit: Fit, noise: Array, weights: Array | None = None) -> Spread:
+    """What noise does to a fit, and what samples beside rests move where rows have weights.
+
+    The noise is the variance of the residuals times the square of their weight, per row.
+    """
+    solution = fit.solution
+    kept, inverse = solution.kept, solution.inverse
+    scores = scores_of(fit.data, solution.locals, kept, noise)
+    covariance = inverse @ scores @ inverse
+    if weights is not None:
+        shift = inverse @ moved_scores(fit, weights, scores)
+        covariance += np.outer(shift, shift)
+    each = []
+    for run, own in zip(fit.data.runs, solution.locals, strict=True):
+        slopes, mine = own.slopes[:, kept], own.inverse @ run.normal(noise)[0][list(own.columns)]
+        cross = mine @ shared_map(own, kept) @ inverse @ slopes.T
+        alone = mine[:, list(own.columns)] @ own.inverse
+        each.append(alone + slopes @ covariance @ slopes.T + cross + cross.T)
+    return Spread(covariance, tuple(each))
 
 
 def honest_covariance(

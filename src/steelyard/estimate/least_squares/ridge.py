@@ -15,7 +15,7 @@ from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.base_parameters import BaseMap
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.least_squares.normal_equations import Fit, Spread, described
+from steelyard.estimate.least_squares.normal_equations import Fit, Spread, described, unit_length
 from steelyard.estimate.least_squares.residual_covariance import honest_covariance
 from steelyard.estimate.prior.prior import Knowledge
 
@@ -55,19 +55,14 @@ class Ridge:
         return cls(named, "the nominal inertial parameters, zero friction", per_run=per_run)
 
     def __call__(self, information: Information) -> Estimate:
-        """Estimate all columns that the data see.
-
-        Raises:
-            DataError: They see none.
-        """
+        """Estimate all columns that the data see."""
         fit = WeightedLeastSquares(per_run=self.per_run).fit(information)
         solution, kept = fit.solution, fit.solution.kept
         matrix, vector, _, _ = fit.data.normal(1.0 / fit.variances)
         names, given = information.layout.columns, dict(self.towards)
         aim = np.array([given.get(name, 0.0) for name in names])
         target = solution.inverse @ (matrix[kept] @ aim)
-        lengths = np.sqrt(np.diag(matrix)[kept])
-        unit = matrix[np.ix_(kept, kept)] / lengths[:, None] / lengths
+        unit, lengths = unit_length(matrix[np.ix_(kept, kept)])
         problem = _Problem.of(unit, lengths * (solution.values[kept] - target), fit)
         weight = problem.best() if self.weight is None else self.weight
         values = np.zeros(len(vector))

@@ -25,9 +25,7 @@ from steelyard.estimate.least_squares.residual_covariance import inflations
 
 NORMAL = 0.6744897501960817  # median of |x| of a standard normal x
 FREEDOM = 2.0  # independent samples per parameter of which there must be more
-
-FLOOR = 1e-12
-"""Scale of residuals over the root mean square of the effort below which they are rounding."""
+FLOOR = 1e-12  # scale of residuals over the effort's root mean square that is rounding
 
 
 class Weigh(Protocol):
@@ -101,11 +99,7 @@ class Reweighted:
     tolerance: float = 1e-6
 
     def __call__(self, samples: FilteredSamples) -> Estimate:
-        """Estimate all columns that the samples see.
-
-        Raises:
-            DataError: They see none, or are too few to distinguish large residuals from others.
-        """
+        """Estimate all columns that the data see."""
         estimate = self.inner(samples.information())
         refuse_few(samples.information(), len(estimate.parameters), FREEDOM)
         for loss in (self.weigh,) if self.weigh.convex else (Huber(), self.weigh):

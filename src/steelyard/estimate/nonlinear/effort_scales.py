@@ -29,7 +29,7 @@ from steelyard.estimate.estimate import Z95, Estimate, StandardEstimate
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import Layout
 from steelyard.estimate.least_squares.least_squares import whitened
-from steelyard.estimate.least_squares.normal_equations import condition_of
+from steelyard.estimate.least_squares.normal_equations import condition_of, unit_length
 from steelyard.estimate.scores.cross_validation import (
     FEWEST,
     FOLDS,
@@ -164,8 +164,8 @@ class Scaled:
         own = whitened(information, equal=self.estimator.equal).fit.solution
         return replace(
             found,
-            condition=condition_of(own.singular),
-            condition_normalised=condition_of(own.singular_normalised),
+            condition=condition_of(own.normal),
+            condition_normalised=condition_of(unit_length(own.normal)[0]),
         )
 
     def _extended(self, information: Information, at: Scales) -> Information:
@@ -215,8 +215,7 @@ def _without(estimate: Estimate, names: tuple[str, ...]) -> Estimate:
 BEFORE = f"known to ± {100.0 * Z95 * DEVIATION:.0f} % a priori (95 % interval)"
 """How well a scale is known without them, for people to read."""
 
-CHANCE = 1e-3
-"""Probability of such a distance, or a greater one, below which the data ask for scales."""
+CHANCE = 1e-3  # probability of a distance as great or greater at which the data ask for scales
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,16 +21,11 @@ FEWEST = 4  # least number of grid points of each of several fields of one term
 WIDEST = 400  # candidates' columns of one pass; beyond it terms are searched one after another
 FINE = 0.04  # step of the logarithmic grid at which a quadratic is true to about 1e-3
 FINEST = 0.004  # step at which it is true to about 1e-5; finer ones serve nobody
-
-LARGEST_SQUARED_STEP = 0.3
-"""Square of the step, as the quadratic's error goes, over half the interval that it should keep."""
-
+LARGEST_SQUARED_STEP = 0.3  # square of the step, the quadratic's error, over half the interval
 FINER = 4.0  # how much finer the grid gets around the best choice from pass to pass
 SETTLING = 30  # iterations for the scale of a grid that is fine in the middle
 MOST_FIELD_PASSES = 8  # most passes over the data per search
-
-InformationOf = Callable[[Regressor], Information]
-"""What all runs say about the columns of a regressor."""
+InformationOf = Callable[[Regressor], Information]  # what all runs say about its columns
 
 _EMPTY = BaseMap((), (), (), (), (), np.zeros((0, 0)))
 

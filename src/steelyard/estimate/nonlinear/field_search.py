@@ -14,17 +14,13 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array
 from steelyard.estimate.information.information import Information
+from steelyard.estimate.least_squares.normal_equations import lengths_of
 
 Indices = NDArray[np.intp]
 
-SEEN = 1e-10
-"""Squared sine of the angle to shared columns below which a candidate is not identifiable."""
-
+SEEN = 1e-10  # squared sine of the angle to shared columns that identifies a candidate
 RIDGE = 1e-11  # of normalised chosen columns: two of them may be alike
-
-EXACT = 1e-13
-"""Least residual variance over the variance of the effort: below it there is only rounding."""
-
+EXACT = 1e-13  # least residual variance over that of the effort; less is rounding
 ROUNDS = 20  # most changes of the weights from one start
 TOLERANCE = 1e-4  # relative change of the weights at which they have converged
 
@@ -66,8 +62,7 @@ class Costs:
     def of(cls, information: Information, shared: Indices, slots: Slots, weights: Array) -> "Costs":
         """Eliminate the shared columns, under weights `(rows,)`."""
         matrix, vector, square = information.normal(weights)
-        lengths = np.sqrt(np.diag(matrix))
-        lengths = np.where(lengths > 1e-12 * lengths.max(initial=1e-300), lengths, np.inf)
+        lengths = lengths_of(np.diag(matrix))
         unit, right = matrix / lengths[:, None] / lengths, vector / lengths
         values, vectors = np.linalg.eigh(unit[np.ix_(shared, shared)])
         kept = values > SEEN

@@ -31,7 +31,6 @@ from steelyard.model.terms.error_columns import GeometryErrors
 from steelyard.runs.run import Run
 
 ROUNDS = 20  # most Gauss-Newton steps
-
 LONGEST = 0.25  # longest step of an offset [rad; m]: derivatives hold for small angles only
 
 LOOSEST = {"rad": 0.1, "m": 0.05}

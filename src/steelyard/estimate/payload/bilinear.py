@@ -17,10 +17,7 @@ ROUNDS = 50  # most rounds of the weights
 STEPS = 100  # most steps in a round
 WEAK = 1e-3  # a start below this share of the median gain is put to the median
 DOUBTFUL = 0.3  # relative standard deviation from which on a gain's sign is in doubt
-
-ROUNDING = 1e-16
-"""Share of a row's energy that its sum of squared residuals cannot be known to fall below."""
-
+ROUNDING = 1e-16  # share of a row's energy below which squared residuals are not known
 ALONE = 0.99  # share of a column that others do not make up for, from which on its value is its own
 
 SURE = 20.0

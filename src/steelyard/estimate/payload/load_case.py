@@ -22,14 +22,9 @@ from steelyard.model.model import Model
 from steelyard.robot.rigid_body import INERTIAL_NAMES, INERTIAL_UNITS, Inertia
 from steelyard.robot.robot import Frame, Robot
 
-SEEN = 1e-10
-"""Share of a parameter's information, left when all others are free, below which none is left."""
-
-TOUCHED = 1e-4
-"""Component along a direction that the data do not see, from which on a parameter is not seen."""
-
-RANK = 1e-13
-"""Relative eigenvalue of a scaled normal matrix below which a direction is left at zero."""
+SEEN = 1e-10  # share of a parameter's information, all others free, that counts as some
+TOUCHED = 1e-4  # component along an unseen direction from which on a parameter is not seen
+RANK = 1e-13  # relative eigenvalue of a scaled normal matrix whose direction is left at zero
 
 
 def joined(

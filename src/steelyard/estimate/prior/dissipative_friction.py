@@ -30,9 +30,7 @@ STILL = 1e-9  # speed that stands for one next to zero, over `REACH` times the g
 SPEEDS = np.concatenate([[STILL], np.geomspace(1e-4, 0.03, 6), np.linspace(0.05, 1.0, 20)])
 """Grid of speeds, over the same."""
 
-UNREACHED_SPEEDS = np.linspace(0.1, 1.0, 10)
-"""Grid of speeds that the data do not reach, over the limit of the joint."""
-
+UNREACHED_SPEEDS = np.linspace(0.1, 1.0, 10)  # of those beyond the data, over the joint's limit
 CYCLES = (STILL, 0.01, 0.1, 1.0)  # speeds of cycles, over the same as `SPEEDS`
 OFTEN = 50.0  # cycles per second that no arm exceeds [Hz]
 NOTHING = 1e-9  # length of a row below which it is rounding
@@ -43,10 +41,7 @@ forgotten, and over the largest range of a cycle."""
 
 HALF = np.append(0.0, np.geomspace(1e-4, 1.0, 60))  # positions of half a cycle, over its range
 TURNED = 30  # positions after a turn at which friction is bounded
-
-PEAK = 2.0
-"""Greatest friction on the way from one direction to the other, over that of slow sliding."""
-
+PEAK = 2.0  # greatest friction between two directions, over that of slow sliding
 RANGES = 2.0 ** np.arange(-8.0, 3.0)  # ranges of cycles, over the greatest length of a law
 
 

@@ -183,8 +183,7 @@ class ConstraintContext:
         return Row(f"{label} ({self.where})", coefficients, low, high)
 
 
-Interval = tuple[float, float]
-"""Lower and upper bound."""
+Interval = tuple[float, float]  # lower and upper bound
 
 
 class PriorConstraint(Protocol):

@@ -16,7 +16,7 @@ from steelyard.base.errors import DataError
 from steelyard.estimate.estimate import Unidentifiable
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.least_squares.normal_equations import condition_of
+from steelyard.estimate.least_squares.normal_equations import condition_of, unit_length
 from steelyard.estimate.least_squares.residual_covariance import scatter, score_covariance
 
 
@@ -47,12 +47,12 @@ class FullModel:
         fit = WeightedLeastSquares().fit(seen)
         factors = scatter(fit)
         matrix, vector, _ = seen.normal(1.0 / fit.variances)
-        lengths = np.sqrt(np.diag(matrix))
+        unit, lengths = unit_length(matrix)
         return cls(
             seen,
             fit.variances,
             factors,
-            frozen(matrix / lengths[:, None] / lengths),
+            frozen(unit),
             frozen(vector / lengths),
             frozen(score_covariance(fit, factors) / lengths[:, None] / lengths),
             frozen(lengths),
@@ -140,7 +140,7 @@ class State:
     def condition(self) -> float:
         """Condition number of the weighted columns at unit length."""
         some = self.full.matrix[np.ix_(self.active, self.active)]
-        return condition_of(frozen(np.linalg.eigvalsh(some)))
+        return condition_of(some)
 
     @property
     def chi_square(self) -> float:
@@ -179,8 +179,7 @@ CRITERIA: tuple[Criterion, ...] = (
 )
 """All criteria, the default one first."""
 
-Accepts = Callable[[State, State], bool]
-"""Whether a model may lose a parameter: the full model, and the one without it."""
+Accepts = Callable[[State, State], bool]  # whether the full model may shrink to the other
 
 
 @dataclass(frozen=True)

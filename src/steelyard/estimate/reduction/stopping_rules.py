@@ -19,8 +19,7 @@ from steelyard.estimate.information.samples import FilteredSamples
 from steelyard.estimate.reduction.elimination import FullModel, Path, State
 from steelyard.estimate.scores.cross_validation import FEWEST, FOLDS, logarithms, standard_error
 
-PathOf = Callable[[FullModel], Path]
-"""The path of a full model."""
+PathOf = Callable[[FullModel], Path]  # the path of a full model
 
 
 @dataclass(frozen=True, eq=False)
