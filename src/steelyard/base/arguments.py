@@ -23,12 +23,10 @@ WORDS = {str: "a string", bool: "True or False", NoneType: "None"}
 def checked(**least: float) -> Callable[[Callable[Arguments, Result]], Callable[Arguments, Result]]:
     """Refuse arguments of other types than the annotated ones, before anything is done.
 
-    The traceback of a `SteelyardError` ends here, without the frames inside of the package and
-    the errors that led to it, unless the environment variable `STEELYARD_TRACEBACK` is set.
-
-    Args:
-        least: The least value of arguments that are numbers; also an attribute of the function,
-            for its command.
+    `least` are the least values of arguments that are numbers; also an attribute of the function,
+    for its command. The traceback of a `SteelyardError` ends here, without the frames inside of the
+    package and the errors that led to it, unless the environment variable `STEELYARD_TRACEBACK` is
+    set.
     """
 
     def around(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
@@ -59,11 +57,7 @@ def checked(**least: float) -> Callable[[Callable[Arguments, Result]], Callable[
 def _bound(
     function: str, signature: inspect.Signature, args: Sequence[Any], kwargs: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Arguments by name, as Python binds them.
-
-    Raises:
-        TypeError: One is unknown or missing; it names the function and the nearest argument.
-    """
+    """Arguments by name, as Python binds them; a `TypeError` names the function and the nearest."""
     try:
         return signature.bind(*args, **kwargs).arguments
     except TypeError as error:

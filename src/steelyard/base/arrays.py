@@ -12,15 +12,7 @@ Array = NDArray[np.float64]
 
 
 def frozen(values: ArrayLike, shape: Sequence[int | None] | None = None) -> Array:
-    """A read-only float64 copy of `values`.
-
-    Args:
-        values: Anything NumPy can turn into an array.
-        shape: Expected shape; `None` entries are free.
-
-    Raises:
-        ValueError: The shape is another one.
-    """
+    """A read-only float64 copy; a `ValueError` if the shape is another, `None` entries free."""
     array = np.array(values, dtype=np.float64, order="C")
     if shape is not None and (
         array.ndim != len(shape)
@@ -81,13 +73,7 @@ class Parameter:
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """Values of named parameters, in a fixed order.
-
-    Attributes:
-        names: One name per parameter, unique.
-        units: One unit per parameter.
-        values: Shape `(p,)`, read-only.
-    """
+    """Values `(p,)`, read-only, of named parameters with their units; names are unique."""
 
     names: tuple[str, ...]
     units: tuple[str, ...]

@@ -87,14 +87,7 @@ def nearest(name: str, names: Iterable[str], count: int = 3) -> tuple[str, ...]:
 
 
 def advice(name: str, names: Iterable[str], what: str, most: int = 12) -> str:
-    """One line that offers the nearest of `names`, or all of them when none is near.
-
-    Args:
-        name: The name that was not found.
-        names: Those that exist.
-        what: What they are, in the plural: `joints`, `keys`.
-        most: How many are listed at most.
-    """
+    """One line that offers the nearest of `names`, or lists `most` of them when none is near."""
     known = list(names)
     if near := nearest(name, known):
         return "did you mean " + " or ".join(f"'{n}'" for n in near) + "?"
@@ -102,11 +95,7 @@ def advice(name: str, names: Iterable[str], what: str, most: int = 12) -> str:
 
 
 def named(name: str, known: Mapping[str, Named], what: str, plural: str, where: str) -> Named:
-    """The one of a name.
-
-    Raises:
-        ModelError: There is none; its advice lists the others.
-    """
+    """The one of a name; a `ModelError` lists the others if there is none."""
     if name not in known:
         wrong = f"there is no {what} '{name}'"
         raise ModelError(wrong, where=where, fix=advice(name, known, plural))
@@ -154,17 +143,7 @@ def available(package: str) -> bool:
 
 
 def require(package: str, extra: str, what: str, where: str) -> None:
-    """Refuse what needs an optional package if that is not installed.
-
-    Args:
-        package: Name of the package.
-        extra: Extra of steelyard that installs it.
-        what: What needs it, such as "Parquet files".
-        where: The file or attribute that asked for it.
-
-    Raises:
-        PackageError: It is not installed.
-    """
+    """A `PackageError` if a package is not installed, which an extra of steelyard installs."""
     if not available(package):
         raise PackageError(
             f"{what} need the package {package}, which is not installed",

@@ -25,11 +25,7 @@ def remove_unfinished() -> None:
 
 
 def refuse_existing(path: Path) -> None:
-    """Refuse to replace a file.
-
-    Raises:
-        OutputError: It exists already.
-    """
+    """An `OutputError` where a file would be replaced."""
     if path.exists():
         raise OutputError(
             "the file exists already", where=str(path), fix="name another one, or remove it"
@@ -52,8 +48,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 def whole_folder(path: Path) -> Iterator[Path]:
     """A temporary folder beside `path` that takes its place when the block ends without an error.
 
-    Raises:
-        OutputError: `path` is there and not an empty folder, or cannot be written.
+    It is an `OutputError` if `path` is there and not an empty folder, or cannot be written.
     """
     part = _beside(path)
     with explained(path):
@@ -138,11 +133,7 @@ def explained(path: Path) -> Iterator[None]:
 
 
 def new_folder(output: Path | None, default: str) -> Path:
-    """The folder to make: the one that is given, or `default`, with a number if that exists.
-
-    Raises:
-        OutputError: A folder is given that is there already.
-    """
+    """The folder to make: one that is not there, or `default`, with a number if that exists."""
     if output is None:
         names = chain([default], (f"{default}-{number}" for number in count(2)))
         return next(folder for folder in map(Path, names) if not folder.exists())

@@ -54,15 +54,9 @@ class Motion:
 
 
 def numbers(name: str, values: ArrayLike, shapes: Sequence[tuple[int | None, ...]]) -> Array:
-    """A read-only array of finite numbers.
+    """A read-only array of finite numbers of one of the shapes, whose `None` entries are free.
 
-    Args:
-        name: What it is, for messages.
-        values: The numbers.
-        shapes: Shapes that it may have; `None` entries are free.
-
-    Raises:
-        DataError: It has none of them, or holds what is no finite number.
+    `name` is for messages; a `DataError` if it has none of the shapes, or is not finite.
     """
     array = frozen(shaped(name, values, shapes))
     check_finite(name, array)

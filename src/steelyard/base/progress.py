@@ -7,14 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Event:
-    """How far a phase of long work has come.
-
-    Attributes:
-        phase: What is being done, in a few words.
-        done: Work done so far, in the unit of `total`.
-        total: All the work of this phase.
-        note: What has been found so far, in a few words.
-    """
+    """How far a phase of long work has come, in the unit of `total`, and what is found so far."""
 
     phase: str
     done: float
@@ -38,11 +31,7 @@ def silent(event: Event) -> bool:
 def report_progress(
     progress: Progress, phase: str, done: float, total: float, note: str = ""
 ) -> None:
-    """Call `progress` with an event.
-
-    Raises:
-        Stopped: It returned `False`.
-    """
+    """Call `progress` with an event; it is `Stopped` if that returned `False`."""
     answer: bool | None = progress(Event(phase, done, total, note))
     if answer is not None and not answer:
         raise Stopped(f"stopped during {phase}, {done:.3g} of {total:.3g} done")

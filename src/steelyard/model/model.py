@@ -91,8 +91,7 @@ class Model(Equations):
     def at(self, values: Parameters) -> "ValuedModel":
         """The model with values; standard parameters that are not named are zero.
 
-        Raises:
-            DataError: A value belongs to no parameter of the model.
+        It is a `DataError` if a value belongs to no parameter of the model.
         """
         known = values.as_dict()
         strange = [name for name in known if name not in self.names]

@@ -54,8 +54,8 @@ class Quantity:
     def part(self, equations: Equations) -> Equations:
         """The equations with the terms only that enter.
 
-        Raises:
-            ModelError: Accelerations are asked for, and a term depends on them beside the inertia.
+        It is a `ModelError` if accelerations are asked for, and a term depends on them beside the
+        inertia.
         """
         loaded = [
             t.law
@@ -225,12 +225,7 @@ QUANTITIES = (
 
 @lru_cache(maxsize=256)
 def frame_quantity(robot: Robot, frame: str | Frame) -> Quantity:
-    """Position, rotation and Jacobian of a frame, row by row.
-
-    Raises:
-        ModelError: The robot has no frame of that name.
-        DataError: It is neither a name nor a frame.
-    """
+    """Position, rotation and Jacobian of a frame, row by row; an error if the robot has none."""
     if not isinstance(frame, str | Frame):
         raise DataError(
             f"a frame cannot be of type {type(frame).__name__}",

@@ -16,7 +16,7 @@ from steelyard.robot.file.robot_file import load_robot
 
 
 def model_with_open_friction(loaded: LoadedRobot) -> Model:
-    """The model that a robot file describes, with the customary terms where it names none.
+    """The model of a robot file, with the customary terms where it names none.
 
     Where friction is to be chosen, it is left out; on the link side no rotor is felt.
     """

@@ -22,12 +22,7 @@ from steelyard.symbolic.program import Program
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """Efforts and regressor of a robot with its terms.
-
-    Attributes:
-        robot: The robot.
-        terms: Causes of torque; their columns stand side by side in this order.
-    """
+    """Efforts and regressor of a robot with its terms, whose columns stand side by side."""
 
     robot: Robot
     terms: tuple[Term, ...]

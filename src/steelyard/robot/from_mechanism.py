@@ -151,7 +151,7 @@ def reduced(
     closing: Closing | None = None,
     snap: bool = True,
 ) -> tuple[Robot, tuple[str, ...]]:
-    """The robot in which `joints` move and all others are locked.
+    """The robot in which `joints` move and all others are locked; and notes on what was assumed.
 
     Locked and fixed links merge with their inertia into the moving link that carries them; what
     is fixed to the base vanishes. A mimic joint moves with its master, which keeps within the
@@ -170,13 +170,6 @@ def reduced(
         closing: What the robot file says of closed chains. Passive joints move like those to
             identify, and are listed apart from them.
         snap: Whether entries of rotations and axes below `DIRT` are rounding errors of the file.
-
-    Returns:
-        The robot, and notes for the user on what was assumed.
-
-    Raises:
-        ModelError: A name is none of the mechanism's, a robot floats without a base, or a joint
-            moves that a coupling, or a ball joint, forbids.
     """
     mechanism = mechanism.snapped() if snap else mechanism
     _check_links(mechanism, mechanism.root if base is None else base, tip)

@@ -184,10 +184,9 @@ def followers_of(
 def narrowed(limits: Limits, followers: Sequence[tuple[Mimic, Limits]]) -> tuple[Limits, bool]:
     """Limits that keep the followers of a joint within theirs as well, and whether a range is left.
 
-    A follower at `x = ratio * q + offset` within `[lower, upper]` keeps `q` between
-    `(lower - offset) / ratio` and `(upper - offset) / ratio`, and its speed limit counts as
-    `velocity / |ratio|`. A follower with an empty range is taken as unlimited. The effort stays as
-    it was; if no range is left, it is the joint's.
+    A follower at `x = ratio * q + offset` within `[lower, upper]` keeps `q` between `(lower -
+    offset) / ratio` and `(upper - offset) / ratio`, and its speed limit counts as `velocity /
+    |ratio|`. A follower with an empty range is unlimited; the joint's range stays if none is left.
     """
     lower, upper, velocity = limits.lower, limits.upper, limits.velocity
     for drive, own in followers:

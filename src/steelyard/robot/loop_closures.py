@@ -36,11 +36,9 @@ _TRIES = 40
 class LoopEquations:
     """The scalar equations that determine the passive joints, one per passive joint.
 
-    Attributes:
-        loops: Per equation the number of its loop.
-        directions: Per equation the direction along which its residual is taken, `(n_p, 3)`.
-        depends: Whether an equation changes with a joint, shape `(n_p, n_joints)`.
-        assembly: Positions of all joints at which the loops are closed, `(n_joints,)`.
+    Each has the number of its loop and the direction along which its residual is taken, `(n_p, 3)`.
+    `depends`, `(n_p, n_joints)`, is whether it changes with a joint; `assembly`, `(n_joints,)`, is
+    where the loops are closed.
     """
 
     loops: tuple[int, ...]
@@ -140,10 +138,7 @@ def closest(robot: Robot, q: Array, free: Sequence[int]) -> Array:
 
 @lru_cache(maxsize=32)
 def loop_equations(robot: Robot) -> LoopEquations:
-    """The equations that determine a robot's passive joints.
-
-    It is a `ModelError` if the loops do not close near the assembly, or do not determine them.
-    """
+    """The equations of a robot's passive joints; a `ModelError` if they do not determine them."""
     return checked_equations(robot, [f"robot '{robot.name}', loop '{x.name}'" for x in robot.loops])
 
 
@@ -273,12 +268,8 @@ def all_joints(robot: Robot, q: Array) -> Array:
 class Closing:
     """What a robot file says of closed chains, beside what the model file says.
 
-    Attributes:
-        pins: More pins.
-        passive: Names of the joints that the loops determine; `None` if not given.
-        assembly: Positions of joints near which the loops close [rad; m].
-        open_loops: What to do where measured positions cannot close a loop.
-        where: For messages.
+    More pins, and the joints that the loops determine, `None` if not given; positions of joints
+    near which the loops close [rad; m].
     """
 
     pins: tuple[Pin, ...] = ()

@@ -36,13 +36,10 @@ class Listed(str):
 
 @dataclass(frozen=True)
 class ModelNote:
-    """A statement of a model file that is not followed.
+    """A statement of a model file that is not followed, and what holds instead.
 
-    Attributes:
-        what: What is stated and what holds instead; items of the same statement are listed after.
-        item: What it is about, such as a joint with a number; empty if `what` says it all.
-        joints: Joints that it concerns; empty if it concerns the whole robot.
-        answer: What in a robot file resolves it, if anything.
+    `item` is what it is about, listed after other items of the same statement; `joints` that it
+    concerns, none if it concerns the whole robot; `answer` what in a robot file resolves it.
     """
 
     what: str
@@ -102,7 +99,7 @@ class Pin:
 
 @dataclass(frozen=True)
 class Coupling:
-    """Joints that a model file ties in a way that no equation of a robot here says.
+    """Joints tied in a way that no equation of a robot here says.
 
     `what` is said in messages: "a joint equality that is not proportional".
     """
@@ -137,18 +134,10 @@ class Link:
 class Joint:
     """A joint between two links; the child link's frame is the joint's frame.
 
-    Attributes:
-        name: Unique in the mechanism.
-        kind: `fixed`, `revolute`, `continuous` or `prismatic`; or with more than one degree of
-            freedom `floating`, `planar` or `ball`, which no robot keeps (`joint_reduction.py`).
-        parent: Name of the parent link.
-        child: Name of the child link.
-        placement: The joint's frame in the parent link's frame, at position zero.
-        axis: Unit vector in the joint's frame, shape `(3,)`; of no meaning for a fixed joint.
-        limits: Range, speed and effort; an effort that is a placeholder is taken as unknown.
-        mimic: The joint this one follows, if any.
-        where: File and line, for messages.
-        placeholder: That effort, if the file gives one [Nm; N]; else zero.
+    A kind with more than one degree of freedom no robot keeps (`joint_reduction.py`). The
+    `placement` is the joint's frame in the parent link's at position zero, the `axis` `(3,)` a unit
+    vector there. An effort limit that only fills its place is taken as unknown, and is the
+    `placeholder` [Nm; N].
     """
 
     name: str

@@ -44,12 +44,9 @@ def six_numbers(matrix: ArrayLike) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Inertia:
-    """Mass properties of one rigid body in its link frame.
+    """Mass [kg] of one rigid body, and its first moment `(3,)` [kg m] and inertia `(3, 3)` [kg m²].
 
-    Attributes:
-        mass: [kg].
-        first_moment: Mass times centre of mass, shape `(3,)` [kg m].
-        inertia_origin: Inertia about the link frame's origin, shape `(3, 3)` [kg m²].
+    Both about the origin of its link frame; the first moment is mass times centre of mass.
     """
 
     mass: float
@@ -174,9 +171,8 @@ def rpy_rotation(roll: float, pitch: float, yaw: float) -> Array:
 def clean_rotation(rotation: ArrayLike, dirt: float = DIRT) -> Array:
     r"""The rotation with entries below `dirt` set to zero, orthonormal to rounding.
 
-    Rounded angles in model files would otherwise leave tiny entries that make dependent
-    parameters look independent. Two steps of $R \leftarrow \tfrac12 R\,(3 - R^T R)$ restore
-    orthonormality without touching exact zeros.
+    Rounded angles in model files would otherwise leave tiny entries that make dependent parameters
+    look independent. Two steps of $R \leftarrow \tfrac12 R\,(3 - R^T R)$ keep exact zeros.
     """
     matrix = np.array(rotation, dtype=np.float64)
     matrix[np.abs(matrix) < dirt] = 0.0
@@ -201,12 +197,10 @@ def clean_axis(axis: ArrayLike, dirt: float = DIRT) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Where a frame is in another: a point `p` is at `rotation @ p + position` there.
+    """Where a frame is in another: a point `p` is at `rotation @ p + position` there [m].
 
-    Attributes:
-        rotation: Shape `(3, 3)`, cleaned by `clean_rotation`.
-        position: Shape `(3,)` [m], entries below a nanometre set to zero.
-        dirt: What `clean_rotation` takes for zero, here and in products with this placement.
+    The rotation is cleaned by `clean_rotation`, which takes entries below `dirt` for zero, here and
+    in products; entries of the position below a nanometre are zero.
     """
 
     rotation: Array

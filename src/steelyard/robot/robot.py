@@ -49,24 +49,14 @@ class Body:
     """A moving body and the joint that carries it.
 
     The body's frame is the joint's frame. At position `x` of the joint, a point `p` of the body is
-    at `rotation @ (turn(axis, x) @ p) + position` in the parent's frame (revolute), or at
-    `rotation @ (p + axis * x) + position` (prismatic). `x = ratio * q[coordinate] + offset`,
-    so a mimic joint is a body that follows its master's coordinate.
+    at `rotation @ (turn(axis, x) @ p) + position` in the parent's frame (revolute), or at `rotation
+    @ (p + axis * x) + position` (prismatic). `x = ratio * q[coordinate] + offset`, so a mimic joint
+    is a body that follows its master's coordinate.
 
-    Attributes:
-        name: The link's name.
-        joint: The joint's name.
-        kind: `revolute` or `prismatic`.
-        parent: Index of the parent body; -1 is the base.
-        rotation: Shape `(3, 3)`, joint frame's axes in the parent's frame.
-        position: Shape `(3,)` [m], joint frame's origin in the parent's frame.
-        axis: Shape `(3,)`, unit vector in the joint's frame.
-        coordinate: Index of the coordinate that moves the joint.
-        ratio: Joint position per coordinate.
-        offset: Joint position at coordinate zero [rad; m].
-        inertia: Nominal mass properties (prior), fixed links included; zero if unknown.
-        known: Whether the model file gave any mass properties.
-        massless: Whether it is only a frame between the joints of one body, without parameters.
+    `parent` is an index, -1 the base; `rotation` `(3, 3)` and `position` `(3,)` [m] are the joint's
+    frame in the parent's, `axis` `(3,)` is a unit vector in the joint's. `inertia` is the nominal
+    one (prior), fixed links included, zero unless it is `known` from the model file; a `massless`
+    body is only a frame between the joints of one body, without parameters.
     """
 
     name: str
@@ -112,9 +102,7 @@ class Frame:
 class Transmission:
     r"""Gears between motors and joints, $q_m = R\,q$, so that $\tau = R^T \tau_m$.
 
-    Attributes:
-        motors: Names of the motors.
-        matrix: $R$, shape `(n, n)`, motor positions per joint position; it can be inverted.
+    The matrix $R$, `(n, n)`, has motor positions per joint position; it can be inverted.
     """
 
     motors: tuple[str, ...]

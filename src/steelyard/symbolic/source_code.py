@@ -14,10 +14,8 @@ from steelyard.symbolic.program import Program
 class Syntax:
     """How a language writes what programs do.
 
-    Attributes:
-        operations: Operation of a `Step` to its expression, with `{0}` and `{1}` for arguments.
-        number: A number as a literal.
-        assignment: A statement, with `{0}` for the variable and `{1}` for the expression.
+    `operations` of a `Step` have `{0}` and `{1}` for arguments; an assignment has `{0}` for the
+    variable, `{1}` for the expression.
     """
 
     operations: Mapping[str, str]

@@ -31,11 +31,8 @@ _FOLDED: dict[str, Callable[..., float]] = {
 class Tape:
     """Values in the order they were requested; a value is its number.
 
-    Attributes:
-        operations: Name of every value's operation, as of a `Step`.
-        left: Its first argument; of an input the array.
-        right: Its second argument; of an input the entry; -1 if there is none.
-        known: Constants, number to value.
+    Each has the operation of a `Step`, and two arguments, -1 where there is none; of an input these
+    are the array and the entry. `known` are constants, number to value.
     """
 
     def __init__(self) -> None:

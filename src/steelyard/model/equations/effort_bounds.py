@@ -28,12 +28,10 @@ Efforts = Callable[..., Scalars]
 class EffortBounds:
     """Greatest and least efforts or powers, `K` of each.
 
-    Attributes:
-        code: Inputs position, velocity, acceleration and shared parameters; outputs the greatest,
-            the least, and their derivatives by position, velocity and acceleration, one by one.
-        values: Likewise inputs; outputs the greatest and the least.
-        rates: Inputs position, velocity, acceleration, jerk and parameters; outputs how fast the
-            greatest and the least change in time.
+    Inputs of `code` and `values` are position, velocity, acceleration and shared parameters,
+    outputs the greatest, then the least; of `code` also their derivatives by position, velocity and
+    acceleration, one by one. `rates`, with the jerk before the parameters, is how fast the greatest
+    and the least change in time.
     """
 
     code: Code
@@ -46,13 +44,9 @@ def effort_bounds(
 ) -> EffortBounds:
     """Programs for a robot of `n` joints.
 
-    Args:
-        key: All that `smooth` and `rough` depend on, as JSON.
-        smooth: Efforts that have no sign in them.
-        rough: The others; `None` without.
-        n: Number of joints.
-        parameters: Number of parameters.
-        power: Whether the power of every joint and of all together is bounded, not the effort.
+    The efforts `smooth` have no sign in them, those of `rough` have; `key` is all that they depend
+    on, as JSON. With `power` the power of every joint and of all together is bounded, not the
+    effort.
     """
 
     def build() -> tuple[Program, dict[str, Any]]:

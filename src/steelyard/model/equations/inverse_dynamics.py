@@ -47,16 +47,11 @@ class JointState:
 
 @dataclass(frozen=True)
 class _Moving:
-    """One body's motion in its own frame.
+    """One body's motion in its own frame, of which axes and origin are in the parent's.
 
-    Attributes:
-        rotation: Axes in the parent's frame.
-        position: Origin in the parent's frame.
-        omega: Angular velocity.
-        alpha: Angular acceleration.
-        acceleration: Of the origin, minus gravity.
-        spread: $B$; a point fixed at `p` accelerates by `acceleration + B p`.
-        turning: 3 x 6 map from the inertia's six numbers to its moment.
+    The acceleration is of the origin, minus gravity. `spread` is $B$: a point fixed at `p`
+    accelerates by `acceleration + B p`; `turning` maps the inertia's six numbers to its moment,
+    `(3, 6)`.
     """
 
     rotation: Matrix
@@ -69,15 +64,10 @@ class _Moving:
 
 
 def inverse_dynamics(robot: Robot, state: JointState, inertials: Sequence[Scalars]) -> list[Scalar]:
-    """Joint efforts of the rigid bodies.
+    """Joint efforts of the rigid bodies, those that loops determine last [Nm; N].
 
-    Args:
-        robot: The tree; its gravity is used, its nominal inertias are not.
-        state: All joints [rad, rad/s, rad/s²; m for prismatic].
-        inertials: Ten numbers per body, Pinocchio's order.
-
-    Returns:
-        One effort per joint, those that loops determine last [Nm; N].
+    Of all joints [rad, rad/s, rad/s²; m for prismatic] and ten numbers per body, Pinocchio's order;
+    the gravity of the tree is used, its nominal inertias are not.
     """
     motions = _outward(robot, state)
     wrenches = [_wrench(m, ten) for m, ten in zip(motions, inertials, strict=True)]

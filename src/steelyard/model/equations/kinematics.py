@@ -40,15 +40,10 @@ from steelyard.symbolic.program import Program, program_from_json, program_to_js
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Points that are fixed to bodies of a robot.
+    """Points `(m, 3)` [m] that are fixed to bodies of a robot, each in its body's frame.
 
-    Attributes:
-        robot: The robot.
-        carriers: Per point the index of its body; -1 is the base.
-        places: Shape `(m, 3)` [m], each in its body's frame.
-        code: Input `q`; outputs the positions, then their derivatives, point by point.
-        flow: Inputs `q`, `dq`; outputs all positions, then all velocities.
-        bend: Inputs `q`, `dq`, `ddq`; outputs all accelerations.
+    The `code` maps `q` to positions, then their derivatives, point by point; `flow` `q` and `dq` to
+    all positions, then all velocities; `bend` `q`, `dq` and `ddq` to all accelerations.
     """
 
     robot: Robot

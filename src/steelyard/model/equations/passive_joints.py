@@ -39,14 +39,10 @@ _TOLERANCE = 1e-8
 
 
 class Follower:
-    """Finds the passive positions of consecutive samples; remembers where the loops were closed.
+    """Finds the passive positions of consecutive samples; `closed` is where loops closed last.
 
     It starts at the robot's assembly and follows the way to each sample, so that the mechanism
     stays assembled as it is.
-
-    Attributes:
-        robot: The robot.
-        closed: Independent and passive positions where the loops were closed last.
     """
 
     def __init__(self, robot: Robot) -> None:

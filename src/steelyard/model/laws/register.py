@@ -97,8 +97,7 @@ DEFAULT_TERMS: tuple[Term, ...] = (RigidBody(), RotorInertia(), Coulomb(), Visco
 def term_of(description: str | Mapping[str, Any], where: str) -> Term:
     """A term from its name, or from a table with its name under `law` and its fields.
 
-    Raises:
-        ModelError: There is no such law, or it has no such field or value.
+    It is a `ModelError` if there is no such law, or it has no such field or value.
     """
     law, given = _KINDS.fields(description, where)
     try:
@@ -114,11 +113,7 @@ def term_of(description: str | Mapping[str, Any], where: str) -> Term:
 
 
 def refuse_unfit(term: Term, robot: Robot, where: str) -> None:
-    """Refuse a term that does not fit a robot, with its place in a file.
-
-    Raises:
-        ModelError: The robot lacks a joint, motor or link, or a list has another length.
-    """
+    """A `ModelError`, with its place in a file, if a robot lacks what a term names."""
     try:
         term.parameters(robot)
         if isinstance(term, StatefulTerm) and not finds_of(term):
@@ -151,11 +146,7 @@ def _field(law: type[Any], name: str, given: Any, where: str) -> Any:
 
 
 def _refuse_mistaken_switch(law: type[Any], name: str, value: Any, where: str) -> None:
-    """Switches are true or false, and nothing else is: to Python, true is the number 1.
-
-    Raises:
-        ModelError: A switch has another value, or a number is true or false.
-    """
+    """Switches are true or false, and nothing else is: to Python, true is the number 1."""
     defaults = {field.name: field.default for field in dataclasses.fields(law)}
     switch = isinstance(defaults.get(name), bool)
     parts = value if isinstance(value, tuple) else (value,)
@@ -189,11 +180,7 @@ def _plain(value: Any) -> Any:
 
 
 def law_of(parameter: str) -> type[Term]:
-    """The law that a standard parameter belongs to, by its name.
-
-    Raises:
-        KeyError: It belongs to none.
-    """
+    """The law that a standard parameter belongs to by its name; a `KeyError` if to none."""
     kind = parameter.partition(".")[0]
     if kind in INERTIAL_NAMES:
         return RigidBody

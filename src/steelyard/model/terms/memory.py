@@ -155,11 +155,9 @@ RigidTorqueAlongMotion = Callable[[Array, Array, Array, Array], Array]
 class Scan:
     """Channels along a motion: what a sample's columns need of the samples before it.
 
-    Attributes:
-        robot: The robot.
-        closed: Whether the robot's loops closed at each sample of the last call, shape `(N,)`.
-        warm: Whether the start was forgotten, per independent joint, shape `(n, N)`.
-        warm_up: Travel of each joint after which it is, shape `(n_joints, 1)` [rad; m].
+    After each call, `closed` `(N,)` is whether the loops closed at each sample, `warm` `(n, N)`
+    whether the start was forgotten per independent joint. That is after a travel of `warm_up`,
+    `(n_joints, 1)` [rad; m].
     """
 
     def __init__(
@@ -186,20 +184,11 @@ class Scan:
         self._forget()
 
     def __call__(self, q: Array, dq: Array, ddq: Array, t: Array | None = None) -> Array:
-        """Channels of consecutive samples.
+        """Channels `(n_channels, N)` of consecutive samples of independent joints, `(n, N)` each.
 
-        Args:
-            q: Independent joints, shape `(n, N)`.
-            dq: Their velocities.
-            ddq: Their accelerations.
-            t: Their times, for messages, shape `(N,)` [s].
-
-        Returns:
-            Shape `(n_channels, N)`; of a sample that is not closed, those of passive joints are
-            those of the sample before, and others are zero.
-
-        Raises:
-            DataError: A loop cannot close at a sample, and is not to be passed over.
+        Times are for messages [s]. Of a sample that is not closed, those of passive joints are
+        those of the sample before, and others are zero. It is a `DataError` if a loop cannot close
+        at a sample, and is not to be passed over.
         """
         passive = self._passive(q, t)
         self.warm = np.ones(q.shape, dtype=bool)

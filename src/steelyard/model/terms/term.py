@@ -204,12 +204,9 @@ class ActsOnAxes(Term):
 class CandidateTerms(StatefulTerm):
     """Candidates for one term side by side; the parameters of number `c` are named `name@c`.
 
-    Attributes:
-        candidates: The term, with one set of values each.
-        longest: The term with the longest memory of all that will be compared, so that the same
-            samples count for all.
-        names: Names of one candidate's parameters.
-        places: Rows and parameters of the entries that one candidate's columns have.
+    `longest` is the term with the longest memory of all that will be compared, so that the same
+    samples count for all; `names` are those of one candidate's parameters, `places` the rows and
+    parameters of its columns.
     """
 
     law: ClassVar[str] = "dictionary"
@@ -252,7 +249,8 @@ class CandidateTerms(StatefulTerm):
     def warm_up(self, robot: Robot) -> Array:
         """That of the longest memory."""
         longest = self.longest
-        return (longest if isinstance(longest, StatefulTerm) else super()).warm_up(robot)
+        stateful = isinstance(longest, StatefulTerm)
+        return longest.warm_up(robot) if stateful else super().warm_up(robot)
 
     def remember(self, robot: Robot, samples: TermSamples, memory: Any) -> tuple[Array, Any]:
         """All candidates' columns along the motion."""

@@ -165,17 +165,9 @@ def changed_excitation(
 ) -> ExcitationSection:
     """The tables with some values replaced.
 
-    Args:
-        section: The tables.
-        motion: Another kind of motion; its numbers are then the usual ones.
-        period: Length of the period or of the motion [s].
-        harmonics: Of a Fourier series.
-        criterion: Kind of criterion.
-        method: Search method.
-        still_unknown: Whether what earlier runs show counts too.
-
-    Raises:
-        ValueError: The kind of motion has no such number, or cannot have it; says which.
+    Another kind of motion has its usual numbers; `period` is also the length of a motion without
+    one [s]; `still_unknown`: what earlier runs show counts too. A `ValueError` says which number a
+    kind of motion does not have, or cannot.
     """
     tables = section.model_dump()
     if motion is not None and motion != section.motion.kind:

@@ -10,13 +10,10 @@ from steelyard.base.errors import ModelError, advice
 
 @dataclass(frozen=True)
 class Kinds:
-    """All kinds that a table may be of.
+    """All kinds that a table may be of: dataclasses by the name under a key of the table.
 
-    Attributes:
-        register: Dataclasses by name.
-        key: Key of the table that holds the name.
-        what: What a kind is, for messages: `method for motion`.
-        label: What stands before the name there: `method`.
+    For messages, `what` a kind is, such as `method for motion`, and the `label` before its name:
+    `method`.
     """
 
     register: Mapping[str, type[Any]]

@@ -357,10 +357,8 @@ def signals_to_dict(signals: Signals) -> dict[str, Any]:
 def signals_from_dict(data: Mapping[str, Any]) -> Signals:
     """The signals that `signals_to_dict` wrote.
 
-    Raises:
-        KeyError: A key is missing that all versions wrote.
-        ValueError: The values do not fit each other.
-        TypeError: A value is of another kind.
+    It is a `KeyError` if a key is missing that all versions wrote, a `ValueError` or `TypeError` if
+    a value does not fit.
     """
     later = {"commanded_position": None, "commanded_velocity": None, "unknown_offsets": ()}
     fields: dict[str, Any] = later | {"commanded_velocity_scale": None} | dict(data)

@@ -69,14 +69,7 @@ _SCALAR = re.compile(r"[^,\]}#\n]+")
 
 @dataclass(frozen=True)
 class Written:
-    """A key of a table, or a table's header.
-
-    Attributes:
-        header: Whether it is a header; `path` is then the table's.
-        table: The table under whose header it stands.
-        path: The key from the root.
-        end: Offset in the text behind its value, or behind the header.
-    """
+    """A header, of the table `path`, or a key of a `table`; it ends at an offset in the text."""
 
     header: bool
     table: KeyPath
@@ -338,10 +331,7 @@ def _schemas(annotation: Any) -> Iterator[type[BaseModel]]:
 
 
 def as_declared(declared: Any, value: Any) -> Any:
-    """A value from a file as a type says it, strictly; lists are tuples.
-
-    A `ValueError` says which type is wanted, where it is of another.
-    """
+    """A value from a file as a type says it, strictly; a `ValueError` says which type is wanted."""
     strict = ConfigDict(strict=True, allow_inf_nan=False)
     value = tuple(value) if isinstance(value, list) else value
     try:

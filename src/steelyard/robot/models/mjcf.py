@@ -157,10 +157,7 @@ def _without_pictures(spec: Any, folder: Path) -> bool:
 def _replace_absent_meshes(
     spec: Any, absent: Mapping[str, str]
 ) -> tuple[list[tuple[Any, str]], list[tuple[Any, str]]]:
-    """Put spheres for the geoms of absent meshes.
-
-    Returns the geoms, and the bodies whose inertia needs them, each with the mesh's name.
-    """
+    """Put spheres for geoms of absent meshes; those, and bodies whose inertia needs them."""
     geoms, bodies = [], []
     for body in spec.bodies:
         needed = False

@@ -17,16 +17,10 @@ ENGINE = 4
 
 @dataclass(frozen=True, eq=False)
 class Code:
-    """Machine code of one program.
+    """Machine code of one program, and what its builder stated about it (JSON).
 
-    Attributes:
-        about: What the builder stated about the program (JSON).
-        n_inputs: Number of input arrays.
-        n_outputs: Rows of the output.
-        lanes: Samples per vector instruction; sample counts of `raw` are multiples of it.
-        raw: `raw(N, x0, ld0, ..., y, ldy)`, addresses and strides in numbers of doubles.
-        fused: `fused(N, x0, ld0, ..., B, y, ldy, tiles, n_tiles, sums, rows, absolute)`.
-        sample: `sample(arguments)`, see `native_loops.sample`.
+    `raw(N, x0, ld0, ..., y, ldy)` takes addresses and strides in numbers of doubles, and sample
+    counts that are multiples of the `lanes`; `fused` and `sample` are those of `native_loops`.
     """
 
     about: dict[str, Any]

@@ -41,7 +41,7 @@ PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 def filtered(
     values: Array, steps: Array, ratio: float, start: Array, spread: Array, order: int = 3
 ) -> Array:
-    r"""The Kalman filter of one channel.
+    r"""The Kalman filter of one channel; returns what it keeps of each sample, `(N, KEPT)`.
 
     Args:
         values: Measurements, shape `(N,)`.
@@ -51,9 +51,6 @@ def filtered(
         spread: Its covariance, shape `(3, 3)`, in measurement variances.
         order: 3 if the white jerk drives the third number of the state, 2 if the second: then the
             third stays what it is.
-
-    Returns:
-        Shape `(N, KEPT)`.
     """
     y, h = (np.ascontiguousarray(x, dtype=np.float64) for x in (values, steps))
     if y.shape != h.shape or y.ndim != 1:
@@ -67,15 +64,7 @@ def filtered(
 
 
 def smoothed(kept: Array, steps: Array) -> tuple[Array, Array]:
-    """The smoother that goes back over what `filtered` kept.
-
-    Args:
-        kept: Shape `(N, KEPT)`.
-        steps: As given to `filtered`, shape `(N,)`.
-
-    Returns:
-        States and their variances in measurement variances, each `(N, 3)`.
-    """
+    """States and their variances, each `(N, 3)`, back over what `filtered` kept."""
     back, h = np.ascontiguousarray(kept), np.ascontiguousarray(steps, dtype=np.float64)
     result = np.empty((len(back), 6))
     if len(back):
