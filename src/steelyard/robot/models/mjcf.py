@@ -14,7 +14,13 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import ModelError
 from steelyard.robot.mechanism import Joint, Link, Mechanism, Mimic
 from steelyard.robot.models.mjcf_equalities import WORLD, Equalities, name_of, reference
-from steelyard.robot.models.mjcf_forces import Actuators, passive_notes, springs_of
+from steelyard.robot.models.mjcf_forces import (
+    Actuators,
+    joints_of,
+    passive_notes,
+    springs_of,
+    wraps_of,
+)
 from steelyard.robot.models.xml_reader import read_xml
 from steelyard.robot.rigid_body import Inertia, Placement, turn
 from steelyard.robot.robot import Limits
@@ -268,26 +274,17 @@ class _Reading:
 
     def _pulled(self) -> list[str]:
         """Joints that the fixed tendons of actuators run over."""
-        model, joints = self.model, list[int]()
-        for k in range(model.nactuator):
-            if int(model.actuator_trntype[k]) != int(mujoco.mjtTrn.mjTRN_TENDON):
-                continue
-            tendon = int(model.actuator_trnid[k][0])
-            first = int(model.tendon_adr[tendon])
-            for wrap in range(first, first + int(model.tendon_num[tendon])):
-                if int(model.wrap_type[wrap]) == int(mujoco.mjtWrap.mjWRAP_JOINT):
-                    joints.append(int(model.wrap_objid[wrap]))
+        model = self.model
+        through = np.flatnonzero(model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON))
+        wraps = [w for k in through for w in wraps_of(model, int(model.actuator_trnid[k][0]))]
+        joints = [k for kind, k, _ in wraps if kind == mujoco.mjtWrap.mjWRAP_JOINT]
         return [self._name("joint", k) for k in dict.fromkeys(joints)]
 
     def _driven(self) -> list[str]:
         """Joints with an actuator of their own."""
-        kinds = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-        model = self.model
-        return [
-            self._name("joint", int(model.actuator_trnid[k][0]))
-            for k in range(model.nactuator)
-            if mujoco.mjtTrn(int(model.actuator_trntype[k])) in kinds
-        ]
+        kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+        driving = self.model.actuator_trnid[np.isin(self.model.actuator_trntype, kinds), 0]
+        return [self._name("joint", int(joint)) for joint in driving]
 
     def _body(self, body: int, parent_origin: Placement, mimics: dict[int, Mimic]) -> Placement:
         """Adds the body and its joints; returns the body's frame in its link's frame."""
@@ -296,13 +293,13 @@ class _Reading:
         parent_body = int(model.body_parentid[body])
         parent = self._name("body", parent_body) if parent_body else WORLD
         start = parent_origin @ Placement(_rotation(model.body_quat[body]), model.body_pos[body])
-        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
-        if count == 0:
+        joints = joints_of(model, body)
+        if not joints:
             self.joints.append(Joint(f"{name}_fixed", "fixed", parent, name, start, where=where))
             anchor = np.zeros(3)
-        for joint in range(first, first + count):
+        for joint in joints:
             anchor = frozen(model.jnt_pos[joint])
-            last = joint == first + count - 1
+            last = joint == joints[-1]
             child = name if last else f"{name}/{self._name('joint', joint)}"
             placement = start @ Placement(position=anchor)
             self.joints.append(self._joint(joint, parent, child, placement, mimics))

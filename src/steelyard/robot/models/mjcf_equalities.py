@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from steelyard.robot.mechanism import Coupling, Mimic, Pin
-from steelyard.robot.models.mjcf_forces import single_joints
+from steelyard.robot.models.mjcf_forces import joints_of, joints_to, single_joints, wraps_of
 from steelyard.robot.rigid_body import Placement
 
 WORLD = "world"
@@ -152,19 +152,10 @@ class Equalities:
 
     def _pair(self, index: int) -> dict[int, float] | None:
         """The two joints of an equality's fixed tendon with their coefficients, if it is such."""
-        model, tendon = self.model, int(self.model.eq_obj1id[index])
-        wraps = slice(int(model.tendon_adr[tendon]), model.tendon_adr[tendon] + 2)
-        joints = [int(k) for k in model.wrap_objid[wraps]]
-        kinds = {int(kind) for kind in model.wrap_type[wraps]}
-        if (
-            model.eq_obj2id[index] >= 0
-            or int(model.tendon_num[tendon]) != 2
-            or kinds != {int(mujoco.mjtWrap.mjWRAP_JOINT)}
-            or not np.all(model.wrap_prm[wraps])
-            or len(set(joints)) != 2
-        ):
-            return None
-        return dict(zip(joints, map(float, model.wrap_prm[wraps]), strict=True))
+        wraps = wraps_of(self.model, int(self.model.eq_obj1id[index]))
+        pair = {k: x for kind, k, x in wraps if kind == mujoco.mjtWrap.mjWRAP_JOINT and x}
+        alone = self.model.eq_obj2id[index] < 0
+        return pair if alone and len(wraps) == len(pair) == 2 else None
 
     def _name(self, index: int) -> str:
         return name_of(self.model, "eq", index)
@@ -187,38 +178,23 @@ class Equalities:
 
     def _floats(self, body: int) -> bool:
         """Whether a body hangs on a free joint."""
-        first, count = int(self.model.body_jntadr[body]), int(self.model.body_jntnum[body])
-        return count == 1 and int(self.model.jnt_type[first]) == int(mujoco.mjtJoint.mjJNT_FREE)
+        kinds = [int(self.model.jnt_type[joint]) for joint in joints_of(self.model, body)]
+        return kinds == [int(mujoco.mjtJoint.mjJNT_FREE)]
 
     def _between(self, bodies: Sequence[int]) -> list[int]:
         """Joints that move some of the bodies against the others."""
-        lines = [self._carrying(body) for body in bodies]
+        lines = [joints_to(self.model, body) for body in bodies]
         moving = {joint for line in lines for joint in line}
         return sorted(k for k in moving if not all(k in line for line in lines))
-
-    def _carrying(self, body: int) -> list[int]:
-        """Joints from the world to a body."""
-        joints = list[int]()
-        while body > 0:
-            first = int(self.model.body_jntadr[body])
-            joints += range(first, first + int(self.model.body_jntnum[body]))
-            body = int(self.model.body_parentid[body])
-        return joints
 
     def _of_tendons(self, index: int) -> list[int]:
         """Joints that change the length of an equality's tendons."""
         model, joints = self.model, list[int]()
         for tendon in (int(model.eq_obj1id[index]), int(model.eq_obj2id[index])):
-            if tendon < 0:
-                continue
-            first, sites = int(model.tendon_adr[tendon]), []
-            for wrap in range(first, first + int(model.tendon_num[tendon])):
-                kind, number = mujoco.mjtWrap(int(model.wrap_type[wrap])), model.wrap_objid[wrap]
-                if kind == mujoco.mjtWrap.mjWRAP_JOINT:
-                    joints.append(int(number))
-                elif kind == mujoco.mjtWrap.mjWRAP_SITE:
-                    sites.append(int(model.site_bodyid[number]))
-            joints += self._between(sites)
+            wraps = wraps_of(model, tendon) if tendon >= 0 else []
+            joints += [k for kind, k, _ in wraps if kind == mujoco.mjtWrap.mjWRAP_JOINT]
+            sites = [k for kind, k, _ in wraps if kind == mujoco.mjtWrap.mjWRAP_SITE]
+            joints += self._between([int(model.site_bodyid[k]) for k in sites])
         return joints
 
     def _of_flex(self, index: int) -> list[int]:

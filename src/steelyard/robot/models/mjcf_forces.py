@@ -43,6 +43,29 @@ def single_joints(model: Any) -> list[int]:
     return [k for k in range(model.njnt) if mujoco.mjtJoint(int(model.jnt_type[k])) in kinds]
 
 
+def joints_of(model: Any, body: int) -> range:
+    """Numbers of a body's own joints."""
+    first = int(model.body_jntadr[body])
+    return range(first, first + int(model.body_jntnum[body]))
+
+
+def joints_to(model: Any, body: int) -> list[int]:
+    """Numbers of the joints between the world and a body."""
+    joints = list[int]()
+    while body > 0:
+        joints += joints_of(model, body)
+        body = int(model.body_parentid[body])
+    return joints
+
+
+def wraps_of(model: Any, tendon: int) -> list[tuple[Any, int, float]]:
+    """What a tendon runs over: kind, number and coefficient of each."""
+    first = int(model.tendon_adr[tendon])
+    rows = slice(first, first + int(model.tendon_num[tendon]))
+    wraps = zip(model.wrap_type[rows], model.wrap_objid[rows], model.wrap_prm[rows], strict=True)
+    return [(mujoco.mjtWrap(int(kind)), int(number), float(x)) for kind, number, x in wraps]
+
+
 @dataclass(frozen=True, eq=False)
 class Actuators:
     """The actuators of a compiled model, and their efforts per force, `(nactuator, nv)`.
@@ -129,8 +152,8 @@ class Actuators:
         """Whether the actuator acts on one joint alone, alike at every posture."""
         model, kind = self.model, mujoco.mjtTrn(int(self.model.actuator_trntype[actuator]))
         if kind == mujoco.mjtTrn.mjTRN_TENDON:
-            wrapped = model.wrap_type[model.tendon_adr[model.actuator_trnid[actuator, 0]]]
-            constant = mujoco.mjtWrap(int(wrapped)) == mujoco.mjtWrap.mjWRAP_JOINT
+            wrapped, *_ = wraps_of(model, int(model.actuator_trnid[actuator, 0]))[0]
+            constant = wrapped == mujoco.mjtWrap.mjWRAP_JOINT
         else:
             constant = kind in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
         return bool(constant and np.count_nonzero(self.moments[actuator]) == 1)
@@ -192,12 +215,26 @@ def springs_of(model: Any, name: Naming) -> dict[str, JointSpring]:
 
 def passive_notes(model: Any, name: Naming) -> list[ModelNote]:
     """What the file says of gravity, tendons and fluids that the robot is without."""
-    return [
-        *_gravity_notes(model),
-        *_compensation_notes(model, name),
-        *_tendon_notes(model, name),
-        *_fluid_notes(model),
-    ]
+    notes = list[ModelNote]()
+    if not np.any(model.opt.gravity):
+        what = "the MJCF has no gravity, so the robot has none: state it as gravity under [robot]"
+        notes.append(ModelNote(what, answer="gravity"))
+    elif _off(model, mujoco.mjtDisableBit.mjDSBL_GRAVITY):
+        shown = "[" + ", ".join(f"{g:g}" for g in model.opt.gravity) + "] m/s²"
+        what = (
+            f"the MJCF disables gravity; the robot has {shown} anyway: state gravity "
+            "under [robot], [0.0, 0.0, 0.0] for none"
+        )
+        notes.append(ModelNote(what, answer="gravity"))
+    notes += [*_compensation_notes(model, name), *_tendon_notes(model, name)]
+    density, viscosity = float(model.opt.density), float(model.opt.viscosity)
+    if density != 0.0 or viscosity != 0.0:
+        what = (
+            f"forces of a fluid in the MJCF (density {density:g} kg/m³, viscosity {viscosity:g} "
+            "Pa s) are not in the model"
+        )
+        notes.append(ModelNote(what))
+    return notes
 
 
 def _off(model: Any, bit: Any) -> bool:
@@ -205,37 +242,14 @@ def _off(model: Any, bit: Any) -> bool:
     return bool(int(model.opt.disableflags) & bit.value)
 
 
-def _weightless(model: Any) -> bool:
-    return not np.any(model.opt.gravity)
-
-
-def _gravity_notes(model: Any) -> list[ModelNote]:
-    shown = "[" + ", ".join(f"{g:g}" for g in model.opt.gravity) + "] m/s²"
-    if _weightless(model):
-        what = "the MJCF has no gravity, so the robot has none: state it as gravity under [robot]"
-    elif _off(model, mujoco.mjtDisableBit.mjDSBL_GRAVITY):
-        what = (
-            f"the MJCF disables gravity; the robot has {shown} anyway: state gravity "
-            "under [robot], [0.0, 0.0, 0.0] for none"
-        )
-    else:
-        return []
-    return [ModelNote(what, answer="gravity")]
-
-
 def _compensation_notes(model: Any, name: Naming) -> list[ModelNote]:
     """Joints that do not carry in simulation what they carry here.
 
     Where a joint's actuators compensate (`actuatorgravcomp`), its efforts hold the weight.
     """
-    off = _weightless(model) or _off(model, mujoco.mjtDisableBit.mjDSBL_GRAVITY)
-    relieved = set[int]()
-    for compensated in [] if off else np.flatnonzero(model.body_gravcomp):
-        body = int(compensated)
-        while body:
-            first = int(model.body_jntadr[body])
-            relieved |= set(range(first, first + int(model.body_jntnum[body])))
-            body = int(model.body_parentid[body])
+    off = not np.any(model.opt.gravity) or _off(model, mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+    compensated = [] if off else np.flatnonzero(model.body_gravcomp).tolist()
+    relieved = {joint for body in compensated for joint in joints_to(model, body)}
     what = (
         "gravity compensation of bodies in the MJCF (gravcomp) is not in the robot; efforts logged "
         'without weight have kind = "gravity_compensated_torque": '
@@ -273,15 +287,3 @@ def _tendon_notes(model: Any, name: Naming) -> list[ModelNote]:
             item = f"'{name('tendon', tendon)}' on {', '.join(joints)} ({', '.join(acting)})"
             notes.append(ModelNote(what + "(along = {...}): ", item, tuple(joints)))
     return notes
-
-
-def _fluid_notes(model: Any) -> list[ModelNote]:
-    density, viscosity = float(model.opt.density), float(model.opt.viscosity)
-    if density == 0.0 and viscosity == 0.0:
-        return []
-    return [
-        ModelNote(
-            f"forces of a fluid in the MJCF (density {density:g} kg/m³, viscosity {viscosity:g} "
-            "Pa s) are not in the model"
-        )
-    ]
