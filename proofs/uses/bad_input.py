@@ -65,7 +65,7 @@ def _made(model: IdentifiedModel, folder: Path) -> dict[str, str]:
 
 def _contact(model: IdentifiedModel) -> Use:
     def use(log: str | Path) -> str:
-        content = steelyard.contact(model, log).content
+        content = steelyard.contact(model, log)
         return " / ".join((*content.warnings, content.headline))
 
     return use
@@ -73,7 +73,7 @@ def _contact(model: IdentifiedModel) -> Use:
 
 def _health(model: IdentifiedModel) -> Use:
     def use(log: str | Path) -> str:
-        content = steelyard.health(model, log).content
+        content = steelyard.health(model, log)
         return " / ".join((*content.warnings, content.headline))
 
     return use
@@ -121,7 +121,7 @@ EXPECTED = {
 
 def _calibration(model: IdentifiedModel, name: str, log: str, words: str) -> Claim:
     """A log beside a good one to calibrate with."""
-    content = steelyard.contact(model, _log(UNLOADED), calibrate=[_log(FREE), log]).content
+    content = steelyard.contact(model, _log(UNLOADED), calibrate=[_log(FREE), log])
     found = next((note for note in content.notes if words in note), "nothing")
     return Claim(f"calibration of contact with {name}", found, words, words in found)
 

@@ -59,7 +59,7 @@ def pushes_in(path: str) -> list[tuple[float, float]]:
 def _false_alarms(model: IdentifiedModel) -> Claim:
     found = [steelyard.contact(model, _log(name), rate=RATE) for name in UNSEEN]
     count = sum(len(one.events) for one in found)
-    minutes = sum(one.content.trace.duration for one in found) / 60.0
+    minutes = sum(one.trace.duration for one in found) / 60.0
     return Claim(
         "false alarms on unseen logs of other days, thresholds for one in 10 min",
         f"{count} in {minutes:.1f} min",
@@ -124,8 +124,8 @@ def _soiled(model: IdentifiedModel) -> Claim:
     free = [_log(name) for name in UNSEEN[6:9]]
     clean = steelyard.contact(model, pushed, calibrate=free, rate=RATE)
     both = steelyard.contact(model, _log(UNSEEN[1]), calibrate=[*free, pushed], rate=RATE)
-    suspected = [one for one in both.content.suspected if "push" in one.run]
-    wrong = len(both.content.suspected) - len(suspected)
+    suspected = [one for one in both.suspected if "push" in one.run]
+    wrong = len(both.suspected) - len(suspected)
     one, other = both.thresholds, clean.thresholds
     tested = np.array(one.own) & np.array(other.own)
     ratios = [*(one.limits / other.limits)[tested], *(one.changes / other.changes)]

@@ -217,16 +217,16 @@ def test_rows_that_are_left_out_are_stated(given: Path, identified: Path, tmp_pa
     count = int(np.isnan(missing).sum())
     words = f"missing: dropped {count} of {len(t)} rows: {count} with a cell that is missing"
     for use in (steelyard.external_wrench, steelyard.contact):
-        stated = use(identified, path).content.warnings
+        stated = use(identified, path).warnings
         assert any(
             one.startswith(words) and "not examined: 1.00 to 1.50 s" in one for one in stated
         )
-        assert not any("dropped" in one for one in use(identified, log).content.warnings)
+        assert not any("dropped" in one for one in use(identified, log).warnings)
 
 
 def test_free_motion_has_no_force(given: Path, identified: Path) -> None:
     found = steelyard.external_wrench(identified, given / "validation.csv")
-    assert found.content.headline.startswith("No force on ")
+    assert found.headline.startswith("No force on ")
     assert found.to_dict()["largest_force"]["differs_from_zero"] is False
 
 

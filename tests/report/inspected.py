@@ -7,18 +7,18 @@ from steelyard.estimate.external.residual_peaks import RANGES, ContactThresholds
 from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.estimate.scores.residuals import ResidualTrace
 from steelyard.uses.contact.contact_events import ContactEvent, JointLoad
-from steelyard.uses.contact.contact_page import ContactContent
-from steelyard.uses.health.health import HealthContent
+from steelyard.uses.contact.contact_page import Contacts
+from steelyard.uses.health.health import Health
 from steelyard.uses.health.health_changes import QUANTITIES, Series, changes_of
 from steelyard.uses.payload.payload_changes import SlidingMass
 from steelyard.uses.payload.payload_events import Carried, Kind, PayloadEvent, PayloadEvents
 from steelyard.uses.wrench.wrench_along_run import WrenchEstimate
-from steelyard.uses.wrench.wrench_page import WrenchContent
+from steelyard.uses.wrench.wrench_page import ExternalWrench
 
 JOINTS = ("shoulder_lift_joint", "a_joint_with_a_name_that_is_rather_long")
 
 
-def contact_content() -> ContactContent:
+def contact_content() -> Contacts:
     """Two joints, one contact, one threshold that is not the range's own."""
     t = np.arange(0.0, 20.0, 0.02)
     push = np.where((t > 5.0) & (t < 6.0), 30.0, 0.0)
@@ -31,7 +31,7 @@ def contact_content() -> ContactContent:
     own = tuple(tuple(k > 0 for k in range(len(RANGES))) for _ in JOINTS)
     edges = np.tile([0.01, 0.2, 0.8], (2, 1))
     load = JointLoad(JOINTS[0], "Nm", 31.0, 31.0, 2.6, True)
-    return ContactContent(
+    return Contacts(
         robot="arm",
         joints=JOINTS,
         units=("Nm", "N"),
@@ -67,7 +67,7 @@ def payload_events() -> PayloadEvents:
     )
 
 
-def health_content() -> HealthContent:
+def health_content() -> Health:
     """Two joints over three logs; the dry friction of the first one grows."""
     rng = np.random.default_rng(0)
     log = np.repeat([0.0, 1.0, 2.0], 12)
@@ -91,12 +91,12 @@ def health_content() -> HealthContent:
     )
     names = ("monday", "tuesday", "friday_with_a_long_name")
     changes = changes_of(series, names)
-    return HealthContent(
+    return Health(
         "arm", JOINTS, names, series, changes, ("friday: a payload",), ("cut-offs: motion 18 Hz",)
     )
 
 
-def wrench_content(frame: str = "tool0") -> WrenchContent:
+def wrench_content(frame: str = "tool0") -> ExternalWrench:
     """Two joints, which show two of six directions; one push."""
     t = np.arange(0.0, 20.0, 0.06)
     push = np.where((t > 5.0) & (t < 6.0), 30.0, 0.0)
@@ -124,4 +124,4 @@ def wrench_content(frame: str = "tool0") -> WrenchContent:
         learned=np.tile(learned, (len(t), 1, 1)),
         condition=np.full(len(t), np.inf),
     )
-    return WrenchContent("arm", estimate, 8.0, True, (), ("cut-offs: motion 18 Hz",))
+    return ExternalWrench("arm", estimate, 8.0, True, (), ("cut-offs: motion 18 Hz",))

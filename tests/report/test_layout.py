@@ -25,10 +25,7 @@ from steelyard.identify.page.content import ReportContent
 from steelyard.identify.page.section_register import render
 from steelyard.report.page import TEMPLATES, page_of, render_sections
 from steelyard.simulate.tracking_sections import TRACK_SECTIONS
-from steelyard.uses.contact.contact_page import Contacts
-from steelyard.uses.health.health import Health
 from steelyard.uses.payload.payload_page import render_payload_events
-from steelyard.uses.wrench.wrench_page import ExternalWrench
 
 pytestmark = pytest.mark.slow
 
@@ -64,10 +61,10 @@ def pages(
         "check": render_check(check_content("arm")),
         "motion": render_design(motion_content(designed_for(robot()))),
         "tracking": render_sections(TRACK_SECTIONS, tracking_content(robot()), "simulated"),
-        "contact": Contacts(contact_content()).report(),
-        "wrench": ExternalWrench(wrench_content()).report(),
+        "contact": contact_content().report(),
+        "wrench": wrench_content().report(),
         "payload": render_payload_events([payload_events()], "arm"),
-        "health": Health(health_content()).report(),
+        "health": health_content().report(),
     }
 
 

@@ -20,7 +20,6 @@ from steelyard.identify.page.section_register import (
     print_report,
     render,
 )
-from steelyard.uses.contact.contact_page import Contacts
 from steelyard.uses.payload.payload_page import event_lines
 from steelyard.uses.watch.stream_output import summary_lines, summary_record
 from steelyard.uses.watch.watcher import StreamSummary
@@ -281,7 +280,7 @@ def test_signs_in_the_table_of_thresholds_are_explained():
     texts = []
     for some in (clear, blind):
         console = Console(file=io.StringIO(), width=200)
-        Contacts(replace(content, thresholds=some, events=())).show(console)
+        replace(content, thresholds=some, events=()).show(console)
         texts.append(console.file.getvalue())
     for words in ("* too few visits in the calibration", "no change is tested"):
         assert words in texts[1] and words not in texts[0]

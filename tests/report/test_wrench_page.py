@@ -7,12 +7,12 @@ import pytest
 
 from report.inspected import wrench_content
 from steelyard.estimate.external.effort_to_wrench import Expected
-from steelyard.uses.wrench.wrench_page import ExternalWrench, WrenchContent
+from steelyard.uses.wrench.wrench_page import ExternalWrench
 
 CONTENT = wrench_content()
 
 
-def changed(**values: object) -> WrenchContent:
+def changed(**values: object) -> ExternalWrench:
     """The content with another estimate."""
     return replace(CONTENT, estimate=replace(CONTENT.estimate, **values))
 
@@ -64,7 +64,7 @@ def test_the_headline_states_the_interval_and_whether_a_force_differs_from_zero(
     none = changed(force_half_width=np.full(334, 40.0))
     words = f"No force on tool0 that differs from zero (95 %); largest estimate 33.5 ± 40 N {place}"
     assert none.headline == words
-    assert f"<p>{words}" in ExternalWrench(none).report().replace("\u00a0", " ")
+    assert f"<p>{words}" in none.report().replace("\u00a0", " ")
 
 
 def test_the_largest_force_is_one_that_differs_from_zero() -> None:
@@ -108,5 +108,5 @@ def test_components_sum_up_the_log() -> None:
 
 
 def test_the_page_is_safe() -> None:
-    page = ExternalWrench(wrench_content("<b>tool</b>")).report()
+    page = wrench_content("<b>tool</b>").report()
     assert "<b>tool</b>" not in page and "&lt;b&gt;tool" in page

@@ -28,8 +28,6 @@ class Line:
     """One thing that was examined.
 
     Attributes:
-        name: What.
-        says: What was found.
         ok: Whether commands work with it.
         fix: What to do if they do not, or what would add to them; empty if nothing.
         optional: Whether it is not there, and only some commands use it.

@@ -205,12 +205,7 @@ def show(
 ) -> None:
     """Print what is written, what was guessed, and what is left to do.
 
-    Args:
-        draft: The robot file.
-        known: What is known beyond the columns.
-        notes: What was decided.
-        named: Model file, robot file and logs, as they were given.
-        parts: Logs to identify from, the last to validate.
+    `named` are model file, robot file and logs as they were given; of `parts` the last validates.
     """
     from rich.console import Console
     from rich.text import Text

@@ -21,9 +21,6 @@ class Figure:
     Attributes:
         title: Its heading; empty for none.
         label: What it shows, for people who do not see it.
-        x: Title of the first axis.
-        y: Title of the second axis.
-        traces: What is drawn.
         layout: More of Plotly's layout.
         caption: Words beside the title.
         height: [px]; that of the style sheet if `None`.
@@ -51,7 +48,6 @@ class Group:
     """Figures that stand beside each other, folded under a name if they have one.
 
     Attributes:
-        figures: The figures.
         name: What folds them; empty if they are always open.
         caption: Words beside the name.
         columns: `three` for narrow figures, `one` for wide ones, else empty.
@@ -65,13 +61,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Key:
-    """An entry of a legend above figures.
-
-    Attributes:
-        colour: Name in the style sheet.
-        words: What has this colour.
-        shape: How it is drawn.
-    """
+    """An entry of a legend above figures; `colour` is a name in the style sheet."""
 
     colour: str
     words: str
@@ -151,18 +141,11 @@ def evenly(count: int, most: int) -> slice:
 
 
 def thin(signal: Array, most: int) -> NDArray[np.intp]:
-    """Indices of the samples to draw, in order.
+    """Indices of the samples of a signal `(N,)` to draw, in order; at most `most`, 4 or more.
 
     The first and last sample stay, and so do the lowest and the highest of each of about `most / 2`
     stretches of equal length. Values that are not finite are passed over where a stretch has
     others.
-
-    Args:
-        signal: Shape `(N,)`.
-        most: Largest number of indices; at least 4.
-
-    Returns:
-        Shape `(min(N, most),)` or shorter.
     """
     size = len(signal)
     if size <= most:
@@ -186,15 +169,9 @@ def gaps(t: Array, factor: float = 5.0) -> NDArray[np.intp]:
 
 
 def drawn(t: Array, signal: Array, most: int) -> tuple[Array, Array]:
-    """Points of a line that is broken where time jumps; at most `most`, breaks included.
+    """Points of a line `(N,)` that is broken where time [s] jumps; at most `most`, breaks included.
 
-    Args:
-        t: Shape `(N,)` [s].
-        signal: Shape `(N,)`.
-        most: Largest number of points.
-
-    Returns:
-        Time and value, equally long; a break has value NaN.
+    A break has value NaN.
     """
     breaks = gaps(t)
     breaks = breaks[: most // 4]
@@ -206,16 +183,9 @@ def drawn(t: Array, signal: Array, most: int) -> tuple[Array, Array]:
 
 
 def outline(t: Array, lower: Array, upper: Array, most: int) -> tuple[Array, Array]:
-    """Outline of an area between two lines, one closed piece between jumps of time.
+    """Outline of an area between two lines `(N,)`, one closed piece between jumps of time [s].
 
-    Args:
-        t: Shape `(N,)` [s].
-        lower: Shape `(N,)`.
-        upper: Shape `(N,)`.
-        most: Largest number of points.
-
-    Returns:
-        Time and value, equally long; NaN in both between pieces.
+    It has at most `most` points, NaN in both arrays between pieces.
     """
     breaks = gaps(t)[: max(most // 8, 1)]
     chosen = thin(upper, max((most - len(breaks)) // 2, 4))

@@ -85,11 +85,7 @@ def plotly_archive() -> str:
 
 
 def script_json(value: object) -> str:
-    """JSON that cannot end the script element it stands in.
-
-    Raises:
-        ValueError: It holds NaN or infinity.
-    """
+    """JSON that cannot end the script element it stands in."""
     from markupsafe import Markup
 
     text = json.dumps(value, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
@@ -124,8 +120,6 @@ class PageContent:
     """What the page of any job shows beside its own values.
 
     Attributes:
-        title: What the page is called.
-        robot: The robot's name.
         qualities: Per run its name and, labelled, what was found in its log.
         notes: What was assumed or is doubtful, for people to read.
         details: What else was decided on the way, such as cut-offs and corrected rows.
@@ -144,8 +138,6 @@ class Section(ABC):
     """One section of a page, over the content of the page.
 
     Attributes:
-        name: Its identifier in the page.
-        title: Its heading.
         template: What shows its numbers.
         folded: Whether the page shows its heading alone, until a click opens it.
     """
@@ -247,11 +239,8 @@ def render_sections(
 ) -> str:
     """The page of the sections that have something to show, as HTML text to be written as UTF-8.
 
-    Args:
-        sections: In the order of the page.
-        content: What they show.
-        made: What was done, such as `identified`.
-        by: The version of steelyard that did it; this one if `None`.
+    `made` says what was done, such as `identified`, `by` which version of steelyard, this one if
+    `None`.
     """
     numbered = ((section, section.numbers(content)) for section in sections)
     shown = [

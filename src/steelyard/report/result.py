@@ -50,12 +50,6 @@ class Result(ABC):
 
         Args:
             folder: Where; it must not exist yet, or be empty.
-
-        Returns:
-            The folder.
-
-        Raises:
-            OutputError: It is there and not empty, or cannot be written.
         """
         with whole_folder(Path(folder)) as part:
             self.write(part)

@@ -36,9 +36,7 @@ class PlainTable:
 
     Attributes:
         caption: Heading above it; empty for none.
-        words: What to know before reading it.
         headings: One per column.
-        rows: The rows.
         text: Columns that hold words, not numbers.
         note: What the terminal says below it, in the place of `words`.
         folded: Summary on the page that opens the table; empty shows the table at once.

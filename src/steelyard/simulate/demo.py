@@ -64,14 +64,7 @@ floor = 0.0 # it stands on a table: no link, no tool goes below
 
 @dataclass(frozen=True)
 class DemoFiles:
-    """What the demonstration works on.
-
-    Attributes:
-        robot: The robot file; its URDF lies beside it.
-        identification: The log to identify from.
-        validation: The log of another motion.
-        truth: What the arm really is, JSON.
-    """
+    """What the demonstration works on; the truth is what the arm really is, JSON."""
 
     robot: Path
     identification: Path
@@ -89,18 +82,9 @@ def demo_runs(
 ) -> DemoFiles:
     """Simulate two runs of the demo arm and write all that identification needs.
 
-    The folder appears whole, when all is done, or not at all.
-
-    Args:
-        folder: Folder to make; it may not exist, unless it is empty.
-        seed: Seed of the truth, the motions and the noise.
-        progress: Told how far each run is.
-        period: Length of a random motion [s]; one for identification is run twice.
-        design: Gives the motion to identify from, a random one if `None`.
-
-    Raises:
-        OutputError: The folder cannot be written.
-        Stopped: `progress` requested a stop.
+    The folder appears whole, when all is done, or not at all. The motion to identify from is that
+    of `design`, or a random one, run twice, whose period is `period` [s]; `seed` is that of the
+    truth, the motions and the noise.
     """
     names = ("identification", "validation")
     with whole_folder(folder) as part:

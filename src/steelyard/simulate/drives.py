@@ -58,11 +58,7 @@ class Drives:
         return self.delay + self.lag + (self.speed_filter or 0.0)
 
     def seen(self, motion: Motion) -> Motion:
-        """A motion as the controller would see it with perfect encoders.
-
-        Args:
-            motion: Samples at every tick.
-        """
+        """A motion, sampled at every tick, as the controller would see it with perfect encoders."""
         tick = float(motion.t[1] - motion.t[0])
         q, dq = motion.q, motion.dq
         if self.speed_filter is not None:
@@ -79,12 +75,8 @@ def customary_drives(robot: Robot, lag: float = 0.002) -> Drives:
     """Drives as those of a usual industrial arm.
 
     Encoders of 20 bits a turn (prismatic joints: 1 µm), velocities from their differences behind a
-    low-pass of 1 ms, a delay of one tick, and torques up to the limits of the joints, where a model
-    file gives one above zero.
-
-    Args:
-        robot: The robot.
-        lag: Time constant of the torque [s].
+    low-pass of 1 ms, a delay of one tick, a time constant `lag` [s], and torques up to the limits
+    of the joints, where a model file gives one above zero.
     """
     steps = {"revolute": 2.0 * pi / 2**20, "prismatic": 1e-6}
     return Drives(

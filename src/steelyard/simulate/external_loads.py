@@ -22,7 +22,6 @@ class Payload:
 
     Attributes:
         inertia: Its ten numbers, about the frame's origin and along its axes.
-        frame: Name of a frame or link of the robot.
         attach: When it is taken [s], from the start of the log.
         release: When it is let go [s].
     """
@@ -57,11 +56,7 @@ class Payload:
         return np.asarray((t >= self.attach) & (t < self.release))
 
     def added(self, robot: Robot, inertial: Array) -> Array:
-        """The bodies' ten numbers, `(n_bodies, 10)`, with the payload on them.
-
-        Raises:
-            ModelError: The robot has no frame of that name, or it does not move.
-        """
+        """The bodies' ten numbers, `(n_bodies, 10)`, with the payload on them."""
         frames = {f.name: (f.body, f.rotation, f.position) for f in robot.frames}
         own = {b.name: (k, np.eye(3), np.zeros(3)) for k, b in enumerate(robot.bodies)}
         places = {**own, **frames}
@@ -89,7 +84,6 @@ class AppliedWrench:
     """Forces and torques that act on a robot at the origin of a frame.
 
     Attributes:
-        frame: Name of a frame or link.
         t: Times from the start of the log, increasing, shape `(K,)` [s].
         values: Force and torque from each time until the next one, shape `(K, 6)` [N, Nm]; zero
             before the first time, the last row stays.

@@ -33,7 +33,6 @@ class PlacedTerm:
     """A term with its place in the program's inputs.
 
     Attributes:
-        term: The term.
         first: Its first parameter.
         memory: How its memory steps; `None` without.
         at: First row of its memory: positions along its axes, then states.
@@ -52,11 +51,9 @@ class Laws:
     """Terms of a robot, ready to be evaluated at every step.
 
     Attributes:
-        robot: The robot.
         terms: The terms; neither bodies nor rotor inertia.
         values: Their parameters.
         widths: Speeds over which jumps at zero speed are spread, per joint of the robot.
-        model: Where MuJoCo's joints are.
     """
 
     robot: Robot
@@ -179,7 +176,6 @@ class LawsInUse:
     """Laws that follow one simulation: buffers are made once, a step allocates nothing.
 
     Attributes:
-        laws: The laws.
         forces: Forces on MuJoCo's joints `dofs` after `step`, shape `(loads,)`.
         dofs: Numbers of MuJoCo's joints that are loaded.
         applied: Torques of the controller, shape `(n,)`; set before `step`.

@@ -75,17 +75,10 @@ def build(
     brakes: Sequence[Brake] = (),
     timestep: float = TIMESTEP,
 ) -> MujocoModel:
-    """The MuJoCo model of a robot.
+    """The MuJoCo model of a robot, under its gravity.
 
-    Args:
-        robot: The robot; its gravity is used.
-        inertial: Ten numbers per body, shape `(n_bodies, 10)`; by default the nominal ones.
-        rotors: Rotors, felt along rows over all joints.
-        brakes: Coulomb friction, likewise.
-        timestep: Step of the integration [s].
-
-    Raises:
-        ModelError: A body has mass properties that no body can have.
+    Bodies have the ten numbers `inertial`, shape `(n_bodies, 10)`, by default the nominal ones;
+    rotors and brakes act along rows over all joints.
     """
     shape = (len(robot.bodies), 10)
     tens = robot.nominal if inertial is None else frozen(inertial, shape)
@@ -149,15 +142,7 @@ def inverse_dynamics(model: MujocoModel, q: ArrayLike, dq: ArrayLike, ddq: Array
 
 
 def mass_matrices(model: MujocoModel, q: ArrayLike) -> Array:
-    """Mass matrices of all joints of the tree, rotors included.
-
-    Args:
-        model: The model.
-        q: Positions of all joints, shape `(N, n_joints)`.
-
-    Returns:
-        Shape `(N, n_joints, n_joints)`.
-    """
+    """Mass matrices `(N, n_joints, n_joints)` of all joints of the tree, rotors included."""
     q = np.asarray(q, dtype=np.float64)
     count, n = q.shape
     still, unit = np.zeros((count, n)), np.eye(n)
@@ -174,12 +159,8 @@ def new_data(model: MujocoModel) -> Any:
 def push(compiled: Any, data: Any, name: str, wrench: Array, place: Array) -> None:
     """Let a wrench act on a body from the next step on; call `body_pose` before.
 
-    Args:
-        compiled: The `mujoco.MjModel` that is stepped.
-        data: Its state.
-        name: The body's name in the model, see `body_name`.
-        wrench: Force and torque in the base frame's axes, shape `(6,)` [N, Nm].
-        place: Where the force acts, in the base frame, shape `(3,)` [m].
+    Force and torque [N, Nm], shape `(6,)`, are along the base frame's axes, and act at `place`
+    there, shape `(3,)` [m]; `name` is that of `body_name`.
     """
     number = compiled.body(name).id
     arm = place - data.xipos[number]

@@ -64,11 +64,7 @@ class MujocoPlant:
         self._place(robot.assembly)
 
     def place(self, q: ArrayLike) -> None:
-        """Put the robot at rest at posture `q`, shape `(n,)`; passive joints close the loops.
-
-        Raises:
-            DataError: The loops cannot close there.
-        """
+        """Put the robot at rest at posture `q`, shape `(n,)`; passive joints close the loops."""
         wanted = frozen(q, (self._robot.n,))
         full = closed(self._robot, wanted)
         if full is None:
@@ -146,11 +142,7 @@ class MujocoPlant:
 
 
 def moving_frame(robot: Robot, name: str) -> Frame:
-    """The frame of that name, on a body that moves.
-
-    Raises:
-        ModelError: The robot has none, or it is fixed to the base.
-    """
+    """The frame of that name, on a body that moves."""
     frame = frame_of(robot, name)
     if frame.body < 0:
         raise ModelError(

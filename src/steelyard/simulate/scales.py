@@ -49,8 +49,6 @@ class Scales:
     """Sizes of a robot's joints at random states within half of its limits.
 
     Attributes:
-        robot: The robot.
-        postures: Where.
         torque: Typical torque of the bodies on each joint, shape `(n_joints,)` [Nm; N].
         inertia: Typical inertia that each joint moves, shape `(n_joints,)` [kg m²; kg].
         masses: Mass matrices of all joints, shape `(K, n_joints, n_joints)`.
@@ -140,11 +138,7 @@ def typical_masses(robot: Robot, model: MujocoModel) -> Array:
 
 @lru_cache(maxsize=8)
 def postures_of(robot: Robot) -> ScalePostures:
-    """Random postures within the limits; those at which the loops cannot close are left out.
-
-    Raises:
-        ModelError: The loops close nowhere.
-    """
+    """Random postures within the limits; those at which the loops cannot close are left out."""
     limits, rng = motion_limits(robot), np.random.default_rng(_SEED)
     wanted = rng.uniform(limits.lower, limits.upper, (_STATES, robot.n))
     if not robot.loops:
@@ -164,10 +158,7 @@ def postures_of(robot: Robot) -> ScalePostures:
 def closed(robot: Robot, q: Array, near: Array | None = None) -> Array | None:
     """All joints with the loops closed, `(n_joints,)`; `None` where they cannot close.
 
-    Args:
-        robot: The robot.
-        q: Independent joints, shape `(n,)`.
-        near: All joints at a closed posture nearby; by default the assembly.
+    The search begins at all joints of a closed posture `near`, by default the assembly.
     """
     if not robot.loops:
         return np.array(q, dtype=np.float64)

@@ -22,9 +22,6 @@ class TrueRun:
     """What happened at every tick of the controller, without sensors.
 
     Attributes:
-        t: Time, shape `(N,)` [s].
-        q: Positions, shape `(N, n)`.
-        dq: Velocities, shape `(N, n)`.
         tau: Joint torques, shape `(N, n)`: the mean of the torque held before and after the tick,
             which is the torque at that time without the half-tick delay of the hold.
         motor_side: The part of it that rotors and friction of motors take, shape `(N, n)`; zero if
@@ -72,10 +69,6 @@ class Reading:
     """What sensors say of a run, of the joints and in SI units; rows of the log.
 
     Attributes:
-        t: Time stamps, shape `(N,)` [s].
-        q: Positions, shape `(N, n)`.
-        dq: Velocities, shape `(N, n)`.
-        effort: Efforts as joint torques, shape `(N, n)`.
         commanded: As of `TrueRun`.
         wrench: What a force and torque sensor says, shape `(N, 6)` [N, Nm]; `None` without one.
     """
@@ -180,13 +173,7 @@ class Sensors:
     def measure(
         self, run: TrueRun, rng: np.random.Generator, kind: EffortKind | None = None
     ) -> Reading:
-        """What the sensors say.
-
-        Args:
-            run: What happened.
-            rng: Source of the noise.
-            kind: Kind of effort; by default that of these sensors.
-        """
+        """What the sensors say, of the kind of effort that is theirs if `None`."""
         rows = slice(None, None, round(CONTROL_RATE / self.rate))
         effort = run.effort(self.effort if kind is None else kind)[rows]
         t, q, dq = run.t[rows], run.q[rows], run.dq[rows]
@@ -207,13 +194,7 @@ class Sensors:
         )
 
     def read(self, run: TrueRun, robot: Robot, rng: np.random.Generator) -> dict[str, Array]:
-        """The columns of the log under customary names.
-
-        Args:
-            run: What happened.
-            robot: Gives the units, and the transmission of motor torques.
-            rng: Source of the noise.
-        """
+        """The columns of the log under customary names."""
         reading = self.measure(run, rng)
         columns = {"time_s": reading.t}
         for j, joint in enumerate(robot.coordinates):
@@ -255,11 +236,7 @@ def as_declared(
 ) -> dict[str, Array]:
     """The columns of a log under the names, in the units and on the side that a file declares.
 
-    Args:
-        reading: What the sensors say, of the joints.
-        signals: What the robot file declares; without velocity columns the log has none.
-        velocity: Whether there are velocities at all.
-        gains: True drive gains, for those that the file leaves to be identified; 1 if not given.
+    Drive gains that the file leaves to be identified are the true `gains`, or 1 without.
     """
     named = {} if signals.time == ROW else {signals.time: reading.t / signals.time_scale}
     offset = 0.0 if signals.position_offset is None else signals.position_offset

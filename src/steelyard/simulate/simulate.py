@@ -50,8 +50,6 @@ class SimulatedRun:
     """A simulated run.
 
     Attributes:
-        files: What was written.
-        notes: What was assumed of the robot.
         seconds: Length of the motion that was repeated or slowed [s].
     """
 

@@ -44,7 +44,6 @@ class TrackedRun:
     """One run under one controller.
 
     Attributes:
-        name: The controller, and its model.
         error: Desired minus true positions, shape `(N, n)` [rad; m].
         tool: True positions of the tool, shape `(N, 3)` [m].
         deviation: Distance of the tool from where it should be, shape `(N,)` [m].
@@ -85,11 +84,8 @@ class Tracking:
     """A motion run under several controllers.
 
     Attributes:
-        robot: The robot.
-        frame: Its tool.
         t: Time from the start of the motion, shape `(N,)` [s].
         desired: Desired positions of the tool, shape `(N, 3)` [m].
-        runs: The runs; the first one without a model.
         random_truth: Whether the robot has random true parameters near the nominal ones.
     """
 
@@ -163,11 +159,7 @@ def tracking(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrackingComparison(Result):
-    """A motion run under control with and without a model.
-
-    Attributes:
-        content: What the page shows.
-    """
+    """A motion run under control with and without a model."""
 
     content: TrackingContent
 

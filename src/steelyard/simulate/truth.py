@@ -35,7 +35,6 @@ class Truth:
     """A virtual robot's model and its values.
 
     Attributes:
-        model: The robot and all causes of its torque; `rigid_body` is one of them.
         values: All standard parameters of the model, in its order.
         smoothing: Speed over which laws that jump at zero speed turn, but for Coulomb friction by
             the plain sign, per joint of `robot.joints`, shape `(n_joints,)` [rad/s; m/s].
@@ -141,11 +140,7 @@ class Truth:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], robot: Robot) -> "Truth":
-        """The truth that `to_dict` wrote, of this robot.
-
-        Raises:
-            ModelError: The values are no truth of this robot, or of another version.
-        """
+        """The truth that `to_dict` wrote, of this robot."""
         if data.get("schema") != SCHEMA:
             raise _unusable(
                 f"schema '{data.get('schema')}' instead of '{SCHEMA}'",
@@ -202,13 +197,8 @@ def random_truth(
     those of a consistent body; a link whose model file gives no mass properties, or impossible
     ones, becomes a ball of about 1 kg. Rotor inertia is drawn in proportion to the inertia that a
     coordinate moves, all other laws in proportion to its typical torque: at half of the robot's
-    limits, a law loads a coordinate with 10 to 25 % of it.
-
-    Args:
-        robot: The robot.
-        seed: Same seed, same truth.
-        spread: Size of the deformation; 0.15 moves masses and inertias by 20–30 %.
-        terms: Causes of torque; fields still to be found are drawn within their bounds.
+    limits, a law loads a coordinate with 10 to 25 % of it. A `spread` of 0.15 moves masses and
+    inertias by 20–30 %; fields of terms still to be found are drawn within their bounds.
     """
     rng = np.random.default_rng(seed)
     deformed = [

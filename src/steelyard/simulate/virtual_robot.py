@@ -48,14 +48,10 @@ class VirtualRobot:
 
     Attributes:
         robot: The robot; its nominal inertias play no part.
-        truth: What it really is.
-        sensors: How its log is written.
         rest: Standstill before and after a motion [s].
         signals: Names, units, sides, kinds and gains of the log's columns; customary ones if
             `None`.
         payload: What it carries for a while, if anything.
-        control: Its joint controller.
-        drives: What lies between controller and joints.
         wrench: What acts on it from outside, if anything.
         tuned: Gains of the default controller.
     """
@@ -97,12 +93,7 @@ class VirtualRobot:
         return self._plant.step(tau, duration)
 
     def send(self, trajectory: Trajectory) -> None:
-        """Follow `trajectory`; it is put into the log that is being recorded, if any.
-
-        Raises:
-            DataError: The log being recorded holds a motion already.
-            Stopped: The watcher requested a stop.
-        """
+        """Follow `trajectory`; it is put into the log that is being recorded, if any."""
         if self._recorded:
             raise DataError(
                 "a log of the virtual robot holds one motion, and this is a second one",
@@ -119,9 +110,6 @@ class VirtualRobot:
 
         Args:
             log: File to write, `.parquet` or `.csv`; not written if the block raises.
-
-        Raises:
-            DataError: Nothing was sent.
         """
         self._recorded = []
         try:
@@ -261,13 +249,7 @@ class VirtualRobot:
 
 @dataclass(frozen=True)
 class SimulatedFiles:
-    """What a simulation left.
-
-    Attributes:
-        log: The log, like a real controller's.
-        truth: What the robot really is, JSON.
-        trajectory: The requested motion, JSON.
-    """
+    """What a simulation left: a log, what the robot really is (JSON), the motion (JSON)."""
 
     log: Path
     truth: Path
@@ -279,12 +261,7 @@ def customary_sensors(robot: Robot, truth: Truth, noise: float = 1.0) -> Sensors
 
     Encoders of 17 bits a turn (prismatic joints: 10 µm), white noise of 1 % of the typical torque
     and of 1 mrad/s (1 mm/s) on velocities, of 0.2 N and 0.01 Nm on an outside wrench, a clock that
-    jitters by 50 µs.
-
-    Args:
-        robot: The robot.
-        truth: What it really is; gives the size of its torques.
-        noise: Factor on all of it; 0 is perfect.
+    jitters by 50 µs; `noise` is a factor on all of it.
     """
     torque = typical_torque(robot, build(robot, truth.inertial, truth.rotors))
     steps = {"revolute": 2.0 * pi / 2**17, "prismatic": 1e-5}
@@ -301,10 +278,6 @@ def write_run(rig: VirtualRobot, trajectory: ExactTrajectory, folder: Path) -> S
     """Send a virtual robot along a trajectory and write its log, its truth and the motion.
 
     The folder appears whole, when all is done, or not at all; it may not exist, unless it is empty.
-
-    Raises:
-        OutputError: The folder cannot be written.
-        Stopped: The watcher of the robot requested a stop.
     """
     signals, gains = rig.signals, rig.sensors.gains
     with whole_folder(folder) as part:

@@ -89,10 +89,6 @@ def refuse_other_efforts(
     Compared are medians over time: contact does not last. `sigma` is the standard deviation of the
     residual of the fit, `pushes` that of efforts that are expected from outside for as long as the
     log lasts, shape `(n,)` each [Nm; N].
-
-    Raises:
-        LogError: They lack gravity or friction, have another sign, or the model does not explain
-            them.
     """
     refuse_without(trace, sigma, joints)
     std = sigma if pushes is None else np.hypot(sigma, PUSHES / LARGE_RESIDUAL * pushes)
@@ -162,11 +158,7 @@ def refuse_without(trace: ResidualTrace, sigma: Array, joints: Sequence[str]) ->
 
 
 def _opposite(trace: ResidualTrace, sigma: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Joints whose predicted efforts change enough to know their sign, and those with the opposite.
-
-    Returns:
-        Shape `(n,)` each.
-    """
+    """Joints whose efforts change enough to know their sign, and those with the opposite."""
     own, left = (
         (x - x.mean(axis=1, keepdims=True)) / sigma[:, None]
         for x in (trace.measured - trace.residual, trace.residual)

@@ -61,13 +61,7 @@ COMMENT_WIDTH = 94
 
 @dataclass(frozen=True, eq=False)
 class CCode:
-    """A model as C code.
-
-    Attributes:
-        controller: The model and what is wanted of it.
-        precision: Type of all numbers.
-        origin: Where the model comes from, one line each.
-    """
+    """A model as C code; `origin` says where it comes from, one line each."""
 
     controller: Controller
     precision: Precision

@@ -38,14 +38,7 @@ FMI_UNITS = {
 
 
 class Variable(NamedTuple):
-    """An input or output.
-
-    Attributes:
-        name: Its name.
-        unit: Unit, of `FMI_UNITS`.
-        start: Value at the start; `None` of outputs.
-        meaning: For people.
-    """
+    """An input or output; its unit is one of `FMI_UNITS`, outputs have no start."""
 
     name: str
     unit: str
@@ -126,14 +119,7 @@ def model_description(code: CCode, guid: str) -> str:
 
 
 def write_fmu(code: CCode, path: Path) -> tuple[str, ...]:
-    """Write the FMU, with a binary where a compiler and a name for the platform are.
-
-    Returns:
-        Names of the files in it.
-
-    Raises:
-        OutputError: The compiler fails.
-    """
+    """Write the FMU, with a binary if there is a compiler; the names of its files."""
     source = code.source()
     guid = "{" + hashlib.sha256(source.encode()).hexdigest()[:32] + "}"
     starts = [v.start for v in variables_of(code) if v.start is not None]

@@ -89,8 +89,6 @@ class FunctionSpec:
 
     Attributes:
         quantity: What it computes; `None` for the regressor of base parameters.
-        arguments: Arrays that it reads.
-        output: Name of its result.
         meaning: What the result is, with units.
     """
 
@@ -147,10 +145,8 @@ class Function:
     """A function of the joints' state.
 
     Attributes:
-        name: Its name.
         program: Inputs are arrays among `q`, `passive`, `dq`, `ddq`, `tau` and `memory`.
         outputs: Names and shapes of its results, in the order of the program's outputs.
-        meaning: What it computes, with units.
         public: Whether others call it.
     """
 
@@ -172,12 +168,7 @@ OBSERVER = "observer"
 
 @dataclass(frozen=True, eq=False)
 class ObserverNumbers:
-    """Numbers of an observer of external efforts.
-
-    Attributes:
-        bandwidth: Its usual bandwidth [Hz].
-        thresholds: Of contact, for that bandwidth; `None` without.
-    """
+    """Usual bandwidth [Hz] of an observer, and thresholds of contact for it."""
 
     bandwidth: float
     thresholds: ContactThresholds | None
@@ -188,8 +179,6 @@ class Controller:
     """A model with its numbers, for controllers.
 
     Attributes:
-        model: The model.
-        values: Its standard parameters.
         names: Names of the functions that are wanted, of `FUNCTIONS`.
         frames: Names of the frames whose poses and Jacobians are wanted.
         observer: Numbers of the observer of external efforts; `None` if it is not wanted.

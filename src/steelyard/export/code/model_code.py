@@ -37,11 +37,8 @@ def controller_of(
 ) -> Controller:
     """The model with what is wanted of it.
 
-    Args:
-        identified: The model.
-        functions: Names of `FUNCTIONS`, or `OBSERVER`; the usual ones if empty.
-        frames: Names of frames whose pose and Jacobian are wanted; if empty, the last frame on
-            every link that carries no other.
+    Functions are names of `FUNCTIONS`, or `OBSERVER`, the usual ones if empty; frames those whose
+    pose and Jacobian are wanted, if empty the last frame on every link that carries no other.
     """
     _refuse_unusable(identified)
     robot = identified.model.robot
@@ -156,8 +153,6 @@ class WrittenCode:
     """What was written.
 
     Attributes:
-        controller: The model and what was wanted of it.
-        files: Names of the files.
         renamed: Names of joints and the robot whose identifier differs from the name.
         absent: Functions that are wanted but need the memory of friction.
         stack: Bytes of local variables of the function with most of them; C only.
@@ -191,21 +186,7 @@ def write_code(
     functions: Sequence[str] = (),
     frames: Sequence[str] = (),
 ) -> WrittenCode:
-    """Write a model as code.
-
-    Args:
-        identified: The model.
-        path: File (Python, FMU) or folder (others) to make; it must not exist.
-        form: The format.
-        precision: Type of numbers in C.
-        functions: Names of functions in C or Python; the usual ones if empty.
-        frames: Names of frames whose pose and Jacobian are wanted there; those at the ends if
-            empty.
-
-    Raises:
-        SteelyardError: The model is not of use to controllers, there is no such function or
-            frame, or the files cannot be written.
-    """
+    """Write a model as code; the arguments and errors are those of `export_code`."""
     _refuse_needless(form, precision, functions, frames)
     refuse_existing(path)
     controller, origin = controller_of(identified, functions, frames), origin_of(identified)

@@ -56,8 +56,6 @@ class Content:
     """What a file of one format holds of a model.
 
     Attributes:
-        robot: The robot.
-        inertias: Mass properties of its bodies.
         joints: What acts along each of `robot.joints`.
         sums: What acts along sums of joints.
         pulls: Springs between links.
@@ -73,11 +71,7 @@ class Content:
 
 
 def content_of(identified: IdentifiedModel, form: Format) -> Content:
-    """What a file of a format holds of a model.
-
-    Raises:
-        ModelError: The model does not have all standard parameters, or a link cannot exist.
-    """
+    """What a file of a format holds of a model."""
     model, robot = identified.model, identified.model.robot
     values = _standard(identified)
     terms = [placed(term, robot, values) for term in model.terms]

@@ -62,13 +62,9 @@ def supported_friction(
     kinds: Iterable[AxisPartKind],
     top: float,
 ) -> Supported:
-    """Friction along a coordinate in what a format supports.
+    """Friction along a coordinate in what a format supports, up to a greatest speed [rad/s; m/s].
 
-    Args:
-        own: Coefficients of the powers of speed.
-        others: What else there is of friction.
-        kinds: What the format supports.
-        top: The greatest speed [rad/s; m/s].
+    `own` are coefficients of the powers of speed, `others` what else there is of friction.
     """
 
     def curve(v: Array) -> Array:

@@ -52,10 +52,7 @@ class Exported:
     """The text of a model file.
 
     Attributes:
-        text: The file's content.
-        form: Its format.
         unsupported: What of the model the format does not support, one sentence each.
-        content: What the file holds.
         mass_shares: Per link the share of its mass that comes from the data, 0 to 1.
         unseen: Parameters that the data did not see.
         impossible: Links that keep what the original says, and cannot exist as it says.

@@ -31,8 +31,6 @@ class Span:
     """An element and its bytes.
 
     Attributes:
-        tag: Its name.
-        attributes: Name to text.
         start: First byte of the opening tag.
         inside: First byte after the opening tag.
         stop: First byte after the element.
@@ -60,11 +58,7 @@ class Edit(NamedTuple):
 
 
 def spans_of(path: Path) -> tuple[bytes, Span]:
-    """An XML file's content without byte order mark, and its outermost element.
-
-    Raises:
-        ModelError: The file is not XML that can be read safely, or not UTF-8.
-    """
+    """An XML file's content without byte order mark, and its outermost element."""
     from defusedxml.ElementTree import DefusedXMLParser
 
     read_xml(path)
@@ -165,11 +159,7 @@ def urdf_behind(path: Path) -> Path:
 
 
 def urdf_with(content: Content, path: Path, head: str) -> str:
-    """The text of a URDF with the numbers of a model.
-
-    Raises:
-        ModelError: The file is not a URDF, or not of this robot.
-    """
+    """The text of a URDF with the numbers of a model."""
     mechanism = read_mechanism(path)
     original, root = spans_of(path)
     _refuse_stranger(content, root, path)
@@ -203,13 +193,7 @@ def _refuse_stranger(content: Content, root: Span, path: Path) -> None:
 
 @dataclass(frozen=True)
 class _Editing:
-    """What changes in one file.
-
-    Attributes:
-        content: What it is to hold.
-        original: What it held.
-        carrying: Names of the joints that carry moving links.
-    """
+    """What changes in one file; `carrying` are the joints that carry moving links."""
 
     content: Content
     original: bytes

@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,21 +28,10 @@ from steelyard.identify.scores import fitted_before, runs_for
 from steelyard.identify.validation_data import holds_fitted_rows
 from steelyard.runs.named_logs import log_files, paths_of, refuse_overlaps
 from steelyard.runs.run import Run
-from steelyard.uses.contact.contact_events import (
-    SuspectedContact,
-    contacts_in,
-    without_contact,
-)
-from steelyard.uses.contact.contact_page import (
-    LEAST_LASTING_SHARE,
-    ContactContent,
-    Contacts,
-)
+from steelyard.uses.contact.contact_events import SuspectedContact, contacts_in, without_contact
+from steelyard.uses.contact.contact_page import LEAST_LASTING_SHARE, Contacts
 from steelyard.uses.other_efforts import refuse_other_efforts
 from steelyard.uses.payload.payload_of_runs import payload_words, unknown_payload
-
-if TYPE_CHECKING:
-    pass
 
 
 @checked(rate=1e-9)
@@ -121,7 +109,7 @@ def contact(
     trace = residual_trace(identified, run, cutoff)
     refuse_other_efforts(trace, sigma, identified.joints)
     robot = identified.model.robot
-    content = ContactContent(
+    found = Contacts(
         robot=robot.name,
         joints=robot.joint_names,
         units=robot.effort_units,
@@ -137,8 +125,8 @@ def contact(
         notes=(*notes, *(one.text for one in suspected), *left_out(run)),
         details=notes_of([run]),
     )
-    lasts = content.busy > LEAST_LASTING_SHARE
-    return Contacts(replace(content, carried=_carried(identified, run) if lasts else None))
+    lasts = found.busy > LEAST_LASTING_SHARE
+    return replace(found, carried=_carried(identified, run) if lasts else None)
 
 
 def _carried(identified: IdentifiedModel, run: Run) -> str | None:

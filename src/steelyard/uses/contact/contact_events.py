@@ -41,13 +41,10 @@ class JointLoad:
     """What one joint shows of a contact.
 
     Attributes:
-        joint: Its name.
-        unit: Of its effort, `Nm` or `N`.
         peak: Largest residual, measured minus predicted effort, or largest change of it at rest:
             that which exceeds its threshold more.
         sigmas: Its size in standard deviations of the residual of the fit.
         ratio: Of its size to the threshold.
-        change: Whether it is a change at rest.
     """
 
     joint: str
@@ -106,10 +103,7 @@ class ContactStart:
     """A residual exceeds its threshold, and none did just before.
 
     Attributes:
-        time: When [s].
         known: When that is known [s]: a change at rest is decided a little later.
-        joint: What the joint with the largest ratio shows.
-        links: Links that the contact may be on.
     """
 
     time: float

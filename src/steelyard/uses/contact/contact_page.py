@@ -44,18 +44,18 @@ LEAST_LASTING_SHARE = 0.5
 """Share of the log from which on events mean that something lasting is wrong."""
 
 
-@dataclass(frozen=True, eq=False)
-class ContactContent:
-    """Everything that the page shows.
+@dataclass(frozen=True, eq=False, repr=False)
+class Contacts(Result):
+    """Contacts in a log.
 
     Attributes:
+        thresholds: Residuals that a contact must exceed; small, and evaluable sample by sample.
+        events: The contacts, in the order of time.
         sigma: Standard deviation of the residuals of the fit, shape `(n,)` [Nm; N].
         source: What the thresholds were calibrated on.
         carried: A payload that explains lasting residuals, for people to read; `None` without.
         suspected: Stretches of the calibration that contain contact.
         wanted: False alarms per hour that were asked for; `None` if the default was used.
-        fitted: Whether the model was fitted to this log.
-        notes: What was left out of the calibration, and why.
     """
 
     robot: str
@@ -72,6 +72,7 @@ class ContactContent:
     fitted: bool
     notes: tuple[str, ...]
     details: tuple[str, ...]
+    json_name = "contact.json"
 
     @property
     def stands(self) -> bool:
@@ -140,8 +141,71 @@ class ContactContent:
         )
         return f"no joint moves: at rest only pushes above these thresholds are visible: {pushes}"
 
+    def report(self) -> str:
+        """The report as one self-contained HTML page."""
+        joints = [_figure(self, j) for j in range(len(self.joints))]
+        sections = (
+            figures(
+                "contacts",
+                "Contacts",
+                words=f"{self.headline}. {self.claim}",
+                tables=[events_table(self)] if self.events else (),
+            ),
+            notes("notes", "Limits of this result", self.warnings),
+            figures(
+                "residuals",
+                "Residuals and thresholds over time",
+                legend=[
+                    Key("--measured", "residual"),
+                    Key("--rest", "within the thresholds", "area"),
+                    Key("--vermillion", "contact", "line"),
+                ],
+                groups=[Group(joints, columns="one")],
+                note=f"At most {MOST_POINTS_OF_RESIDUAL} points a line: the largest residual of "
+                "each interval.",
+            ),
+            figures("thresholds", "Thresholds", tables=[thresholds_table(self, relative=True)]),
+            notes("details", "Notes", self.details, folded=True),
+        )
+        title = f"{self.robot}: contacts in {self.trace.run}"
+        return inspected_page(title, self.robot, sections)
 
-def events_table(content: ContactContent) -> PlainTable:
+    def to_dict(self) -> dict[str, Any]:
+        """Events, thresholds and what they rest on as JSON values."""
+        return {
+            "log": self.trace.run,
+            "duration_s": self.trace.duration,
+            "events": [event.to_dict() for event in self.events],
+            "thresholds": self.thresholds.to_dict(),
+            "calibration": {
+                "from": self.source,
+                "minutes": self.thresholds.duration / 60.0,
+                "suspected_contact": [
+                    {"log": one.run, **one.event.to_dict()} for one in self.suspected
+                ],
+            },
+            "joints": list(self.joints),
+            "payload": self.carried,
+            "notes": list(self.notes),
+        }
+
+    def show(self, console: Console) -> None:
+        """Print the events and what the thresholds rest on."""
+        warnings, events = self.warnings, events_table(self)
+        print_verdict(console, self.headline, self.claim, warnings)
+        if self.events:
+            console.print(narrow_table(events, TERMINAL_COLUMNS))
+            if events.words:
+                console.print(Text(events.words))
+        if warnings or self.events:
+            console.print()
+        console.print(Text("Thresholds"))
+        console.print(narrow_table(thresholds_table(self, relative=False)))
+        for words in _footnotes(self.thresholds):
+            console.print(Text(words))
+
+
+def events_table(content: Contacts) -> PlainTable:
     """One row per event."""
     rows, changed = [], False
     for event in content.events:
@@ -162,7 +226,7 @@ def events_table(content: ContactContent) -> PlainTable:
     return PlainTable("", words, EVENT_HEADINGS, rows, (2, 5))
 
 
-def thresholds_table(content: ContactContent, *, relative: bool) -> PlainTable:
+def thresholds_table(content: Contacts, *, relative: bool) -> PlainTable:
     """One row per joint; thresholds in standard deviations of the fit's residuals too."""
 
     def cell(limit: float, sigma: float) -> str:
@@ -199,7 +263,7 @@ def _footnotes(thresholds: ContactThresholds) -> Iterator[str]:
         )
 
 
-def _figure(content: ContactContent, j: int) -> Figure:
+def _figure(content: Contacts, j: int) -> Figure:
     trace, thresholds, size = content.trace, content.thresholds, np.abs(content.trace.residual[j])
     step = max(1, -(-len(size) // MOST_POINTS_OF_RESIDUAL))
     starts = np.arange(0, len(size), step)  # of each stretch the largest residual is drawn
@@ -226,91 +290,3 @@ def _figure(content: ContactContent, j: int) -> Figure:
         ],
         {"showlegend": False},
     )
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Contacts(Result):
-    """Contacts in a log.
-
-    Attributes:
-        content: All that the page shows.
-    """
-
-    content: ContactContent
-    json_name = "contact.json"
-
-    @property
-    def events(self) -> tuple[ContactEvent, ...]:
-        """The contacts, in the order of time."""
-        return self.content.events
-
-    @property
-    def thresholds(self) -> ContactThresholds:
-        """Residuals that a contact must exceed; small, and evaluable sample by sample."""
-        return self.content.thresholds
-
-    def report(self) -> str:
-        """The report as one self-contained HTML page."""
-        content = self.content
-        joints = [_figure(content, j) for j in range(len(content.joints))]
-        sections = (
-            figures(
-                "contacts",
-                "Contacts",
-                words=f"{content.headline}. {content.claim}",
-                tables=[events_table(content)] if content.events else (),
-            ),
-            notes("notes", "Limits of this result", content.warnings),
-            figures(
-                "residuals",
-                "Residuals and thresholds over time",
-                legend=[
-                    Key("--measured", "residual"),
-                    Key("--rest", "within the thresholds", "area"),
-                    Key("--vermillion", "contact", "line"),
-                ],
-                groups=[Group(joints, columns="one")],
-                note=f"At most {MOST_POINTS_OF_RESIDUAL} points a line: the largest residual of "
-                "each interval.",
-            ),
-            figures("thresholds", "Thresholds", tables=[thresholds_table(content, relative=True)]),
-            notes("details", "Notes", content.details, folded=True),
-        )
-        title = f"{content.robot}: contacts in {content.trace.run}"
-        return inspected_page(title, content.robot, sections)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Events, thresholds and what they rest on as JSON values."""
-        content = self.content
-        return {
-            "log": content.trace.run,
-            "duration_s": content.trace.duration,
-            "events": [event.to_dict() for event in content.events],
-            "thresholds": content.thresholds.to_dict(),
-            "calibration": {
-                "from": content.source,
-                "minutes": content.thresholds.duration / 60.0,
-                "suspected_contact": [
-                    {"log": one.run, **one.event.to_dict()} for one in content.suspected
-                ],
-            },
-            "joints": list(content.joints),
-            "payload": content.carried,
-            "notes": list(content.notes),
-        }
-
-    def show(self, console: Console) -> None:
-        """Print the events and what the thresholds rest on."""
-        content = self.content
-        warnings, events = content.warnings, events_table(content)
-        print_verdict(console, content.headline, content.claim, warnings)
-        if content.events:
-            console.print(narrow_table(events, TERMINAL_COLUMNS))
-            if events.words:
-                console.print(Text(events.words))
-        if warnings or content.events:
-            console.print()
-        console.print(Text("Thresholds"))
-        console.print(narrow_table(thresholds_table(content, relative=False)))
-        for words in _footnotes(content.thresholds):
-            console.print(Text(words))

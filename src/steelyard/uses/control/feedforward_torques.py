@@ -37,8 +37,6 @@ class FeedforwardTorques:
     """Torques along a motion.
 
     Attributes:
-        joints: The joints, in the order of the columns.
-        motion: The desired motion, `N` samples.
         torque: Shape `(N, n)` [Nm; N].
         notes: What the torques leave out.
         warnings: What speaks against commanding them: torques beyond the limits of their joints,
@@ -78,9 +76,6 @@ class FeedforwardTorques:
 
         Args:
             path: A name that ends in `.csv` or `.parquet`.
-
-        Raises:
-            OutputError: It cannot be written.
         """
         motion, columns = self.motion, {"time_s": self.motion.t}
         values = {"q": motion.q, "dq": motion.dq, "ddq": motion.ddq, "tau": self.torque}

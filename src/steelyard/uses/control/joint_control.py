@@ -26,7 +26,6 @@ class ControlTask:
         motion: Desired motion at every tick, `N` samples of `n` joints.
         compared: The same as late as measured values are: what the loop would see on the desired
             motion, so that delay alone is no error.
-        tick: Time between two ticks [s].
         inertia: Mean inertia of each joint over its postures, shape `(n,)` [kg m²; kg]; gains
             are multiplied with it.
         fastest: Natural frequency up to which joint gains are stable [rad/s]: coupling of the
@@ -215,10 +214,8 @@ class ComputedTorque:
     the measured one chatters; the law as printed in [WangC] has none.
 
     Attributes:
-        model: Model with values.
         kp: Stiffness per inertia [1/s²].
         kv: Damping per inertia [1/s].
-        friction: Whether friction is part of the law.
 
     Raises:
         ModelError: The mass matrix of the model is not positive definite along the motion.

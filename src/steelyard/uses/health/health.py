@@ -26,11 +26,7 @@ from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.result import Result, print_verdict
 from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE
-from steelyard.runs.named_logs import (
-    log_files,
-    paths_of,
-    refuse_overlaps,
-)
+from steelyard.runs.named_logs import log_files, paths_of, refuse_overlaps
 from steelyard.uses.health.health_changes import (
     CLEAR_HALF_WIDTHS,
     FALSE_DRIFT_LEVEL,
@@ -50,9 +46,9 @@ QUANTITY_HEADINGS = ("dry", "viscous", "offset", "effort scale")
 """The quantities, as short as columns need them."""
 
 
-@dataclass(frozen=True, eq=False)
-class HealthContent:
-    """Everything that the page shows.
+@dataclass(frozen=True, eq=False, repr=False)
+class Health(Result):
+    """Friction, offsets and effort scales of a robot over windows and logs.
 
     Attributes:
         logs: Names of the logs, in the order of time.
@@ -65,15 +61,16 @@ class HealthContent:
     changes: tuple[HealthChange, ...]
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
+    json_name = "health.json"
 
     @property
     def drifts(self) -> tuple[HealthChange, ...]:
-        """What is significant and large enough."""
+        """What drifted, the most certain first: significant and large enough."""
         return tuple(change for change in self.changes if change.matters)
 
     @property
     def unproven(self) -> tuple[HealthChange, ...]:
-        """What is large, but of too few windows to be significant."""
+        """What differs by far from the model, or between logs too short to prove a drift."""
         drifted = {(change.joint, change.quantity) for change in self.drifts}
         return tuple(c for c in self.changes if c.unproven and (c.joint, c.quantity) not in drifted)
 
@@ -124,8 +121,66 @@ class HealthContent:
             f"{100.0 * LEAST_CHANGE['offset']:.0f} % of the joint's friction, at least."
         )
 
+    def report(self) -> str:
+        """The report as one self-contained HTML page."""
+        sections = (
+            figures(
+                "drift",
+                "Drift",
+                words=f"{self.headline}. {self.claim}",
+                tables=[drifts_table(self)] if self.named else (),
+            ),
+            notes("limits", "Limits of this result", self.limits),
+            figures("joints", "Joints", tables=[joints_table(self)]),
+            figures(
+                "windows",
+                "Changes over time",
+                legend=[Key("--measured", "windows"), Key("--interval", "95 % interval", "area")],
+                groups=_groups(self),
+                note="Change from the model of every window; logs follow each other without the "
+                "time between them. Lines are interrupted between logs: "
+                f"{', '.join(self.logs)}.",
+            ),
+            notes("notes", "Notes", self.notes, folded=True),
+        )
+        return inspected_page(f"{self.robot}: health", self.robot, sections)
 
-def drifts_table(content: HealthContent) -> PlainTable:
+    def to_dict(self) -> dict[str, Any]:
+        """What drifted, what was tested, and the values of all windows as JSON values."""
+        return {
+            "logs": list(self.logs),
+            "drifts": [change.to_dict() for change in self.drifts],
+            "unproven": [change.to_dict() for change in self.unproven],
+            "tested": [change.to_dict() for change in self.changes],
+            "windows": [
+                {
+                    "joint": one.joint,
+                    "quantity": one.quantity,
+                    "unit": one.unit or None,
+                    "log": [self.logs[int(k)] for k in one.log],
+                    "t_s": one.t.tolist(),
+                    "change": one.value.tolist(),
+                    "std": one.std.tolist(),
+                }
+                for one in self.series
+            ],
+            "warnings": list(self.limits),
+            "notes": list(self.notes),
+        }
+
+    def show(self, console: Console) -> None:
+        """Print what drifted, and one line per joint."""
+        print_verdict(console, self.headline, self.claim, self.limits)
+        if self.named:
+            console.print(narrow_table(drifts_table(self)))
+        table = joints_table(self)
+        console.print(Text(f"\n{table.words}"))
+        joints = narrow_table(table)
+        joints.columns[0].no_wrap = True
+        console.print(joints)
+
+
+def drifts_table(content: Health) -> PlainTable:
     """One row per drift or unproven change."""
     rows = [
         Row((change.joint, change.quantity, change.text, change.when, chance(change.p)))
@@ -140,7 +195,7 @@ def chance(p: float) -> str:
     return "< 1e-6" if p < 1e-6 else f"{p:.1g}"
 
 
-def joints_table(content: HealthContent) -> PlainTable:
+def joints_table(content: Health) -> PlainTable:
     """One row per joint: the level in the last log against the model, marked where it drifted."""
     marks = {(c.joint, c.quantity): " ?" for c in content.unproven}
     marks |= {(c.joint, c.quantity): " !" for c in content.drifts}
@@ -156,7 +211,7 @@ def joints_table(content: HealthContent) -> PlainTable:
     return PlainTable("", words, ("joint", *QUANTITY_HEADINGS), rows)
 
 
-def _groups(content: HealthContent) -> list[Group]:
+def _groups(content: Health) -> list[Group]:
     found = []
     for joint in content.joints:
         mine = [one for one in content.series if one.joint == joint]
@@ -183,89 +238,6 @@ def _figure(one: Series) -> Figure:
     return Figure(
         one.quantity, label, "time in logs [min]", f"change [{unit}]", traces, {"showlegend": False}
     )
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Health(Result):
-    """Friction, offsets and effort scales of a robot over windows and logs.
-
-    Attributes:
-        content: All that the page shows.
-    """
-
-    content: HealthContent
-    json_name = "health.json"
-
-    @property
-    def drifts(self) -> tuple[HealthChange, ...]:
-        """What drifted, the most certain first."""
-        return self.content.drifts
-
-    @property
-    def unproven(self) -> tuple[HealthChange, ...]:
-        """What differs by far from the model, or between logs too short to prove a drift."""
-        return self.content.unproven
-
-    def report(self) -> str:
-        """The report as one self-contained HTML page."""
-        content = self.content
-        sections = (
-            figures(
-                "drift",
-                "Drift",
-                words=f"{content.headline}. {content.claim}",
-                tables=[drifts_table(content)] if content.named else (),
-            ),
-            notes("limits", "Limits of this result", content.limits),
-            figures("joints", "Joints", tables=[joints_table(content)]),
-            figures(
-                "windows",
-                "Changes over time",
-                legend=[Key("--measured", "windows"), Key("--interval", "95 % interval", "area")],
-                groups=_groups(content),
-                note="Change from the model of every window; logs follow each other without the "
-                "time between them. Lines are interrupted between logs: "
-                f"{', '.join(content.logs)}.",
-            ),
-            notes("notes", "Notes", content.notes, folded=True),
-        )
-        return inspected_page(f"{content.robot}: health", content.robot, sections)
-
-    def to_dict(self) -> dict[str, Any]:
-        """What drifted, what was tested, and the values of all windows as JSON values."""
-        content = self.content
-        return {
-            "logs": list(content.logs),
-            "drifts": [change.to_dict() for change in content.drifts],
-            "unproven": [change.to_dict() for change in content.unproven],
-            "tested": [change.to_dict() for change in content.changes],
-            "windows": [
-                {
-                    "joint": one.joint,
-                    "quantity": one.quantity,
-                    "unit": one.unit or None,
-                    "log": [content.logs[int(k)] for k in one.log],
-                    "t_s": one.t.tolist(),
-                    "change": one.value.tolist(),
-                    "std": one.std.tolist(),
-                }
-                for one in content.series
-            ],
-            "warnings": list(content.limits),
-            "notes": list(content.notes),
-        }
-
-    def show(self, console: Console) -> None:
-        """Print what drifted, and one line per joint."""
-        content = self.content
-        print_verdict(console, content.headline, content.claim, content.limits)
-        if content.named:
-            console.print(narrow_table(drifts_table(content)))
-        table = joints_table(content)
-        console.print(Text(f"\n{table.words}"))
-        joints = narrow_table(table)
-        joints.columns[0].no_wrap = True
-        console.print(joints)
 
 
 @checked()
@@ -314,7 +286,7 @@ def health(
             fix="give longer logs, or motion in both directions at several speeds and postures",
         )
     robot = identified.model.robot
-    content = HealthContent(
+    return Health(
         robot=robot.name,
         joints=robot.joint_names,
         logs=tuple(names),
@@ -323,4 +295,3 @@ def health(
         warnings=tuple(carried),
         notes=notes_of(runs),
     )
-    return Health(content)

@@ -208,8 +208,6 @@ class HealthChange:
     """A change of a quantity.
 
     Attributes:
-        joint: The joint.
-        quantity: Which.
         shape: `settles` and `steps within` a log, `steps` and `drifts` over logs, `differs` from
             the model.
         size: Change; relative, or in the unit of the effort.

@@ -36,13 +36,7 @@ from steelyard.uses.payload.payload_of_runs import identify_payload as payload_o
 
 @dataclass(frozen=True, eq=False)
 class PayloadTask:
-    """Logs with a payload, and the model; checked as far as that is possible before reading.
-
-    Attributes:
-        unloaded: Logs without it.
-        frame: Frame of the results; that of the last link if `None`.
-        known: What is known of the payload.
-    """
+    """Logs with a payload and without, and the model; checked before they are read."""
 
     identified: IdentifiedModel
     loaded: list[LogArgument]
@@ -97,11 +91,7 @@ class PayloadTask:
         return tuple(found)
 
     def _runs(self, logs: Sequence[LogArgument], progress: Progress) -> tuple[Run, ...]:
-        """Runs whose efforts contain gravity and friction as those of the model.
-
-        Raises:
-            LogError: They do not.
-        """
+        """Runs whose efforts contain gravity and friction as those of the model."""
         identified = self.identified
         runs = runs_for(identified, logs, progress, at_rest=False)
         cutoff, sigma = residual_cutoff(identified, runs), np.asarray(identified.estimate.sigma)

@@ -96,7 +96,6 @@ class PayloadKnowledge:
     Attributes:
         mass: [kg].
         com: Centre of mass in the payload's frame [m].
-        shape: Its shape.
     """
 
     mass: float | None = None
@@ -143,12 +142,10 @@ def consistent_body(
 ) -> ConsistentBody:
     """The consistent body that agrees best with an unconstrained estimate and what is known.
 
-    Args:
-        free: The unconstrained ten numbers, zero along what the data do not determine.
-        information: What the data say of them, as if there was noise alone, shape `(10, 10)`.
-        by_data: Their covariance; rows of what the data do not see are not numbers.
-        widening: The part of it that model and gains add to noise, shape `(10, 10)`.
-        known: What is known beside.
+    `free` are the unconstrained ten numbers, zero along what the data do not determine;
+    `information` is what the data say of them, as if there was noise alone, `by_data` their
+    covariance, no numbers in rows of what the data do not see, and `widening` the part of it that
+    model and gains add to noise, shape `(10, 10)` each.
     """
     mass, centre = _start(free, by_data, known)
     spread = _spread(free, mass, centre) if known.shape is None else np.diag(known.shape.moments)

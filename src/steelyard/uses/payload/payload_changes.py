@@ -205,7 +205,7 @@ def payload_windows(
     """Windows about the payload alone: friction's deviations are the same in all of them.
 
     Args:
-        starts: Of the windows, shape `(w,)` [s].
+        starts: Of the windows, shape `(w,)`, as of their `stops` [s].
         stops: Likewise.
         grams: Sums of products over the variance of the residuals, shape `(w, d + 11, d + 11)`: of
             friction's deviations, the payload's ten columns, and efforts less those of the model.

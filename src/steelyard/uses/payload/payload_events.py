@@ -47,13 +47,7 @@ Kind = Literal["picked up", "put down"]
 
 @dataclass(frozen=True, eq=False)
 class Carried:
-    """A payload between two times.
-
-    Attributes:
-        start: When it is there first [s].
-        stop: When it is there last [s].
-        payload: What it is.
-    """
+    """A payload between two times [s]."""
 
     start: float
     stop: float
@@ -65,7 +59,6 @@ class PayloadEvent:
     """A change of what is carried.
 
     Attributes:
-        kind: What happens.
         time: When [s] from the start of the log; the middle of a pause in which it happens.
         earliest: Start of that interval [s].
         latest: Its end.
@@ -88,18 +81,13 @@ class PayloadEvents:
     """All changes of what a robot carries along a run.
 
     Attributes:
-        run: Name of the run.
-        frame: The frame of the payloads.
         body: The link that carries them.
-        events: In order of time.
-        carried: What is carried, in order of time.
         alarms_per_hour: False events that the threshold allows.
         inflation: How many times larger the statistic is than by normal, white residuals.
         least_mass: Change by a mass at the frame's origin that half of the log would show [kg].
         conclusive: Whether changes are found, or one by as much as a payload may have
             (`LARGEST_PAYLOAD_SHARE`) would be.
         notes: What was taken for granted, for people to read.
-        sliding: The mass over time.
         unexplained: What the model does not explain with any payload; empty if there is nothing.
     """
 
@@ -167,10 +155,6 @@ def find_payload_events(
     """Find when a payload changes along one run, and weigh what is carried between.
 
     Efforts are as logged; `drift` and `gain` are as of `identify_payload`.
-
-    Raises:
-        ModelError: There is no such frame, or it does not move.
-        DataError: The run is too short, or the data see nothing of a payload.
     """
     share = gain_share(identified, gain, drift)
     carries = carrier(identified.model.robot, frame)
@@ -257,10 +241,7 @@ class _Weigher:
         ]
 
     def payloads(self, stretches: list[Window]) -> tuple[list[PayloadEstimate | None], str]:
-        """What each stretch carries, and what no payload explains.
-
-        A stretch in which no mass is beyond doubt carries `None`.
-        """
+        """What each stretch carries, `None` if its mass is in doubt, and what is unexplained."""
         found = self._weighed(stretches, list(range(len(stretches))))
         unexplained = next((payload.unexplained for payload in found if payload is not None), "")
         if all(payload is None or np.isnan(payload.mass) for payload in found):

@@ -98,22 +98,12 @@ def identify_payload(
 ) -> PayloadEstimate:
     """Weigh what a robot carries: a physically consistent body.
 
-    Args:
-        identified: The robot without the payload. Its covariance says how far its parameters may
-            move; with unloaded runs they are found from the runs alone.
-        loaded: What runs with the payload say, one by one, efforts as logged.
-        frame: The frame to give the numbers in; that of the last link if `None`.
-        unloaded: What runs without the payload say, one by one.
-        drift: Standard deviation of each run's friction and offset, relative to the effort that
-            they make together in a joint; with 0 they are those of the model.
-        gain: Relative standard deviation of each gain of the efforts; if `None`,
-            `GAIN_RELATIVE_STD` where efforts are currents, or nothing beside scales that were
-            identified with the model.
-        known: What is known of the payload beside.
-
-    Raises:
-        ModelError: There is no such frame, or it does not move.
-        DataError: The runs were gathered with another model, or see nothing of the payload.
+    The model's covariance says how far its parameters may move; with unloaded runs they are found
+    from the runs alone. Efforts are as logged. `drift` is the standard deviation of each run's
+    friction and offset, relative to the effort that they make together in a joint; with 0 they are
+    those of the model. `gain` is the relative standard deviation of each gain of the efforts; if
+    `None`, `GAIN_RELATIVE_STD` where efforts are currents, or nothing beside scales that were
+    identified with the model.
     """
     if not loaded:
         raise DataError(
@@ -143,11 +133,7 @@ def identify_payload(
 
 
 def refuse_unexplained_case(identified: IdentifiedModel, case: LoadCase, fit: CaseFit) -> None:
-    """The model and what the arm carries explain most of the efforts.
-
-    Raises:
-        LogError: They do not.
-    """
+    """The model and what the arm carries explain most of the efforts."""
     information, values = case.information, fit.values.copy()
     known = identified.estimate.parameters.as_dict()
     for k, name in enumerate(information.layout.columns[: case.n_arm]):
@@ -192,10 +178,7 @@ LEAST_PAYLOAD_SHARE = 0.02
 
 
 def unknown_payload(identified: IdentifiedModel, run: Information) -> PayloadEstimate | None:
-    """What a run carries beyond doubt; `None` if there is nothing, or no way to know.
-
-    Efforts of the run are as logged.
-    """
+    """What a run, as logged, carries beyond doubt; `None` if nothing, or unknown."""
     if identified.signals.effort_kind == "gravity_compensated_torque":
         return None
     try:
@@ -269,9 +252,6 @@ def weighed(
     """One payload of a case, with ten columns, as a physically consistent body in a frame.
 
     The arm was found from the runs alone if `jointly`; gains are exact if `gain` is zero.
-
-    Raises:
-        DataError: The data see none of its numbers, or contradict what is known.
     """
     scales, free = identified.effort_scales, fit.values[list(columns)]
     moved = _by_scale(case, fit, columns, jointly)

@@ -218,11 +218,7 @@ class StreamFiles:
     @classmethod
     @contextmanager
     def opened(cls, folder: Path, joints: Sequence[str], wrench: bool) -> Iterator[StreamFiles]:
-        """New files in a new folder, closed at the end of the block.
-
-        Raises:
-            OutputError: The folder exists, or a file cannot be written.
-        """
+        """New files in a new folder, closed at the end of the block."""
         with explained(folder), ExitStack() as stack:
             folder.mkdir(parents=True)
             files: list[Any] = [

@@ -53,11 +53,7 @@ from steelyard.uses.watch.watcher import (
 
 @dataclass(frozen=True, eq=False)
 class WatchStart:
-    """A watcher, and what it rests on.
-
-    Attributes:
-        notes: What thresholds were calibrated on, and what is not sought and why.
-    """
+    """A watcher; what its thresholds rest on, and what is not sought and why."""
 
     watcher: Watcher
     model: IdentifiedModel
@@ -146,11 +142,7 @@ def start_watch(
 
 
 def payload_stream(identified: IdentifiedModel, frame: str | None) -> PayloadStream:
-    """What finds changes of a payload in consecutive rows of a stream.
-
-    Raises:
-        ModelError: There is no such frame, or it does not move.
-    """
+    """What finds changes of a payload in consecutive rows of a stream."""
     carrier(identified.model.robot, frame)
     signals, processing = identified.signals, processing_of(identified)
     rests, regressor = has_memory(identified.model.terms), base_regressor(identified.model)
@@ -176,9 +168,6 @@ def watch_rows(
     """Report what happens in rows as they arrive, until they end.
 
     A contact that is still going on is ended there, also where an error ends the rows.
-
-    Raises:
-        SteelyardError: The rows cannot be read, or none of them can be used.
     """
 
     def report(events: Iterable[StreamEvent]) -> None:

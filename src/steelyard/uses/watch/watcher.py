@@ -41,11 +41,7 @@ class Doubt:
     """
 
     def __init__(self, sigma: Array) -> None:
-        """Begin.
-
-        Args:
-            sigma: Standard deviation of the residual of the fit per joint, shape `(n,)` [Nm; N].
-        """
+        """Begin; `sigma` is the standard deviation of the residual of the fit, `(n,)` [Nm; N]."""
         self.text = ""
         self._weights = 1.0 / np.square(sigma)
         self._seconds = self._beyond = 0.0
@@ -98,7 +94,6 @@ class PayloadState:
 
     Attributes:
         mass: Its mass, zero if nothing is carried [kg].
-        half_width: Half-width of the 95 % interval of the mass; NaN if nothing is carried.
         least_mass: Smallest change of the mass that would be seen, infinite if none would [kg].
     """
 
@@ -189,7 +184,6 @@ class StreamEstimate:
     """External efforts at a sample.
 
     Attributes:
-        time: When [s].
         torque: Of each joint, shape `(n,)` [Nm; N].
         half_width: Half-widths of the 95 % intervals, likewise.
         wrench: Force [N] and moment [Nm] on the frame, shape `(6,)`; `None` without a frame.
@@ -205,11 +199,7 @@ class StreamEstimate:
 
 @dataclass(frozen=True)
 class StreamNote:
-    """Something about the samples that whoever reads the results should know.
-
-    Attributes:
-        time: When [s].
-    """
+    """What whoever reads the results should know of samples up to a time [s]."""
 
     time: float
     text: str
@@ -225,9 +215,7 @@ class StreamSummary:
 
     Attributes:
         duration: Time from the first to the last sample [s].
-        dropped: Rows that were left out, and why.
         gaps: Pauses after which the observer began anew.
-        payload_changes: Number of changes of the payload.
         largest: Largest external effort of each joint by size [Nm; N].
         payload: Why the last search for changes of the payload was not possible; empty if it was.
         doubt: Why residuals may be no contact; empty without doubt.
@@ -270,9 +258,7 @@ class Watcher:
     """Takes rows, reports what happens.
 
     Attributes:
-        frame: Frame of the wrench; `None` without.
         thresholds: Of contact; `None` if it is not sought.
-        samples: What makes samples of the rows.
         observer: External efforts at the last sample.
         payload: What seeks changes of the payload; `None` if nothing does.
         time: Of the last sample, from the first one [s].

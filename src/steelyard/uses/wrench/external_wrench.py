@@ -1,7 +1,7 @@
 """External wrench along a log, without a force sensor: what `steelyard wrench` does."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from steelyard.base.arguments import checked
 from steelyard.base.progress import Progress, silent
@@ -20,16 +20,9 @@ from steelyard.identify.scores import fitted_before, runs_for
 from steelyard.identify.validation_data import holds_fitted_rows
 from steelyard.runs.named_logs import log_files
 from steelyard.uses.control.model_torques import refuse_unknown_gains
-from steelyard.uses.wrench.wrench_along_run import (
-    ResidualKind,
-    estimated_wrench,
-)
-from steelyard.uses.wrench.wrench_page import ExternalWrench, WrenchContent
+from steelyard.uses.wrench.wrench_along_run import ResidualKind, estimated_wrench
+from steelyard.uses.wrench.wrench_page import ExternalWrench
 from steelyard.uses.wrench.wrench_smoothing import DURATION, Smoothed
-
-if TYPE_CHECKING:
-    pass
-
 
 MethodName = Literal["smoothed", "weighted", "inverse"]
 
@@ -98,7 +91,7 @@ def external_wrench(
         axes=axes,
         progress=progress,
     )
-    content = WrenchContent(
+    return ExternalWrench(
         robot=identified.robot.name,
         estimate=estimate,
         usual_bandwidth=identified.cutoffs.score,
@@ -106,4 +99,3 @@ def external_wrench(
         left_out=left_out(run),
         details=notes_of([run]),
     )
-    return ExternalWrench(content)

@@ -79,11 +79,7 @@ def unobservable_directions(learned: Array, expected: Expected) -> tuple[Array, 
 
 
 def name_of(direction: Array) -> str:
-    """A direction for people to read, such as `moment about the axis (−1, 1, 0)`.
-
-    Args:
-        direction: Shares of the expected size, shape `(6,)`.
-    """
+    """A direction `(6,)` for people to read, such as `moment about the axis (−1, 1, 0)`."""
     sizes = np.abs(direction)
     sign = np.sign(direction[np.argmax(sizes)])
     named = np.where(sizes > MINOR_COMPONENT * sizes.max(), sign * direction, 0.0).reshape(2, 3)
@@ -113,18 +109,8 @@ class WrenchEstimate:
     The wrench is what the surroundings exert on the robot, its moment about the frame's origin.
 
     Attributes:
-        run: The run's name.
-        frame: The frame.
-        axes: Whose axes the components are along.
-        residual: What external efforts were computed from.
-        method: How the wrench was.
-        expected: Expected size of wrenches.
         bandwidth: Of the low-pass of the efforts [Hz].
-        joints: Names of the joints.
-        units: Units of their efforts.
         t: Time from the log's start [s].
-        wrench: Force and moment.
-        half_width: Half-width of their 95 % intervals.
         force_half_width: Half-width of 95 % intervals of the force along its own direction, shape
             `(N,)` [N]; simultaneous ones, as the direction is estimated too [Scheffe1959].
         torque: External efforts, shape `(N, n)` [Nm; N].
@@ -288,12 +274,6 @@ def estimated_wrench(
     `Smoothed` for the usual size by default, on the frame of the robot's end. The bandwidth of
     the efforts [Hz] is by default the cut-off of the model's scores, or a tenth of the log's rate
     if that is less.
-
-    Raises:
-        ModelError: There is no such frame, or no joint moves it.
-        DataError: The log's rate is less than ten times the bandwidth, or it is too short for it.
-        LogError: The efforts lack gravity or friction that the model predicts, or the model does
-            not explain them; see `refuse_other_efforts`.
     """
     place = moved_frame(identified.robot, frame)
     chosen = _bandwidth(identified, run, bandwidth)

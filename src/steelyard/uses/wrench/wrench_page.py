@@ -61,9 +61,7 @@ class ComponentSummary:
     """One component of the wrench over a log; values are in its unit.
 
     Attributes:
-        peak: The largest value, with its sign.
         peak_half_width: Half-width of its 95 % interval.
-        median_half_width: Of the intervals of all samples.
         nonzero_share: Share of the samples whose interval leaves zero out.
         data_share: Share of the expected variance that the log removes, on average.
         assumed_zero: Whether it is not estimated but zero, as its expected size is.
@@ -102,13 +100,13 @@ class ComponentSummary:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class WrenchContent:
-    """Everything that the page shows.
+@dataclass(frozen=True, eq=False, repr=False)
+class ExternalWrench(Result):
+    """External wrench along a log.
 
     Attributes:
+        estimate: All arrays.
         usual_bandwidth: Cut-off of the model's scores [Hz].
-        fitted: Whether the model was fitted to this log.
         left_out: Rows and times of the log that were not examined, for people to read.
     """
 
@@ -118,6 +116,7 @@ class WrenchContent:
     fitted: bool
     left_out: tuple[str, ...]
     details: tuple[str, ...]
+    json_name = "wrench.json"
 
     @property
     def headline(self) -> str:
@@ -233,8 +232,124 @@ class WrenchContent:
             )
         return tuple(warnings)
 
+    @property
+    def t(self) -> Array:
+        """Time from the log's start, shape `(N,)` [s]."""
+        return self.estimate.t
 
-def components_table(content: WrenchContent) -> PlainTable:
+    @property
+    def wrench(self) -> Array:
+        """Force [N] and moment [Nm] on the robot, shape `(N, 6)`."""
+        return self.estimate.wrench
+
+    @property
+    def half_width(self) -> Array:
+        """Half-width of the 95 % intervals of `wrench`, shape `(N, 6)`."""
+        return self.estimate.half_width
+
+    @property
+    def unobservable(self) -> tuple[str, ...]:
+        """Directions that the joints do not show in this log."""
+        return tuple(name_of(direction) for direction in self.estimate.unobservable)
+
+    def report(self) -> str:
+        """The report as one self-contained HTML page."""
+        found = self.estimate
+        components, least, torques = _figures(found)
+        sections = (
+            figures(
+                "wrench",
+                "Wrench",
+                words=f"{self.headline}. {self.claim}",
+                tables=[components_table(self)],
+            ),
+            notes("notes", "Limits of this result", self.warnings),
+            figures(
+                "over-time",
+                "Wrench over time",
+                legend=[Key("--measured", "estimate"), Key("--interval", "95 % interval", "area")],
+                groups=[Group(components, columns="one")],
+            ),
+            figures(
+                "observability",
+                "Observability",
+                words="Share of the expected variance that the log removes, in the direction where "
+                f"it removes least; below {OBSERVABLE:g} that direction counts as not observable.",
+                groups=[Group([least], columns="one")],
+            ),
+            figures(
+                "torques",
+                "External torques",
+                legend=[
+                    Key("--measured", "external torque"),
+                    Key("--interval", "95 % interval of the model's error", "area"),
+                ],
+                groups=[Group(torques, columns="one")],
+            ),
+            notes("details", "Notes", self.details, folded=True),
+        )
+        title = f"{self.robot}: wrench in {found.run}"
+        return inspected_page(title, self.robot, sections)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What was estimated as JSON values, without the samples."""
+        found = self.estimate
+        return {
+            "log": found.run,
+            "frame": found.frame,
+            "axes": found.axes,
+            "residual": found.residual,
+            "method": found.method,
+            "bandwidth_hz": found.bandwidth,
+            "expected": {"force_N": found.expected.force, "lever_m": found.expected.lever},
+            "largest_force": {
+                "force_N": float(found.force[found.largest]),
+                "half_width_N": float(found.force_half_width[found.largest]),
+                "time_s": float(found.t[found.largest]),
+                "differs_from_zero": bool(found.pushed[found.largest]),
+            },
+            "samples": len(found.t),
+            "start_s": float(found.t[0]),
+            "end_s": float(found.t[-1]),
+            "components": [vars(row) for row in self.components],
+            "unobservable": [
+                {
+                    "name": name_of(one),
+                    **dict(zip(COMPONENTS, one.tolist(), strict=True)),
+                    "share_of_log": found.unobservable_share(one),
+                }
+                for one in found.unobservable
+            ],
+            "partly_unobservable_share": found.partly_unobservable,
+            "warnings": list(self.warnings),
+            "notes": list(self.details),
+        }
+
+    def table(self) -> dict[str, Array]:
+        """Columns of `wrench.csv`: time, wrench, half-widths, external efforts, data share."""
+        found = self.estimate
+        joints = zip(found.joints, found.units, strict=True)
+        names = (
+            *WRENCH_TABLE_COLUMNS,
+            *(f"half_width_{name}" for name in WRENCH_TABLE_COLUMNS),
+            *(f"external_{joint}_{unit}" for joint, unit in joints),
+        )
+        own = np.hstack([found.wrench, found.half_width, found.torque]).T
+        columns = dict(zip(names, own, strict=True))
+        return {"time_s": found.t, **columns, "least_data_share": found.least_data_share}
+
+    def write(self, folder: Path) -> None:
+        """Write `report.html`, `wrench.csv` and `wrench.json`."""
+        super().write(folder)
+        write_table(folder / "wrench.csv", self.table())
+
+    def show(self, console: Console) -> None:
+        """Print the components and what qualifies them."""
+        print_verdict(console, self.headline, self.settings, self.warnings)
+        console.print(narrow_table(components_table(self)))
+
+
+def components_table(content: ExternalWrench) -> PlainTable:
     """One row per component."""
     words = (
         "From data: share of the expected variance (standard deviation "
@@ -270,138 +385,3 @@ def _figures(found: WrenchEstimate) -> tuple[list[Figure], Figure, list[Figure]]
 def _figure(title: str, y: str, traces: list[Traced], **layout: object) -> Figure:
     more = {"showlegend": False, **layout}
     return Figure(title, f"{title} over time", "time [s]", y, traces, more, height=220)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ExternalWrench(Result):
-    """External wrench along a log.
-
-    Attributes:
-        content: All that the page shows.
-    """
-
-    content: WrenchContent
-    json_name = "wrench.json"
-
-    @property
-    def estimate(self) -> WrenchEstimate:
-        """All arrays."""
-        return self.content.estimate
-
-    @property
-    def t(self) -> Array:
-        """Time from the log's start, shape `(N,)` [s]."""
-        return self.estimate.t
-
-    @property
-    def wrench(self) -> Array:
-        """Force [N] and moment [Nm] on the robot, shape `(N, 6)`."""
-        return self.estimate.wrench
-
-    @property
-    def half_width(self) -> Array:
-        """Half-width of the 95 % intervals of `wrench`, shape `(N, 6)`."""
-        return self.estimate.half_width
-
-    @property
-    def unobservable(self) -> tuple[str, ...]:
-        """Directions that the joints do not show in this log."""
-        return tuple(name_of(direction) for direction in self.estimate.unobservable)
-
-    def report(self) -> str:
-        """The report as one self-contained HTML page."""
-        content = self.content
-        found = content.estimate
-        components, least, torques = _figures(found)
-        sections = (
-            figures(
-                "wrench",
-                "Wrench",
-                words=f"{content.headline}. {content.claim}",
-                tables=[components_table(content)],
-            ),
-            notes("notes", "Limits of this result", content.warnings),
-            figures(
-                "over-time",
-                "Wrench over time",
-                legend=[Key("--measured", "estimate"), Key("--interval", "95 % interval", "area")],
-                groups=[Group(components, columns="one")],
-            ),
-            figures(
-                "observability",
-                "Observability",
-                words="Share of the expected variance that the log removes, in the direction where "
-                f"it removes least; below {OBSERVABLE:g} that direction counts as not observable.",
-                groups=[Group([least], columns="one")],
-            ),
-            figures(
-                "torques",
-                "External torques",
-                legend=[
-                    Key("--measured", "external torque"),
-                    Key("--interval", "95 % interval of the model's error", "area"),
-                ],
-                groups=[Group(torques, columns="one")],
-            ),
-            notes("details", "Notes", content.details, folded=True),
-        )
-        title = f"{content.robot}: wrench in {found.run}"
-        return inspected_page(title, content.robot, sections)
-
-    def to_dict(self) -> dict[str, Any]:
-        """What was estimated as JSON values, without the samples."""
-        found = self.estimate
-        return {
-            "log": found.run,
-            "frame": found.frame,
-            "axes": found.axes,
-            "residual": found.residual,
-            "method": found.method,
-            "bandwidth_hz": found.bandwidth,
-            "expected": {"force_N": found.expected.force, "lever_m": found.expected.lever},
-            "largest_force": {
-                "force_N": float(found.force[found.largest]),
-                "half_width_N": float(found.force_half_width[found.largest]),
-                "time_s": float(found.t[found.largest]),
-                "differs_from_zero": bool(found.pushed[found.largest]),
-            },
-            "samples": len(found.t),
-            "start_s": float(found.t[0]),
-            "end_s": float(found.t[-1]),
-            "components": [vars(row) for row in self.content.components],
-            "unobservable": [
-                {
-                    "name": name_of(one),
-                    **dict(zip(COMPONENTS, one.tolist(), strict=True)),
-                    "share_of_log": found.unobservable_share(one),
-                }
-                for one in found.unobservable
-            ],
-            "partly_unobservable_share": found.partly_unobservable,
-            "warnings": list(self.content.warnings),
-            "notes": list(self.content.details),
-        }
-
-    def table(self) -> dict[str, Array]:
-        """Columns of `wrench.csv`: time, wrench, half-widths, external efforts, data share."""
-        found = self.estimate
-        joints = zip(found.joints, found.units, strict=True)
-        names = (
-            *WRENCH_TABLE_COLUMNS,
-            *(f"half_width_{name}" for name in WRENCH_TABLE_COLUMNS),
-            *(f"external_{joint}_{unit}" for joint, unit in joints),
-        )
-        own = np.hstack([found.wrench, found.half_width, found.torque]).T
-        columns = dict(zip(names, own, strict=True))
-        return {"time_s": found.t, **columns, "least_data_share": found.least_data_share}
-
-    def write(self, folder: Path) -> None:
-        """Write `report.html`, `wrench.csv` and `wrench.json`."""
-        super().write(folder)
-        write_table(folder / "wrench.csv", self.table())
-
-    def show(self, console: Console) -> None:
-        """Print the components and what qualifies them."""
-        content = self.content
-        print_verdict(console, content.headline, content.settings, content.warnings)
-        console.print(narrow_table(components_table(content)))
