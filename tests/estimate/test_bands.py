@@ -15,7 +15,7 @@ from steelyard.estimate.identified import Cutoffs, IdentifiedModel, Provenance
 from steelyard.estimate.information.gather import blocks_with_channels, gather
 from steelyard.estimate.information.regressor import ParallelFilter, base_regressor
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.scores.bands import BandChannels, Bands
+from steelyard.estimate.scores.bands import Bands
 from steelyard.estimate.scores.score import RunScore, score
 from steelyard.model.model import Model
 from steelyard.runs.run import Block, Run
@@ -116,11 +116,9 @@ def test_what_the_low_pass_takes_out_is_not_in_the_band() -> None:
     blocks = list(blocks_with_channels(run_of(truth, 300).blocks(), model.model))
     block = Block.joined(blocks)
     shaken = replace(block, ddq=block.ddq + 500.0 * np.cos(np.pi * np.arange(len(block.t))))
-    bands, gains = Bands.of(model), np.ones(ROBOT.n)
-    std = [
-        BandChannels([b], bands, gains, model.cutoffs.score, RATE).next(len(b.t))[0]
-        for b in (block, shaken)
-    ]
+    bands = Bands.of(model)
+    std_of = bands.std_behind(model.cutoffs.score, RATE)
+    std = [np.concatenate(list(apply(std_of, [bands.columns(b)])), axis=1) for b in (block, shaken)]
     inner = slice(500, -500)
     assert np.allclose(std[1][:, inner], std[0][:, inner], rtol=1e-3)
 
@@ -128,14 +126,12 @@ def test_what_the_low_pass_takes_out_is_not_in_the_band() -> None:
 def test_parts_of_any_size_give_the_same_band() -> None:
     model, truth = identified()
     block = Block.joined(list(blocks_with_channels(run_of(truth, 300).blocks(), model.model)))
-    bands, gains, count = Bands.of(model), np.full(ROBOT.n, -2.0), len(block.t)
-    known = []
+    bands, count = Bands.of(model), len(block.t)
+    std_of, known = bands.std_behind(model.cutoffs.score, RATE), []
     for size in (count, 7, 301):
         parts = [block.part(k, min(k + size, count)) for k in range(0, count, size)]
-        sure = BandChannels(parts, bands, gains, model.cutoffs.score, RATE)
-        some = [sure.next(min(97, count - k)) for k in range(0, count, 97)]
-        known.append(np.concatenate(some, axis=-1))
-    assert known[0].shape == (3, ROBOT.n, count)
+        known.append(np.concatenate(list(apply(std_of, map(bands.columns, parts))), axis=1))
+    assert known[0].shape == (ROBOT.n, count)
     for other in known[1:]:
         assert np.allclose(other, known[0], rtol=1e-9)
 
@@ -150,7 +146,7 @@ def test_a_calibration_does_not_make_parameters_surer(factor: float, of_model: f
     calibration = Calibration("stretches", 5, edges, np.full((n, 4), factor))
     bands = Bands.of(replace(model, calibration=calibration))
     std = np.linspace(0.0, 5.0, n * len(block.t)).reshape(n, -1)
-    found = bands.half_width(block, std)
+    found = bands.half_width(block.dq, block.moving, std)
     wanted = np.hypot(of_model * std, factor * bands.sigma[:, None])
     np.testing.assert_allclose(found, wanted, rtol=1e-4)
 

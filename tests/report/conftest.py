@@ -185,7 +185,15 @@ def run_score(
         for k, joint in enumerate(joints)
     )
     errors = tuple(
-        JointError(joint, "Nm", 3000, True, 10.0 * error * (2.0 + k), 10.0 * (2.0 + k), 1.0, 50.0)
+        JointError(
+            joint=joint,
+            unit="Nm",
+            samples=3000,
+            error=10.0 * error * (2.0 + k),
+            used=10.0 * (2.0 + k),
+            least=1.0,
+            limit=50.0,
+        )
         for k, joint in enumerate(joints)
     )
     return RunScore(

@@ -18,7 +18,7 @@ from steelyard.estimate.scores.joint_errors import (
     joints_moving,
     known_efforts,
 )
-from steelyard.estimate.scores.score import filtered_efforts
+from steelyard.estimate.scores.score import low_passed, no_closed_sample
 from steelyard.identify.scores import runs_for
 from steelyard.report.result import frame
 from steelyard.runs.named_logs import log_files, paths_of
@@ -139,14 +139,10 @@ def residuals(
     (run,) = runs_for(identified, [file], progress)
     gains = identified.signals.gains
     band = band_of(effort_reference(identified), run.rate) if cutoff is None else cutoff
-    parts = list(filtered_efforts(identified.valued, run, gains, band))
-    if not parts:
-        raise DataError(
-            f"the loops of '{identified.model.robot.name}' close at no sample of the run",
-            where=run.name,
-            fix="check the loops' points and links, and the zeros and signs of the positions",
-        )
-    t, moving, efforts = (np.concatenate(some, axis=-1) for some in zip(*parts, strict=True))
+    found = [(x.t, x.moving, x.efforts) for x in low_passed([identified.valued], run, gains, band)]
+    if not found:
+        raise no_closed_sample(identified.valued, run)
+    t, moving, efforts = (np.concatenate(some, axis=-1) for some in zip(*found, strict=True))
     known = known_efforts(identified)
     measured, predicted = efforts * np.where(known, gains, 1.0)[:, None]
     coordinates = identified.model.robot.coordinates

@@ -127,10 +127,8 @@ class Scores:
         rows = []
         every = [(True, score) for score in self.fitted] + [(False, x) for x in self.unseen]
         for fitted, one in every:
-            joints = one.errors.joints
-            as_logged = one.errors.as_logged or [None] * len(joints)
             others = one.to_dict()["joints"]
-            for joint, logged, other in zip(joints, as_logged, others, strict=True):
+            for (joint, logged), other in zip(one.errors.pairs, others, strict=True):
                 printed, unscaled = joint.to_dict(), {} if logged is None else logged.to_dict()
                 rows.append(
                     {

@@ -16,12 +16,10 @@ follows where a score looks at more; where it looks at less, it is not credited 
 a model lacks is slow.
 """
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, frozen
@@ -31,7 +29,7 @@ from steelyard.estimate.identified import IdentifiedModel
 from steelyard.estimate.information.gather import Mask
 from steelyard.estimate.information.regressor import Layout, Regressor, base_regressor
 from steelyard.runs.run import Block
-from steelyard.runs.smoothing.filters import apply, low_pass
+from steelyard.runs.smoothing.filters import Bank, low_pass
 from steelyard.runs.smoothing.filters import noise_bandwidth as low_pass_bandwidth
 
 TAIL = 1e-6  # what is left of the low-pass's impulse response where it is cut off here
@@ -43,44 +41,25 @@ class ModelStd:
 
     layout: Layout
     factor: Array  # `F`, with `F @ F.T` the covariance of the columns, shape `(p, k)`
-    taps: Array  # the low-pass, an odd number of taps
+    low_pass: Bank
     step: int  # samples from one that is computed to the next; between them it is interpolated
-
-    @classmethod
-    def behind(cls, cutoff: float, rate: float, layout: Layout, factor: Array) -> "ModelStd":
-        """Behind the zero-phase low-pass of scores [Hz], four samples per period of the cut-off."""
-        taps = low_pass(cutoff, rate, tail=TAIL).taps[0]
-        return cls(layout, factor, frozen(taps), max(1, int(rate / (4.0 * cutoff))))
 
     @property
     def halo(self) -> int:
         """Samples of context on each side: of the filter, and to the next that is computed."""
-        return len(self.taps) // 2 + self.step
+        return self.low_pass.halo + self.step
 
     def __call__(self, extended: Array) -> Array:
         """Outputs `(C, N + 2 halo)` to standard deviations, shape `(n, N)`."""
-        count = extended.shape[-1] - 2 * self.halo
+        count, layout = extended.shape[-1] - 2 * self.halo, self.layout
         points = np.arange(-(-count // self.step) + 1) * self.step
-        result = np.empty((len(self.layout.rows), count))
-        for row, (start, seen) in enumerate(zip(self.layout.starts, self.layout.sees, strict=True)):
-            columns = [self._filtered(x, len(points)) for x in extended[start : start + len(seen)]]
-            spread = self.factor[list(seen)].T @ np.reshape(columns, (len(seen), len(points)))
+        filtered = self.low_pass(extended[:, self.step :])[0][:, :: self.step][:, : len(points)]
+        result = np.empty((len(layout.rows), count))
+        for row, (start, seen) in enumerate(zip(layout.starts, layout.sees, strict=True)):
+            spread = self.factor[list(seen)].T @ filtered[start : start + len(seen)]
             std = np.sqrt(np.sum(np.square(spread), axis=0))
             result[row] = np.interp(np.arange(count), points, std)
         return result
-
-    def _filtered(self, channel: Array, count: int) -> Array:
-        """Every `step`-th sample behind the filter, as products of matrices, shape `(count,)`."""
-        pieces = -(-len(self.taps) // self.step)
-        taps = np.zeros(pieces * self.step)
-        taps[: len(self.taps)] = self.taps
-        signal = np.zeros((count + pieces - 1) * self.step)
-        known = channel[self.step :][: len(signal)]
-        signal[: len(known)] = known
-        products = signal.reshape(-1, self.step) @ taps.reshape(pieces, self.step).T
-        across, along = products.strides
-        diagonals = as_strided(products, (count, pieces), (across, across + along))
-        return np.asarray(diagonals.sum(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,19 +87,24 @@ class Bands:
             identified.calibration,
         )
 
-    def half_width(self, block: Block, model_std: Array) -> Array:
+    def half_width(self, speed: Array, moving: Mask, model_std: Array) -> Array:
         """Half-width of the band that holds 95 % of new measurements, in the effort's unit.
 
-        Shape `(n, B)`; NaN of a joint whose `sigma` is. A calibration below 1.96 says that
-        residuals are smaller than their standard deviation; it does not make parameters surer,
-        whose errors show in motions unlike those left out.
+        Shape `(n, B)` like all arguments; NaN of a joint whose `sigma` is. A calibration below 1.96
+        says that residuals are smaller than their standard deviation; it does not make parameters
+        surer, whose errors show in motions unlike those left out.
         """
         noise = np.broadcast_to(self.sigma[:, None], model_std.shape)
         if self.calibration is None:
             return np.asarray(Z95 * np.hypot(model_std, noise))
-        n = len(self.sigma)
-        factor = self.calibration.factor(block.dq[:n], block.moving[:n])
+        factor = self.calibration.factor(speed, moving)
         return np.asarray(np.hypot(np.maximum(factor, Z95) * model_std, factor * noise))
+
+    def std_behind(self, cutoff: float, rate: float) -> ModelStd:
+        """Of the outputs behind a score's low-pass [Hz], four samples per period of the cut-off."""
+        step = max(1, int(rate / (4.0 * cutoff)))
+        layout, taps = self.regressor.layout, low_pass(cutoff, rate, tail=TAIL)
+        return ModelStd(layout, self.factor, taps, step)
 
     def columns(self, block: Block) -> Array:
         """The regressor's outputs, which `ModelStd` takes, shape `(C, B)`."""
@@ -165,46 +149,6 @@ class Traces:
         return np.where(known, inside.mean(axis=0), np.nan)
 
 
-class BandChannels:
-    """What goes with the samples of a segment: deviation of the prediction, speed, half-width."""
-
-    def __init__(
-        self, blocks: Iterable[Block], bands: Bands, gains: Array, cutoff: float, rate: float
-    ) -> None:
-        self._parts = self._known(blocks, bands, np.abs(gains)[:, None], cutoff, rate)
-        self._kept = np.empty((3, len(gains), 0))
-
-    @staticmethod
-    def _known(
-        blocks: Iterable[Block], bands: Bands, gains: Array, cutoff: float, rate: float
-    ) -> Iterator[Array]:
-        """Shapes `(3, n, any)`, in the logged units."""
-        waiting: list[Block] = []
-
-        def columns() -> Iterator[Array]:
-            for block in blocks:
-                waiting.append(block)
-                yield bands.columns(block)
-
-        n = len(gains)
-        left = np.empty((n, 0))
-        std_of = ModelStd.behind(cutoff, rate, bands.regressor.layout, bands.factor)
-        for part in apply(std_of, columns()):
-            left = np.concatenate((left, part), axis=1)
-            while waiting and len(waiting[0].t) <= left.shape[1]:
-                block = waiting.pop(0)
-                std, left = left[:, : len(block.t)], left[:, len(block.t) :]
-                half = bands.half_width(block, std)
-                yield np.stack([std / gains, np.abs(block.dq[:n]), half / gains])
-
-    def next(self, count: int) -> Array:
-        """Of the next `count` samples, shape `(3, n, count)`."""
-        while self._kept.shape[-1] < count:
-            self._kept = np.concatenate((self._kept, next(self._parts)), axis=-1)
-        known, self._kept = self._kept[..., :count], self._kept[..., count:]
-        return known
-
-
 class Thinned:
     """Signals of a run of any length: every sample of a short one, every 2nd, 4th, ... of others.
 
@@ -229,10 +173,8 @@ class Thinned:
         """What was kept of each signal."""
         return tuple(np.concatenate(parts, axis=-1) for parts in zip(*self._parts, strict=True))
 
-
-def traces_of(thinned: Thinned, sigma: Array | None) -> Traces:
-    """Traces from time, where joints move, measured and predicted efforts, and `BandChannels`."""
-    t, moving, measured, predicted, known = thinned.joined()
-    std, speed, band = (None, None, None) if sigma is None else (x.T for x in known)
-    seen = moving.T.astype(bool)
-    return Traces(t, measured.T, predicted.T, seen, std, speed, sigma, band)
+    def traces(self, sigma: Array | None) -> Traces:
+        """Of time, where joints move, efforts measured and predicted, and what bands say."""
+        t, moving, measured, predicted, known = self.joined()
+        std, speed, band = (None, None, None) if sigma is None else (x.T for x in known)
+        return Traces(t, measured.T, predicted.T, moving.T, std, speed, sigma, band)

@@ -12,23 +12,19 @@ efforts divided by the scales, and as logged, which is what the torque of the mo
 efforts that are read with the gains of the robot file alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from math import isclose, sqrt
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, finite_json
-from steelyard.estimate.identified import BAND
-
-if TYPE_CHECKING:
-    from steelyard.estimate.identified import IdentifiedModel
-    from steelyard.runs.run import Run
-
+from steelyard.estimate.identified import BAND, IdentifiedModel
+from steelyard.robot.robot import Coordinate
+from steelyard.runs.run import Run
 
 FASTEST = 0.4  # highest cut-off, per sampling rate; it limits the band of logs slower than 12.5 Hz
 LEAST_USED = 0.25  # least reference of an error, over the effort used in the fitted runs
@@ -47,24 +43,16 @@ class EffortReference:
     scales: tuple[float, ...] = ()  # estimated, in the gains: logged over model
 
 
-@dataclass(frozen=True)
-class JointError:
-    """Error of one joint in the fixed band.
+@dataclass(frozen=True, kw_only=True)
+class EffortError:
+    """An error of efforts of one unit, over joints and runs, beside what it is related to."""
 
-    Attributes:
-        counted: Whether these are the samples where the joint moves, or all of a log in which no
-            joint moves. Otherwise the joint rests while others move, but for 2 % of the longest
-            time that any of them does, and is not pooled.
-    """
-
-    joint: str
     unit: str  # `Nm` or `N` at the joint; the logged unit where no drive gain is known
-    samples: int  # number of samples it is computed from
-    counted: bool
     error: float  # root mean square of measured minus predicted effort
     used: float  # root mean square of the measured effort
     least: float = 0.0  # least reference of the error, from the fitted runs
-    limit: float | None = None  # greatest effort of the joint; `None` where unknown
+    limit: float | None = None  # greatest effort, root mean square over joints; `None` if unknown
+    counted: bool = True  # whether it is of joints that move, or of a log in which none does
 
     @property
     def reference(self) -> float:
@@ -74,26 +62,36 @@ class JointError:
     @property
     def percent_of_used(self) -> float:
         """The error relative to the used effort [%]."""
-        return _percent(self.error, self.reference)
+        return relative_percent(self.error, self.reference)
 
     @property
     def percent_of_limit(self) -> float | None:
         """The error relative to the effort limit [%]; `None` where that is unknown."""
-        return None if self.limit is None else _percent(self.error, self.limit)
+        return None if self.limit is None else relative_percent(self.error, self.limit)
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
-        figures = {
-            "joint": self.joint,
-            "unit": self.unit,
-            "moving": self.counted,
-            "error": self.error,
-            "used": self.used,
-            "limit": self.limit,
-            "percent_of_used": self.percent_of_used,
-            "percent_of_limit": self.percent_of_limit,
-        }
-        return dict(finite_json(figures))
+        names = ("unit", "error", "percent_of_used", "percent_of_limit")
+        return {name: finite_json(getattr(self, name)) for name in names}
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointError(EffortError):
+    """Error of one joint of one run in the fixed band.
+
+    It is of the samples where the joint moves, or of all of a log in which no joint moves.
+    Otherwise the joint rests while others move, but for 2 % of the longest time that any of them
+    does, and is not pooled.
+    """
+
+    joint: str
+    samples: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON values."""
+        names = ("joint", "unit", "counted", "error", "used", "limit")
+        figures = {name.replace("counted", "moving"): getattr(self, name) for name in names}
+        return dict(finite_json(figures) | super().to_dict())
 
 
 @dataclass(frozen=True)
@@ -105,49 +103,30 @@ class BandErrors:
     joints: tuple[JointError, ...]
     as_logged: tuple[JointError, ...] = ()  # against efforts not divided by estimated scales
 
+    @property
+    def pairs(self) -> list[tuple[JointError, JointError | None]]:
+        """Each joint's error, and that as logged; `None` without estimated scales."""
+        return list(zip_longest(self.joints, self.as_logged))
+
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
+        logged = [_joints_dict(one) for one in as_logged([self])]
         return {
             "cutoff": self.cutoff,
             "at_rest": self.at_rest,
-            "joints": [joint.to_dict() for joint in self.joints],
-            "pooled": [one.to_dict() for one in pooled([self])],
-            "as_logged": {
-                "joints": [joint.to_dict() for joint in self.as_logged],
-                "pooled": [one.to_dict() for one in pooled(as_logged([self]))],
-            }
-            if self.as_logged
-            else None,
+            **_joints_dict(self),
+            "as_logged": logged[0] if logged else None,
         }
 
 
-@dataclass(frozen=True)
-class PooledError:
-    """Error over all joints with efforts of one unit, and over runs."""
-
-    unit: str
-    joints: int  # number of joints that count in some run
-    error: float
-    reference: float  # root mean square of the used efforts
-    limit: float | None  # root mean square of the effort limits; `None` unless all are known
-
-    @property
-    def percent_of_used(self) -> float:
-        """The error relative to the used efforts [%]."""
-        return _percent(self.error, self.reference)
-
-    @property
-    def percent_of_limit(self) -> float | None:
-        """The error relative to the effort limits [%]; `None` where these are unknown."""
-        return None if self.limit is None else _percent(self.error, self.limit)
-
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON values."""
-        names = ("unit", "error", "percent_of_used", "percent_of_limit")
-        return {name: finite_json(getattr(self, name)) for name in names}
+def _joints_dict(errors: BandErrors) -> dict[str, Any]:
+    return {
+        "joints": [joint.to_dict() for joint in errors.joints],
+        "pooled": [one.to_dict() for one in pooled([errors])],
+    }
 
 
-def pooled(runs: Iterable[BandErrors]) -> tuple[PooledError, ...]:
+def pooled(runs: Iterable[BandErrors]) -> tuple[EffortError, ...]:
     """Errors of all runs together, one per unit of effort."""
     counted = [joint for run in runs for joint in run.joints if joint.counted]
     units = dict.fromkeys(joint.unit for joint in counted)
@@ -159,19 +138,27 @@ def as_logged(runs: Iterable[BandErrors]) -> list[BandErrors]:
     return [replace(run, joints=run.as_logged, as_logged=()) for run in runs if run.as_logged]
 
 
-def _pooled(unit: str, joints: Sequence[JointError]) -> PooledError:
+def of_joints(runs: Sequence[BandErrors]) -> tuple[EffortError | None, ...]:
+    """Error of each joint over runs; `None` of one that rests in all of them while others move."""
+    own = (
+        [replace(run, joints=(run.joints[number],)) for run in runs]
+        for number in range(len(runs[0].joints) if runs else 0)
+    )
+    return tuple(next(iter(pooled(errors)), None) for errors in own)
+
+
+def _pooled(unit: str, joints: Sequence[JointError]) -> EffortError:
     samples = np.array([joint.samples for joint in joints], dtype=np.float64)
 
     def root_mean_square(values: Sequence[float]) -> float:
         return float(np.sqrt(np.average(np.square(values), weights=samples)))
 
     limits = [joint.limit for joint in joints if joint.limit is not None]
-    return PooledError(
-        unit,
-        len({joint.joint for joint in joints}),
-        root_mean_square([joint.error for joint in joints]),
-        root_mean_square([joint.reference for joint in joints]),
-        root_mean_square(limits) if len(limits) == len(joints) else None,
+    return EffortError(
+        unit=unit,
+        error=root_mean_square([joint.error for joint in joints]),
+        used=root_mean_square([joint.reference for joint in joints]),
+        limit=root_mean_square(limits) if len(limits) == len(joints) else None,
     )
 
 
@@ -180,42 +167,65 @@ def band_of(reference: EffortReference, rate: float) -> float:
     return min(reference.cutoff, FASTEST * rate)
 
 
+class Squares:
+    """Sums of squares per joint: of the error, of the measured effort, of other models' errors.
+
+    Over all samples and where each joint moves, shape `(2 + k, n)`; beside them sums of the
+    absolute error, `(2, n)`, and numbers of samples, in motion `(n,)`.
+    """
+
+    def __init__(self) -> None:
+        self.all = self.moving = self.sizes = np.zeros((2, 1))
+        self.samples, self.samples_moving = 0, np.zeros(1)
+
+    def add(self, efforts: Array, moving: NDArray[np.bool_]) -> None:
+        """Measured and predicted efforts, and others that are predicted, `(2 + k, n, B)`."""
+        measured, size = efforts[0], np.abs(efforts[0] - efforts[1])
+        parts = np.square([measured - efforts[1], measured, *(measured - efforts[2:])])
+        if not self.samples:
+            self.all = self.moving = np.zeros(parts.shape[:2])
+        self.all = self.all + parts.sum(axis=2)
+        self.moving = self.moving + np.where(moving, parts, 0.0).sum(axis=2)
+        self.sizes = self.sizes + [size.sum(axis=1), np.where(moving, size, 0.0).sum(axis=1)]
+        self.samples += moving.shape[1]
+        self.samples_moving = self.samples_moving + moving.sum(axis=1)
+
+
 def band_errors(
     run: Run,
-    names: Sequence[tuple[str, str]],
+    coordinates: Sequence[Coordinate],
     gains: Array,
     reference: EffortReference,
-    sums: tuple[Array, int],
-    sums_moving: tuple[Array, Array],
-    scales: Sequence[float] = (),
+    squares: Squares,
 ) -> BandErrors:
-    """Errors of a run from sums of squares in the fixed band.
+    """Errors of a run from sums of squares in the fixed band, in logged units.
 
-    Args:
-        run: The run.
-        names: Name and unit of effort [Nm; N] of each joint.
-        gains: Joint effort per logged unit, shape `(n,)`.
-        reference: What errors are related to.
-        sums: Sums of squares of error and measured effort over all samples, shape `(2, n)`, in
-            logged units; number of samples.
-        sums_moving: The same where each joint moves; numbers of samples, shape `(n,)`.
-        scales: Estimated scales that the gains contain and the errors shall not, one per joint.
+    With estimated scales, the third row of the sums is of predicted efforts without them.
     """
-    moving = joints_moving(sums_moving[1])
-    at_rest = not moving.any()
-    all_known = gains_known(run.effort_units, gains, reference.scales)
-    joints = []
-    for j, (name, unit) in enumerate(names):
-        known, moves = all_known[j], bool(moving[j])
-        unscaled = scales[j] if scales and known else 1.0
-        scale = unscaled * abs(float(gains[j])) if known else 1.0
-        some, samples = (sums_moving[0], int(sums_moving[1][j])) if moves else sums
-        error, used = (scale * sqrt(float(x) / samples) for x in some[:, j])
-        limit = reference.limit[j] if known and reference.limit else None
-        least = LEAST_USED * unscaled * reference.fitted[j] if reference.fitted else 0.0
-        shown, counts = unit if known else run.effort_units[j], moves or at_rest
-        joints.append(JointError(name, shown, samples, counts, error, used, least, limit))
-    return BandErrors(band_of(reference, run.rate), at_rest, tuple(joints))
+    moving = joints_moving(squares.samples_moving)
+    at_rest, known = not moving.any(), gains_known(run.effort_units, gains, reference.scales)
+
+    def of_joint(j: int, row: int, scale: float = 1.0) -> JointError:
+        scale = scale if known[j] else 1.0
+        unit = scale * abs(float(gains[j])) if known[j] else 1.0
+        some, samples = squares.all, squares.samples
+        if moving[j]:
+            some, samples = squares.moving, int(squares.samples_moving[j])
+        error, used = (unit * sqrt(float(x) / samples) for x in some[[row, 1], j])
+        return JointError(
+            joint=coordinates[j].name,
+            unit=coordinates[j].effort_unit if known[j] else run.effort_units[j],
+            samples=samples,
+            counted=bool(moving[j]) or at_rest,
+            error=error,
+            used=used,
+            least=LEAST_USED * scale * reference.fitted[j] if reference.fitted else 0.0,
+            limit=reference.limit[j] if known[j] and reference.limit else None,
+        )
+
+    joints = tuple(of_joint(j, 0) for j in range(len(gains)))
+    logged = tuple(of_joint(j, 2, scale) for j, scale in enumerate(reference.scales))
+    return BandErrors(band_of(reference, run.rate), at_rest, joints, logged)
 
 
 def joints_moving(samples: Array) -> NDArray[np.bool_]:
@@ -239,8 +249,7 @@ def gains_known(
 
 def effort_reference(identified: IdentifiedModel) -> EffortReference:
     """What errors of an identified model are related to: its robot's limits and fitted runs."""
-    signals, robot = identified.signals, identified.model.robot
-    known, scales = known_efforts(identified), identified.effort_scales
+    signals, robot, known = identified.signals, identified.robot, known_efforts(identified)
     fitted: tuple[float, ...] = ()
     if identified.motions:
         efforts = np.concatenate([samples.effort for samples in identified.motions])
@@ -251,18 +260,22 @@ def effort_reference(identified: IdentifiedModel) -> EffortReference:
         one.limits.effort if ok and 0.0 < one.limits.effort < np.inf else None
         for one, ok in zip(robot.coordinates, known, strict=True)
     )
-    scaled = () if scales is None else tuple(scales.values.tolist())
-    return EffortReference(identified.cutoffs.headline, limits, fitted, scaled)
+    return EffortReference(identified.cutoffs.headline, limits, fitted, _scales(identified))
 
 
 def known_efforts(identified: IdentifiedModel) -> tuple[bool, ...]:
     """Whether each effort that a model was identified from is known in Nm or N at the joint."""
-    signals, scales = identified.signals, identified.effort_scales
-    given = () if scales is None else tuple(scales.values.tolist())
-    return gains_known(signals.effort_units, signals.gains, given)
+    signals = identified.signals
+    return gains_known(signals.effort_units, signals.gains, _scales(identified))
 
 
-def _percent(error: float, reference: float) -> float:
+def _scales(identified: IdentifiedModel) -> tuple[float, ...]:
+    scales = identified.effort_scales
+    return () if scales is None else tuple(scales.values.tolist())
+
+
+def relative_percent(error: float, reference: float) -> float:
+    """An error relative to an effort [%]; of one that is zero, any error is infinite."""
     if reference == 0.0:
         return 0.0 if error == 0.0 else float("inf")
     return 100.0 * error / reference

@@ -1,30 +1,26 @@
 """Identified models side by side: errors on the same logs, and parameters in a common set."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
+from steelyard.estimate.identified import IdentifiedModel
 from steelyard.estimate.scores.joint_errors import (
     BandErrors,
-    PooledError,
+    EffortError,
     band_of,
     effort_reference,
     known_efforts,
+    of_joints,
     pooled,
 )
 from steelyard.estimate.scores.score import score
-
-if TYPE_CHECKING:
-    from steelyard.estimate.identified import IdentifiedModel
-    from steelyard.runs.run import Run
-
+from steelyard.runs.run import Run
 
 SAME = 1e-6
 """Part of a base parameter that another model's base parameters do not determine, over its size,
@@ -102,15 +98,13 @@ class ModelComparison:
         unseen = [k for k in every if not any(model.runs[k].fitted for model in self.models)]
         return tuple(unseen or every)
 
-    def all_joints(self, model: ComparedModel) -> tuple[PooledError, ...]:
+    def all_joints(self, model: ComparedModel) -> tuple[EffortError, ...]:
         """Errors of a model over all joints and pooled logs, one per unit of effort."""
         return pooled(model.runs[k].errors for k in self.pooled_runs)
 
-    def joint(self, model: ComparedModel, number: int) -> PooledError | None:
-        """The error of a joint over all pooled logs; `None` if it moves in none."""
-        own = (model.runs[k].errors for k in self.pooled_runs)
-        alone = (replace(errors, joints=(errors.joints[number],)) for errors in own)
-        return next(iter(pooled(alone)), None)
+    def each_joint(self, model: ComparedModel) -> tuple[EffortError | None, ...]:
+        """The error of each joint over all pooled logs; `None` if it moves in none."""
+        return of_joints([model.runs[k].errors for k in self.pooled_runs])
 
     @cached_property
     def parameters(self) -> tuple[CommonParameter, ...]:

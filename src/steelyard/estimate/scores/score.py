@@ -5,9 +5,9 @@ one zero-phase fourth-order Butterworth low-pass; once over all samples, once ov
 joint moves.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from itertools import groupby, tee, zip_longest
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
 from math import sqrt
 from typing import Any, Literal
 
@@ -16,27 +16,21 @@ import numpy as np
 from steelyard.base.arrays import Array, finite_json
 from steelyard.base.errors import DataError
 from steelyard.estimate.information.gather import Mask, blocks_with_channels
-from steelyard.estimate.scores.bands import (
-    MOST_DRAWN,
-    BandChannels,
-    Bands,
-    Signals,
-    Thinned,
-    traces_of,
+from steelyard.estimate.scores.bands import MOST_DRAWN, Bands, Thinned, Traces
+from steelyard.estimate.scores.joint_errors import (
+    BandErrors,
+    EffortReference,
+    Squares,
+    band_errors,
+    band_of,
+    relative_percent,
 )
-from steelyard.estimate.scores.bands import Traces as Traces
-from steelyard.estimate.scores.joint_errors import BandErrors, EffortReference, band_errors, band_of
 from steelyard.estimate.scores.residuals import MOST_KEPT, PARTS, TorqueParts, TorqueSplit
 from steelyard.model.model import ValuedModel
 from steelyard.runs.run import Block, Run
-from steelyard.runs.smoothing.filters import apply, low_pass, require_fitting
+from steelyard.runs.smoothing.filters import ChunkOperation, apply, low_pass, require_fitting
 
-CONTEXT = 6.0
-"""Of the rests before and after a motion that belong to its filters and to friction with memory
-[s]: with them an abrupt stop is low-passed with what follows it."""
-
-_FilteredStretch = tuple[tuple[Array, Mask, Array, Array], Array]
-"""Time, where each joint moves, positions and velocities, and efforts: measured, then predicted."""
+CONTEXT = 6.0  # of rests beside a motion [s]: an abrupt stop is low-passed with what follows it
 
 
 @dataclass(frozen=True)
@@ -132,207 +126,154 @@ def score(
     Raises:
         LogError: The cut-off is too high for the run's rate.
     """
-    require_fitting(cutoff, run.rate)
     models = (valued,) if prior is None else (valued, prior)
     reference = EffortReference() if reference is None else reference
-    squares, fixed = _Squares(), _Squares()
+    squares, fixed = Squares(), Squares()
     thinned, kept = Thinned(MOST_DRAWN), Thinned(MOST_KEPT)
-    predictions = _predictions(models, split, gains)
-    alone, band = _predictions((valued,), None, gains), band_of(reference, run.rate)
-    blocks = blocks_with_channels(run.around(CONTEXT).blocks(), valued.model)
-    for _, of_segment in groupby(blocks, key=lambda block: block.segment):
-        sure, known = None, np.empty((0, len(gains), 0))
-        once, again, *beside = tee(of_segment, 2 if bands is None else 3)
+    size = np.abs(gains)[:, None]
+    for part in low_passed(models, run, gains, cutoff, split, band_of(reference, run.rate), bands):
+        in_band = part.in_band
+        if reference.scales:  # the prediction of efforts without estimated scales, too
+            unscaled = in_band[1:] / np.array(reference.scales)[:, None]
+            in_band = np.concatenate([in_band, unscaled])
+        fixed.add(in_band, part.moving)
+        squares.add(part.efforts[: 1 + len(models)], part.moving)
+        sure = np.empty((0, *part.moving.shape))
         if bands is not None:
-            sure = BandChannels(beside[0], bands, gains, cutoff, run.rate)
-        own = _filtered(once, predictions, cutoff, run.rate)
-        in_band = _filtered(again, alone, band, run.rate)
-        for part, banded in zip_longest(own, in_band):
-            if banded is not None:
-                (t, moving, *_), efforts = _inside(run, banded)
-                if reference.scales:  # the prediction of efforts without estimated scales, too
-                    unscaled = efforts[1:] / np.array(reference.scales)[:, None]
-                    efforts = np.concatenate([efforts, unscaled])
-                fixed.add(efforts, moving)
-            if part is None:
-                continue
-            beside_them = known if sure is None else sure.next(len(part[0][0]))
-            beside_them = beside_them[..., _within(run, part[0][0])]
-            (t, moving, q, dq), efforts = _inside(run, part)
-            compared = efforts[: 1 + len(models)]
-            squares.add(compared, moving)
-            thinned.add(t, moving, *compared[:2], beside_them)
-            if split is not None:
-                kept.add(t, moving, q, dq, efforts[0], efforts[-len(PARTS) :])
+            half = bands.half_width(part.dq, part.moving, part.std)
+            sure = np.stack([part.std / size, np.abs(part.dq), half / size])
+        thinned.add(part.t, part.moving, *part.efforts[:2], sure)
+        if split is not None:
+            causes = part.efforts[-len(PARTS) :]
+            kept.add(part.t, part.moving, part.q, part.dq, part.efforts[0], causes)
     if not squares.samples:
-        raise DataError(
-            f"the loops of '{valued.model.robot.name}' close at no sample of the run",
-            where=run.name,
-            fix="check the loops' points and links, and the zeros and signs of the positions",
-        )
-    joints = tuple(
-        squares.joint(j, coordinate.name, run.effort_units[j])
-        for j, coordinate in enumerate(valued.model.robot.coordinates)
-    )
+        raise no_closed_sample(valued, run)
     parts: TorqueParts | None = None
     if split is not None:
         t, moving, q, dq, measured, causes = kept.joined()
-        motion = (t, q.T, dq.T, moving.T.astype(bool))
+        motion = (t, q.T, dq.T, moving.T)
         parts = TorqueParts(*motion, measured.T * gains, causes.swapaxes(1, 2) * gains)
-    comparable = len(set(run.effort_units)) == 1
-    error, size = squares.all[:2].sum(axis=1)
-    error_moving, size_moving = squares.moving[:2].sum(axis=1)
+    coordinates, comparable = valued.model.robot.coordinates, len(set(run.effort_units)) == 1
     return RunScore(
         run=run.name,
         cutoff=cutoff,
-        joints=joints,
-        pooled_percent=_percent(error, size) if comparable else None,
+        joints=tuple(
+            _joint_score(squares, j, coordinate.name, run.effort_units[j])
+            for j, coordinate in enumerate(coordinates)
+        ),
+        pooled_percent=_percent(squares.all[:2].sum(axis=1)) if comparable else None,
         pooled_percent_moving=(
-            _percent(error_moving, size_moving)
+            _percent(squares.moving[:2].sum(axis=1))
             if comparable and squares.samples_moving.any()
             else None
         ),
-        errors=_errors(valued, run, gains, reference, fixed),
-        traces=traces_of(thinned, None if bands is None else bands.sigma / np.abs(gains)),
+        errors=band_errors(run, coordinates, gains, reference, fixed),
+        traces=thinned.traces(None if bands is None else bands.sigma / size[:, 0]),
         parts=parts,
     )
 
 
-def _errors(
-    valued: ValuedModel, run: Run, gains: Array, reference: EffortReference, fixed: "_Squares"
-) -> BandErrors:
-    """Errors in the fixed band, with estimated scales also against the efforts as logged."""
-    names = [(c.name, c.effort_unit) for c in valued.model.robot.coordinates]
-
-    def of_rows(rows: list[int], scales: Sequence[float] = ()) -> BandErrors:
-        sums, moving = (fixed.all[rows], fixed.samples), (fixed.moving[rows], fixed.samples_moving)
-        return band_errors(run, names, gains, reference, sums, moving, scales)
-
-    found = of_rows([0, 1])
-    if not reference.scales:
-        return found
-    return replace(found, as_logged=of_rows([2, 1], reference.scales).joints)
+def no_closed_sample(valued: ValuedModel, run: Run) -> DataError:
+    """The error of a run without a sample at which the model can be evaluated."""
+    return DataError(
+        f"the loops of '{valued.model.robot.name}' close at no sample of the run",
+        where=run.name,
+        fix="check the loops' points and links, and the zeros and signs of the positions",
+    )
 
 
-def filtered_efforts(
-    valued: ValuedModel, run: Run, gains: Array, cutoff: float
-) -> Iterator[tuple[Array, Mask, Array]]:
-    """Low-passed efforts of all samples of a run that the errors of a model are computed from.
+@dataclass(frozen=True, eq=False)
+class LowPassed:
+    """Consecutive samples of a run with low-passed efforts, in logged units."""
 
-    Yields:
-        Time `(B,)`, where each joint moves `(n, B)`, measured and predicted effort in logged
-        units, `(2, n, B)`.
+    t: Array  # shape `(B,)` [s]
+    moving: Mask  # whether each joint moves, shape `(n, B)`
+    q: Array  # position, not filtered, shape `(n, B)`; `dq` likewise
+    dq: Array
+    efforts: Array  # measured, of each model, parts by cause if any, shape `(1 + k, n, B)`
+    in_band: Array  # measured and predicted in the fixed band, shape `(2, n, B)`
+    std: Array  # of the prediction, in the joint's unit, shape `(n, B)`; empty without bands
+
+
+class _Beside:
+    """Operations on rows of the same channels, beside each other; `None` changes nothing."""
+
+    def __init__(self, *operations: tuple[slice, ChunkOperation | None]) -> None:
+        self.operations = operations
+        self.halo = max(0 if one is None else one.halo for _, one in operations)
+
+    def __call__(self, extended: Array) -> Array:
+        found = []
+        for rows, operation in self.operations:
+            cut = self.halo - (0 if operation is None else operation.halo)
+            inside = extended[rows, cut : extended.shape[1] - cut]
+            part = inside if operation is None else operation(inside)
+            found.append(part.reshape(-1, part.shape[-1]))
+        return np.concatenate(found)
+
+
+def low_passed(
+    models: Sequence[ValuedModel],
+    run: Run,
+    gains: Array,
+    cutoff: float,
+    split: TorqueSplit | None = None,
+    band: float | None = None,
+    bands: Bands | None = None,
+) -> Iterator[LowPassed]:
+    """Samples that errors are computed from, from first to last motion, in parts of segments.
+
+    Efforts of models, and of causes if they are split, go through the low-pass of `cutoff`, those
+    of the first model also through that of the fixed `band` [Hz].
     """
     require_fitting(cutoff, run.rate)
-    predicted = _predictions((valued,), None, gains)
-    blocks = blocks_with_channels(run.around(CONTEXT).blocks(), valued.model)
-    for _, of_segment in groupby(blocks, key=lambda block: block.segment):
-        for part in _filtered(of_segment, predicted, cutoff, run.rate):
-            (t, moving, _, _), efforts = _inside(run, part)
-            if len(t):
-                yield t, moving, efforts
+    n, least = len(gains), 1e-6 / run.rate
+    first = 1 + 3 * n
+    count = (1 + len(models) + (0 if split is None else len(PARTS))) * n
+    operations: list[tuple[slice, ChunkOperation | None]] = [
+        (slice(0, first), None),
+        (slice(first, first + count), low_pass(cutoff, run.rate)),
+    ]
+    if band is not None:
+        operations.append((slice(first, first + 2 * n), low_pass(band, run.rate)))
+    if bands is not None:
+        operations.append((slice(first + count, None), bands.std_behind(cutoff, run.rate)))
+
+    def rows(block: Block) -> Array:
+        efforts = [m.block(block.q, block.dq, block.ddq, block.channels) for m in models]
+        causes: Array | list[Array] = [] if split is None else split.block(block)
+        predicted = [one / gains[:, None] for one in (*efforts, *causes)]
+        columns = [] if bands is None else [bands.columns(block)]
+        plain = (block.t[None], block.moving, block.q, block.dq, block.effort)
+        return np.concatenate([*plain, *predicted, *columns])
+
+    edges = (1, 1 + n, 1 + 2 * n, first, first + count, first + count + (2 * n if band else 0))
+    blocks = blocks_with_channels(run.around(CONTEXT).blocks(), models[0].model)
+    for _, segment in groupby(blocks, key=lambda block: block.segment):
+        for part in apply(_Beside(*operations), map(rows, segment)):
+            inside = slice(*np.searchsorted(part[0], (run.span[0] - least, run.span[1] + least)))
+            t, moving, q, dq, own, fixed, std = np.split(part[:, inside], edges)
+            if t.size:
+                own, fixed = (x.reshape(-1, n, x.shape[1]) for x in (own, fixed))
+                yield LowPassed(t[0], moving.astype(bool), q, dq, own, fixed, std)
 
 
-def _within(run: Run, t: Array) -> slice:
-    """Places of those of some samples that lie between the first and the last motion."""
-    start, stop = run.span
-    least = 1e-6 / run.rate
-    return slice(*np.searchsorted(t, (start - least, stop + least)))
+def _joint_score(squares: Squares, j: int, name: str, unit: str) -> JointScore:
+    root, count = np.sqrt(squares.all[:, j] / squares.samples), squares.samples_moving[j]
+    return JointScore(
+        joint=name,
+        unit=unit,
+        relative_percent=_percent(squares.all[:2, j]),
+        relative_percent_moving=_percent(squares.moving[:2, j]) if count else None,
+        rmse=float(root[0]),
+        rmse_moving=sqrt(squares.moving[0, j] / count) if count else None,
+        mae=float(squares.sizes[0, j] / squares.samples),
+        mae_moving=float(squares.sizes[1, j] / count) if count else None,
+        predict_zero=float(root[1]),
+        prior_rmse=float(root[2]) if len(root) > 2 else None,
+    )
 
 
-def _inside(run: Run, part: _FilteredStretch) -> _FilteredStretch:
-    """Samples of one segment, without those around the motion."""
-    signals, efforts = part
-    inside = _within(run, signals[0])
-    t, moving, q, dq = signals
-    return (t[inside], moving[:, inside], q[:, inside], dq[:, inside]), efforts[..., inside]
-
-
-def _predictions(
-    models: Sequence[ValuedModel], split: TorqueSplit | None, gains: Array
-) -> Callable[[Block], Array]:
-    """Efforts of a block in the logged units, `(k, n, B)`: of each model, and parts, if any."""
-
-    def predicted(block: Block) -> Array:
-        efforts = [m.block(block.q, block.dq, block.ddq, block.channels)[None] for m in models]
-        parts = [] if split is None else [split.block(block)]
-        return np.concatenate([*efforts, *parts]) / gains[:, None]
-
-    return predicted
-
-
-def _filtered(
-    blocks: Iterable[Block], predicted: Callable[[Block], Array], cutoff: float, rate: float
-) -> Iterator[_FilteredStretch]:
-    """Samples of one segment in parts, with low-passed efforts.
-
-    Yields:
-        Time `(B,)`, where each joint moves, its position and velocity, `(n, B)` each; and efforts
-        `(1 + k, n, B)`: measured, then those predicted.
-    """
-    known: list[Signals] = []
-
-    def efforts() -> Iterator[Array]:
-        for block in blocks:
-            known.append((block.t, block.moving, block.q, block.dq))
-            both = np.concatenate((block.effort[None], predicted(block)))
-            yield both.reshape(-1, len(block.t))
-
-    for part in apply(low_pass(cutoff, rate), efforts()):
-        signals = [np.concatenate(some, axis=-1) for some in zip(*known, strict=True)]
-        count, n = part.shape[-1], len(signals[1])
-        known[:] = [tuple(x[..., count:] for x in signals)]
-        t, moving, q, dq = (x[..., :count] for x in signals)
-        yield (t, moving, q, dq), part.reshape(-1, n, count)
-
-
-class _Squares:
-    """Sums of squares per joint: of the error, of the measured effort, of the nominal error.
-
-    Attributes:
-        all: Over all samples, shape `(3, n)`; two rows without a nominal model.
-        sizes: Sums of the absolute error, of all samples and where the joint moves, shape `(2, n)`.
-        samples_moving: The same where each joint moves, shape `(n,)`.
-    """
-
-    def __init__(self) -> None:
-        self.all = self.moving = self.sizes = np.zeros((2, 1))
-        self.samples, self.samples_moving = 0, np.zeros(1)
-
-    def add(self, efforts: Array, moving: Mask) -> None:
-        """Measured and predicted efforts, and others that are predicted, `(2 + k, n, B)`."""
-        measured, size = efforts[0], np.abs(efforts[0] - efforts[1])
-        parts = np.square([measured - efforts[1], measured, *(measured - efforts[2:])])
-        if not self.samples:
-            self.all = self.moving = np.zeros(parts.shape[:2])
-        self.all = self.all + parts.sum(axis=2)
-        self.moving = self.moving + np.where(moving, parts, 0.0).sum(axis=2)
-        self.sizes = self.sizes + [size.sum(axis=1), np.where(moving, size, 0.0).sum(axis=1)]
-        self.samples += moving.shape[1]
-        self.samples_moving = self.samples_moving + moving.sum(axis=1)
-
-    def joint(self, j: int, name: str, unit: str) -> JointScore:
-        """Errors of one joint."""
-        root, count = np.sqrt(self.all[:, j] / self.samples), self.samples_moving[j]
-        return JointScore(
-            joint=name,
-            unit=unit,
-            relative_percent=_percent(*self.all[:2, j]),
-            relative_percent_moving=_percent(*self.moving[:2, j]) if count else None,
-            rmse=float(root[0]),
-            rmse_moving=sqrt(self.moving[0, j] / count) if count else None,
-            mae=float(self.sizes[0, j] / self.samples),
-            mae_moving=float(self.sizes[1, j] / count) if count else None,
-            predict_zero=float(root[1]),
-            prior_rmse=float(root[2]) if len(root) > 2 else None,
-        )
-
-
-def _percent(error: float, reference: float) -> float:
-    """Root of a sum of squared errors relative to another [%].
-
-    A joint that draws no effort at all has no relative error: any error is then infinite.
-    """
-    if reference == 0.0:
-        return 0.0 if error == 0.0 else float("inf")
-    return 100.0 * sqrt(error / reference)
+def _percent(squares: Array) -> float:
+    """Root of a sum of squared errors relative to that of squared efforts [%]."""
+    return relative_percent(*np.sqrt(squares).tolist())

@@ -1,15 +1,15 @@
 """Errors and predicted efforts of several models on the same logs."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from rich.console import RenderableType
 from rich.text import Text
 
-from steelyard.estimate.scores.joint_errors import JointError, PooledError
+from steelyard.estimate.scores.joint_errors import EffortError
 from steelyard.estimate.scores.model_comparison import ModelComparison
-from steelyard.report.figures import Figure, Group, Key, dots, drawn, figure_of_rows, line
+from steelyard.report.figures import Figure, Group, Key, Traced, dots, drawn, figure_of_rows, line
 from steelyard.report.page import FigureSection, Numbers, PageContent
 from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE, count, percent, significant
@@ -24,19 +24,18 @@ def colour(number: int) -> str:
     return MODEL_COLOURS[number % len(MODEL_COLOURS)]
 
 
-def symbol(number: int) -> str:
-    """Of a model's marks."""
-    return MODEL_SYMBOLS[number % len(MODEL_SYMBOLS)]
-
-
-def dash(number: int) -> str:
-    """Of a model's lines."""
-    return MODEL_DASHES[number // len(MODEL_COLOURS) % len(MODEL_DASHES)]
-
-
-def legend(names: Sequence[str], shape: Literal["line", "point"]) -> list[Key]:
+def legend(found: ModelComparison, shape: Literal["line", "point"]) -> list[Key]:
     """Colours of models by name."""
-    return [Key(colour(k), name, shape) for k, name in enumerate(names)]
+    return [Key(colour(k), model.name, shape) for k, model in enumerate(found.models)]
+
+
+def model_dots(
+    number: int, name: str, known: Mapping[str, float], half_widths: Sequence[float] | None = None
+) -> Traced:
+    """One mark of a model per named row."""
+    symbol = MODEL_SYMBOLS[number % len(MODEL_SYMBOLS)]
+    values, rows = list(known.values()), list(known)
+    return dots(name, values, rows, colour(number), symbol=symbol, size=9, half_widths=half_widths)
 
 
 FITTED_MARK = "*"  # behind errors on logs that the model was identified from
@@ -62,7 +61,7 @@ class ModelErrorsSection(
             "headline": models_headline(found),
             "tables": error_tables(found),
             "groups": [Group([_errors_figure(found)], columns="one")],
-            "legend": legend([model.name for model in found.models], "point"),
+            "legend": legend(found, "point"),
         }
 
     def to_dict(self, content: ModelsContent) -> dict[str, Any]:
@@ -70,22 +69,14 @@ class ModelErrorsSection(
         found = content.models
         return {
             "errors": [
-                {
-                    "run": run.run,
-                    "model": model.name,
-                    "fitted": run.fitted,
-                    "mae": mae,
-                    **{("rmse" if k == "error" else k): v for k, v in joint.to_dict().items()},
-                }
+                {"run": run.run, "model": model.name, "fitted": run.fitted, "mae": mae}
+                | _rmse_dict(joint)
                 for model in found.models
                 for run in model.runs
                 for joint, mae in zip(run.errors.joints, run.mae.tolist(), strict=True)
             ],
             "all_joints": [
-                {
-                    "model": model.name,
-                    **{("rmse" if k == "error" else k): v for k, v in one.to_dict().items()},
-                }
+                {"model": model.name} | _rmse_dict(one)
                 for model in found.models
                 for one in found.all_joints(model)
             ],
@@ -102,6 +93,10 @@ class ModelErrorsSection(
     def detailed(self, content: ModelsContent) -> Iterable[RenderableType]:
         """The errors in every log, if there are several."""
         return _printed(error_tables(content.models)[1:])
+
+
+def _rmse_dict(one: EffortError) -> dict[str, Any]:
+    return {("rmse" if key == "error" else key): x for key, x in one.to_dict().items()}
 
 
 def _printed(given: Sequence[PlainTable]) -> Iterable[RenderableType]:
@@ -135,49 +130,42 @@ def error_tables(found: ModelComparison) -> list[PlainTable]:
 
 
 def _of_run(found: ModelComparison, k: int) -> PlainTable:
-    rows = []
-    for j, name in enumerate(found.joints):
-        joints = [model.runs[k].errors.joints[j] for model in found.models]
-        cells = [
-            _size(joint) + FITTED_MARK * model.runs[k].fitted
-            for model, joint in zip(found.models, joints, strict=True)
-        ]
-        rows.append(Row((name, significant(joints[0].reference), *cells, joints[0].unit)))
+    """One log: a row per joint."""
+    errors = zip(*(model.runs[k].errors.joints for model in found.models), strict=True)
+    rows = [_row(found, joints[0].joint, joints, (k,)) for joints in errors]
     return _table(found, found.runs[k], rows)
 
 
 def _of_all(found: ModelComparison) -> PlainTable:
-    rows = []
-    for j, name in enumerate(found.joints):
-        joints = [found.joint(model, j) for model in found.models]
-        unit = found.models[0].runs[0].errors.joints[j].unit
-        rows.append(_pooled_row(found, name, joints, unit))
-    for k, one in enumerate(found.all_joints(found.models[0])):
-        every = [found.all_joints(model)[k] for model in found.models]
-        rows.append(_pooled_row(found, "all joints", every, one.unit, total=True))
-    logs, total = len(found.pooled_runs), len(found.runs)
-    unseen = f"{count(logs, 'log')} that no model was identified from"
-    return _table(found, f"All {total} logs" if logs == total else unseen.capitalize(), rows)
+    """All pooled logs: a row per joint, and one of all joints per unit of effort."""
+    logs = found.pooled_runs
+    each = zip(*map(found.each_joint, found.models), strict=True)
+    every = zip(*map(found.all_joints, found.models), strict=True)
+    rows = [
+        _row(found, name, joints, logs) for name, joints in zip(found.joints, each, strict=True)
+    ]
+    rows += [_row(found, "all joints", errors, logs, total=True) for errors in every]
+    unseen = f"{count(len(logs), 'log')} that no model was identified from"
+    total = len(found.runs)
+    return _table(found, f"All {total} logs" if len(logs) == total else unseen.capitalize(), rows)
 
 
-def _pooled_row(
+def _row(
     found: ModelComparison,
     name: str,
-    joints: Sequence[PooledError | None],
-    unit: str,
+    errors: Sequence[EffortError | None],
+    logs: Sequence[int],
     *,
     total: bool = False,
 ) -> Row:
-    marks = [
-        FITTED_MARK * any(model.runs[k].fitted for k in found.pooled_runs) for model in found.models
-    ]
+    """The error of every model, marked where one of the logs was fitted, with what was used."""
     cells = [
-        (NONE if one is None else _size(one)) + mark
-        for one, mark in zip(joints, marks, strict=True)
+        _size(one) + FITTED_MARK * any(model.runs[k].fitted for k in logs)
+        for model, one in zip(found.models, errors, strict=True)
     ]
-    first = joints[0]
-    used = NONE if first is None else significant(first.reference)
-    return Row((name, used, *cells, unit), total=total)
+    first, joints = errors[0], found.models[0].runs[0].errors.joints
+    unit = first.unit if first else joints[found.joints.index(name)].unit
+    return Row((name, significant(first and first.reference), *cells, unit), total=total)
 
 
 def _table(found: ModelComparison, caption: str, rows: Sequence[Row]) -> PlainTable:
@@ -195,10 +183,11 @@ def _table(found: ModelComparison, caption: str, rows: Sequence[Row]) -> PlainTa
     return PlainTable(caption, words, headings, rows, (0, len(headings) - 1), note)
 
 
-def _size(one: JointError | PooledError) -> str:
+def _size(one: EffortError | None) -> str:
     """An error with its share of the effort used; that of a joint at rest has none."""
-    resting = isinstance(one, JointError) and not one.counted
-    share = "at rest" if resting else f"{significant(one.percent_of_used, 2)}\u00a0%"
+    if one is None:
+        return NONE
+    share = f"{significant(one.percent_of_used, 2)}\u00a0%" if one.counted else "at rest"
     return f"{significant(one.error)} ({share})"
 
 
@@ -206,17 +195,9 @@ def _errors_figure(found: ModelComparison) -> Figure:
     """Shares of the effort used, all logs together: a row per joint."""
     traces = []
     for k, model in enumerate(found.models):
-        known = [(j, one) for j in range(len(found.joints)) if (one := found.joint(model, j))]
-        traces.append(
-            dots(
-                model.name,
-                [one.percent_of_used for _, one in known],
-                [found.joints[j] for j, _ in known],
-                colour(k),
-                symbol=symbol(k),
-                size=9,
-            )
-        )
+        joints = zip(found.joints, found.each_joint(model), strict=True)
+        known = {name: one.percent_of_used for name, one in joints if one}
+        traces.append(model_dots(k, model.name, known))
     label = "Error of every model and joint as a share of the effort used"
     x = "share of the effort used [%]"
     return figure_of_rows(label, x, found.joints, traces, 30, xaxis={"rangemode": "tozero"})
@@ -251,10 +232,7 @@ class ModelEffortsSection(FigureSection, name="model-efforts", title="Efforts ov
                 Group([_efforts_figure(found, k, j, most) for j in range(len(found.joints))], name)
                 for k, name in enumerate(runs)
             ],
-            "legend": [
-                Key(MEASURED_COLOUR, "measured"),
-                *legend([model.name for model in found.models], "line"),
-            ],
+            "legend": [Key(MEASURED_COLOUR, "measured"), *legend(found, "line")],
             "note": f"Not drawn: {', '.join(left_out)}." if left_out else "",
         }
 
@@ -270,7 +248,8 @@ def _efforts_figure(found: ModelComparison, run: int, joint: int, most: int) -> 
     for k, model in enumerate(found.models):
         errors = model.runs[run]
         x, y = drawn(errors.t - origin, errors.predicted[:, joint], most)
-        traces.append(line(model.name, x, y, colour(k), width=1.2, dash=dash(k)))
+        dash = MODEL_DASHES[k // len(MODEL_COLOURS) % len(MODEL_DASHES)]
+        traces.append(line(model.name, x, y, colour(k), width=1.2, dash=dash))
         shares.append(f"{model.name} {percent(errors.errors.joints[joint].percent_of_used)}")
     label = f"Measured and predicted effort of {own.joint} in {first.run}"
     time = f"time from {origin:.3f} s [s]" if origin else "time [s]"

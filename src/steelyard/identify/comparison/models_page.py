@@ -17,14 +17,13 @@ from steelyard.identify.comparison.model_errors import (
     ModelEffortsSection,
     ModelErrorsSection,
     ModelsContent,
-    colour,
     legend,
-    symbol,
+    model_dots,
 )
 from steelyard.identify.page.content import QualitySection, SettingsSection
 from steelyard.identify.page.link_inertias import IdentifiedLink, identified_links, link_dict
 from steelyard.model.laws.register import description_of
-from steelyard.report.figures import Group, dots, figure_of_rows
+from steelyard.report.figures import Group, figure_of_rows
 from steelyard.report.page import (
     FigureSection,
     Numbers,
@@ -185,35 +184,25 @@ class ModelMassesSection(FigureSection, name="model-masses", title="Masses and c
             for of in (_mass, _centre)
         )
         caption = "Centre of mass in the link's frame: x, y, z [mm]"
-        keys = legend([model.name for model in found.models], "point")
         traces = [
-            dots(
+            model_dots(
+                k,
                 model.name,
-                [link.inertia.mass for link in own.values()],
-                list(own),
-                colour(k),
-                symbol=symbol(k),
-                size=9,
-                half_widths=[link.mass_half_width for link in own.values()],
+                {name: link.inertia.mass for name, link in own.items()},
+                [link.mass_half_width for link in own.values()],
             )
             for k, model in enumerate(found.models)
             if (own := links.get(model.name))
         ]
-        figure = figure_of_rows(
-            "Masses of all links in every model",
-            "mass [kg]",
-            names,
-            traces,
-            34,
-            xaxis={"rangemode": "tozero"},
-        )
+        label, axis = "Masses of all links in every model", {"rangemode": "tozero"}
+        figure = figure_of_rows(label, "mass [kg]", names, traces, 34, xaxis=axis)
         return {
             "words": MODEL_MASSES_WORDS,
             "tables": [
                 PlainTable("Mass [kg]", "", headings, masses),
                 PlainTable(caption, "", headings, centres, range(len(headings))),
             ],
-            "legend": [key for key in keys if key.words in links],
+            "legend": [key for key in legend(found, "point") if key.words in links],
             "groups": [Group([figure], columns="one")],
         }
 

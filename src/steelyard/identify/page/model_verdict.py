@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from steelyard.check.finding import Finding
-from steelyard.estimate.scores.joint_errors import PooledError, as_logged, pooled
+from steelyard.estimate.scores.joint_errors import EffortError, as_logged, pooled
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.page.content import ReportContent
 from steelyard.identify.page.parameter_table import parameter_rows
@@ -55,8 +55,8 @@ class Verdict:
     detail: str  # what it was computed from
     level: Level  # no better than the worst limitation allows
     limitations: tuple[Limitation, ...] = ()  # everything that was found against the model
-    errors: tuple[PooledError, ...] = ()  # one per unit of effort; none without an unseen run
-    as_logged: tuple[PooledError, ...] = ()  # against efforts as logged, if scales were estimated
+    errors: tuple[EffortError, ...] = ()  # one per unit of effort; none without an unseen run
+    as_logged: tuple[EffortError, ...] = ()  # against efforts as logged, if scales were estimated
     others: str = ""  # the relative errors in the validation band, as a sentence; or nothing
     scope: str = ""  # which share of the joints is good, like `4 of 6 joints`; empty if all are
     unseen: bool = True  # whether the errors are of motion that was not fitted
@@ -206,7 +206,7 @@ def _untested(content: ReportContent) -> Verdict:
     )
 
 
-def _detail(scores: Sequence[RunScore], errors: Sequence[PooledError]) -> str:
+def _detail(scores: Sequence[RunScore], errors: Sequence[EffortError]) -> str:
     """Over what the error is computed, which motions are repeated, and friction at rest."""
     again = ", ".join(dict.fromkeys(run.repeats for run in scores if run.repeats))
     repeated = f"It repeats the motion of the fitted run {again}: no validation on other motions"

@@ -1,17 +1,17 @@
 """Errors of predictions in words: every percentage with its kind and its band."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf, isfinite
 from statistics import fmean
 
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.estimate.scores.joint_errors import (
     PROMISED,
-    BandErrors,
+    EffortError,
     JointError,
-    PooledError,
     as_logged,
+    of_joints,
     pooled,
 )
 from steelyard.estimate.scores.score import JointScore, RunScore
@@ -68,7 +68,7 @@ def relative_errors(scores: Sequence[RunScore]) -> list[RelativeError]:
     return found
 
 
-def error_words(errors: Sequence[PooledError]) -> str:
+def error_words(errors: Sequence[EffortError]) -> str:
     """Like `2.1 Nm: 3.8 % of the effort used`."""
     return "; ".join(
         f"{significant(one.error, 2)} {one.unit}: {percent(one.percent_of_used)} of the effort used"
@@ -76,14 +76,14 @@ def error_words(errors: Sequence[PooledError]) -> str:
     )
 
 
-def limit_words(errors: Sequence[PooledError]) -> str:
+def limit_words(errors: Sequence[EffortError]) -> str:
     """Like `1.0 % of the joints' effort limits`; empty where that is unknown."""
     shares = [one.percent_of_limit for one in errors if one.percent_of_limit is not None]
     words = " and ".join(map(percent, shares))
     return f"{words} of the joints' effort limits" if shares else ""
 
 
-def both_words(errors: Sequence[PooledError], logged: Sequence[PooledError]) -> str:
+def both_words(errors: Sequence[EffortError], logged: Sequence[EffortError]) -> str:
     """The errors, with estimated scales of the efforts also those against efforts as logged."""
     if not logged:
         return error_words(errors)
@@ -107,15 +107,6 @@ def basis_words(scores: Sequence[RunScore]) -> str:
     return f"RMS {below(run.errors.cutoff for run in scores)}, pooled over {joints}, {where}"
 
 
-def joint_errors(runs: Sequence[BandErrors]) -> tuple[PooledError | None, ...]:
-    """Error of each joint over runs; `None` of one that rests in all of them while others move."""
-    own = (
-        [replace(run, joints=(run.joints[number],)) for run in runs]
-        for number in range(len(runs[0].joints) if runs else 0)
-    )
-    return tuple(next(iter(pooled(errors)), None) for errors in own)
-
-
 def worse_joints(scores: Sequence[RunScore], limit: float) -> tuple[str, ...]:
     """Joints with an error above `limit` [% of the effort used], the worst first, with the error.
 
@@ -125,8 +116,8 @@ def worse_joints(scores: Sequence[RunScore], limit: float) -> tuple[str, ...]:
     if all(run.errors.at_rest for run in scores):
         return ()
     listed = []
-    own = joint_errors([run.errors for run in scores])
-    logged = joint_errors(as_logged(run.errors for run in scores)) or own
+    own = of_joints([run.errors for run in scores])
+    logged = of_joints(as_logged(run.errors for run in scores)) or own
     for joint, *both in zip(scores[0].joints, own, logged, strict=True):
         error = max(
             (one for one in both if one is not None),
@@ -142,7 +133,7 @@ def worse_joints(scores: Sequence[RunScore], limit: float) -> tuple[str, ...]:
 
 def without_percentage(scores: Sequence[RunScore]) -> list[str]:
     """Joints without a relative error: their measured effort is zero, or no number."""
-    errors = joint_errors([run.errors for run in scores])
+    errors = of_joints([run.errors for run in scores])
     return [
         joint.joint
         for joint, error in zip(scores[0].joints, errors, strict=True)

@@ -1,6 +1,7 @@
 """The section with the verdict, the key figures and the errors of every joint and run."""
 
 from collections.abc import Iterable, Sequence
+from itertools import zip_longest
 from math import isnan
 from typing import Any
 
@@ -11,7 +12,7 @@ from rich.text import Text
 
 from steelyard.base.arrays import Array
 from steelyard.check.findings_text import finding_dict
-from steelyard.estimate.scores.joint_errors import JointError, PooledError, as_logged, pooled
+from steelyard.estimate.scores.joint_errors import EffortError, as_logged, pooled
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.page.content import ReportContent
 from steelyard.identify.page.effort_figures import band_text
@@ -202,7 +203,7 @@ def _run(score: RunScore) -> dict[str, Any]:
     errors, joints = pooled([score.errors]), score.errors.joints
     figures = both_words(errors, pooled(as_logged([score.errors]))), limit_words(errors)
     shown = []
-    for joint, logged in zip(joints, score.errors.as_logged or [None] * len(joints), strict=True):
+    for joint, logged in score.errors.pairs:
         share, other = joint.percent_of_used, None if logged is None else logged.percent_of_used
         shown.append(
             {
@@ -240,9 +241,7 @@ def _runs_table(scores: Sequence[RunScore], unseen: bool) -> RenderableType:
         counted = [x for x in score.errors.joints if x.counted and not isnan(x.percent_of_used)]
         worst = max(counted, key=lambda joint: joint.percent_of_used, default=None)
         last = NONE if worst is None else f"{worst.joint} {percent(worst.percent_of_used)}"
-        unscaled: Sequence[PooledError | None] = pooled(as_logged([score.errors]))
-        errors = pooled([score.errors])
-        for error, other in zip(errors, unscaled or [None] * len(errors), strict=True):
+        for error, other in _pooled_pairs(score):
             name = f"{score.run} (repeats {score.repeats})" if score.repeats else score.run
             _add(table, name, error, last, logged=other)
     return Group(Text(title), table)
@@ -258,32 +257,33 @@ def joints_table(score: RunScore, unseen: bool) -> RenderableType:
     logged = ["as logged"] if score.errors.as_logged else []
     headings = ("joint", "error", "of used", *logged, "of limit", "used", "limit", "")
     table = light_table(headings, (0, 6 + len(logged)))
-    others = score.errors.as_logged or [None] * len(score.errors.joints)
-    for joint, other in zip(score.errors.joints, others, strict=True):
+    for joint, other in score.errors.pairs:
         effort = significant(joint.used), significant(joint.limit)
         note = "" if joint.counted else "at rest"
         _add(table, joint.joint, joint, *effort, note, logged=other)
-    errors = pooled([score.errors])
-    unscaled = pooled(as_logged([score.errors])) or [None] * len(errors)
-    for error, one in zip(errors, unscaled, strict=True):
-        name = f"pooled, {error.unit}" if len(errors) > 1 else "pooled"
-        _add(table, name, error, logged=one)
+    every = _pooled_pairs(score)
+    for error, one in every:
+        _add(table, f"pooled, {error.unit}" if len(every) > 1 else "pooled", error, logged=one)
     title = Text(f"{score.run}, {again if unseen else 'fitted'} ({basis})")
     raised = reference_words(score.errors.joints)
     return Group(title, table, Text(f"of used: {raised}")) if raised else Group(title, table)
 
 
+def _pooled_pairs(score: RunScore) -> list[tuple[EffortError, EffortError | None]]:
+    """Errors of all joints, and those as logged; `None` without estimated scales."""
+    return list(zip_longest(pooled([score.errors]), pooled(as_logged([score.errors]))))
+
+
 def _add(
     table: Table,
     name: str,
-    error: JointError | PooledError,
+    error: EffortError,
     *more: str,
-    logged: JointError | PooledError | None = None,
+    logged: EffortError | None = None,
 ) -> None:
     """A row: error with its unit, relative to what was used, as logged too, and to the limit."""
-    counted = not isinstance(error, JointError) or error.counted
     shares = [one.percent_of_used for one in (error, logged) if one is not None]
-    styles = [COLOURS[level_of(share)] if counted else "dim" for share in shares]
+    styles = [COLOURS[level_of(share)] if error.counted else "dim" for share in shares]
     table.add_row(
         Text(name),
         f"{significant(error.error)} {error.unit}",
