@@ -25,7 +25,7 @@ from steelyard.check.hypotheses.surroundings import delay_fit
 from steelyard.estimate.identified import IdentifiedModel, Provenance
 from steelyard.excite.trajectories.fourier import random_fourier
 from steelyard.identify.fit import fit
-from steelyard.identify.prepared_fit import Payload
+from steelyard.identify.prepared_fit import FitTask
 from steelyard.logs.formats import open_log
 from steelyard.logs.log import parse_log_argument
 from steelyard.model.robot_file_model import model_with_open_friction, with_friction
@@ -89,7 +89,7 @@ def reference_of(loaded: LoadedRobot, recordings: list[Recording]) -> Identified
     plain = replace(loaded, friction=False)
     model = with_friction(model_with_open_friction(loaded), loaded)
     origin = Provenance("", {}, (), ())
-    return fit(model, plain, runs, [], Payload(), origin, 1, silent).identified
+    return fit(FitTask(model, plain, runs), origin).identified
 
 
 def real(robot: str, data: Path) -> list[Clean]:

@@ -18,7 +18,6 @@ from proofs.support.claims import Claim, data_folder, main_of
 from proofs.support.coverage_cases import ROWS, Case, Row, case_of, robot_file
 
 from steelyard.base.arrays import Array
-from steelyard.base.progress import silent
 from steelyard.check.fitted.fitted_case import FittedCase
 from steelyard.check.fitted.model_error import model_error_check
 from steelyard.check.signals.velocity_agreement import one_sided_differences
@@ -28,7 +27,7 @@ from steelyard.estimate.identified import Provenance
 from steelyard.estimate.scores.bands import Bands
 from steelyard.estimate.scores.score import score
 from steelyard.identify.fit import Fit, calibrated, fit
-from steelyard.identify.prepared_fit import Payload
+from steelyard.identify.prepared_fit import FitTask
 from steelyard.model.robot_file_model import model_with_open_friction
 
 DRAWS = 30
@@ -62,7 +61,7 @@ def covered(row: Row, seed: int) -> tuple[float, float, float]:
         100 if model or log are reported as wrong, else 0; NaN in all but the first draws.
     """
     case, found = fitted(row, seed)
-    model = calibrated(found, 1, silent).identified
+    model = calibrated(found).identified
     inside = errors(case, found) <= Z95 * model.estimate.std
     bands = Bands.of(model)
     predicted = score(
@@ -92,9 +91,8 @@ def fitted(row: Row, seed: int) -> tuple[Case, Fit]:
     """The runs of one draw, and their fit."""
     case, loaded = case_of(row, seed), robot_file()
     origin = Provenance("proof", {}, (), ())
-    return case, fit(
-        model_with_open_friction(loaded), loaded, case.fitted, (), Payload(), origin, 1, silent
-    )
+    task = FitTask(model_with_open_friction(loaded), loaded, tuple(case.fitted))
+    return case, fit(task, origin)
 
 
 def errors(case: Case, found: Fit) -> Array:

@@ -72,8 +72,11 @@ def test_data_of_one_window_lose_nothing() -> None:
 
     information, *_ = data(np.full(4, 0.1))
     fit = SimpleNamespace(
-        estimator=WeightedLeastSquares(), information=information, method=offer_of("WLS", "")
+        estimator=WeightedLeastSquares(),
+        information=information,
+        method=offer_of("WLS", ""),
+        task=SimpleNamespace(progress=silent),
     )
-    found, (note,) = bootstrap_of(cast(Fit, fit), DRAWS, silent)
+    found, (note,) = bootstrap_of(cast(Fit, fit), DRAWS)
     assert found is None
     assert note.startswith("no bootstrap: a bootstrap needs several windows of time")

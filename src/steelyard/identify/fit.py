@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,7 +41,7 @@ from steelyard.estimate.prior.prior import Knowledge, Row
 from steelyard.estimate.scores.band_calibration import calibrate
 from steelyard.identify.prepared_fit import (
     TOO_SHORT,
-    Payload,
+    FitTask,
     PreparedFit,
     prepare_fit,
     with_signals,
@@ -58,148 +58,145 @@ EstimatorOf = Callable[[Sequence[Run], Information], Estimator[Information]]
 """The estimator for runs, and what they say: it may look at more than that."""
 
 
+class Fitted(NamedTuple):
+    """An estimate from runs; other runs of the same model are estimated alike."""
+
+    runs: tuple[Run, ...]
+    information: Information
+    estimating: EstimatorOf
+    estimate: Estimate
+
+
+def _fitted(estimating: EstimatorOf, runs: tuple[Run, ...], information: Information) -> Fitted:
+    return Fitted(runs, information, estimating, estimating(runs, information)(information))
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """An identified model, and what was found on the way to it.
+    """An identified model, and what was found on the way to it."""
 
-    Attributes:
-        unscaled: The model with all scales of the efforts 1, where some were estimated.
-    """
-
+    task: FitTask
     identified: IdentifiedModel
-    runs: tuple[Run, ...]  # the runs that were fitted, with the gains that were found
+    fitted: Fitted  # with the gains and scales that were found
     prepared: PreparedFit  # laws, their fields, gains and offsets, found before
-    scales: EffortScales | None  # scales of the efforts that were estimated, if any
+    scales: EffortScales | None
     notes: tuple[str, ...]  # what was decided, for people to read
     ignored: tuple[str, ...]  # what the robot file requests without effect
-    information: Information  # what the runs say about the model's columns
     method: Offer
-    estimating: EstimatorOf  # makes it for these runs, or for others of the same model
-    unscaled: IdentifiedModel | None = None
+    unscaled: IdentifiedModel | None = None  # with all scales 1, where some were estimated
+
+    @property
+    def runs(self) -> tuple[Run, ...]:
+        """The runs that were fitted."""
+        return self.fitted.runs
+
+    @property
+    def information(self) -> Information:
+        """What the runs say about the model's columns."""
+        return self.fitted.information
 
     @cached_property
     def estimator(self) -> Estimator[Information]:
         """What made the estimate."""
-        return self.estimating(self.runs, self.information)
+        return self.fitted.estimating(self.runs, self.information)
 
 
-def _scaled(run: Run, scales: Array) -> Run:
-    """The run with its efforts divided by scales."""
-    signals = run.recording.signals
-    return with_signals(run, replace(signals, gains=signals.gains / scales))
-
-
-def fit(
-    model: Model,
-    loaded_robot: LoadedRobot,
-    runs: Sequence[Run],
-    carrying: Sequence[Run],
-    payload: Payload,
-    origin: Provenance,
-    threads: int,
-    progress: Progress,
-) -> Fit:
+def fit(task: FitTask, origin: Provenance) -> Fit:
     """Gains, friction laws, their fields, and last the parameters.
 
-    Arguments are those of `prepare_fit`; what is decided is added to the notes of the `origin`.
+    What is decided is added to the notes of the `origin`.
     """
-    plain = method_of(loaded_robot).name
+    loaded = task.loaded
+    plain = method_of(loaded).name
     if plain not in PLAIN_LEAST_SQUARES:
-        plain = LEAST_SQUARES[loaded_robot.estimation.weights]
-    least_squares = _of_runs(PLAIN_LEAST_SQUARES[plain], model)
-    prepared = prepare_fit(
-        model, loaded_robot, runs, carrying, payload, least_squares, threads, progress
-    )
-    model, runs = prepared.model, prepared.runs
-    regressor = base_regressor(model)
+        plain = LEAST_SQUARES[loaded.estimation.weights]
+    least_squares = _of_runs(PLAIN_LEAST_SQUARES[plain], task.model)
+    prepared = prepare_fit(task, least_squares)
+    regressor = base_regressor(prepared.model)
     information = prepared.information_of(regressor)
-    method, why = _method(loaded_robot, plain, prepared.gains)
-    context = context_of(loaded_robot, regressor, runs, progress)
+    method, why = _method(loaded, plain, prepared.gains)
+    context = context_of(loaded, regressor, prepared.runs, task.progress)
     if prepared.gains is not None and prepared.gains.relative:
         # of the prior constraints what holds in any scale: parameters that are zero
         known = context.knowledge
         rows = tuple(row for row in known.rows if row.lower == row.upper == 0.0)
         context = replace(context, knowledge=replace(known, rows=rows))
 
-    def from_runs(of: Sequence[Run], pooled: Information) -> Estimator[Information]:
-        return on_information(method, context, Sources(regressor, of, pooled, threads, progress))
+    def estimating(runs: Sequence[Run], pooled: Information) -> Estimator[Information]:
+        sources = Sources(regressor, runs, pooled, task.threads, task.progress)
+        return on_information(method, context, sources)
 
-    estimating: EstimatorOf = from_runs
-    scales, estimator = None, method.make(context)
-    without_scales = _unscaled_because(loaded_robot, prepared, estimator)
-    requested = loaded_robot.estimation.effort_scales == "auto"
-    stated = "effort_scales" in loaded_robot.estimation.model_fields_set
-    if requested and not without_scales and isinstance(estimator, Consistent):
-        scales = effort_scales(estimator, information, progress=progress)
-    declared = runs, information
-    if scales is not None:
-        runs = tuple(_scaled(run, scales.found.values) for run in runs)
-        information = information.scaled(1.0 / scales.found.values, information.signature.effort)
-        estimating = partial(_with_scales, scales)
-    estimate, refused = estimating(runs, information)(information), ""
-    zero, every = rotors_at_zero(estimate, runs[0].recording.signals.effort_kind)
-    if scales is not None and zero:
-        refused, scales, estimating = NO_SCALES.format(len(zero), every), None, from_runs
-        runs, information = declared
-        estimate = estimating(runs, information)(information)
-    plain_estimate = None if scales is None else from_runs(*declared)(declared[1])
+    declared = _fitted(estimating, prepared.runs, information)
+    estimator, scales, refused = method.make(context), None, ""
+    found, why_unscaled = declared, _unscaled_because(loaded, prepared, estimator)
+    wanted = loaded.estimation.effort_scales == "auto" and not why_unscaled
+    if wanted and isinstance(estimator, Consistent):
+        found, scales, refused = _scaled_fit(declared, estimator, task.progress)
     other = next(name for name in PLAIN_LEAST_SQUARES if name != plain)
     beside = offer_of(other, "").make(context) if method.name == plain else least_squares
-    reference = beside(information)
-    ineffective = without_scales and stated and loaded_robot.estimation.effort_scales != "off"
-    ignored = (
-        *_unused(loaded_robot, method, why, context),
-        *([f'effort_scales = "auto" has no effect {without_scales}'] if ineffective else []),
-        *([TOO_SHORT] if loaded_robot.friction and prepared.choice is None else []),
-    )
-    bodies = ": inertias may be invalid" if estimate.standard is None else ""
+    reference = beside(found.information)
+    ignored = _ignored(loaded, prepared, method, why, why_unscaled, context)
+    bodies = ": inertias may be invalid" if found.estimate.standard is None else ""
+    free = found.estimate if method.name == plain else reference
     notes = (
         *prepared.notes,
         *([f"estimated by {method.name} ({method.about}), {why}{bodies}"] if why else []),
         *([] if scales is None else [scales.note]),
         *([refused] if refused else []),
-        *estimate.notes,
-        *_notes_beyond_physical_bounds(
-            model, context.knowledge, estimate if method.name == plain else reference
-        ),
+        *found.estimate.notes,
+        *_notes_beyond_physical_bounds(prepared.model, context.knowledge, free),
     )
+    first, cutoff = found.runs[0], loaded.validation.cutoff
     identified = IdentifiedModel(
-        model=model,
-        base=base_parameters(model),
-        estimate=estimate,
+        model=prepared.model,
+        base=base_parameters(prepared.model),
+        estimate=found.estimate,
         reference=(reference,),
-        signals=runs[0].recording.signals,
+        signals=first.recording.signals,
         cutoffs=Cutoffs(
-            motion=runs[0].motion_cutoff,
-            matched=runs[0].matched_cutoff,
-            score=loaded_robot.validation.cutoff or runs[0].matched_cutoff,
-            headline=loaded_robot.validation.cutoff or BAND,
+            motion=first.motion_cutoff,
+            matched=first.matched_cutoff,
+            score=cutoff or first.matched_cutoff,
+            headline=cutoff or BAND,
         ),
-        processing=processing_of_robot(loaded_robot),
-        motions=motion_samples([*runs, *carrying]),
+        processing=processing_of_robot(loaded),
+        motions=motion_samples([*found.runs, *task.carrying]),
         provenance=replace(origin, notes=(*origin.notes, *notes, *ignored)),
         effort_scales=None if scales is None else scales.known,
     )
     unscaled = None
-    if plain_estimate is not None:
+    if scales is not None:
+        signals = declared.runs[0].recording.signals
         unscaled = replace(
-            identified,
-            estimate=plain_estimate,
-            signals=declared[0][0].recording.signals,
-            effort_scales=None,
+            identified, estimate=declared.estimate, signals=signals, effort_scales=None
         )
-    return Fit(
-        identified,
-        tuple(runs),
-        prepared,
-        scales,
-        notes,
-        ignored,
-        information,
-        method,
-        estimating,
-        unscaled,
+    return Fit(task, identified, found, prepared, scales, notes, ignored, method, unscaled)
+
+
+def _scaled_fit(
+    declared: Fitted, estimator: Consistent, progress: Progress
+) -> tuple[Fitted, EffortScales | None, str]:
+    """The fit with scales of the efforts, if any are found; and why they are not adopted."""
+    scales = effort_scales(estimator, declared.information, progress=progress)
+    if scales is None:
+        return declared, None, ""
+    values, units = scales.found.values, declared.information.signature.effort
+    runs = tuple(_with_gains_over(run, values) for run in declared.runs)
+    scaled = _fitted(
+        lambda runs, information: partial(scales.scaled.estimate, scales=scales.found),
+        runs,
+        declared.information.scaled(1.0 / values, units),
     )
+    zero, every = rotors_at_zero(scaled.estimate, runs[0].recording.signals.effort_kind)
+    if zero:
+        return declared, None, NO_SCALES.format(len(zero), every)
+    return scaled, scales, ""
+
+
+def _with_gains_over(run: Run, scales: Array) -> Run:
+    """The run with its efforts divided by scales."""
+    signals = run.recording.signals
+    return with_signals(run, replace(signals, gains=signals.gains / scales))
 
 
 NO_SCALES = (
@@ -209,12 +206,16 @@ NO_SCALES = (
 )
 
 
-def calibrated(found: Fit, threads: int, progress: Progress) -> Fit:
+def calibrated(found: Fit) -> Fit:
     """The fit with bands of predicted efforts that are calibrated on left-out motion."""
-    identified = found.identified
-    estimator, information = found.estimator, found.information
+    identified, threads, progress = found.identified, found.task.threads, found.task.progress
     calibration = calibrate(
-        identified, found.runs, information, estimator, threads=threads, progress=progress
+        identified,
+        found.runs,
+        found.information,
+        found.estimator,
+        threads=threads,
+        progress=progress,
     )
     if calibration is not None:
         return replace(found, identified=replace(identified, calibration=calibration))
@@ -259,30 +260,38 @@ def _unscaled_because(loaded: LoadedRobot, prepared: PreparedFit, estimator: Est
     return ""
 
 
-def _with_scales(
-    scales: EffortScales, runs: Sequence[Run], information: Information
-) -> Estimator[Information]:
-    """The estimate of any information, as unsure as the scales make it."""
-    return partial(scales.scaled.estimate, scales=scales.found)
-
-
-def _unused(loaded: LoadedRobot, method: Offer, why: str, context: Context) -> tuple[str, ...]:
-    """A note on what an estimator that is not the default one does not use."""
-    if not why:
-        return ()
-    if method.name in PLAIN_LEAST_SQUARES and loaded.knowledge:
-        unused = fixed_values(context.regressor.base, context.knowledge).unused
-        only = f"{method.name} uses of [[knowledge]] only values of whole base parameters"
-        notes = (f"{only}, not: {'; '.join(unused)}",) if unused else ()
-        return (*notes, *_unused(replace(loaded, knowledge=()), method, why, context))
-    given = {
-        PRIOR: loaded.prior != PriorSection(),
-        KNOWLEDGE: bool(loaded.knowledge),
-        WEIGHTS: "weights" in loaded.estimation.model_fields_set
-        and method.name != LEAST_SQUARES[loaded.estimation.weights],
-    }
-    idle = " and ".join(name for name, there in given.items() if there and name not in method.uses)
-    return (f"{method.name} does not use {idle}",) if idle else ()
+def _ignored(
+    loaded: LoadedRobot,
+    prepared: PreparedFit,
+    method: Offer,
+    why: str,
+    why_unscaled: str,
+    context: Context,
+) -> tuple[str, ...]:
+    """What the robot file requests without effect."""
+    estimation, notes = loaded.estimation, []
+    if why:  # not the default estimator
+        unused: tuple[str, ...] = ()
+        least_squares = method.name in PLAIN_LEAST_SQUARES
+        if least_squares and loaded.knowledge:
+            unused = fixed_values(context.regressor.base, context.knowledge).unused
+        if unused:
+            only = f"{method.name} uses of [[knowledge]] only values of whole base parameters"
+            notes.append(f"{only}, not: {'; '.join(unused)}")
+        given = {
+            PRIOR: loaded.prior != PriorSection(),
+            KNOWLEDGE: bool(loaded.knowledge) and not least_squares,
+            WEIGHTS: "weights" in estimation.model_fields_set
+            and method.name != LEAST_SQUARES[estimation.weights],
+        }
+        idle = [name for name, there in given.items() if there and name not in method.uses]
+        notes += [f"{method.name} does not use {' and '.join(idle)}"] if idle else []
+    stated = "effort_scales" in estimation.model_fields_set and estimation.effort_scales != "off"
+    if why_unscaled and stated:
+        notes.append(f'effort_scales = "auto" has no effect {why_unscaled}')
+    if loaded.friction and prepared.choice is None:
+        notes.append(TOO_SHORT)
+    return tuple(notes)
 
 
 def _of_runs(estimator: LeastSquares, model: Model) -> Estimator[Information]:

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from steelyard.base.arguments import checked
 from steelyard.base.arrays import Parameters
@@ -25,7 +25,7 @@ from steelyard.estimate.estimators import method_of
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.fit import Fit, calibrated, fit
 from steelyard.identify.page.content import ReportContent
-from steelyard.identify.prepared_fit import Payload, with_signals
+from steelyard.identify.prepared_fit import FitTask, Payload, with_signals
 from steelyard.identify.refits import (
     Repeated,
     bootstrap_of,
@@ -161,7 +161,6 @@ def identify(
         >>> found.model.joints
         ('joint1', 'joint2')
     """
-    cores = threads or os.cpu_count() or 1
     file = load_robot(robot, base=fixed_base)
     requested = {} if method is None else {"method": method_of(file, method).name}
     file = replace(file, estimation=file.estimation.model_copy(update=requested))
@@ -183,57 +182,74 @@ def identify(
     every = (*clean, *unseen)
     assumed, decided = (*file.notes, *reasons, *dropped_rows(every)), notes_of(every)
     refuse_same_rows(clean, unseen)
-    fitted, carried = clean[: len(known)], clean[len(known) :]
+    task = FitTask(
+        model,
+        file,
+        clean[: len(known)],
+        clean[len(known) :],
+        Payload(payload_mass, payload_frame),
+        threads or os.cpu_count() or 1,
+        progress,
+    )
     notes = (*assumed, *decided, *unresolved)
-    origin = provenance(file, known, carrying, unknown, fitted, notes)
-    payload = Payload(payload_mass, payload_frame)
-    found = fit(model, file, fitted, carried, payload, origin, cores, progress)
+    found = fit(task, provenance(file, known, carrying, unknown, task.runs, notes))
     if check:
         refuse_absurd(found.identified, file.reference)
-    found = calibrated(found, cores, progress)
-    identified = found.identified
+    found = calibrated(found)
+    identified, prepared = found.identified, found.prepared
     unseen = tuple(with_signals(run, identified.signals) for run in unseen)
-    every, open_loops = (*clean, *unseen), dropped(model, (*clean, *unseen))
-    scores = _scored(found, unseen, unknown if commanded else (), progress)
-    limitations = _limitations(
-        file, found, () if commanded else unseen, scores, diagnosis, progress
+    fitted, fresh, unscaled = _scores(found, unseen, unknown if commanded else ())
+    before = () if diagnosis is None else diagnosis.findings
+    case = FittedCase(
+        identified,
+        found.runs,
+        () if commanded else unseen,
+        fitted,
+        () if commanded else fresh,
+        found.information,
+        _doubtful(before, task.runs),
+        found.scales,
     )
     varied = None
     if sensitivity:
         columns = identified.signals.of_commanded() if commanded else identified.signals
-        varied = fits_with_other_cutoffs(
-            found, known, unknown, columns, scores[:2], cores, progress
-        )
-    drawn, failed_draws = bootstrap_of(found, bootstrap, progress)
-    repeated, failed_logs = of_each_log(found, progress) if each else (None, ())
-    name, files = identified.model.robot.name, [*known, *carrying, *unknown]
+        varied = fits_with_other_cutoffs(found, known, unknown, columns, (fitted, fresh))
+    drawn, failed_draws = bootstrap_of(found, bootstrap)
+    repeated, failed_logs = of_each_log(found) if each else (None, ())
+    open_loops, files = dropped(model, (*clean, *unseen)), [*known, *carrying, *unknown]
     return Identification(
         ReportContent(
-            title=f"{name}: identified dynamics",
-            robot=name,
+            title=f"{identified.robot.name}: identified dynamics",
+            robot=identified.robot.name,
             identified=identified,
-            scores=scores.unseen,
-            fitted=scores.fitted,
-            unscaled=scores.unscaled,
+            scores=fresh,
+            fitted=fitted,
+            unscaled=unscaled,
             qualities=tuple((run.name, run.quality.rows_of_text) for run in every),
             notes=(
                 *assumed,
                 *first_dropped(open_loops),
                 *found.ignored,
                 *unresolved,
-                *commanded_note(identified, scores.unseen),
+                *commanded_note(identified, fresh),
                 *failed_draws,
                 *failed_logs,
             ),
             details=(*decided, *found.notes, *open_loops[1:]),
             settings=settings(identified),
-            friction=found.prepared.choice,
-            findings=found.prepared.findings,
-            gains=found.prepared.gains,
-            offsets=found.prepared.offsets,
+            friction=prepared.choice,
+            findings=prepared.findings,
+            gains=prepared.gains,
+            offsets=prepared.offsets,
             scales=found.scales,
             diagnosis=diagnosis,
-            limitations=limitations,
+            limitations=(
+                *_open_questions(diagnosis),
+                *turned_joints(before),
+                *examine_fit(case, progress),
+                *of_base(file, before),
+                *missing_coupling(before, file.couplings_stated),
+            ),
             sensitivity=varied,
             bootstrap=drawn,
             repeated=repeated,
@@ -253,63 +269,38 @@ def _refuse_uncommanded(signals: Signals, unseen: Sequence[LogArgument]) -> None
         )
 
 
-class _Scores(NamedTuple):
-    """Scores of the fitted and of the unseen runs; `unscaled` without scales of the efforts."""
+def _scores(
+    found: Fit, unseen: Sequence[Run], commanded: Sequence[LogArgument]
+) -> tuple[tuple[RunScore, ...], tuple[RunScore, ...], tuple[RunScore, ...]]:
+    """Scores of the fitted and of the unseen runs, and of these without scales of the efforts.
 
-    fitted: tuple[RunScore, ...]
-    unseen: tuple[RunScore, ...]
-    unscaled: tuple[RunScore, ...]
-
-
-def _scored(
-    found: Fit, unseen: Sequence[Run], commanded: Sequence[LogArgument], progress: Progress
-) -> _Scores:
-    """Score the model; unseen runs from the commanded motion of their logs, if those are given."""
-    identified, unscaled, fitted = found.identified, found.unscaled, found.runs
+    Unseen runs are predicted from the commanded motion of their logs, if those are given.
+    """
+    identified, unscaled, progress = found.identified, found.unscaled, found.task.progress
     plain: tuple[RunScore, ...] = ()
     if unscaled is not None and not commanded:
         plain = scored(unscaled, [with_signals(run, unscaled.signals) for run in unseen], progress)
-    scores = scored(identified, fitted if commanded else (*fitted, *unseen), progress)
+    scores = scored(identified, found.runs if commanded else (*found.runs, *unseen), progress)
     if commanded:
         names = [run.name for run in unseen]
         scores += scored_from_commanded(identified, commanded, names, progress)
-    fresh = marked_repeats(identified, unseen, scores[len(fitted) :])
-    return _Scores(scores[: len(fitted)], fresh, plain)
+    count = len(found.runs)
+    return scores[:count], marked_repeats(identified, unseen, scores[count:]), plain
 
 
-def _limitations(
-    file: LoadedRobot,
-    found: Fit,
-    unseen: Sequence[Run],
-    scores: _Scores,
-    diagnosis: Diagnosis | None,
-    progress: Progress,
-) -> tuple[Finding, ...]:
-    """What limits the model: open questions of the check of the logs, and checks of the fit."""
-    before = () if diagnosis is None else diagnosis.findings
-    names = {run.name for run in found.runs}
-    case = FittedCase(
-        found.identified,
-        tuple(found.runs),
-        tuple(unseen),
-        scores.fitted,
-        scores.unseen if unseen else (),
-        found.information,
-        tuple(
-            one
-            for one in before
-            if one.severity == Severity.DOUBTFUL and one.hypotheses and one.log in names
-        ),
-        found.scales,
+def _doubtful(before: Sequence[Finding], runs: Sequence[Run]) -> tuple[Finding, ...]:
+    """Findings with hypotheses about fitted logs, which the fit may decide."""
+    names = {run.name for run in runs}
+    return tuple(
+        one
+        for one in before
+        if one.severity == Severity.DOUBTFUL and one.hypotheses and one.log in names
     )
-    undecided = []
-    if diagnosis is not None and diagnosis.inconclusive:
-        says, checks = f"check of the logs: {open_words(diagnosis)}", diagnosis.open_checks
-        undecided = [Finding("open questions", "", Severity.DOUBTFUL, says, ", ".join(checks))]
-    return (
-        *undecided,
-        *turned_joints(before),
-        *examine_fit(case, progress),
-        *of_base(file, before),
-        *missing_coupling(before, file.couplings_stated),
-    )
+
+
+def _open_questions(diagnosis: Diagnosis | None) -> tuple[Finding, ...]:
+    """What the check of the logs could not decide, in one finding."""
+    if diagnosis is None or not diagnosis.inconclusive:
+        return ()
+    says, checks = f"check of the logs: {open_words(diagnosis)}", ", ".join(diagnosis.open_checks)
+    return (Finding("open questions", "", Severity.DOUBTFUL, says, checks),)

@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from steelyard.base.errors import DataError, ModelError
-from steelyard.base.progress import Progress
+from steelyard.base.progress import Progress, silent
 from steelyard.estimate.consistent.consistent import Consistent
 from steelyard.estimate.estimate import Estimator
 from steelyard.estimate.estimators import method_of
@@ -13,9 +14,8 @@ from steelyard.estimate.friction.friction_choice import (
     choose_friction,
     refuse_listed,
 )
-from steelyard.estimate.friction.mix_errors import ConsistentOf
 from steelyard.estimate.friction.mixes import PLAIN, has_memory
-from steelyard.estimate.information.base_parameters import base_parameters, refuse_twins
+from steelyard.estimate.information.base_parameters import BaseMap, base_parameters, refuse_twins
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
@@ -72,34 +72,36 @@ class PreparedFit:
     notes: tuple[str, ...]  # what was decided, for people to read
 
 
+@dataclass(frozen=True, eq=False)
+class FitTask:
+    """What is fitted: a model, without friction where that is to be chosen, and clean runs."""
+
+    model: Model
+    loaded: LoadedRobot
+    runs: tuple[Run, ...]  # without payload
+    carrying: tuple[Run, ...] = ()  # with it, for the gains
+    payload: Payload = Payload()
+    threads: int = 1
+    progress: Progress = silent
+
+    def information_of(self, model: Model, runs: Sequence[Run]) -> InformationOf:
+        """What runs say about regressors of a model's laws; every call is a pass over the runs."""
+        rests = has_memory(model.terms)
+        return information_from(runs, rests=rests, threads=self.threads, progress=self.progress)
+
+
 def with_signals(run: Run, signals: Signals) -> Run:
     """The run, its log read by other signals."""
     return replace(run, recording=replace(run.recording, signals=signals))
 
 
-def prepare_fit(
-    model: Model,
-    loaded_robot: LoadedRobot,
-    runs: Sequence[Run],
-    carrying: Sequence[Run],
-    payload: Payload,
-    estimator: Estimator[Information],
-    threads: int,
-    progress: Progress,
-) -> PreparedFit:
-    """Gains, friction laws and their fields.
+def prepare_fit(task: FitTask, estimator: Estimator[Information]) -> PreparedFit:
+    """Gains, zero offsets, friction laws and their nonlinear parameters.
 
-    Args:
-        model: The model; without friction where that is to be chosen.
-        loaded_robot: What the robot file says.
-        runs: Runs without payload.
-        carrying: Runs with it, for the gains.
-        payload: What they carry.
-        estimator: How references are fitted, and laws where the estimate is least squares.
-        threads: Native threads.
-        progress: Told about every pass.
+    The `estimator` fits references, and laws where the estimate is least squares.
     """
-    if loaded_robot.friction:
+    model, loaded, runs = task.model, task.loaded, task.runs
+    if loaded.friction:
         refuse_listed(model)
         if searched := [term.law for term in model.terms if finds_of(term)]:
             raise ModelError(
@@ -108,96 +110,99 @@ def prepare_fit(
                 where="[model] friction",
                 fix='give it a number, or list the friction laws in place of "auto"',
             )
-    gains = _gains(model, loaded_robot, runs, carrying, payload, threads, progress)
+    gains = _gains(task)
     if gains is not None:
         given, none = gains.gains, (False,) * len(gains.gains)
-        runs = [
+        runs = tuple(
             with_signals(run, replace(run.recording.signals, gains=given, unknown_gains=none))
             for run in runs
-        ]
-    offsets = _offsets(model, loaded_robot, runs, gains, threads, progress)
+        )
+    offsets = _offsets(task, runs, gains)
     if offsets is not None:
-        runs = with_offsets(runs, offsets.values)
+        runs = tuple(with_offsets(runs, offsets.values))
     choice = None
-    if loaded_robot.friction:
-        # what is known of the robot counts where it holds and the estimate uses it
-        unscaled = gains is not None and gains.relative
-        consistent = method_of(loaded_robot).uses and not unscaled and not own_columns(model)
-        try:
-            choice = choose_friction(
-                model,
-                runs,
-                estimator,
-                consistent_of(loaded_robot, runs) if consistent else None,
-                memory=loaded_robot.friction == "auto",
-                threads=threads,
-                progress=progress,
-            )
-        except TooShortError:
-            pass  # a note says so
+    if loaded.friction:
+        choice = _friction_choice(task, runs, gains, estimator)
         laws = PLAIN if choice is None else choice.terms
         model = replace(model, terms=(*model.terms, *laws))
-    information_of = information_from(
-        runs, rests=has_memory(model.terms), threads=threads, progress=progress
-    )
-    found = find_fields(model, information_of, progress=progress)
+    information_of = task.information_of(model, runs)
+    found = find_fields(model, information_of, progress=task.progress)
     model, converged = found.model, True
     refuse_twins(model, base_parameters(model))
     if needs_reference(model):
         model, converged = converged_reference(model, information_of, estimator)
     notes = (
-        *([_gain_note(gains)] if gains is not None else []),
-        *([offsets.note] if offsets is not None else []),
-        *([choice.note] if choice is not None else []),
+        *([] if gains is None else [_gain_note(gains)]),
+        *(one.note for one in (offsets, choice) if one is not None),
         *found.notes,
         *([] if converged else [_NOT_CONVERGED]),
     )
-    return PreparedFit(
-        model, tuple(runs), information_of, choice, found.findings, gains, offsets, notes
-    )
+    return PreparedFit(model, runs, information_of, choice, found.findings, gains, offsets, notes)
 
 
-def consistent_of(loaded: LoadedRobot, runs: Sequence[Run]) -> ConsistentOf:
-    """The consistent estimate with what the robot file knows; the runs' speeds bound friction."""
-    fastest, equal = fastest_of(runs), loaded.estimation.weights == "equal"
-    return lambda model, base: Consistent(base, knowledge_of(model, loaded, fastest), equal=equal)
-
-
-def _gains(
-    model: Model,
-    loaded_robot: LoadedRobot,
+def _friction_choice(
+    task: FitTask,
     runs: Sequence[Run],
-    carrying: Sequence[Run],
-    payload: Payload,
-    threads: int,
-    progress: Progress,
-) -> GainEstimate | None:
+    gains: GainEstimate | None,
+    estimator: Estimator[Information],
+) -> FrictionChoice | None:
+    """The friction laws; `None` where runs are too short, which a note says.
+
+    What is known of the robot counts where it holds and the estimate uses it: then laws are fitted
+    by the consistent estimate, in which the runs' speeds bound friction.
+    """
+    loaded, fastest = task.loaded, fastest_of(runs)
+    unscaled = gains is not None and gains.relative
+
+    def consistent(model: Model, base: BaseMap) -> Consistent:
+        equal = loaded.estimation.weights == "equal"
+        return Consistent(base, knowledge_of(model, loaded, fastest), equal=equal)
+
+    known = method_of(loaded).uses and not unscaled and not own_columns(task.model)
+    try:
+        return choose_friction(
+            task.model,
+            runs,
+            estimator,
+            consistent if known else None,
+            memory=loaded.friction == "auto",
+            threads=task.threads,
+            progress=task.progress,
+        )
+    except TooShortError:
+        return None
+
+
+def _gains(task: FitTask) -> GainEstimate | None:
     """The drive gains that the robot file requests."""
-    signals = runs[0].recording.signals
+    signals, payload = task.runs[0].recording.signals, task.payload
     if not any(signals.unknown_gains):
-        if carrying or payload != Payload():
-            given = "loaded logs are" if carrying else "a payload is"
+        if task.carrying or payload != Payload():
+            given = "loaded logs are" if task.carrying else "a payload is"
             raise ModelError(
                 f"{given} given, but no drive gain is to be identified",
                 where="loaded (--loaded)"
-                if carrying
+                if task.carrying
                 else "payload_mass, payload_frame (--payload-mass, --payload-frame)",
                 fix='give gain = "identify" in [signals.effort], or identify the payload with '
                 "`steelyard payload MODEL LOG`",
             )
         return None
-    model = with_friction(model, loaded_robot)
+    model = with_friction(task.model, task.loaded)
     if any(finds_of(term) for term in model.terms):
         raise DataError(
             "drive gains and nonlinear parameters of terms cannot be estimated together",
             where="[signals.effort] gain",
             fix="identify the gains with given nonlinear parameters, and write them into the file",
         )
-    regressor, rests = base_regressor(model), has_memory(model.terms)
-    unloaded, loaded = (
-        [gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in some]
-        for some in (runs, carrying)
+    gather_all = partial(
+        gather,
+        base_regressor(model),
+        rests=has_memory(model.terms),
+        threads=task.threads,
+        progress=task.progress,
     )
+    unloaded, loaded = ([gather_all(run) for run in some] for some in (task.runs, task.carrying))
     gains = zip(model.robot.joint_names, signals.gains, signals.unknown_gains, strict=True)
     known = {joint: float(gain) for joint, gain, unknown in gains if not unknown}
     return identified_gains(
@@ -205,19 +210,12 @@ def _gains(
     )
 
 
-def _offsets(
-    model: Model,
-    loaded_robot: LoadedRobot,
-    runs: Sequence[Run],
-    gains: GainEstimate | None,
-    threads: int,
-    progress: Progress,
-) -> ZeroOffsets | None:
+def _offsets(task: FitTask, runs: Sequence[Run], gains: GainEstimate | None) -> ZeroOffsets | None:
     """The zero offsets that the robot file requests."""
     signals = runs[0].recording.signals
     if not any(signals.unknown_offsets) or signals.position_offset is None:
         return None
-    model = with_friction(model, loaded_robot)
+    model = with_friction(task.model, task.loaded)
     if gains is not None or any(finds_of(term) for term in model.terms):
         beside = "drive gains" if gains is not None else "nonlinear parameters of terms"
         raise DataError(
@@ -225,12 +223,9 @@ def _offsets(
             where="[signals] position_offset",
             fix="identify the offsets with values given there, and write them into the file",
         )
-    rests = has_memory(model.terms)
     return find_offsets(
         model,
-        lambda offsets: information_from(
-            with_offsets(runs, offsets), rests=rests, threads=threads, progress=progress
-        ),
+        lambda offsets: task.information_of(model, with_offsets(runs, offsets)),
         signals.position_offset,
         signals.unknown_offsets,
     )

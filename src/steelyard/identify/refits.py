@@ -11,7 +11,7 @@ from rich.console import Console
 
 from steelyard.base.arguments import checked
 from steelyard.base.errors import DataError, LogError
-from steelyard.base.progress import Progress, report_progress
+from steelyard.base.progress import report_progress
 from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.estimate_scatter import (
     FACTORS,
@@ -21,10 +21,8 @@ from steelyard.estimate.estimate_scatter import (
     Variation,
     bootstrap,
 )
-from steelyard.estimate.friction.mixes import has_memory
 from steelyard.estimate.identified import IdentifiedModel, load_model
 from steelyard.estimate.information.regressor import base_regressor
-from steelyard.estimate.nonlinear.fields import information_from
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.fit import Fit
 from steelyard.identify.page.scatter_of_estimates import repeated_table
@@ -37,6 +35,7 @@ from steelyard.runs.defaults import MATCHED_HIGHEST, NYQUIST_SHARE, rounded
 from steelyard.runs.named_logs import LogArgument, recording_of
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing import Processing
+from steelyard.runs.run import Run
 
 if TYPE_CHECKING:
     from polars import DataFrame
@@ -125,15 +124,14 @@ def _refuse_other_groups(models: Sequence[IdentifiedModel]) -> None:
                 )
 
 
-def of_each_log(fit: Fit, progress: Progress) -> tuple[RepeatedEstimates | None, tuple[str, ...]]:
+def of_each_log(fit: Fit) -> tuple[RepeatedEstimates | None, tuple[str, ...]]:
     """Estimates from each log alone with the laws, fields and gains of a fit; notes on failures."""
     estimates, notes = dict[str, Estimate](), list[str]()
     for number, run in enumerate(fit.runs):
-        report_progress(progress, "estimating from each log", number, len(fit.runs))
-        own = [k for k, window in enumerate(fit.information.windows) if window.run == run.name]
-        information = fit.information.of(own)
+        report_progress(fit.task.progress, "estimating from each log", number, len(fit.runs))
+        information = fit.information.of(fit.information.windows_of_runs[run.name])
         try:
-            estimates[run.name] = fit.estimating((run,), information)(information)
+            estimates[run.name] = fit.fitted.estimating((run,), information)(information)
         except DataError as error:
             notes.append(f"no estimate from {run.name} alone: {error.wrong}")
     try:
@@ -148,18 +146,14 @@ def fits_with_other_cutoffs(
     unseen: Sequence[LogArgument],
     signals: Signals,
     scores: tuple[Sequence[RunScore], Sequence[RunScore]],
-    threads: int,
-    progress: Progress,
 ) -> Sensitivity:
     """Fit again with cut-offs lower and higher than those of the result.
 
     Laws, their fields, gains and the cut-off of scores stay what they are. The `signals` are the
     columns of the unseen logs, the `scores` the result's on the fitted logs and on the unseen ones.
     """
-    known, new = (_error(some) for some in scores)
-    identified = fit.identified
-    now = identified.cutoffs
-    estimate = identified.estimate
+    identified, now, estimate = fit.identified, fit.identified.cutoffs, fit.identified.estimate
+    known, new = map(_error, scores)
     result = Variation(1.0, now.motion, now.matched, estimate.parameters.values, known, new)
     rate = min(run.rate for run in fit.runs)
     variations = []
@@ -169,41 +163,30 @@ def fits_with_other_cutoffs(
         other = replace(processing_of(identified), motion_cutoff=motion, matched_cutoff=matched)
         try:
             same = replace(other, repetitions=identified.processing.repetitions)
-            again = _refitted(fit, fitted, same, threads, progress)
-            runs = [
-                *again.runs,
-                *(prepare(recording_of(log, signals), other) for log in unseen),
-            ]
-            of_runs = scored(again.identified, runs, progress)
+            runs, again = _refitted(fit, fitted, same)
+            runs += tuple(prepare(recording_of(log, signals), other) for log in unseen)
+            of_runs = scored(again, runs, fit.task.progress)
         except LogError as error:
             variations.append(Variation(factor, motion, matched, None, failed=error.wrong))
             continue
-        values = again.identified.estimate.parameters.values
-        known, new = _error(of_runs[: len(fitted)]), _error(of_runs[len(fitted) :])
+        values, count = again.estimate.parameters.values, len(fitted)
+        known, new = _error(of_runs[:count]), _error(of_runs[count:])
         variations.append(Variation(factor, motion, matched, values, known, new))
     return Sensitivity(estimate.parameters, estimate.std, result, tuple(variations))
 
 
 def _refitted(
-    fit: Fit,
-    logs: Sequence[LogArgument],
-    processing: Processing,
-    threads: int,
-    progress: Progress,
-) -> Fit:
-    """The fit with the same model and other cut-offs."""
-    identified, model = fit.identified, fit.identified.model
+    fit: Fit, logs: Sequence[LogArgument], processing: Processing
+) -> tuple[tuple[Run, ...], IdentifiedModel]:
+    """The logs read with other cut-offs, and the same model fitted to them."""
+    signals, model = fit.identified.signals, fit.identified.model
     runs = tuple(
-        replace(prepare(recording_of(log, identified.signals), processing), name=before.name)
+        replace(prepare(recording_of(log, signals), processing), name=before.name)
         for log, before in zip(logs, fit.runs, strict=True)
     )
-    information_of = information_from(
-        runs, rests=has_memory(model.terms), threads=threads, progress=progress
-    )
-    information = information_of(base_regressor(model))
-    estimate = fit.estimating(runs, information)(information)
-    again = replace(identified, estimate=estimate)
-    return replace(fit, identified=again, runs=runs, information=information)
+    information = fit.task.information_of(model, runs)(base_regressor(model))
+    estimate = fit.fitted.estimating(runs, information)(information)
+    return runs, replace(fit.identified, estimate=estimate)
 
 
 def _error(scores: Sequence[RunScore]) -> float | None:
@@ -211,15 +194,14 @@ def _error(scores: Sequence[RunScore]) -> float | None:
     return relative_errors(scores)[0].value if scores else None
 
 
-def bootstrap_of(
-    fit: Fit, draws: int | None, progress: Progress
-) -> tuple[Bootstrap | None, tuple[str, ...]]:
+def bootstrap_of(fit: Fit, draws: int | None) -> tuple[Bootstrap | None, tuple[str, ...]]:
     """Estimates of windows drawn again, or a note on why there are none; nothing without draws."""
     if draws is None:
         return None, ()
     if fit.method.needs != "information":
         of = "samples" if fit.method.needs == "samples" else "whole runs"
         return None, (f"no bootstrap: {fit.method.name} needs {of}, which cannot be resampled",)
+    progress = fit.task.progress
     try:
         return bootstrap(fit.estimator, fit.information, draws=draws, progress=progress), ()
     except DataError as error:

@@ -35,7 +35,7 @@ from steelyard.identify.comparison.estimators_page import (
     ComparisonContent,
     comparison_lines,
 )
-from steelyard.identify.prepared_fit import Payload, PreparedFit, prepare_fit
+from steelyard.identify.prepared_fit import FitTask, PreparedFit, prepare_fit
 from steelyard.identify.run_notes import dropped, dropped_rows, notes_of
 from steelyard.model.robot_file_model import model_with_open_friction
 from steelyard.report.page import render_sections
@@ -104,9 +104,8 @@ def comparison_inputs(
     runs = runs_of(file, signals, files, (), progress)[0]
     if check:
         unresolved = notes_of_precheck(diagnosis, file.reference)
-    ground = prepare_fit(
-        model, file, runs, (), Payload(), WeightedLeastSquares(), threads, progress
-    )
+    task = FitTask(model, file, runs, threads=threads, progress=progress)
+    ground = prepare_fit(task, WeightedLeastSquares())
     notes = (*file.notes, *reasons, *dropped_rows(runs), *unresolved)
     details = (*notes_of(runs), *ground.notes, *dropped(model, runs))
     # one more pass, in windows that parts can be made of

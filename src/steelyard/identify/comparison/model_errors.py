@@ -164,8 +164,9 @@ def _row(
         for model, one in zip(found.models, errors, strict=True)
     ]
     first, joints = errors[0], found.models[0].runs[0].errors.joints
-    unit = first.unit if first else joints[found.joints.index(name)].unit
-    return Row((name, significant(first and first.reference), *cells, unit), total=total)
+    unit = joints[found.joints.index(name)].unit if first is None else first.unit
+    used = NONE if first is None else significant(first.reference)
+    return Row((name, used, *cells, unit), total=total)
 
 
 def _table(found: ModelComparison, caption: str, rows: Sequence[Row]) -> PlainTable:
