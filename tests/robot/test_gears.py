@@ -5,10 +5,11 @@ import json
 import numpy as np
 import pytest
 
+from steelyard.base.arrays import json_values
 from steelyard.base.errors import ModelError
 from steelyard.robot.file.efforts import build_transmission
 from steelyard.robot.file.sections import EffortSection, SignalsSection, TransmissionSection
-from steelyard.robot.file.signals import Signals, build_signals, signals_from_dict, signals_to_dict
+from steelyard.robot.file.signals import Signals, build_signals, signals_from_dict
 from steelyard.robot.robot import Coordinate, Transmission
 
 JOINTS = ("elbow", "wrist")
@@ -175,19 +176,19 @@ def full() -> Signals:
 
 
 def test_signals_with_maps_round_trip_exactly() -> None:
-    text = json.dumps(signals_to_dict(full()))
+    text = json.dumps(json_values(full()))
     again = signals_from_dict(json.loads(text))
-    assert json.dumps(signals_to_dict(again)) == text
+    assert json.dumps(json_values(again)) == text
     for name in ("position_map", "position_offset", "effort_map", "gains"):
         np.testing.assert_array_equal(getattr(again, name), getattr(full(), name))
     assert again.unknown_gains == (False, False)
     plain = signals(None, {"kind": "joint_torque", "side": "joint"})
-    assert signals_from_dict(json.loads(json.dumps(signals_to_dict(plain)))).effort_map is None
+    assert signals_from_dict(json.loads(json.dumps(json_values(plain)))).effort_map is None
 
 
 @pytest.mark.parametrize("name", ["position_map", "position_offset", "effort_map"])
 def test_a_damaged_map_is_refused(name: str) -> None:
-    data = json.loads(json.dumps(signals_to_dict(full())))
+    data = json.loads(json.dumps(json_values(full())))
     data[name] = data[name][:1]
     with pytest.raises(ValueError):
         signals_from_dict(data)
@@ -212,8 +213,8 @@ def test_signs_turn_what_is_logged_before_the_gears_and_the_zero() -> None:
     np.testing.assert_allclose(turned.position_scale, np.deg2rad([1.0, -1.0]))
     assert turned.velocity_scale is not None
     np.testing.assert_array_equal(turned.velocity_scale, [-1.0, 1.0])
-    text = json.dumps(signals_to_dict(turned))
-    assert json.dumps(signals_to_dict(signals_from_dict(json.loads(text)))) == text
+    text = json.dumps(json_values(turned))
+    assert json.dumps(json_values(signals_from_dict(json.loads(text)))) == text
 
 
 def test_offsets_may_be_left_to_be_identified() -> None:
@@ -221,7 +222,7 @@ def test_offsets_may_be_left_to_be_identified() -> None:
     every = signals(gears(ratios=[50, -40]), position_offset="identify")
     assert some.unknown_offsets == (False, True) and every.unknown_offsets == (True, True)
     assert some.position_offset is not None and some.position_offset.tolist() == [0.5, 0.0]
-    again = signals_from_dict(json.loads(json.dumps(signals_to_dict(some))))
+    again = signals_from_dict(json.loads(json.dumps(json_values(some))))
     assert again.unknown_offsets == (False, True)
     with pytest.raises(ValueError, match="position_offset"):
         signals(None, position_offset=[0.5, "find"])

@@ -7,9 +7,10 @@ import numpy as np
 import polars as pl
 import pytest
 
+from steelyard.base.arrays import json_values
 from steelyard.base.errors import ModelError
 from steelyard.robot.file.robot_file import load_robot, load_robot_file, read_mechanism
-from steelyard.robot.file.signals import signals_from_dict, signals_to_dict
+from steelyard.robot.file.signals import signals_from_dict
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DATA = os.environ.get("STEELYARD_DATA")
@@ -101,7 +102,7 @@ cutoff = 4
     assert commanded.columns == ("stamp", "goal_lift", "goal_elbow", "g1", "g2", "i1", "i2")
     assert np.allclose(commanded.velocity_scale, [1e-3, np.pi / 30])
     assert (signals.velocity_delay, commanded.velocity_delay) == (0.01, 0.0)
-    again = signals_from_dict(json.loads(json.dumps(signals_to_dict(signals)))).of_commanded()
+    again = signals_from_dict(json.loads(json.dumps(json_values(signals)))).of_commanded()
     assert again.columns == commanded.columns
     assert np.array_equal(again.velocity_scale, commanded.velocity_scale)
     assert np.allclose(signals.effort_scale, [1e-3, 1e-3])

@@ -45,12 +45,12 @@ def set_fields(value: object, **contents: object) -> None:
 
 def json_values(value: Any) -> Any:
     """As JSON values; exact. Of a dataclass its fields, those of its `parameters` among them."""
-    if isinstance(value, np.ndarray):
+    if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
-    if isinstance(value, tuple):
+    if isinstance(value, tuple | list):
         return [json_values(x) for x in value]
     if isinstance(value, Mapping):
-        return dict(value)
+        return {name: json_values(x) for name, x in value.items()}
     if not is_dataclass(value):
         return value
     found: dict[str, Any] = {}

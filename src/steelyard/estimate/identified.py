@@ -41,7 +41,7 @@ from steelyard.model.dynamics import Dynamics
 from steelyard.model.evaluation import Stepper
 from steelyard.model.model import Model, ValuedModel
 from steelyard.model.quantity import TORQUE, Quantity
-from steelyard.robot.file.signals import Signals, signals_from_dict, signals_to_dict
+from steelyard.robot.file.signals import Signals, signals_from_dict
 from steelyard.robot.robot import Robot
 from steelyard.runs.processing import Processing
 from steelyard.runs.run_samples import MotionSamples
@@ -307,7 +307,7 @@ class IdentifiedModel(Dynamics):
             "base": self.base.to_dict(),
             "estimate": self.estimate.to_dict(),
             "reference": [estimate.to_dict() for estimate in self.reference],
-            "signals": signals_to_dict(self.signals),
+            "signals": json_values(self.signals),
             "cutoffs_hz": vars(self.cutoffs),
             "processing": self.processing.to_dict(),
             "motions": [samples.to_dict() for samples in self.motions],

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from steelyard.base.arguments import checked
+from steelyard.base.arrays import json_values
 from steelyard.base.errors import ModelError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.identified import IdentifiedModel, load_model
@@ -26,7 +27,6 @@ from steelyard.identify.scores import fitted_before, runs_for
 from steelyard.identify.validation_data import holds_fitted_rows
 from steelyard.report.page import render_sections
 from steelyard.report.result import Result, frame
-from steelyard.robot.file.signals import signals_to_dict
 from steelyard.runs.named_logs import LogArgument, log_files, paths_of
 from steelyard.runs.run import Run
 
@@ -214,7 +214,7 @@ def _runs(
     known: dict[str, tuple[Run, ...]] = {}
     found = {}
     for name, identified in named.items():
-        values = signals_to_dict(identified.signals)
+        values = json_values(identified.signals)
         key = json.dumps({k: v for k, v in values.items() if k not in ("gains", "unknown_gains")})
         if key not in known:
             known[key] = runs_for(first, files, progress, signals=identified.signals)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,17 +31,15 @@ def build_transmission(
             fix=f"name one motor per joint: {', '.join(joints)}",
         )
     for motor in motors:
-        if motors.count(motor) > 1:
+        twice = motors.count(motor) > 1
+        if twice or motor in joints:
+            other = "another one, so that terms can say which of the two they mean"
             raise ModelError(
-                f"two motors are called '{motor}'",
+                f"two motors are called '{motor}'"
+                if twice
+                else f"motor '{motor}' has the name of a joint",
                 where=locate("robot", "transmission", "motors"),
-                fix="give every motor a name of its own",
-            )
-        if motor in joints:
-            raise ModelError(
-                f"motor '{motor}' has the name of a joint",
-                where=locate("robot", "transmission", "motors"),
-                fix="give it another one, so that terms can say which of the two they mean",
+                fix="give every motor a name of its own" if twice else f"give it {other}",
             )
     matrix = _matrix(section, motors, joints, locate)
     lengths = np.linalg.norm(matrix, axis=1)
@@ -167,8 +165,7 @@ def effort_units_of(
 ) -> tuple[tuple[str, ...], Array]:
     """Base unit of each effort column, and base units per logged unit."""
     where = locate("signals", "effort", "unit")
-    units = effort.unit if isinstance(effort.unit, tuple) else (effort.unit,) * len(coordinates)
-    check_count(len(units), "units", coordinates, where)
+    units = one_each(effort.unit, "units", coordinates, where)
     for unit, coordinate in zip(units, coordinates, strict=True):
         if effort.kind not in MOTOR_KINDS and unit != coordinate.effort_unit:
             raise ModelError(
@@ -215,8 +212,7 @@ def gains_of(
                     "MODEL LOG writes one with the ways to obtain gains",
                 )
         return frozen(np.ones(n)), (False,) * n
-    given = effort.gain if isinstance(effort.gain, tuple) else (effort.gain,) * n
-    check_count(len(given), "gains", coordinates, where)
+    given = one_each(effort.gain, "gains", coordinates, where)
     unknown = tuple(gain == "identify" for gain in given)
     gains = frozen([1.0 if gain == "identify" else float(gain) for gain in given])
     if not np.all(gains):
@@ -227,6 +223,15 @@ def gains_of(
             fix="give the torque at the joint per logged unit; its sign may be negative",
         )
     return gains, unknown
+
+
+def one_each(
+    given: Any, what: str, coordinates: Sequence[Coordinate], where: str
+) -> tuple[Any, ...]:
+    """A value per joint, from one for all or a list."""
+    values = given if isinstance(given, tuple) else (given,) * len(coordinates)
+    check_count(len(values), what, coordinates, where)
+    return values
 
 
 def check_count(got: int, what: str, coordinates: Sequence[Coordinate], where: str) -> None:

@@ -205,7 +205,14 @@ def _reduced(
     for key in ("joints", "passive"):
         for index, name in enumerate(getattr(section, key) or ()):
             _check_name("joint", name, movable, places.where("robot", key, index))
-            _check_once(name, index, key, section, places)
+            again = name in (getattr(section, key) or ())[:index]
+            if again or name in section.locked:
+                how = "listed twice" if again else "locked, but also listed"
+                raise ModelError(
+                    f"joint '{name}' is {how} under {key}",
+                    where=places.where("robot", key, index),
+                    fix="list every joint once: under joints, passive or locked",
+                )
     links = [link.name for link in mechanism.links]
     tips = (section.tip,) if isinstance(section.tip, str) else section.tip or ()
     for key, name in [("tip", t) for t in tips] + [("base", section.base or mechanism.root)]:
@@ -224,18 +231,6 @@ def _reduced(
     if section.name is not None:
         robot = robot.changed(name=section.name)
     return robot, notes
-
-
-def _check_once(name: str, index: int, key: str, section: RobotSection, places: Places) -> None:
-    """A joint is in one list, once."""
-    again = name in (getattr(section, key) or ())[:index]
-    if again or name in section.locked:
-        how = f"listed twice under {key}" if again else f"locked, but also listed under {key}"
-        raise ModelError(
-            f"joint '{name}' is {how}",
-            where=places.where("robot", key, index),
-            fix="list every joint once: under joints, passive or locked",
-        )
 
 
 def _check_name(kind: str, name: str, names: list[str], where: str) -> None:

@@ -18,6 +18,7 @@ from steelyard.robot.file.efforts import (
     coupled_map,
     effort_units_of,
     gains_of,
+    one_each,
 )
 from steelyard.robot.robot import Coordinate, Transmission
 
@@ -254,8 +255,7 @@ def _position_offset(
     given = section.position_offset
     if given is None:
         return None, ()
-    offsets = given if isinstance(given, tuple) else (given,) * len(coordinates)
-    check_count(len(offsets), "offsets", coordinates, locate("signals", "position_offset"))
+    offsets = one_each(given, "offsets", coordinates, locate("signals", "position_offset"))
     unknown = tuple(offset == "identify" for offset in offsets)
     for offset, coordinate in zip(offsets, coordinates, strict=True):
         if offset != "identify" and looks_like_degrees(offset, coordinate):
@@ -346,16 +346,8 @@ def _scales(
     return frozen(scales)
 
 
-def signals_to_dict(signals: Signals) -> dict[str, Any]:
-    """As JSON values; exact."""
-    return {
-        name: value.tolist() if isinstance(value, np.ndarray) else value
-        for name, value in vars(signals).items()
-    }
-
-
 def signals_from_dict(data: Mapping[str, Any]) -> Signals:
-    """The signals that `signals_to_dict` wrote.
+    """The signals of `json_values`.
 
     It is a `KeyError` if a key is missing that all versions wrote, a `ValueError` or `TypeError` if
     a value does not fit.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from steelyard.base.errors import ModelError, advice
 
@@ -105,18 +105,16 @@ class _Scanner:
         self.at += len(found)
         return found
 
-    def note(self, path: KeyPath) -> None:
-        """The path and every table above it are on this line, unless seen before."""
-        line = self.text.count("\n", 0, self.at) + 1
+    def note(self, path: KeyPath, at: int) -> None:
+        """The path and every table above it are on the line of an offset, unless seen before."""
+        line = self.text.count("\n", 0, at) + 1
         for end in range(1, len(path) + 1):
             self.lines.setdefault(path[:end], line)
 
     def header(self) -> KeyPath:
-        several = self.text.startswith("[[", self.at)
-        self.at += 2 if several else 1
-        start = self.at
+        start, several = self.at, self.text.startswith("[[", self.at)
+        self.at += 1 + several
         *above, last = self.key()
-        end, self.at = self.at, start
         path: KeyPath = ()
         for part in above:
             path = (*path, part)
@@ -126,8 +124,8 @@ class _Scanner:
         if several:
             self.counts[path] = self.counts.get(path, 0) + 1
             path = (*path, self.counts[path] - 1)
-        self.note(path)
-        self.at = end + (2 if several else 1)
+        self.note(path, start)
+        self.at += 1 + several
         return path
 
     def key(self) -> list[str]:
@@ -144,23 +142,18 @@ class _Scanner:
     def pair(self, table: KeyPath) -> KeyPath:
         start = self.at
         path = (*table, *self.key())
-        end, self.at = self.at, start
-        self.note(path)
-        self.at = end + 1  # the equals sign
+        self.note(path, start)
+        self.at += 1  # the equals sign
         self.skip(_SPACE)
         self.value(path)
         return path
 
     def value(self, path: KeyPath) -> None:
         opening = self.text[self.at]
-        if opening in "\"'":
-            self.skip(_STRING)
-        elif opening == "[":
-            self.items(path, "]")
-        elif opening == "{":
-            self.items(path, "}")
+        if opening in "[{":
+            self.items(path, "]" if opening == "[" else "}")
         else:
-            self.skip(_SCALAR)
+            self.skip(_STRING if opening in "\"'" else _SCALAR)
 
     def items(self, path: KeyPath, closing: str) -> None:
         self.at += 1
@@ -170,7 +163,7 @@ class _Scanner:
             if closing == "}":
                 self.pair(path)
             else:
-                self.note((*path, index))
+                self.note((*path, index), self.at)
                 self.value((*path, index))
             index += 1
             self.skip(_BLANK)
@@ -248,50 +241,35 @@ def _explained(
     """The first flaw, in the users' words."""
     flaws = error.errors(include_url=False)
     first = min(flaws, key=lambda f: (f["type"] != "extra_forbidden", -len(_path(data, f["loc"]))))
-    path = _path(data, first["loc"])
+    path = place = _path(data, first["loc"])
+    name, last = path[-1] if path else "the file", first["loc"][-1]
     if first["type"] == "extra_forbidden":
-        known = _known_keys(schema, path[:-1], data)
-        return ModelError(
-            f"unknown key '{path[-1]}'",
-            where=places.where(*path),
-            fix=advice(str(path[-1]), known, "keys there"),
-        )
-    if first["type"] == "union_tag_invalid":
-        kind, kinds = first["ctx"]["tag"], first["ctx"]["expected_tags"]
-        return ModelError(
-            f"there is no kind '{kind}' of '{path[-1]}'",
-            where=places.where(*path, "kind"),
-            fix=advice(str(kind), [one.strip("' ") for one in kinds.split(",")], "kinds"),
-        )
-    last = first["loc"][-1]
-    if first["type"] == "missing" and isinstance(last, int):
+        wrong = f"unknown key '{name}'"
+        fix = advice(str(name), _known_keys(schema, path[:-1], data), "keys there")
+    elif first["type"] == "union_tag_invalid":
+        kind, kinds = first["ctx"]["tag"], first["ctx"]["expected_tags"].split(",")
+        wrong, place = f"there is no kind '{kind}' of '{name}'", (*path, "kind")
+        fix = advice(str(kind), [one.strip("' ") for one in kinds], "kinds")
+    elif first["type"] == "missing" and isinstance(last, int):
         same = [flaw["loc"][-1] for flaw in flaws if flaw["loc"][:-1] == first["loc"][:-1]]
-        return ModelError(
-            f"the list '{path[-1]}' is too short",
-            where=places.where(*path),
-            fix=f"give it {1 + max(k for k in same if isinstance(k, int))} entries",
+        wrong = f"the list '{name}' is too short"
+        fix = f"give it {1 + max(k for k in same if isinstance(k, int))} entries"
+    elif first["type"] == "missing":
+        wrong = f"key '{last}' is missing"
+        fix = f"add {last} = ... to {shown(path)}" if path else f"add a [{last}] table"
+    else:
+        table = "valid dictionary( or (instance of|object to) .+)?"
+        words = dict.fromkeys(
+            re.sub(table, "table", flaw["msg"])
+            .replace("Input should be", "")
+            .replace("tuple", "list in [ ]")
+            .strip()
+            for flaw in flaws
+            if _path(data, flaw["loc"]) == path
         )
-    if first["type"] == "missing":
-        missing = str(last)
-        return ModelError(
-            f"key '{missing}' is missing",
-            where=places.where(*path),
-            fix=f"add {missing} = ... to {shown(path)}" if path else f"add a [{missing}] table",
-        )
-    table = "valid dictionary( or (instance of|object to) .+)?"
-    words = dict.fromkeys(
-        re.sub(table, "table", flaw["msg"])
-        .replace("Input should be", "")
-        .replace("tuple", "list in [ ]")
-        .strip()
-        for flaw in flaws
-        if _path(data, flaw["loc"]) == path
-    )
-    return ModelError(
-        f"{first['input']!r} cannot be used for '{path[-1] if path else 'the file'}'",
-        where=places.where(*path),
-        fix=first["msg"] if first["type"] == ADVICE else "it should be " + ", or ".join(words),
-    )
+        wrong = f"{first['input']!r} cannot be used for '{name}'"
+        fix = first["msg"] if first["type"] == ADVICE else "it should be " + ", or ".join(words)
+    return ModelError(wrong, where=places.where(*place), fix=fix)
 
 
 def _path(data: Any, loc: tuple[str | int, ...]) -> KeyPath:
@@ -311,13 +289,9 @@ def _known_keys(schema: type[BaseModel], path: KeyPath, data: Any) -> list[str]:
         data = data[part]
         field = schema.model_fields.get(str(part))
         inner = list(_schemas(field.annotation)) if field else [schema]
-        kinds = [one.model_fields.get("kind") for one in inner]
         said = data.get("kind") if isinstance(data, dict) else None
-        fitting = [
-            one
-            for one, kind in zip(inner, kinds, strict=True)
-            if kind is not None and said in get_args(kind.annotation)
-        ]
+        tagged = [one for one in inner if "kind" in one.model_fields]
+        fitting = [x for x in tagged if said in get_args(x.model_fields["kind"].annotation)]
         schema = (fitting or inner or [schema])[0]
     return list(schema.model_fields)
 
@@ -328,13 +302,3 @@ def _schemas(annotation: Any) -> Iterator[type[BaseModel]]:
         yield annotation
     for argument in get_args(annotation):
         yield from _schemas(argument)
-
-
-def as_declared(declared: Any, value: Any) -> Any:
-    """A value from a file as a type says it, strictly; a `ValueError` says which type is wanted."""
-    strict = ConfigDict(strict=True, allow_inf_nan=False)
-    value = tuple(value) if isinstance(value, list) else value
-    try:
-        return TypeAdapter(declared, config=strict).validate_python(value)
-    except ValidationError as error:
-        raise ValueError(error.errors()[0]["msg"].lower()) from None

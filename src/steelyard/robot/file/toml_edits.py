@@ -6,8 +6,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
-import numpy as np
-
+from steelyard.base.arrays import json_values
 from steelyard.base.errors import ModelError
 from steelyard.robot.file.toml import shown, toml_written
 
@@ -53,7 +52,7 @@ def edited(text: str, changes: Sequence[KeyChange]) -> str:
     A new key goes behind the last one of its table, a new table to the end of the text.
     """
     for change in changes:
-        text = _changed(text, change.path, plain(change.value))
+        text = _changed(text, change.path, json_values(change.value))
     return text
 
 
@@ -61,7 +60,7 @@ def lines_of(changes: Sequence[KeyChange]) -> str:
     """The changes as lines of a robot file, by table; a key that goes is a comment."""
     tables: dict[tuple[str, ...], list[str]] = {}
     for change in changes:
-        name, value = toml_key(change.path[-1]), plain(change.value)
+        name, value = toml_key(change.path[-1]), json_values(change.value)
         line = f"# remove {name}" if value is None else f"{name} = {_value(value)}"
         tables.setdefault(change.path[:-1], []).append(line)
     return "\n\n".join("\n".join([_header(path), *lines]) for path, lines in tables.items())
@@ -153,12 +152,3 @@ def _item(value: Any) -> Any:
     for name, inner in value.items():
         table[name] = _item(inner)
     return table
-
-
-def plain(value: Any) -> Any:
-    """The value without arrays and tuples."""
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if isinstance(value, Mapping):
-        return {name: plain(inner) for name, inner in value.items()}
-    return [plain(inner) for inner in value] if isinstance(value, tuple | list) else value
