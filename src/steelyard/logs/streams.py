@@ -226,9 +226,9 @@ def _messages(path: Path, columns: Sequence[str], waiting: Waiting) -> Iterator[
             log = MessageLog.open(path)
             require_columns(path, log.columns, columns)
         except LogError:
-            if not waiting() or (path.stat().st_size and McapFile.open(path).complete):
+            if not waiting() or (path.stat().st_size and McapFile.open(path, path).complete):
                 raise
         else:
             break
-    growing = McapFile(path, complete=False, waiting=waiting)
+    growing = McapFile(path, path, complete=False, waiting=waiting)
     yield from replace(log, container=growing).parts(columns, size=BATCH_ROWS)

@@ -9,9 +9,8 @@ import re
 import sqlite3
 import sys
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 
 from steelyard.base.errors import LogError
@@ -19,7 +18,6 @@ from steelyard.logs.log import require_file, unreadable
 from steelyard.logs.messages.byte_streams import (
     ZSTD_MAGIC,
     Damaged,
-    ZstdFile,
     unpacked,
     unpacked_copy,
 )
@@ -35,14 +33,18 @@ MOST_TOPICS = 10_000
 
 @dataclass(frozen=True)
 class SqliteFile:
-    """The storage file `.db3` of a ROS 2 bag, opened read-only; nothing is left beside it."""
+    """The storage file `.db3` of a ROS 2 bag, opened read-only; nothing is left beside it.
+
+    `content` is the file itself, or its unpacked copy.
+    """
 
     path: Path
+    content: Path
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """Whether a journal beside it holds messages that are not yet in it."""
-        journal = self.path.with_name(f"{self.path.name}-wal")
+        journal = self.content.with_name(f"{self.content.name}-wal")
         if not journal.exists() or journal.stat().st_size == 0:
             return ()
         return (
@@ -52,72 +54,70 @@ class SqliteFile:
 
     def announced(self) -> frozenset[str] | None:
         """Topics that have messages."""
-        with closing(self._connected()) as base:
-            try:
-                found = base.execute("SELECT DISTINCT topic_id FROM messages").fetchall()
-                channels = _channels(base)
-            except (sqlite3.Error, OverflowError, ValueError) as error:
-                raise _malformed(self.path, error) from error
+        with self._connected() as base:
+            found = base.execute("SELECT DISTINCT topic_id FROM messages").fetchall()
+            channels = _channels(base)
         return frozenset(channels[i].topic for (i,) in found if i in channels)
 
     def messages(self, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Messages of some topics, or of all, in the order in which they were received."""
-        with closing(self._connected()) as base:
-            try:
-                channels = {
-                    i: channel
-                    for i, channel in _channels(base).items()
-                    if topics is None or channel.topic in topics
-                }
-                last = None
-                for row, topic, time, data in base.execute(_select(channels), (LARGEST_MESSAGE,)):
-                    if last is not None and row <= last:
-                        raise sqlite3.DatabaseError("rows occur twice")
-                    last = row
-                    if isinstance(time, int) and topic in channels:
-                        whole = data if isinstance(data, bytes) else None
-                        yield Message(channels[topic], time, whole)
-            except (sqlite3.Error, OverflowError, ValueError) as error:
-                raise _malformed(self.path, error) from error
+        with self._connected() as base:
+            channels = {
+                i: channel
+                for i, channel in _channels(base).items()
+                if topics is None or channel.topic in topics
+            }
+            last = None
+            for row, topic, time, data in base.execute(_select(channels), (LARGEST_MESSAGE,)):
+                if last is not None and row <= last:
+                    raise sqlite3.DatabaseError("rows occur twice")
+                last = row
+                if isinstance(time, int) and topic in channels:
+                    whole = data if isinstance(data, bytes) else None
+                    yield Message(channels[topic], time, whole)
 
-    def _connected(self) -> sqlite3.Connection:
-        _require_whole(self.path)
-        address = f"{self.path.absolute().as_uri()}?mode=ro&immutable=1"
-        base = sqlite3.connect(address, uri=True)
+    @contextmanager
+    def _connected(self) -> Iterator[sqlite3.Connection]:
+        """The open database; what SQLite says of a damaged one is a `LogError`."""
         try:
-            base.text_factory = lambda text: text.decode(errors="replace")
-            if sys.version_info >= (3, 11):  # Python 3.10 keeps SQLite's own limit of 1 GB
-                base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, 4 * LARGEST_MESSAGE)
-            base.execute("PRAGMA trusted_schema = OFF")
-            tables = base.execute(
-                "SELECT name FROM sqlite_master WHERE type = 'table' AND rootpage > 0 "
-                "AND name IN ('messages', 'topics')"
-            ).fetchall()
-        except (sqlite3.Error, ValueError) as error:
-            base.close()
-            raise _malformed(self.path, error) from error
-        if len(tables) != 2:
-            base.close()
+            _require_whole(self.content)
+            address = f"{self.content.absolute().as_uri()}?mode=ro&immutable=1"
+            with closing(sqlite3.connect(address, uri=True)) as base:
+                base.text_factory = lambda text: text.decode(errors="replace")
+                if sys.version_info >= (3, 11):  # Python 3.10 keeps SQLite's own limit of 1 GB
+                    base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, 4 * LARGEST_MESSAGE)
+                base.execute("PRAGMA trusted_schema = OFF")
+                tables = base.execute(
+                    "SELECT name FROM sqlite_master WHERE type = 'table' AND rootpage > 0 "
+                    "AND name IN ('messages', 'topics')"
+                ).fetchall()
+                if len(tables) != 2:
+                    raise LogError(
+                        "the database is not a ROS 2 bag: it has no tables of topics and messages",
+                        where=str(self.path),
+                        fix="name the .db3 file of a bag; if it was not closed, copy its -wal file "
+                        "too",
+                    )
+                yield base
+        except OSError as error:
+            raise unreadable(self.path, error) from error
+        except (sqlite3.Error, OverflowError, ValueError) as error:
             raise LogError(
-                "the database is not a ROS 2 bag: it has no tables of topics and messages",
+                f"the bag is damaged: its database cannot be read ({error})",
                 where=str(self.path),
-                fix="name the .db3 file of a bag; if it was not closed, copy its -wal file too",
-            )
-        return base
+                fix="copy it again, or save what is left of it: "
+                "`sqlite3 BAD.db3 .recover | sqlite3 GOOD.db3`",
+            ) from error
 
 
 def _require_whole(path: Path) -> None:
     """Check the size of a database, as SQLite takes what is missing of its last page for zeros."""
-    require_file(path)
-    try:
-        with path.open("rb") as file:
-            head = file.read(100)
-    except OSError as error:
-        raise unreadable(path, error) from error
+    with path.open("rb") as file:
+        head = file.read(100)
     page = int.from_bytes(head[16:18], "big")
     size = (65536 if page == 1 else page) * int.from_bytes(head[28:32], "big")
     if len(head) < 100 or path.stat().st_size < size:
-        raise _malformed(path, ValueError(f"it has {path.stat().st_size:,} of {size:,} bytes"))
+        raise ValueError(f"it has {path.stat().st_size:,} of {size:,} bytes")
 
 
 def _select(channels: dict[int, Channel]) -> str:
@@ -145,15 +145,6 @@ def _channels(base: sqlite3.Connection) -> dict[int, Channel]:
             dialect, text = definitions.get(kind, ("", ""))
             channels[number] = Channel(*map(str, (topic, kind, encoding, text, dialect)))
     return channels
-
-
-def _malformed(path: Path, error: Exception) -> LogError:
-    return LogError(
-        f"the bag is damaged: its database cannot be read ({error})",
-        where=str(path),
-        fix="copy it again, or save what is left of it: "
-        "`sqlite3 BAD.db3 .recover | sqlite3 GOOD.db3`",
-    )
 
 
 @dataclass(frozen=True)
@@ -209,35 +200,27 @@ def _unpacked(data: bytes | None) -> bytes | None:
     """A packed message: `None` if it is too long, nothing if it is damaged."""
     if data is None:
         return None
-    whole = bytearray()
     try:
-        for block in unpacked("zstd", BytesIO(data)):
-            whole += block
-            if len(whole) > LARGEST_MESSAGE:
-                return None
+        whole = unpacked("zstd", data, LARGEST_MESSAGE + 1)
     except Damaged:
         return b""
-    return bytes(whole)
+    return whole if len(whole) <= LARGEST_MESSAGE else None
 
 
 def storage(path: Path) -> Container:
     """A file of a ROS 2 bag, whatever its suffix, packed or not."""
     require_file(path)
+    content = path
     if _start(path).startswith(ZSTD_MAGIC):
-        return ZstdFile(path, _plain_file(unpacked_copy(path), path))
-    return _plain_file(path, path)
-
-
-def _plain_file(path: Path, named: Path) -> Container:
-    """A file that is not packed, or the unpacked copy of the one `named`."""
-    start = _start(path)
+        content = unpacked_copy(path)
+    start = _start(content)
     if start.startswith(MCAP_MAGIC):
-        return McapFile.open(path)
+        return McapFile.open(path, content)
     if start == SQLITE_MAGIC:
-        return SqliteFile(path)
+        return SqliteFile(path, content)
     raise LogError(
         "the file is neither an MCAP file nor the database of a ROS 2 bag",
-        where=str(named),
+        where=str(path),
         fix="copy it again; a text table needs the suffix .csv",
     )
 

@@ -2,28 +2,29 @@
 
 The records are read from front to back, as that also works for a file whose recorder lost power or
 was killed (`.bag.active`): every chunk says itself what its messages are. `mcap.stream_reader` does
-so too, but unpacks a chunk whole, whatever the limit of a record: 10 kB that stand for 300 MiB take
-it 600 MiB, and 73 bytes make it ask for 1.9 GiB. `rosbags.rosbag1.Reader` needs an index.
+so too, but believes what a chunk declares: 10 kB that stand for 300 MiB take it 600 MiB, and 73
+bytes make it ask for 1.9 GiB. `rosbags.rosbag1.Reader` needs an index.
 """
 
 import re
 import struct
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from math import inf
 from pathlib import Path
 from typing import Any, ClassVar
+from zlib import crc32
 
 from steelyard.base.errors import LogError
 from steelyard.logs.log import unreadable
 from steelyard.logs.messages.byte_streams import (
-    Budget,
-    Bytes,
+    LARGEST_CHUNK,
+    ByteSource,
     Damaged,
     EndOfBytes,
-    FileBytes,
-    UnpackedBytes,
+    require_plausible,
+    unpacked,
 )
 from steelyard.logs.messages.messages import LARGEST_MESSAGE, Channel, Message
 
@@ -36,10 +37,8 @@ DEFINITION_BYTES = 1 << 24
 class Walk:
     """One pass over the records of a file.
 
-    Attributes:
-        channels: Channels met so far, by their number.
-        counts: Messages per channel, as far as the file states them or they were met.
-        ended: Whether the last record of data was met.
+    It knows the channels met so far by their number, the messages per channel as far as the file
+    states them or they were met, and whether the last record of data was met.
     """
 
     sender: ClassVar[str]
@@ -52,24 +51,32 @@ class Walk:
         self.counts: dict[int, int] = {}
         self.ended = False
         self._topics = topics
-        self._definitions = 0
-        self._budget = Budget()
+        self._definitions = self._unpacked = 0
 
-    def record(self, file: FileBytes) -> Iterator[Message]:
+    def record(self, file: ByteSource) -> Iterator[Message]:
         """The messages in the next record of a file."""
+        raise NotImplementedError
+
+    def _head(self, source: ByteSource) -> tuple[Any, int]:
+        """What the next record says of itself, and the length of its content."""
+        raise NotImplementedError
+
+    def _plain(self, source: ByteSource, head: Any, length: int) -> Message | None:
+        """The message in a record that is no chunk, if there is one."""
         raise NotImplementedError
 
     def messages(
         self,
         path: Path,
+        content: Path,
         at: int,
         whole: bool,
         end: float = inf,
         waiting: Callable[[], bool] | None = None,
     ) -> Iterator[Message]:
-        """Messages from a byte on; where the file is `whole`, nothing of it may be missing."""
+        """Messages from a byte of the content on; where it is `whole`, nothing may be missing."""
         try:
-            with FileBytes(path, at, waiting) as file:
+            with ByteSource.of_file(content, at, waiting) as file:
                 while not self.ended and file.at < end:
                     at = file.at
                     yield from self.record(file)
@@ -91,26 +98,32 @@ class Walk:
             fix=f"copy it again, or save what is left of it{cls.rescue}",
         )
 
-    def _inner(self, source: Bytes) -> Message | None:
-        """The message in the next record of a chunk, if there is one."""
-        raise NotImplementedError
-
     def _chunk(
-        self, file: FileBytes, length: int, packing: str, size: int, end: int
-    ) -> Generator[Message, None, int]:
-        """The messages in a chunk's content, then its checksum; its record ends at `end`."""
-        content = UnpackedBytes(file, length, packing, size, self._budget)
+        self, file: ByteSource, length: int, packing: str, size: int, end: int, checksum: int = 0
+    ) -> Iterator[Message]:
+        """The messages in `length` bytes that unpack to `size`, in a record that ends at `end`."""
+        if max(length, size) > LARGEST_CHUNK:
+            raise Damaged(f"it is a chunk of {max(length, size):,} bytes, above {LARGEST_CHUNK:,}")
+        packed = file.upto(length)
+        self._unpacked += size
+        require_plausible(self._unpacked, file.at)
+        content = unpacked(packing, packed, size + 1)
+        if len(content) > size:
+            raise Damaged("it unpacks to more than it declares")
+        if checksum and len(content) == size and crc32(content) != checksum:
+            raise Damaged("its checksum is not that of its content")
+        source = ByteSource(BytesIO(content))
         try:
-            while not content.ended:
-                if message := self._inner(content):
+            while source.at < size:
+                if message := self._plain(source, *self._head(source)):
                     yield message
         except EndOfBytes:
             if end <= file.size:
                 raise Damaged("its content ends early") from None
             raise
-        return content.checksum
+        file.skip(end - file.at)
 
-    def _message(self, source: Bytes, number: int, time: int, length: int) -> Message | None:
+    def _message(self, source: ByteSource, number: int, time: int, length: int) -> Message | None:
         channel = self.channels.get(number)
         if channel is None:
             raise Damaged(f"it is a message of {self.sender} {number}, which was not announced")
@@ -120,7 +133,7 @@ class Walk:
         source.skip(length)
         return Message(channel, time, None) if wanted else None
 
-    def _definition(self, source: Bytes, length: int) -> bytes:
+    def _definition(self, source: ByteSource, length: int) -> bytes:
         self._definitions += length
         if length > LONGEST_DEFINITION or self._definitions > DEFINITION_BYTES:
             raise Damaged(f"it is a definition of {length:,} bytes")
@@ -130,7 +143,7 @@ class Walk:
 def topics_in_index(walk: Walk, path: Path, start: int, end: float = inf) -> frozenset[str] | None:
     """Topics that have messages according to the records of an index; `None` if it is damaged."""
     try:
-        with FileBytes(path, start) as file:
+        with ByteSource.of_file(path, start) as file:
             while file.at < min(end, file.size):
                 for _ in walk.record(file):
                     pass
@@ -140,6 +153,7 @@ def topics_in_index(walk: Walk, path: Path, start: int, end: float = inf) -> fro
 
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
+RECORD_HEAD = struct.Struct("<BQ")
 CHUNK_HEAD = struct.Struct("<QQQII")
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 FOOTER_BYTES = 9 + 20 + len(MCAP_MAGIC)
@@ -148,20 +162,25 @@ FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, STATISTICS, DATA_END = 2, 3, 4, 5, 6, 1
 
 @dataclass(frozen=True)
 class McapFile:
-    """One MCAP file; `complete`: whether its end is there; `waiting`: see `FileBytes`."""
+    """One MCAP file.
+
+    `content` is the file itself or its unpacked copy, `complete` whether its end is there; for
+    `waiting` see `ByteSource`.
+    """
 
     path: Path
+    content: Path
     complete: bool
     waiting: Callable[[], bool] | None = None
 
     @classmethod
-    def open(cls, path: Path) -> "McapFile":
+    def open(cls, path: Path, content: Path) -> "McapFile":
         """Look at both ends of a file that starts as MCAP files do."""
         try:
-            with FileBytes(path) as file:
+            with ByteSource.of_file(content) as file:
                 file.skip(max(file.size - len(MCAP_MAGIC), 0))
                 end = file.upto(len(MCAP_MAGIC))
-                return cls(path, file.size >= FOOTER_BYTES and end == MCAP_MAGIC)
+                return cls(path, content, file.size >= FOOTER_BYTES and end == MCAP_MAGIC)
         except OSError as error:
             raise unreadable(path, error) from error
 
@@ -176,7 +195,7 @@ class McapFile:
         """Topics that have messages according to the summary; `None` without one."""
         walk = _McapWalk(frozenset())
         try:
-            with FileBytes(self.path) as file:
+            with ByteSource.of_file(self.content) as file:
                 end = max(file.size - FOOTER_BYTES, 0)
                 file.skip(end)
                 head = file.take(FOOTER_BYTES - len(MCAP_MAGIC))
@@ -185,18 +204,16 @@ class McapFile:
             return None
         if not self.complete or code != FOOTER or not 0 < start < end:
             return None
-        found = topics_in_index(walk, self.path, start, end)
+        found = topics_in_index(walk, self.content, start, end)
         return found if walk.counts else None
 
     def messages(self, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Messages of some topics, or of all, in the order of the file."""
-        start = len(MCAP_MAGIC)
-        return _McapWalk(topics).messages(self.path, start, self.complete, waiting=self.waiting)
+        walk, start = _McapWalk(topics), len(MCAP_MAGIC)
+        return walk.messages(self.path, self.content, start, self.complete, waiting=self.waiting)
 
 
 class _McapWalk(Walk):
-    """One pass over the records of an MCAP file."""
-
     sender, file = "channel", "file"
     rescue = ": `mcap recover IN.mcap -o OUT.mcap`"
 
@@ -204,12 +221,14 @@ class _McapWalk(Walk):
         super().__init__(topics)
         self._schemas: dict[int, tuple[str, str, str]] = {}
 
-    def record(self, file: FileBytes) -> Iterator[Message]:
-        code, length = struct.unpack("<BQ", file.take(9))
+    def _head(self, source: ByteSource) -> tuple[int, int]:
+        code, length = RECORD_HEAD.unpack(source.take(RECORD_HEAD.size))
+        return code, length
+
+    def record(self, file: ByteSource) -> Iterator[Message]:
+        code, length = self._head(file)
         if code == CHUNK:
-            end = file.at + length
-            yield from self._packed(file, length, end)
-            file.skip(end - file.at)
+            yield from self._packed(file, length, file.at + length)
         elif code in (DATA_END, FOOTER):
             self.ended = True
         elif code == 0:
@@ -218,7 +237,7 @@ class _McapWalk(Walk):
         elif message := self._plain(file, code, length):
             yield message
 
-    def _packed(self, file: FileBytes, length: int, end: int) -> Iterator[Message]:
+    def _packed(self, file: ByteSource, length: int, end: int) -> Iterator[Message]:
         if length < CHUNK_HEAD.size + 8:
             raise Damaged("it is too short for a chunk")
         _, _, size, checksum, name = CHUNK_HEAD.unpack(file.take(CHUNK_HEAD.size))
@@ -228,50 +247,41 @@ class _McapWalk(Walk):
         (stored,) = struct.unpack("<Q", file.take(8))
         if file.at + stored > end:
             raise Damaged("its content is longer than itself")
-        found = yield from self._chunk(file, stored, packing, size, end)
-        if checksum and found != checksum:
-            raise Damaged("its checksum is not that of its content")
+        return self._chunk(file, stored, packing, size, end, checksum)
 
-    def _inner(self, source: Bytes) -> Message | None:
-        code, length = struct.unpack("<BQ", source.take(9))
-        return self._plain(source, code, length)
-
-    def _plain(self, source: Bytes, code: int, length: int) -> Message | None:
-        if code == MESSAGE:
+    def _plain(self, source: ByteSource, head: int, length: int) -> Message | None:
+        if head == MESSAGE:
             if length < MESSAGE_HEAD.size:
                 raise Damaged("it is too short for a message")
             number, _, time, _ = MESSAGE_HEAD.unpack(source.take(MESSAGE_HEAD.size))
             return self._message(source, number, time, length - MESSAGE_HEAD.size)
-        if code in (SCHEMA, CHANNEL, STATISTICS):
-            self._define(code, self._definition(source, length))
+        if head in (SCHEMA, CHANNEL, STATISTICS):
+            self._define(head, self._definition(source, length))
         else:
             source.skip(length)
         return None
 
     def _define(self, code: int, body: bytes) -> None:
-        from mcap import records
+        from mcap.data_stream import ReadDataStream
+        from mcap.exceptions import McapError
+        from mcap.records import Channel as ChannelRecord
+        from mcap.records import Schema, Statistics
 
-        if code == SCHEMA:
-            schema = _parsed(records.Schema.read, body)
-            text = schema.data.decode(errors="replace")
-            self._schemas[schema.id] = schema.name, schema.encoding, text
-        elif code == CHANNEL:
-            channel = _parsed(records.Channel.read, body)
-            name, dialect, text = self._schemas.get(channel.schema_id, ("", "", ""))
-            encoding = channel.message_encoding
-            self.channels[channel.id] = Channel(channel.topic, name, encoding, text, dialect)
-        else:
-            self.counts = _parsed(records.Statistics.read, body).channel_message_counts
-
-
-def _parsed(read: Callable[[Any], Any], body: bytes) -> Any:
-    from mcap.data_stream import ReadDataStream
-    from mcap.exceptions import McapError
-
-    try:
-        return read(ReadDataStream(BytesIO(body)))
-    except (McapError, struct.error, ValueError) as error:
-        raise Damaged(f"it is a definition that cannot be read ({error})") from error
+        stream = ReadDataStream(BytesIO(body))
+        try:
+            if code == SCHEMA:
+                schema = Schema.read(stream)
+                text = schema.data.decode(errors="replace")
+                self._schemas[schema.id] = schema.name, schema.encoding, text
+            elif code == CHANNEL:
+                own = ChannelRecord.read(stream)
+                name, dialect, text = self._schemas.get(own.schema_id, ("", "", ""))
+                channel = Channel(own.topic, name, own.message_encoding, text, dialect)
+                self.channels[own.id] = channel
+            else:
+                self.counts = Statistics.read(stream).channel_message_counts
+        except (McapError, struct.error, ValueError) as error:
+            raise Damaged(f"it is a definition that cannot be read ({error})") from error
 
 
 BAG1_MAGIC = b"#ROSBAG V"
@@ -292,7 +302,7 @@ class Bag1:
     def open(cls, path: Path) -> "Bag1":
         """Read the header of a file that starts as bags do."""
         try:
-            with FileBytes(path) as file:
+            with ByteSource.of_file(path) as file:
                 version, size = file.upto(len(VERSION)), file.size
                 if version != VERSION:
                     found = version[len(BAG1_MAGIC) - 1 :].decode(errors="replace").strip()
@@ -331,43 +341,37 @@ class Bag1:
 
     def messages(self, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Messages of some topics, or of all, in the order of the file."""
-        end = self.index or inf
-        return _BagWalk(topics).messages(self.path, len(VERSION), bool(self.index), end)
+        start, end = len(VERSION), self.index or inf
+        return _BagWalk(topics).messages(self.path, self.path, start, bool(self.index), end)
 
 
 class _BagWalk(Walk):
-    """One pass over the records of a ROS 1 bag."""
-
     sender, file = "connection", "bag"
     rescue = " with ROS 1's `rosbag reindex` on a copy"
     may_end_damaged = True
 
-    def record(self, file: FileBytes) -> Iterator[Message]:
-        fields = _fields(file)
-        (length,) = _U32.unpack(file.take(4))
+    def _head(self, source: ByteSource) -> tuple[Fields, int]:
+        return _fields(source), _U32.unpack(source.take(4))[0]
+
+    def record(self, file: ByteSource) -> Iterator[Message]:
+        fields, length = self._head(file)
         if fields.get(b"op") == bytes([BAG_CHUNK]):
-            end = file.at + length
             packing = fields.get(b"compression", b"").decode(errors="replace")
-            yield from self._chunk(file, length, packing, _number(fields, b"size"), end)
-            file.skip(end - file.at)
+            size = _number(fields, b"size")
+            yield from self._chunk(file, length, packing, size, file.at + length)
         elif message := self._plain(file, fields, length):
             yield message
 
-    def _inner(self, source: Bytes) -> Message | None:
-        fields = _fields(source)
-        (length,) = _U32.unpack(source.take(4))
-        return self._plain(source, fields, length)
-
-    def _plain(self, source: Bytes, fields: Fields, length: int) -> Message | None:
-        code = fields.get(b"op", b"\0")[0]
+    def _plain(self, source: ByteSource, head: Fields, length: int) -> Message | None:
+        code = head.get(b"op", b"\0")[0]
         if code == BAG_MESSAGE:
-            number = _number(fields, b"conn")
-            whole, part = struct.unpack("<II", fields.get(b"time", b"").rjust(8, b"\0")[:8])
+            number = _number(head, b"conn")
+            whole, part = struct.unpack("<II", head.get(b"time", b"").rjust(8, b"\0")[:8])
             if number in self.channels:
                 self.counts[number] = self.counts.get(number, 0) + 1
             return self._message(source, number, whole * 1_000_000_000 + part, length)
         if code == BAG_CONNECTION:
-            self._connect(_number(fields, b"conn"), fields, self._definition(source, length))
+            self._connect(_number(head, b"conn"), head, self._definition(source, length))
         elif code == BAG_CHUNK_INFO and length <= LONGEST_DEFINITION:
             pairs = source.take(length)
             for number, count in struct.iter_unpack("<II", pairs[: len(pairs) // 8 * 8]):
@@ -391,7 +395,7 @@ class _BagWalk(Walk):
         )
 
 
-def _fields(source: Bytes) -> Fields:
+def _fields(source: ByteSource) -> Fields:
     """The header of the next record."""
     (length,) = _U32.unpack(source.take(4))
     if length > LONGEST_DEFINITION:
