@@ -345,15 +345,15 @@ GOOD = b"{'descr': '<f8', 'fortran_order': False, 'shape': (%s), }\n"
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"PK\x03\x04 not this", "is not an array of NumPy"),
+        (b"PK\x03\x04 not this", "the magic string is not correct"),
         (npy(GOOD % b"4,", bytes(24)), "larger than the file"),
         (npy(GOOD % b"1000000000000,", bytes(24)), "larger than the file"),
         (npy(GOOD % b"-4,", bytes(24)), "makes no sense"),
-        (npy(GOOD % b"'a',", bytes(24)), "makes no sense"),
+        (npy(GOOD % b"'a',", bytes(24)), "shape is not valid"),
         (npy(b"__import__('os').abort()\n"), "cannot be read"),
         (npy(b"(" * 500), "cannot be read"),
         (npy(b"{}\n"), "cannot be read"),
-        (npy(b"", length=4_000_000_000), "header of an array is 4000000000 bytes"),
+        (npy(b"", length=4_000_000_000), "header of an array cannot be read"),
     ],
 )
 def test_headers_of_numpy_that_make_no_sense(tmp_path: Path, content: bytes, words: str) -> None:

@@ -14,7 +14,16 @@ from typing import Any
 import h5py  # type: ignore[import-untyped]
 import numpy as np
 
-from steelyard.logs.named_arrays import NamedArray, is_real_number, record_fields, record_labels
+from steelyard.base.arrays import Array
+from steelyard.logs.named_arrays import (
+    ColumnPlace,
+    NamedArray,
+    is_real_number,
+    joined,
+    picked,
+    record_fields,
+    record_labels,
+)
 
 DEFLATE, SHUFFLE, FLETCHER32, SZIP, NBIT, SCALE_OFFSET, LZF = 1, 2, 3, 4, 5, 6, 32000
 FILTERS = frozenset((DEFLATE, SHUFFLE, FLETCHER32, SZIP, NBIT, SCALE_OFFSET, LZF))
@@ -78,14 +87,14 @@ def _datasets(file: h5py.File, matlab: bool) -> Iterator[NamedArray]:
 def _found(name: str, data: h5py.Dataset, matlab: bool) -> NamedArray:
     dtype, shape = data.dtype, tuple(data.shape or ())
     fields = record_fields(dtype)
-    why = _refused(data)
-    if matlab and not why:
-        why = _not_numbers_in_matlab(data)
-    if not why and dtype.names:
+    why = _refused(data) or (_not_numbers_in_matlab(data) if matlab else "")
+    if why:
+        pass
+    elif dtype.names:
         why = "" if fields and len(shape) == 1 else "it is no list of records of numbers"
-    elif not why and not is_real_number(dtype):
+    elif not is_real_number(dtype):
         why = "it holds no real numbers"
-    elif not why and len(shape) > 2:
+    elif len(shape) > 2:
         why = f"it has {len(shape)} axes"
     if why:
         return NamedArray(name, (), left_out=why)
@@ -120,39 +129,20 @@ def _not_numbers_in_matlab(data: h5py.Dataset) -> str:
     return "" if numeric else f"it is of MATLAB's class {text}"
 
 
-def _rows(file: h5py.File, request: dict[str, Any]) -> Iterator[np.ndarray[Any, Any]]:
+def _rows(file: h5py.File, request: dict[str, Any]) -> Iterator[Array]:
     """Rows of components: `columns` holds name, axis and component of each."""
     start, stop = request["rows"]
-    columns = request["columns"]
-    wanted: dict[tuple[str, int], list[int]] = {}
-    for place, (name, axis, _) in enumerate(columns):
-        wanted.setdefault((name, axis), []).append(place)
-    fields = {name: record_fields(file[name].dtype) for name, _ in wanted}
-    for at in range(start, stop, request["size"]):
-        until = min(stop, at + request["size"])
-        table = np.empty((until - at, len(columns)))
-        for (name, axis), places in wanted.items():
-            block = _slice(file[name], axis, at, until)
-            for place in places:
-                component = columns[place][2]
-                if fields[name]:
-                    field, index = fields[name][component]
-                    part = block[field]
-                    table[:, place] = (
-                        part if index is None else part.reshape(len(part), -1)[:, index]
-                    )
-                else:
-                    table[:, place] = block[:, component]
-        yield table
+    size = request["size"]
 
+    def slabs(name: str, axis: int, components: list[int]) -> Iterator[Array]:
+        data = file[name]
+        fields = record_fields(data.dtype)
+        for at in range(start, stop, size):
+            rows = slice(at, min(stop, at + size))
+            block = data[rows] if axis == 0 else data[:, rows].T
+            yield picked(block if block.ndim == 2 or fields else block[:, None], components, fields)
 
-def _slice(data: h5py.Dataset, axis: int, start: int, stop: int) -> np.ndarray[Any, Any]:
-    """Rows of a dataset, shape `(stop - start, width)`, or of a list of records."""
-    rows = (slice(start, stop),) if axis == 0 else (slice(None), slice(start, stop))
-    block: np.ndarray[Any, Any] = data[rows]
-    if data.ndim == 1:
-        return block if data.dtype.names else block[:, None]
-    return block if axis == 0 else block.T
+    return joined([ColumnPlace(*c) for c in request["columns"]], (start, stop), size, slabs)
 
 
 if __name__ == "__main__":

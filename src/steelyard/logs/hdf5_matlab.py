@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from math import prod
 from pathlib import Path
 from typing import IO, Any, Literal
@@ -108,6 +108,7 @@ MOST_STRUCTS_OF_ARRAY = 1000
 MATRIX, COMPRESSED = 14, 15
 NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8",
            13: "u8"}  # fmt: skip
+INTEGER = np.dtype("i4")
 STRUCT, OPAQUE = 2, 17
 LEFT_OUT = {
     1: "it is a cell array",
@@ -119,50 +120,53 @@ LEFT_OUT = {
 }
 """By the class of a variable; other classes are of numbers."""
 
-Order = Literal["<", ">"]
+ORDERS: dict[bytes, Literal["little", "big"]] = {b"IM": "little", b"MI": "big"}
+"""Order of bytes by what the header ends with."""
 
 
-def byte_order(header: bytes) -> Order:
-    """Of a file that starts with `header`."""
-    mark = header[126:128]
-    if len(header) < MAT5_HEADER or mark not in (b"IM", b"MI"):
-        raise ValueError("it is not a MATLAB file of version 5 or later")
-    return "<" if mark == b"IM" else ">"
-
-
-def mat5_arrays(path: Path) -> Iterator[Packed | NamedArray]:
-    """The numeric matrices of a file, those in structs too, and what else is in it."""
-    size = path.stat().st_size
+def open_mat(path: Path) -> ArraysLog:
+    """The matrices of a file as a table; a struct's field is called `data.q`."""
+    require_file(path)
     with path.open("rb") as file:
-        order = byte_order(file.read(MAT5_HEADER))
-    at = MAT5_HEADER
+        header = file.read(MAT5_HEADER)
+    if header[124:] in (b"\x00\x02IM", b"\x02\x00MI"):
+        return open_hdf5(path, matlab=True)
+    if header[126:] not in ORDERS:
+        raise LogError(
+            "the file is no MATLAB file of version 5 or later",
+            where=str(path),
+            fix="save it in MATLAB with save(..., '-v7') or '-v7.3'",
+        )
+    with read_errors_as_log_errors(path):
+        arrays = list(_mat5_arrays(path, ORDERS[header[126:]]))
+    return packed_log(path, arrays)
+
+
+def _mat5_arrays(path: Path, order: Literal["little", "big"]) -> Iterator[Packed | NamedArray]:
+    """The numeric matrices of a file, those in structs too, and what else is in it."""
+    at, size = MAT5_HEADER, path.stat().st_size
     while at + 8 <= size:
         with path.open("rb") as file:
             file.seek(at)
-            kind, length = np.frombuffer(file.read(8), f"{order}u4").tolist()
+            kind, length = (int.from_bytes(file.read(4), order) for _ in range(2))
         if kind not in (MATRIX, COMPRESSED) or at + 8 + length > size:
             raise ValueError(f"byte {at} starts no variable, or the file ends before it does")
-        yield from _variable(path, order, at, kind, length)
+        opened = partial(_opened, path, at, None if kind == MATRIX else length)
+        with opened(0) as stream:
+            yield from _Scanner(stream, order, opened).matrix("", 0)
         at += 8 + length
 
 
-def _variable(
-    path: Path, order: Order, at: int, kind: int, length: int
-) -> Iterator[Packed | NamedArray]:
-    """What one variable holds."""
-
-    def opened(offset: int) -> IO[bytes]:
-        file = path.open("rb")
-        if kind == MATRIX:
-            file.seek(at + offset)
-            return file
-        file.seek(at + 8)
-        stream = io.BufferedReader(Inflated(file, length), 1 << 16)
-        skip(stream, offset)
-        return stream
-
-    with opened(0) as stream:
-        yield from _Scanner(stream, order, opened).matrix("", 0)
+def _opened(path: Path, at: int, packed: int | None, offset: int) -> IO[bytes]:
+    """The variable that starts at a byte, of so many packed bytes, from an offset on."""
+    file = path.open("rb")
+    if packed is None:
+        file.seek(at + offset)
+        return file
+    file.seek(at + 8)
+    stream = io.BufferedReader(Inflated(file, packed), 1 << 16)
+    skip(stream, offset)
+    return stream
 
 
 class Inflated(io.RawIOBase):
@@ -203,54 +207,50 @@ class _Scanner:
     """Reads the headers of one variable, and passes over its numbers."""
 
     stream: IO[bytes]
-    order: Order
+    order: Literal["little", "big"]
     opened: Callable[[int], IO[bytes]]
     at: int = 0
 
     def matrix(self, name: str, depth: int) -> Iterator[Packed | NamedArray]:
-        """The arrays in the matrix that starts here; the name is requested at depth 0."""
+        """The arrays in the matrix that starts here; it has a name of its own at depth 0."""
         kind, length, inline = self._tag()
         if kind != MATRIX or inline:
             raise ValueError(f"byte {self.at} of a variable starts no matrix")
         end = self.at + length
         if length > 0:
-            flags = self._values("u4")
+            flags = self._integers()
             if not flags:
                 raise ValueError("a variable has no class")
             klass = flags[0] & 0xFF
-            shape = () if klass == OPAQUE else tuple(self._values("i4"))
-            if own := self._text():
-                name = own if depth == 0 else name
+            shape = () if klass == OPAQUE else tuple(self._integers())
+            own = self._short().split(b"\0")[0].decode("latin-1")
+            name = own if own and depth == 0 else name
             if name:
                 yield from self._content(name, klass, bool(flags[0] & 0x800), shape, depth)
-        self._to(end)
+        if end < self.at:
+            raise ValueError("a variable is longer than declared")
+        self._pass_over(end - self.at)
 
     def _content(
         self, name: str, klass: int, is_complex: bool, shape: tuple[int, ...], depth: int
     ) -> Iterator[Packed | NamedArray]:
-        if klass in LEFT_OUT:
-            yield NamedArray(name, (), left_out=LEFT_OUT[klass])
+        why = LEFT_OUT.get(klass, "")
+        if klass == STRUCT and depth == DEEPEST_STRUCT:
+            why = f"it lies more than {DEEPEST_STRUCT} structs deep"
+        elif klass == STRUCT and not 0 <= prod(shape) <= MOST_STRUCTS_OF_ARRAY:
+            why = f"it is one of more than {MOST_STRUCTS_OF_ARRAY} structs"
+        elif klass != STRUCT and is_complex:
+            why = why or "it holds complex numbers"
+        if why:
+            yield NamedArray(name, (), left_out=why)
         elif klass == STRUCT:
-            yield from self._structs(name, shape, depth)
-        elif is_complex:
-            yield NamedArray(name, (), left_out="it holds complex numbers")
+            yield from self._structs(name, prod(shape), depth)
         else:
             yield self._numbers(name, shape)
 
-    def _structs(
-        self, name: str, shape: tuple[int, ...], depth: int
-    ) -> Iterator[Packed | NamedArray]:
-        count = prod(shape)
-        if depth == DEEPEST_STRUCT:
-            yield NamedArray(name, (), left_out=f"it lies more than {DEEPEST_STRUCT} structs deep")
-            return
-        if not 0 <= count <= MOST_STRUCTS_OF_ARRAY:
-            yield NamedArray(
-                name, (), left_out=f"it is one of more than {MOST_STRUCTS_OF_ARRAY} structs"
-            )
-            return
-        width = (self._values("i4") or [0])[0]
-        text = self._bytes()[1]
+    def _structs(self, name: str, count: int, depth: int) -> Iterator[Packed | NamedArray]:
+        width = (self._integers() or [0])[0]
+        text = self._short()
         if width <= 0 or len(text) % width:
             raise ValueError(f"the names of the fields of '{name}' cannot be read")
         cells = [text[at : at + width] for at in range(0, len(text), width)]
@@ -265,7 +265,7 @@ class _Scanner:
         at = self.at - (4 if inline else 0)
         if kind not in NUMBERS or min(shape, default=-1) < 0:
             raise ValueError(f"'{name}' holds numbers of no known kind")
-        dtype = np.dtype(f"{self.order}{NUMBERS[kind]}")
+        dtype = np.dtype(NUMBERS[kind]).newbyteorder(self.order)
         if prod(shape) * dtype.itemsize != length:
             raise ValueError(f"'{name}' has a wrong declared size")
         if len(shape) != 2:
@@ -275,32 +275,29 @@ class _Scanner:
 
     def _tag(self) -> tuple[int, int, bytes]:
         """Kind and length of an element, and its content if that is in the tag."""
-        first = self._taken(4)
-        word = int(np.frombuffer(first, f"{self.order}u4")[0])
-        if word >> 16:
-            length = word >> 16
-            if length > 4:
-                raise ValueError(f"byte {self.at} of a variable starts no element")
-            return word & 0xFFFF, length, self._taken(4)[:length]
-        return word, int(np.frombuffer(self._taken(4), f"{self.order}u4")[0]), b""
+        word = int.from_bytes(self._taken(4), self.order)
+        more = self._taken(4)
+        length = word >> 16
+        if length > 4:
+            raise ValueError(f"byte {self.at} of a variable starts no element")
+        if length:
+            return word & 0xFFFF, length, more[:length]
+        return word, int.from_bytes(more, self.order), b""
 
-    def _bytes(self) -> tuple[int, bytes]:
-        """Kind and content of a short element."""
-        kind, length, inline = self._tag()
+    def _short(self) -> bytes:
+        """The content of a short element."""
+        _, length, inline = self._tag()
         if inline or length == 0:
-            return kind, inline
+            return inline
         if length > LONGEST_TEXT:
             raise ValueError(f"a name or a size is declared to be {length} bytes long")
         content = self._taken(length)
-        self._to(self.at + -length % 8)
-        return kind, content
+        self._pass_over(-length % 8)
+        return content
 
-    def _values(self, dtype: str) -> list[int]:
-        content = self._bytes()[1]
-        return [int(value) for value in np.frombuffer(content, f"{self.order}{dtype}")]
-
-    def _text(self) -> str:
-        return self._bytes()[1].split(b"\0")[0].decode("latin-1")
+    def _integers(self) -> list[int]:
+        found: list[int] = np.frombuffer(self._short(), INTEGER.newbyteorder(self.order)).tolist()
+        return found
 
     def _taken(self, count: int) -> bytes:
         data = self.stream.read(count)
@@ -309,28 +306,6 @@ class _Scanner:
         self.at += count
         return data
 
-    def _to(self, end: int) -> None:
-        if end < self.at:
-            raise ValueError("a variable is longer than declared")
-        skip(self.stream, end - self.at)
-        self.at = end
-
-
-def open_mat(path: Path) -> ArraysLog:
-    """The matrices of a file as a table; a struct's field is called `data.q`."""
-    require_file(path)
-    with path.open("rb") as file:
-        header = file.read(MAT5_HEADER)
-    if header[124:128] in (b"\x00\x02IM", b"\x02\x00MI"):
-        return open_hdf5(path, matlab=True)
-    try:
-        byte_order(header)
-    except ValueError:
-        raise LogError(
-            "the file is no MATLAB file of version 5 or later",
-            where=str(path),
-            fix="save it in MATLAB with save(..., '-v7') or '-v7.3'",
-        ) from None
-    with read_errors_as_log_errors(path):
-        arrays = list(mat5_arrays(path))
-    return packed_log(path, arrays)
+    def _pass_over(self, count: int) -> None:
+        skip(self.stream, count)
+        self.at += count

@@ -21,30 +21,24 @@ from steelyard.logs.log import ROWS_OF_PART, RowRange, require_columns
 
 MOST_COLUMNS_OF_ARRAY = 4096
 """Columns that one array may have."""
-
 LEAST_ROWS = 2
-
 BYTES_OF_PART = 1 << 23
 """Bytes of a part, about."""
+BYTES_SKIPPED_AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True)
 class NamedArray:
     """An array of numbers of one axis or two in a file, with the path to it in its name.
 
-    Attributes:
-        labels: Names of its columns, if it knows them; it has one axis then.
-        left_out: Why it is no part of any table; empty if it may be.
+    `labels` name the columns of an array of records; `left_out` says why it is no part of any
+    table, if it is none.
     """
 
     name: str
     shape: tuple[int, ...]
     labels: tuple[str, ...] = ()
     left_out: str = ""
-
-    def axis(self, rows: int) -> int | None:
-        """Which axis has that many rows; `None` if none has."""
-        return next((axis for axis, length in enumerate(self.shape) if length == rows), None)
 
     def width(self, axis: int) -> int:
         """Number of columns if the rows lie along `axis`."""
@@ -54,19 +48,17 @@ class NamedArray:
 
     def columns(self, axis: int) -> tuple[str, ...]:
         """`q` alone, or `q_1` to `q_k`."""
-        if self.labels:
-            return self.labels
         width = self.width(axis)
-        if width == 1:
-            return (self.name,)
+        if self.labels or width == 1:
+            return self.labels or (self.name,)
         return tuple(f"{self.name}_{number}" for number in range(1, width + 1))
 
 
 @dataclass(frozen=True)
 class ColumnPlace:
-    """Where a column is: a component of an array."""
+    """Where a column is: a component of an array, which goes by its number or its name."""
 
-    member: int
+    member: Any
     axis: int
     component: int
 
@@ -100,8 +92,8 @@ class ArraysLog:
         places: list[tuple[ColumnPlace, ...]] = []
         left_out = []
         for number, member in enumerate(members):
-            axis = None if member.left_out else member.axis(n_rows)
-            if axis is None or n_rows < LEAST_ROWS:
+            axis = member.shape.index(n_rows) if n_rows in member.shape else None
+            if member.left_out or axis is None or n_rows < LEAST_ROWS:
                 size = " x ".join(map(str, member.shape))
                 other = f"its size is {size}, where the table has {n_rows} rows"
                 why = member.left_out or (other if size else "one number")
@@ -127,26 +119,21 @@ class ArraysLog:
         self, columns: Sequence[str], rows: RowRange = (0, None), size: int = ROWS_OF_PART
     ) -> Iterator[Array]:
         """The requested rows, in parts; see `Log`."""
-        for column in columns:
-            self._require(column)
-        require_columns(self.path, self.columns, columns)
-        wanted = [self.places[self.columns.index(column)] for column in columns]
-        start, stop = rows[0], self.n_rows if rows[1] is None else min(rows[1], self.n_rows)
-        widths = Counter((place.member, place.axis) for place in self.places)
-        used = {(place.member, place.axis) for place in wanted}
-        row = 8 * (len(wanted) + sum(widths[key] for key in used))
-        if start < stop:
-            yield from self.read(wanted, (start, stop), max(1, min(size, BYTES_OF_PART // row)))
-
-    def _require(self, column: str) -> None:
         for name, why in self.left_out:
-            if column == name and column not in self.columns:
+            if name in columns and name not in self.columns:
                 raise LogError(
                     f"'{name}' is no column of the table: {why}",
                     where=str(self.path),
                     fix=f"its columns are {', '.join(self.columns[:8])}"
                     f"{', ...' if len(self.columns) > 8 else ''}",
                 )
+        require_columns(self.path, self.columns, columns)
+        wanted = [self.places[self.columns.index(column)] for column in columns]
+        start, stop = rows[0], self.n_rows if rows[1] is None else min(rows[1], self.n_rows)
+        used = {(place.member, place.axis) for place in wanted}
+        row = 8 * (len(wanted) + sum((p.member, p.axis) in used for p in self.places))
+        if start < stop:
+            yield from self.read(wanted, (start, stop), max(1, min(size, BYTES_OF_PART // row)))
 
 
 def _common_length(members: Sequence[NamedArray]) -> int:
@@ -154,17 +141,65 @@ def _common_length(members: Sequence[NamedArray]) -> int:
     votes: Counter[int] = Counter()
     for member in members:
         if member.shape and not member.left_out:
-            axis = max(range(len(member.shape)), key=lambda a: member.shape[a])
-            votes[member.shape[axis]] += member.shape[axis] * min(
-                member.width(axis), MOST_COLUMNS_OF_ARRAY
-            )
+            longest = max(member.shape)
+            width = member.width(member.shape.index(longest))
+            votes[longest] += longest * min(width, MOST_COLUMNS_OF_ARRAY)
     return max(votes, key=lambda length: (votes[length], length), default=0)
 
 
-Opener = Callable[[int], IO[bytes]]
-"""The array's stream, from a byte of the array on."""
+RecordFields = tuple[tuple[str, int | None], ...]
+"""Field of a record, and index in it, of each column; empty for plain numbers."""
 
-BYTES_SKIPPED_AT_ONCE = 1 << 16
+
+def record_fields(dtype: np.dtype[Any]) -> RecordFields:
+    """Fields of a record that hold real numbers, one entry per number."""
+    found: list[tuple[str, int | None]] = []
+    for name in dtype.names or ():
+        base, shape = dtype[name].base, dtype[name].shape
+        if is_real_number(base) and len(found) + prod(shape) <= MOST_COLUMNS_OF_ARRAY:
+            found += [(name, k) for k in range(prod(shape))] if shape else [(name, None)]
+    return tuple(found)
+
+
+def record_labels(fields: RecordFields) -> tuple[str, ...]:
+    """Names of a record's numbers: `t`, `q_1`, `q_2`."""
+    return tuple(name if k is None else f"{name}_{k + 1}" for name, k in fields)
+
+
+def is_real_number(dtype: np.dtype[Any]) -> bool:
+    """Whether a kind of number is real."""
+    return dtype.kind in "biuf"
+
+
+def picked(block: NDArray[Any], components: Sequence[int], fields: RecordFields) -> Array:
+    """Components of rows `(N, k)`, or of records `(N,)`, as floats `(N, len(components))`."""
+    if not fields:
+        return block[:, components].astype(np.float64)
+    found = np.empty((len(block), len(components)))
+    for column, (name, k) in enumerate(fields[component] for component in components):
+        found[:, column] = block[name] if k is None else block[name].reshape(len(block), -1)[:, k]
+    return found
+
+
+def joined(
+    places: Sequence[ColumnPlace],
+    rows: tuple[int, int],
+    size: int,
+    slabs: Callable[[Any, int, list[int]], Iterator[Array]],
+) -> Iterator[Array]:
+    """Columns at places, side by side: `slabs` reads components of one member along an axis."""
+    members: dict[tuple[Any, int], list[int]] = {}
+    for column, place in enumerate(places):
+        members.setdefault((place.member, place.axis), []).append(column)
+    each = [
+        (columns, slabs(member, axis, [places[column].component for column in columns]))
+        for (member, axis), columns in members.items()
+    ]
+    for start in range(*rows, size):
+        table = np.empty((min(size, rows[1] - start), len(places)))
+        for columns, slab in each:
+            table[:, columns] = next(slab)
+        yield table
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,88 +210,49 @@ class Packed:
         member: Its name and shape.
         dtype: Of one number, or of one record if the member has labels.
         order: `C`: a row's numbers lie together; `F`: a column's.
-        open: Opens its stream.
-        fields: Field and index in it of each label.
+        open: Opens the array's stream, from a byte of the array on.
+        fields: Of a record.
     """
 
     member: NamedArray
     dtype: np.dtype[Any]
     order: Literal["C", "F"]
-    open: Opener
-    fields: tuple[tuple[str, int | None], ...] = ()
+    open: Callable[[int], IO[bytes]]
+    fields: RecordFields = ()
 
     def slabs(
         self, axis: int, components: Sequence[int], rows: tuple[int, int], size: int
     ) -> Iterator[Array]:
         """Components of the array, in arrays `(at most size, len(components))`."""
-        shape, item = self.member.shape, self.dtype.itemsize
-        length, width = shape[axis], 1 if self.fields else self.member.width(axis)
-        together = width == 1 or (axis == 0) == (self.order == "C")
+        width = 1 if self.fields else self.member.width(axis)
+        starts = [rows[0] * width]
+        if width > 1 and (axis == 0) != (self.order == "C"):  # a stream per column
+            starts, width = [c * self.member.shape[axis] + rows[0] for c in components], 1
+            components = range(len(components))
         with ExitStack() as stack:
-            if together:
-                starts = [rows[0] * width]
-            else:
-                starts, width = [c * length + rows[0] for c in components], 1
+            item = self.dtype.itemsize
             streams = [stack.enter_context(self.open(start * item)) for start in starts]
-            for n in _steps(rows, size):
-                blocks = [
-                    np.frombuffer(_exactly(s, n * width * item), self.dtype).reshape(n, width)
-                    for s in streams
-                ]
-                if together:
-                    yield self._picked(blocks[0], components)
+            for start in range(*rows, size):
+                count = min(size, rows[1] - start) * width
+                found = [np.frombuffer(_exactly(s, count * item), self.dtype) for s in streams]
+                if self.fields:
+                    yield picked(found[0], components, self.fields)
                 else:
-                    yield np.concatenate(blocks, axis=1).astype(np.float64)
-
-    def _picked(self, block: NDArray[Any], components: Sequence[int]) -> Array:
-        if not self.fields:
-            return block[:, components].astype(np.float64)
-        records = block[:, 0]
-        fields = [self.fields[component] for component in components]
-        picked = [records[f] if k is None else records[f].reshape(len(block), -1)[:, k]
-                  for f, k in fields]  # fmt: skip
-        return np.stack([column.astype(np.float64) for column in picked], axis=1)
-
-
-def record_fields(dtype: np.dtype[Any]) -> tuple[tuple[str, int | None], ...]:
-    """Fields of a record that hold real numbers, one entry per number."""
-    found: list[tuple[str, int | None]] = []
-    for name in dtype.names or ():
-        base, shape = dtype[name].base, dtype[name].shape
-        if is_real_number(base) and len(found) + prod(shape) <= MOST_COLUMNS_OF_ARRAY:
-            found += [(name, k) for k in range(prod(shape))] if shape else [(name, None)]
-    return tuple(found)
-
-
-def record_labels(fields: Sequence[tuple[str, int | None]]) -> tuple[str, ...]:
-    """Names of a record's numbers: `t`, `q_1`, `q_2`."""
-    return tuple(name if k is None else f"{name}_{k + 1}" for name, k in fields)
-
-
-def is_real_number(dtype: np.dtype[Any]) -> bool:
-    """Whether a kind of number is real."""
-    return dtype.kind in "biuf"
+                    blocks = [block.reshape(-1, width) for block in found]
+                    yield picked(np.concatenate(blocks, axis=1), components, ())
 
 
 def packed_log(path: Path, arrays: Sequence[Packed | NamedArray]) -> ArraysLog:
     """The table made of packed arrays, and of members that are left out."""
 
     def read(places: Sequence[ColumnPlace], rows: tuple[int, int], size: int) -> Iterator[Array]:
-        members: dict[tuple[int, int], list[int]] = {}
-        for column, place in enumerate(places):
-            members.setdefault((place.member, place.axis), []).append(column)
-        slabs = []
-        for (number, axis), columns in members.items():
-            packed = arrays[number]
-            if isinstance(packed, Packed):
-                wanted = [places[column].component for column in columns]
-                slabs.append((columns, packed.slabs(axis, wanted, rows, size)))
+        def slabs(number: int, axis: int, components: list[int]) -> Iterator[Array]:
+            array = arrays[number]
+            assert isinstance(array, Packed)
+            return array.slabs(axis, components, rows, size)
+
         with read_errors_as_log_errors(path):
-            for n in _steps(rows, size):
-                table = np.empty((n, len(places)))
-                for columns, slab in slabs:
-                    table[:, columns] = next(slab)
-                yield table
+            yield from joined(places, rows, size, slabs)
 
     members = [a.member if isinstance(a, Packed) else a for a in arrays]
     return ArraysLog.of(path, members, read)
@@ -288,8 +284,3 @@ def _exactly(stream: IO[bytes], count: int) -> bytes:
     if len(data) != count:
         raise EOFError("it ends before its arrays do")
     return data
-
-
-def _steps(rows: tuple[int, int], size: int) -> Iterator[int]:
-    for start in range(*rows, size):
-        yield min(size, rows[1] - start)

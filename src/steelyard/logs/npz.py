@@ -5,22 +5,22 @@ bytes makes it ask for 4 GB, and of an `.npz` it maps nothing but unpacks member
 of zeros from a megabyte).
 """
 
-import ast
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from io import BytesIO
 from math import prod
 from pathlib import Path
-from typing import IO, Any, Literal
+from typing import IO, Literal
 from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 
 import numpy as np
+from numpy.lib import format as npy
 
 from steelyard.logs.log import require_file
 from steelyard.logs.named_arrays import (
     ArraysLog,
     NamedArray,
-    Opener,
     Packed,
     is_real_number,
     packed_log,
@@ -29,11 +29,7 @@ from steelyard.logs.named_arrays import (
     record_labels,
 )
 
-MAGIC = b"\x93NUMPY"
 LONGEST_HEADER = 1 << 16
-Header = tuple[np.dtype[Any], tuple[int, ...], Literal["C", "F"]]
-"""Kind of numbers, shape and order of an array."""
-PICKLED = "it holds Python objects, which are never unpickled"
 
 
 def open_npz(path: Path) -> ArraysLog:
@@ -57,9 +53,7 @@ def open_npy(path: Path) -> ArraysLog:
         return stream
 
     with read_errors_as_log_errors(path), path.open("rb") as stream:
-        header = _header(stream, path.stat().st_size)
-        at = stream.tell()
-    array = _packed("column", header, lambda offset: opened(at + offset))
+        array = _packed("column", stream, path.stat().st_size, opened)
     if isinstance(array, Packed) and not array.fields:
         single = len(array.member.shape) == 1 or 1 in array.member.shape
         named = replace(array.member, name="column_1" if single else "column")
@@ -73,64 +67,58 @@ def _of_archive(path: Path, archive: ZipFile, info: ZipInfo) -> Packed | NamedAr
         return NamedArray(name, (), left_out="it is encrypted")
     if info.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
         return NamedArray(name, (), left_out="its compression is not one that NumPy writes")
-    with archive.open(info) as stream:
-        header = _header(stream, info.file_size)
-        at = stream.tell()
 
     def opened(offset: int) -> IO[bytes]:
         with ZipFile(path) as fresh:
             stream = fresh.open(info.filename)
-        stream.seek(at + offset)
+        stream.seek(offset)
         return stream
 
-    return _packed(name, header, opened)
+    with archive.open(info) as stream:
+        return _packed(name, stream, info.file_size, opened)
 
 
-def _packed(name: str, header: Header, opened: Opener) -> Packed | NamedArray:
-    dtype, shape, order = header
+def _packed(
+    name: str, stream: IO[bytes], size: int, opened: Callable[[int], IO[bytes]]
+) -> Packed | NamedArray:
+    """The array that a stream of so many bytes starts with."""
+    at, dtype, shape, order = _header(stream, size)
     fields = record_fields(dtype)
+    why = ""
     if dtype.hasobject:
-        return NamedArray(name, (), left_out=PICKLED)
-    if dtype.names:
-        if len(shape) != 1 or not fields:
-            return NamedArray(name, (), left_out="it is no list of records of numbers")
-        member = NamedArray(name, shape, record_labels(fields))
-        return Packed(member, dtype, order, opened, fields)
-    if not is_real_number(dtype):
-        return NamedArray(name, (), left_out=f"it holds no real numbers but {dtype}")
-    if len(shape) > 2:
-        return NamedArray(name, (), left_out=f"it has {len(shape)} axes")
-    return Packed(NamedArray(name, shape), dtype, order, opened)
+        why = "it holds Python objects, which are never unpickled"
+    elif dtype.names:
+        why = "" if len(shape) == 1 and fields else "it is no list of records of numbers"
+    elif not is_real_number(dtype):
+        why = f"it holds no real numbers but {dtype}"
+    elif len(shape) > 2:
+        why = f"it has {len(shape)} axes"
+    if why:
+        return NamedArray(name, (), left_out=why)
+    member = NamedArray(name, shape, record_labels(fields))
+    return Packed(member, dtype, order, lambda offset: opened(at + offset), fields)
 
 
-def _header(stream: IO[bytes], size: int) -> Header:
-    """What is written before an array's numbers, checked against the bytes there are."""
-    start = stream.read(8)
-    if len(start) != 8 or not start.startswith(MAGIC) or start[6] not in (1, 2, 3):
-        raise ValueError("it is not an array of NumPy")
-    width = 2 if start[6] == 1 else 4
-    length = int.from_bytes(stream.read(width), "little")
-    if length > LONGEST_HEADER:
-        raise ValueError(f"the header of an array is {length} bytes long")
-    text = stream.read(length).decode("utf-8" if start[6] == 3 else "latin-1")
-    dtype, shape, order = _parsed(text)
-    if prod(shape) * dtype.itemsize > size - 8 - width - length:
-        raise ValueError("an array is declared larger than the file")
-    return dtype, shape, order
-
-
-def _parsed(text: str) -> Header:
+def _header(
+    stream: IO[bytes], size: int
+) -> tuple[int, np.dtype[np.generic], tuple[int, ...], Literal["C", "F"]]:
+    """Its length, and the numbers' kind, shape and order, checked against the bytes there are."""
+    head = BytesIO(stream.read(LONGEST_HEADER))
     try:
-        header = ast.literal_eval(text.strip())
-        dtype = np.lib.format.descr_to_dtype(header["descr"])
-        shape, fortran = header["shape"], header["fortran_order"]
-    except (ArithmeticError, AttributeError, LookupError, MemoryError, RecursionError,
-            SyntaxError, TypeError, ValueError) as error:  # fmt: skip
-        raise ValueError(f"the header of an array cannot be read: {text[:60]!r}") from error
-    whole = isinstance(shape, tuple) and all(type(k) is int and k >= 0 for k in shape)
-    if not whole or dtype.itemsize == 0:
-        raise ValueError(f"the header of an array makes no sense: {text[:60]!r}")
-    return dtype, shape, "F" if fortran else "C"
+        version = npy.read_magic(head)
+        width = 2 if version == (1, 0) else 4
+        text = head.read(int.from_bytes(head.read(width), "little"))
+        if version == (3, 0):  # version 2.0 with names in UTF-8
+            text = text.decode().encode("latin-1", "backslashreplace")
+        read = npy.read_array_header_1_0 if width == 2 else npy.read_array_header_2_0
+        shape, fortran, dtype = read(BytesIO(len(text).to_bytes(width, "little") + text), size)
+    except Exception as error:  # foreign code on foreign text
+        raise ValueError(f"the header of an array cannot be read: {error}") from error
+    if min(shape, default=0) < 0 or dtype.itemsize == 0:
+        raise ValueError(f"the header of an array makes no sense: {shape} of {dtype}")
+    if prod(shape) * dtype.itemsize > size - head.tell():
+        raise ValueError("an array is declared larger than the file")
+    return head.tell(), dtype, shape, "F" if fortran else "C"
 
 
 def _disambiguated(arrays: list[Packed | NamedArray]) -> Iterator[Packed | NamedArray]:
