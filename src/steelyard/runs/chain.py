@@ -7,7 +7,7 @@ from math import ceil
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.runs.partition import Margin, Window, partition, windows
+from steelyard.runs.partition import ToClock, partition, windows
 from steelyard.runs.processing import Processing
 from steelyard.runs.recording import Recording
 from steelyard.runs.rows.clock import Clock, RowScan
@@ -17,8 +17,6 @@ from steelyard.runs.rows.resampling import (
     WORST_NEIGHBOUR,
     Lane,
     Thinning,
-    interpolated,
-    sample_count,
 )
 from steelyard.runs.rows.row_checks import COUNTS_OF_MARKS, CUT_OFF, RowChecks, Segment
 from steelyard.runs.smoothing.auto import Auto
@@ -66,7 +64,7 @@ class Chain:
     rate: float
     thinning: int
     row_checks: RowChecks
-    flagged: bool = True
+    flagged: bool
     before: str = ""
 
     @property
@@ -114,7 +112,7 @@ class Chain:
     def context(self, recording: Recording) -> float:
         """How far beyond a window the chain looks [s]."""
         work = ToMotion(self, recording)
-        seconds = work.halo / self.rate + work.thinning_seconds
+        seconds = work.halo / self.rate + work.clock.reach
         if work.whole:
             seconds += CONTEXT_PERIODS / self.motion_cutoff
         lags = recording.signals.velocity_delay, recording.signals.effort_delay
@@ -128,17 +126,33 @@ class Chain:
     ) -> Iterator[MotionPart]:
         """Signals and weights of segments, in order; marked rows count between two times [s]."""
         work = ToMotion(self, recording)
-        parts = partition(segments, self.rate, work.margin)
+        around = 0 if work.whole else work.halo
+        parts = partition(segments, self.rate, work.clock.margin(around))
+        held: list[Array] = []
+        marks = np.zeros(COUNTS_OF_MARKS)
         for window in windows(RowScan(self.clock, recording).pieces(), parts):
-            yield work(window, counted)
+            part, segment = window.part, window.part.segment
+            low, high = max(part.first - around, 0), min(part.stop + around, segment.samples)
+            even, found = work.clock(window, low, high, counted)
+            held.append(even)
+            marks += found
+            if work.whole and part.stop < segment.samples:
+                continue
+            even = held.pop() if len(held) == 1 else np.concatenate(held, axis=1)
+            held.clear()
+            first, low = (0, 0) if work.whole else (part.first, low)
+            before, after = work.halo - (first - low), work.halo - (high - part.stop)
+            signals, weights = work(continued_at_ends(even, before, after))
+            yield MotionPart(segment, first, signals, weights, marks)
+            marks = np.zeros(COUNTS_OF_MARKS)
 
 
 class ToMotion:
-    """The rows of a part to its `q, dq, ddq, effort` and weights, in memory."""
+    """Rows to even channels, and these to `q, dq, ddq, effort` and weights, in memory."""
 
     def __init__(self, chain: Chain, recording: Recording) -> None:
         p, rate, c = chain.processing, chain.rate, recording.channels
-        self._chain, self._channels = chain, c
+        self._flagged, self._channels = chain.flagged, c
         self._motion = p.motion.designed(chain.motion_cutoff, rate)
         self._effort = None
         if p.effort is not None:
@@ -148,86 +162,43 @@ class ToMotion:
         self.whole = None in halos
         self.halo = max(halo or 0 for halo in halos)
         self._spare = [self.halo - (halo or 0) for halo in halos]
-        self._thinning = None
+        thinning = None
         if chain.thinning > 1:
-            self._thinning = Thinning.design(chain.thinning, c.joints if chain.flagged else 0)
-        self._lanes = self._lanes_of(recording)
+            thinning = Thinning.design(chain.thinning, c.joints if chain.flagged else 0)
+        self.clock = ToClock(chain.row_checks, rate, _lanes(chain, recording), thinning)
 
-    def _lanes_of(self, recording: Recording) -> list[Lane]:
-        """How channels are read, and below them the flags, if they are carried."""
-        c, s = self._channels, recording.signals
-        kind = INTERPOLATIONS[self._chain.processing.resampling]
-        joined: list[Lane] = []
-        for channels, lag in ((c.q, 0.0), (c.dq, s.velocity_delay), (c.effort, s.effort_delay)):
-            if joined and joined[-1].lag == lag:
-                joined[-1] = Lane(slice(joined[-1].channels.start, channels.stop), kind, lag)
-            elif channels.start < channels.stop:
-                joined.append(Lane(channels, kind, lag))
-        if self._chain.flagged:
-            joined.append(Lane(slice(c.count, c.count + c.joints), WORST_NEIGHBOUR, s.effort_delay))
-        return joined
+    def __call__(self, extended: Array) -> tuple[Array, Array | None]:
+        """Channels with context, `(C, N + 2 halo)`, to signals, `(4 n, N)`, and weights, `(n, N)`.
 
-    @property
-    def thinning_seconds(self) -> float:
-        """How far the low-pass before thinning out looks [s]."""
-        if self._thinning is None:
-            return 0.0
-        return self._thinning.halo / (self._chain.rate * self._chain.thinning)
-
-    @property
-    def margin(self) -> Margin:
-        """What a sample depends on."""
-        lags, checks = [lane.lag for lane in self._lanes], self._chain.row_checks
-        return Margin(
-            samples=None if self.whole else self.halo,
-            before=self.thinning_seconds - min(lags),
-            after=self.thinning_seconds + max(lags),
-            rows=(0 if checks.idle else checks.halo) + max(x.kind.margin for x in self._lanes) + 1,
-            rows_per_sample=self._chain.thinning,
+        There are no weights if all efforts count alike.
+        """
+        c = self._channels
+        inner, measured, flags = (
+            extended[:, spare : extended.shape[1] - spare] for spare in self._spare
         )
-
-    def __call__(self, window: Window, counted: tuple[float, float]) -> MotionPart:
-        """The samples of a part; marked rows are counted between two times [s]."""
-        part, c, chain = window.part, self._channels, self._chain
-        t, x, marks = window.t, window.x.T, np.zeros(COUNTS_OF_MARKS)
-        if not chain.row_checks.idle:
-            t, x, counts = chain.row_checks.applied(t, x, window.lacking)
-            own = (t >= max(part.begin, counted[0])) & (t < part.end) & (t <= counted[1])
-            marks = counts[:, own].sum(axis=1)
-        elif chain.flagged:
-            x = np.pad(x, ((0, c.joints), (0, 0)))
-        first, stop = part.first - self.halo, part.stop + self.halo
-        low, high = max(first, 0), min(stop, part.segment.samples)
-        even = self._even(t, x, part.segment, low, high)
-        extended = continued_at_ends(even, low - first, stop - high)
-        signals, weights = self._signals(extended), None
-        if chain.flagged:
-            spread, spare = self.halo - self._spare[2], self._spare[2]
-            flags = np.abs(extended[c.count :, spare : extended.shape[1] - spare])
-            weights = _weights(flags, spread)
-        return MotionPart(part.segment, part.first, signals, weights, marks)
-
-    def _even(self, t: Array, x: Array, segment: Segment, low: int, high: int) -> Array:
-        """Channels, shape `(C, high - low)`, at samples of a segment's uniform clock."""
-        rate, factor, thinning = self._chain.rate, self._chain.thinning, self._thinning
-        if thinning is None:
-            return interpolated(t, x, segment.start + np.arange(low, high) / rate, self._lanes)
-        first, stop = factor * low - thinning.halo, factor * (high - 1) + 1 + thinning.halo
-        count = sample_count(segment.start, segment.stop, rate * factor)
-        inside = np.arange(max(first, 0), min(stop, count))
-        even = interpolated(t, x, segment.start + inside / (rate * factor), self._lanes)
-        extended = continued_at_ends(even, inside[0] - first, stop - 1 - inside[-1])
-        return thinning(extended)[:, ::factor]
-
-    def _signals(self, extended: Array) -> Array:
-        """Channels with context, `(C, N + 2 halo)`, to signals, `(4 n, N)`."""
-        c, (motion, effort, _) = self._channels, self._spare
-        inner = extended[:, motion : extended.shape[1] - motion]
         signals = self._motion(inner[c.q], inner[c.dq] if c.velocities else None)
-        measured = extended[c.effort, effort : extended.shape[1] - effort]
+        effort = measured[c.effort]
         if self._effort is not None:
-            measured = self._effort(measured)
-        return np.concatenate((*signals, measured))
+            effort = self._effort(effort)
+        weights = None
+        if self._flagged:
+            weights = _weights(np.abs(flags[c.count :]), self.halo - self._spare[2])
+        return np.concatenate((*signals, effort)), weights
+
+
+def _lanes(chain: Chain, recording: Recording) -> list[Lane]:
+    """How channels are read, and below them the flags, if they are carried."""
+    c, s = recording.channels, recording.signals
+    kind = INTERPOLATIONS[chain.processing.resampling]
+    joined: list[Lane] = []
+    for channels, lag in ((c.q, 0.0), (c.dq, s.velocity_delay), (c.effort, s.effort_delay)):
+        if joined and joined[-1].lag == lag:
+            joined[-1] = Lane(slice(joined[-1].channels.start, channels.stop), kind, lag)
+        elif channels.start < channels.stop:
+            joined.append(Lane(channels, kind, lag))
+    if chain.flagged:
+        joined.append(Lane(slice(c.count, c.count + c.joints), WORST_NEIGHBOUR, s.effort_delay))
+    return joined
 
 
 def _weights(flags: Array, spread: int) -> Array:

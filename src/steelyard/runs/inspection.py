@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError
+from steelyard.runs.partition import evenly_sampled
 from steelyard.runs.processing import Processing
 from steelyard.runs.recording import Recording
 from steelyard.runs.rows.clock import (
@@ -20,7 +21,7 @@ from steelyard.runs.rows.clock import (
     nothing_left,
 )
 from steelyard.runs.rows.faulty_rows import Extremes, RowVerdict
-from steelyard.runs.rows.resampling import sample_count, uniform
+from steelyard.runs.rows.resampling import sample_count
 from steelyard.runs.rows.row_checks import RowChecks, Segment
 from steelyard.runs.spectrum import Band, motion_band
 
@@ -226,10 +227,7 @@ class _Excerpt:
         pieces, moved = self._longest or self._still, self._channels.effort.start
         if _length(pieces) < SHORTEST_CHAIN:
             return np.zeros((moved, 0))
-        t, x = np.concatenate([p.t for p in pieces]), self.rows
-        if not checks.idle:
-            t, x, _ = checks.applied(t, x)
-        return uniform(t, x[:moved], rate)
+        return evenly_sampled(pieces, slice(0, moved), rate, checks)
 
 
 def _fill(pieces: list[RowPiece], piece: RowPiece, start: int) -> None:

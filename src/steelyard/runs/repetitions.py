@@ -14,9 +14,9 @@ from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError
 from steelyard.logs.log import Cut
 from steelyard.runs.inspection import Survey, survey
+from steelyard.runs.partition import evenly_sampled
 from steelyard.runs.recording import LogInMemory, Recording
 from steelyard.runs.rows.clock import RowScan
-from steelyard.runs.rows.resampling import uniform
 from steelyard.runs.spectrum import Repetitions, find_period, moving_span
 
 ALIGNMENT_ROUNDS = 4
@@ -210,11 +210,8 @@ def _evenly_sampled(recording: Recording, rate: float | None = None) -> tuple[Ar
     found: Survey = survey(recording)
     longest = max(found.segments, key=lambda s: s.stop - s.start).number
     pieces = [p for p in RowScan(found.clock, recording).pieces() if p.segment == longest]
-    t, x = np.concatenate([p.t for p in pieces]), np.concatenate([p.x for p in pieces]).T
-    if not found.row_checks.idle:
-        t, x, _ = found.row_checks.applied(t, x)
-    chosen = found.rate if rate is None else rate
-    return uniform(t, x[: recording.channels.count], chosen), chosen
+    chosen, channels = found.rate if rate is None else rate, slice(0, recording.channels.count)
+    return evenly_sampled(pieces, channels, chosen, found.row_checks), chosen
 
 
 def _mean_motion(

@@ -156,7 +156,7 @@ class Thinning:
         middle = 0.5 * (THINNING_PASSBAND + 0.5)
         width = 2.0 * (0.5 - THINNING_PASSBAND) / factor
         taps = kaiser_lowpass(THINNING_SUPPRESSION, width, 2.0 * middle / factor)
-        return cls(factor, Bank(taps[None]), flags)
+        return cls(factor, Bank(taps), flags)
 
     @property
     def halo(self) -> int:
@@ -166,7 +166,7 @@ class Thinning:
     def __call__(self, extended: Array) -> Array:
         """Channels `(C, N + 2 halo)` to channels `(C, N)`."""
         signals = len(extended) - self.flags
-        low: Array = self.bank(extended[:signals])[0]
+        low = self.bank(extended[:signals])
         if not self.flags:
             return low
         flags = np.abs(extended[signals:])

@@ -23,7 +23,6 @@ from steelyard.runs.smoothing.filters import (
     Bank,
     butterworth,
     continued_at_ends,
-    differentiated,
     settling,
 )
 from steelyard.runs.smoothing.kalman import (
@@ -153,11 +152,8 @@ class LowPasses:
 
     def __init__(self, cutoffs: tuple[float, ...], order: int, rate: float) -> None:
         self.halo = max(settling(cutoff, rate, order) for cutoff in cutoffs)
-        self.banks: list[Bank] = []
-        for cutoff in cutoffs:
-            low = butterworth(cutoff, rate, order)
-            rows = [differentiated(low, rate, times) for times in range(order)]
-            self.banks.append(Bank.of_responses(rows, self.halo))
+        low = [butterworth(cutoff, rate, order) for cutoff in cutoffs]
+        self.banks = [Bank.derivatives(one, self.halo, rate, order - 1) for one in low]
 
     def __call__(self, extended: Array) -> Array:
         """Channels `(n, N + 2 halo)` to values and derivatives, `(order, n, N)`."""

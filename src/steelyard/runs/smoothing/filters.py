@@ -76,10 +76,9 @@ Response = Callable[[Array], Array]
 
 @dataclass(frozen=True, eq=False)
 class Bank:
-    """Several convolutions of the same channels at once; an operation with a halo.
+    """Convolutions of the same channels, with taps `(k, 2 halo + 1)`; an operation with a halo.
 
-    Attributes:
-        taps: One row per filter, shape `(k, 2 halo + 1)`; the middle tap is the sample itself.
+    The middle tap is the sample itself. Of taps `(2 halo + 1,)` it is one convolution.
     """
 
     taps: Array
@@ -94,49 +93,35 @@ class Bank:
         rows = [np.fft.irfft(response(omega)) for response in responses]
         return cls(np.roll(np.array(rows), halo, axis=-1)[:, : 2 * halo + 1])
 
+    @classmethod
+    def derivatives(cls, response: Response, halo: int, rate: float, highest: int) -> "Bank":
+        """A low-pass that vanishes at half the rate [Hz], and its derivatives up to `highest`."""
+        each = [differentiated(response, rate, times) for times in range(highest + 1)]
+        return cls.of_responses(each, halo)
+
     @property
     def halo(self) -> int:
         """Samples of context on each side."""
-        return int(self.taps.shape[1] // 2)
+        return int(self.taps.shape[-1] // 2)
 
     def __call__(self, extended: Array) -> Array:
-        """Channels `(C, N + 2 halo)` to results `(k, C, N)`."""
+        """Channels `(C, N + 2 halo)` to results `(k, C, N)`, of one convolution `(C, N)`."""
         width = extended.shape[-1]
         length = fast_length(width)
         spectrum = np.fft.rfft(extended, length)
-        filters = np.fft.rfft(self.taps, length)
-        results = np.empty((len(self.taps), *extended.shape[:-1], width - 2 * self.halo))
+        filters = np.fft.rfft(np.atleast_2d(self.taps), length)
+        results = np.empty((len(filters), *extended.shape[:-1], width - 2 * self.halo))
         for result, response in zip(results, filters, strict=True):
             full = np.fft.irfft(spectrum * response, length)
             result[...] = full[..., 2 * self.halo : width]
-        return results
-
-
-class Single:
-    """One convolution of channels, by taps of shape `(2 halo + 1,)`; an operation with a halo."""
-
-    def __init__(self, taps: Array) -> None:
-        self.bank = Bank(taps[None])
-        self.halo = self.bank.halo
-
-    def __call__(self, extended: Array) -> Array:
-        """Channels `(C, N + 2 halo)` to channels `(C, N)`."""
-        result: Array = self.bank(extended)[0]
-        return result
+        return results if self.taps.ndim == 2 else results[0]
 
 
 def fast_length(least: int) -> int:
     """The smallest even number from `least` on without prime factors above 5."""
-    best = 1 << max(1, (least - 1).bit_length())
-    five = 1
-    while five < best:
-        three = five
-        while three < best:
-            twos = max(1, (-(-least // three) - 1).bit_length())
-            best = min(best, three << twos)
-            three *= 3
-        five *= 5
-    return best
+    from scipy.fft import next_fast_len
+
+    return 2 * int(next_fast_len(-(-least // 2), real=True))
 
 
 MOST_PASSES = 20
@@ -153,14 +138,13 @@ def check_passes(passes: int, method: str) -> None:
         )
 
 
-def repeated_smoother(taps: Array, passes: int) -> Single:
+def repeated_smoother(taps: Array, passes: int) -> Bank:
     """A symmetric low-pass `(2 halo + 1,)` applied several times, as one convolution.
 
-    Its halo is that of all passes together. At the ends of a segment, which is continued by odd
-    reflection, it gives what a pass after the other gives: symmetric filters of gain 1 keep the
-    reflection.
+    At the ends of a segment, which is continued by odd reflection, it gives what a pass after the
+    other gives: symmetric filters of gain 1 keep the reflection.
     """
-    return Single(convolved(taps[None], taps, passes - 1)[0])
+    return Bank(convolved(taps[None], taps, passes - 1)[0])
 
 
 def convolved(rows: Array, taps: Array, times: int) -> Array:
@@ -187,11 +171,10 @@ def kaiser_lowpass(suppression: float, width: float, cutoff: float) -> Array:
         raise ValueError(f"cut-off {cutoff:g} is not between 0 and 1")
     length = int(np.ceil((suppression - 7.95) / (2.285 * np.pi * width) + 1.0))
     length += 1 - length % 2
+    above = max(suppression - 21.0, 0.0)
+    beta = 0.5842 * above**0.4 + 0.07886 * above
     if suppression > 50.0:
         beta = 0.1102 * (suppression - 8.7)
-    else:
-        above = max(suppression - 21.0, 0.0)
-        beta = 0.5842 * above**0.4 + 0.07886 * above
     middle = np.arange(length) - 0.5 * (length - 1)
     taps = cutoff * np.sinc(cutoff * middle) * np.kaiser(length, beta)
     return np.asarray(taps / taps.sum())
@@ -213,8 +196,7 @@ def butterworth(cutoff: float, rate: float, order: int = LOWPASS_ORDER) -> Respo
     def response(omega: Array) -> Array:
         with np.errstate(over="ignore"):
             ratio = (np.tan(np.minimum(omega, np.pi * (1.0 - 1e-12)) / 2.0) / edge) ** (2 * order)
-            gain: Array = 1.0 / (1.0 + ratio)
-        return gain
+            return np.asarray(1.0 / (1.0 + ratio))
 
     return response
 
@@ -266,17 +248,13 @@ def zero_phase(values: Array, cutoff: float, rate: float, order: int = LOWPASS_O
 
 def differentiated(response: Response, rate: float, times: int) -> Response:
     """A filter that vanishes at half the rate [Hz], followed by so many derivatives by time."""
-
-    def derivative(omega: Array) -> Array:
-        return response(omega) * (1j * omega * rate) ** times
-
-    return derivative
+    return lambda omega: response(omega) * (1j * omega * rate) ** times
 
 
 def smooth_derivatives(
     cutoff: float, rate: float, highest: int, order: int = LOWPASS_ORDER
 ) -> Bank:
     """Zero-phase Butterworth low-pass and its derivatives up to `highest`, in one operation."""
-    smooth = butterworth(cutoff, rate, order)
-    responses = [differentiated(smooth, rate, times) for times in range(highest + 1)]
-    return Bank.of_responses(responses, settling(cutoff, rate, order))
+    return Bank.derivatives(
+        butterworth(cutoff, rate, order), settling(cutoff, rate, order), rate, highest
+    )

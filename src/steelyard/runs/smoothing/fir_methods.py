@@ -18,7 +18,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError, ModelError
 from steelyard.runs.smoothing.filters import (
-    Single,
+    Bank,
     check_passes,
     convolved,
     kaiser_lowpass,
@@ -79,7 +79,7 @@ class FIR:
         every = repeated_response(response, self.passes)
         return Differentiating.of_response(every, RINGING_TIME * middle * self.passes, rate)
 
-    def smooth(self, cutoff: float, rate: float) -> Single:
+    def smooth(self, cutoff: float, rate: float) -> Bank:
         """The filter alone, for efforts."""
         return repeated_smoother(self.taps(cutoff, rate), self.passes)
 
@@ -128,7 +128,7 @@ class MovingAverage:
         """The differences at a rate [Hz]; the cut-off says nothing here."""
         return CentralDifferences(self.span, rate, self.passes)
 
-    def smooth(self, cutoff: float, rate: float) -> Single:
+    def smooth(self, cutoff: float, rate: float) -> Bank:
         """The average alone, for efforts."""
         return repeated_smoother(np.full(self.span, 1.0 / self.span), self.passes)
 
@@ -202,7 +202,7 @@ class SavitzkyGolay:
         rows = taps(window, self.degree, rate)
         return Differentiating(convolved(rows, rows[0], self.passes - 1))
 
-    def smooth(self, cutoff: float, rate: float) -> Single:
+    def smooth(self, cutoff: float, rate: float) -> Bank:
         """The smoothing alone, for efforts."""
         window = self.window_for(cutoff, rate)
         return repeated_smoother(taps(window, self.degree, rate)[0], self.passes)

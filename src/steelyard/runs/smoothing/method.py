@@ -17,10 +17,8 @@ from steelyard.runs.smoothing.filters import (
     LOWPASS_ORDER,
     Bank,
     Response,
-    Single,
     butterworth,
     check_passes,
-    differentiated,
     low_pass,
     repeated_response,
     repeated_smoother,
@@ -35,15 +33,9 @@ class Designed(Protocol):
     def halo(self) -> int | None: ...  # noqa: D102
 
     def __call__(self, q: Array, dq: Array | None, /) -> Array:
-        """Motion of uniformly sampled channels.
+        """Positions with context, `(n, N + 2 halo)` [rad; m], to `q, dq, ddq`, `(3, n, N)`.
 
-        Args:
-            q: Positions with context, shape `(n, N + 2 halo)` [rad; m].
-            dq: Logged velocities, the same shape [rad/s; m/s]; `None`: positions are
-                differentiated.
-
-        Returns:
-            `q, dq, ddq`, shape `(3, n, N)`.
+        Positions are differentiated where velocities [rad/s; m/s] are not logged.
         """
         ...
 
@@ -89,14 +81,9 @@ class Choosing(Method, Protocol):
     def chosen(
         self, q: Array, dq: Array | None, rate: float, band: float, *, whole: bool
     ) -> Method:
-        """The method with what is not given found in a log.
+        """The method with what is not given found in an even stretch of a log, `(n, N)`.
 
-        Args:
-            q: Positions of a stretch of the log, uniformly sampled, shape `(n, N)`.
-            dq: Logged velocities, the same shape, if there are any.
-            rate: [Hz].
-            band: Frequency below which the motion lives [Hz].
-            whole: Whether the log may be worked on as a whole.
+        The motion lives below the `band` [Hz]; `whole` allows work on the log as a whole.
         """
         ...
 
@@ -155,7 +142,7 @@ class Butterworth:
         response = repeated_response(butterworth(cutoff, rate, self.order), self.passes)
         return Differentiating.of_response(response, halo, rate)
 
-    def smooth(self, cutoff: float, rate: float) -> Single:
+    def smooth(self, cutoff: float, rate: float) -> Bank:
         """The filter alone, for efforts."""
         return repeated_smoother(low_pass(cutoff, rate, self.order).taps[0], self.passes)
 
@@ -173,8 +160,7 @@ class Differentiating:
     @classmethod
     def of_response(cls, response: Response, halo: int, rate: float) -> "Differentiating":
         """From the response of a low-pass that vanishes at half the rate [Hz]."""
-        responses = [differentiated(response, rate, times) for times in range(3)]
-        return cls(Bank.of_responses(responses, halo).taps)
+        return cls(Bank.derivatives(response, halo, rate, 2).taps)
 
     def __call__(self, q: Array, dq: Array | None) -> Array:
         """Positions, and velocities if logged, to motion; see `Designed`."""
