@@ -146,7 +146,7 @@ def test_a_slower_clock_folds_nothing_down(recording, sines) -> None:
 
 
 def test_thinning_passes_and_stops() -> None:
-    taps = Thinning.design(4).bank.taps[0]
+    taps = Thinning.design(4).bank.taps
     at = np.arange(len(taps)) - len(taps) // 2
     for share, least, most in ((0.1, 0.9998, 1.0002), (0.4, 0.9998, 1.0002), (0.5, 0.0, 2e-4)):
         gain = abs((taps * np.exp(-2j * np.pi * share / 4.0 * at)).sum())

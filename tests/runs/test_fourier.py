@@ -55,7 +55,7 @@ def test_frequency_and_harmonics_are_found() -> None:
     q = true[0] + 1e-4 * rng.standard_normal(true[0].shape)
     assert 1.0 / refined_frequency(t, q.T, 1.0 / 13.4) == pytest.approx(13.3331, abs=2e-4)
     designed = Fourier().designed(8.0, rate)
-    series = designed.series(q)
+    series = Fourier().series(q, 8.0, rate)
     assert series.harmonics == 5
     found = designed(q, None)
     inner = slice(200, -200)
@@ -66,8 +66,8 @@ def test_frequency_and_harmonics_are_found() -> None:
 def test_given_frequency_period_and_harmonics() -> None:
     t = np.arange(0.0, 20.0, 1.0 / RATE)
     q = motion(t, 4.0)[0]
-    by_period = Fourier(period=4.0, harmonics=5).designed(8.0, RATE).series(q)
-    by_frequency = Fourier(frequency=0.25, harmonics=5).designed(8.0, RATE).series(q)
+    by_period = Fourier(period=4.0, harmonics=5).series(q, 8.0, RATE)
+    by_frequency = Fourier(frequency=0.25, harmonics=5).series(q, 8.0, RATE)
     assert by_period.frequency == by_frequency.frequency == 0.25
     assert by_period.harmonics == 5
     np.testing.assert_allclose(by_period.noise, 0.0, atol=1e-9)

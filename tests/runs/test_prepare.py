@@ -10,7 +10,7 @@ from steelyard.base.errors import LogError
 from steelyard.logs.formats import open_log
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing import Processing
-from steelyard.runs.recording import Recording
+from steelyard.runs.recording import LoggedSamples, Recording
 from steelyard.runs.run import Block
 
 
@@ -114,7 +114,8 @@ def test_units_are_converted(recording, sines) -> None:
         time_scale=1e-3,
     )
     np.testing.assert_allclose(prepare(degrees).whole().motion.dq, plain.motion.dq, atol=1e-8)
-    (part,) = degrees.parts()
+    ((t, x),) = degrees.raw(degrees.cut.rows)
+    part = LoggedSamples.of(t, x, degrees.channels)
     np.testing.assert_allclose(part.q, motion["q"])
     assert part.dq is None
 
@@ -153,7 +154,7 @@ def test_quality_says_what_was_found(recording, sines) -> None:
     t[500] = t[499]
     run = prepare(recording(t, q, motion["effort"]))
     quality = run.quality
-    assert (quality.rows, quality.kept, quality.repeated, quality.short) == (3000, 2997, 1, 1)
+    assert (quality.rows, quality.kept) == (3000, 2997)
     assert quality.dropped == {
         "an implausible value": 2,
         "a repeated time stamp": 1,

@@ -6,6 +6,7 @@ import pytest
 from steelyard.base.errors import LogError
 from steelyard.runs.prepare import prepare
 from steelyard.runs.processing import Processing
+from steelyard.runs.recording import LoggedSamples
 
 
 def test_a_garbage_head_is_dropped(real) -> None:
@@ -27,7 +28,8 @@ def test_ur10e_alternating_clock(real, name: str) -> None:
     assert (run.rest_speed < 0.012).all()
     data = run.whole()
     assert (data.moving.mean(axis=0) > 0.88).all()
-    (raw,) = recording.parts()
+    ((t, x),) = recording.raw(recording.cut.rows)
+    raw = LoggedSamples.of(t, x, recording.channels)
     t = raw.t - raw.t[0]
     np.testing.assert_allclose(
         data.motion.q, np.stack([np.interp(data.t, t, q) for q in raw.q.T], axis=1), atol=5e-3
@@ -37,7 +39,8 @@ def test_ur10e_alternating_clock(real, name: str) -> None:
 
 def test_ur10e_logged_velocity_and_position_agree(real) -> None:
     recording = real("ur10e/identification/ur-20_02_10-30sec_12harm.parquet")
-    (raw,) = recording.parts()
+    ((t, x),) = recording.raw(recording.cut.rows)
+    raw = LoggedSamples.of(t, x, recording.channels)
     data = prepare(recording).whole()
     step = np.gradient(data.motion.q, data.t, axis=0)
     lag = np.abs(step - data.motion.dq)[50:-50]

@@ -8,7 +8,7 @@ import numpy as np
 from steelyard.base.arrays import frozen
 from steelyard.logs.log import Cut
 from steelyard.robot.file.signals import Signals
-from steelyard.runs.recording import LogInMemory, Recording
+from steelyard.runs.recording import LoggedSamples, LogInMemory, Recording
 
 RATIOS = np.array([[50.0, 0.0], [40.0, -40.0]])
 OFFSET = np.array([0.3, -0.2])
@@ -29,9 +29,14 @@ def recording(velocities: bool = True) -> tuple[Recording, np.ndarray]:
     return Recording(LogInMemory(Path("motors.csv"), COLUMNS, table), signals), table
 
 
+def samples_of(recording: Recording, size: int = 100) -> list[LoggedSamples]:
+    raw = recording.raw(recording.cut.rows, size)
+    return [LoggedSamples.of(t, x, recording.channels) for t, x in raw]
+
+
 def test_logged_motors_become_joints() -> None:
     log, table = recording()
-    (samples,) = log.parts()
+    (samples,) = samples_of(log)
     np.testing.assert_allclose(samples.t, table[:, 0] * 1e-3)
     degrees = np.linalg.solve(RATIOS, np.deg2rad(table[:, 1:3]).T).T
     np.testing.assert_allclose(samples.q, degrees + OFFSET, rtol=1e-12)
@@ -44,16 +49,16 @@ def test_logged_motors_become_joints() -> None:
 
 def test_without_velocities_positions_and_efforts_alone_are_mapped() -> None:
     log, table = recording(velocities=False)
-    (samples,) = log.parts()
+    (samples,) = samples_of(log)
     assert samples.dq is None and log.channels.count == 4
     np.testing.assert_allclose(samples.effort, table[:, 5:7] @ RATIOS * 1e-3, rtol=1e-12)
 
 
 def test_neither_the_parts_nor_the_log_in_memory_change_by_reading() -> None:
     log, table = recording()
-    before, (whole,) = table.copy(), log.parts()
+    before, (whole,) = table.copy(), samples_of(log)
     in_memory = replace(log.in_memory(), cut=Cut(rows=(10, 40)))
-    parts = list(in_memory.parts(7))
+    parts = list(samples_of(in_memory, 7))
     np.testing.assert_array_equal(np.concatenate([p.q for p in parts]), whole.q[10:40])
     np.testing.assert_array_equal(np.concatenate([p.effort for p in parts]), whole.effort[10:40])
     np.testing.assert_array_equal(table, before)
@@ -62,7 +67,7 @@ def test_neither_the_parts_nor_the_log_in_memory_change_by_reading() -> None:
 def test_an_offset_alone_moves_positions_only() -> None:
     log, table = recording()
     log = replace(log, signals=replace(log.signals, position_map=None, effort_map=None))
-    (samples,) = log.parts()
+    (samples,) = samples_of(log)
     np.testing.assert_allclose(samples.q, np.deg2rad(table[:, 1:3]) + OFFSET, rtol=1e-12)
     assert samples.dq is not None
     np.testing.assert_allclose(samples.dq, table[:, 3:5] * [2.0, 3.0])

@@ -186,9 +186,7 @@ class Evidence:
     @property
     def samples(self) -> LoggedSamples:
         """The same rows by name."""
-        t, x = self.rows
-        c = self.channels
-        return LoggedSamples(t, x[:, c.q], x[:, c.dq] if c.velocities else None, x[:, c.effort])
+        return LoggedSamples.of(*self.rows, self.channels)
 
     @cached_property
     def run(self) -> Run | LogError:

@@ -30,19 +30,13 @@ def wrapped_middles(parts: Iterable[Array]) -> Array:
 
     It is less than half a turn from zero. The parts are consecutive rows, `(N, n)` [rad].
     """
-    kept: list[Array] = []
-    for part in parts:
-        kept.append(part)
-        if sum(len(p) for p in kept) >= WRAP_TESTED_ROWS:
-            break
-    q = np.concatenate(kept)[:WRAP_TESTED_ROWS] if kept else np.zeros((0, 0))
+    q = np.concatenate(list(parts) or [np.zeros((0, 0))])
     return np.array([_middle(column[_usable(column)]) for column in q.T])
 
 
 def _usable(q: Array) -> NDArray[np.bool_]:
     with np.errstate(invalid="ignore"):
-        usable: NDArray[np.bool_] = np.abs(q) < 3.0 * TURN
-    return usable
+        return np.asarray(np.abs(q) < 3.0 * TURN)
 
 
 def _middle(q: Array) -> float:
@@ -111,14 +105,18 @@ class LoggedSamples:
     dq: Array | None
     effort: Array
 
+    @classmethod
+    def of(cls, t: Array, x: Array, c: Channels) -> "LoggedSamples":
+        """From channels `(N, C)`."""
+        return cls(t, x[:, c.q], x[:, c.dq] if c.velocities else None, x[:, c.effort])
+
 
 @dataclass(frozen=True, eq=False)
 class Recording:
     """What was measured in one run of a robot: a log, what its columns hold, its window.
 
-    Attributes:
-        middles: Middle of the positions of each joint that is logged modulo a turn, NaN of others,
-            shape `(n,)` [rad]; see `unwrapped`.
+    `middles` are those of the positions of each joint that is logged modulo a turn, NaN of others,
+    shape `(n,)` [rad]; see `unwrapped`.
     """
 
     log: Log
@@ -133,10 +131,8 @@ class Recording:
         """The same, with positions that jump by a turn made continuous."""
         if self.signals.position_map is not None:
             return self
-        plain = replace(self, middles=None)
-        middles = wrapped_middles(
-            x[:, self.channels.q] for _, x in plain.raw((0, WRAP_TESTED_ROWS))
-        )
+        first = replace(self, middles=None).raw((0, WRAP_TESTED_ROWS))
+        middles = wrapped_middles(x[:, self.channels.q] for _, x in first)
         return replace(self, middles=None if np.isnan(middles).all() else frozen(middles))
 
     @property
@@ -164,8 +160,8 @@ class Recording:
     def raw(self, rows: RowRange, size: int = ROWS_OF_PART) -> Iterator[tuple[Array, Array]]:
         """Time `(N,)` [s] and channels `(N, C)` in SI units of any rows, whatever the cut."""
         s = self.signals
-        velocity_scale = () if s.velocity_scale is None else (s.velocity_scale,)
-        scale = np.concatenate((s.position_scale, *velocity_scale, s.effort_scale))
+        scales = (s.position_scale, s.velocity_scale, s.effort_scale)
+        scale = np.concatenate([one for one in scales if one is not None])
         last = np.zeros(0) if self.middles is None else self.middles.copy()
         for part in self.log.parts(s.columns, rows, size):
             with np.errstate(over="ignore", invalid="ignore"):
@@ -187,15 +183,6 @@ class Recording:
             logged[:, c.effort] = logged[:, c.effort] @ s.effort_map.T
         return logged
 
-    def parts(self, size: int = ROWS_OF_PART) -> Iterator[LoggedSamples]:
-        """The rows of the cut as they were logged, broken ones too.
-
-        A cut in seconds needs a clean clock, so only a cut in rows takes effect here.
-        """
-        c = self.channels
-        for t, x in self.raw(self.cut.rows, size):
-            yield LoggedSamples(t, x[:, c.q], x[:, c.dq] if c.velocities else None, x[:, c.effort])
-
     def in_memory(self, limit: int = ROWS_OF_PART) -> "Recording":
         """The same with its log in memory if it has fewer than `limit` rows, else unchanged."""
         parts = list(self.log.parts(self.signals.columns, (0, limit), limit))
@@ -205,7 +192,7 @@ class Recording:
             )
         if sum(len(part) for part in parts) == limit:
             return self
-        table = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        table = np.concatenate(parts)
         return replace(self, log=LogInMemory(self.log.path, self.signals.columns, table))
 
 

@@ -29,9 +29,7 @@ class Block:
     Attributes:
         segment: Number of the segment they lie in; gaps lie between segments.
         t: Time from the log's start, shape `(B,)` [s].
-        q: Positions, shape `(n, B)` [rad; m].
-        dq: Velocities, shape `(n, B)` [rad/s; m/s].
-        ddq: Accelerations, shape `(n, B)` [rad/s²; m/s²].
+        q: Positions, shape `(n, B)` [rad; m], as their derivatives `dq` and `ddq`.
         effort: As logged, not low-passed, shape `(n, B)` [A, Nm or N].
         moving: Whether each joint moves, shape `(n, B)`.
         channels: What a model computed along the motion, shape `(n_channels, B)`; or `None`.
@@ -61,13 +59,12 @@ class Block:
         """Consecutive blocks as one, with the segment of the first."""
 
         def along(name: str) -> Any:
-            return np.concatenate([getattr(b, name) for b in blocks], axis=1)
+            return np.concatenate([getattr(b, name) for b in blocks], axis=-1)
 
-        q, dq, ddq, effort, moving = map(along, ("q", "dq", "ddq", "effort", "moving"))
+        motion = map(along, ("t", "q", "dq", "ddq", "effort", "moving"))
         channels = None if blocks[0].channels is None else along("channels")
         weights = None if all(b.weights is None for b in blocks) else along("counted")
-        t = np.concatenate([b.t for b in blocks])
-        return cls(blocks[0].segment, t, q, dq, ddq, effort, moving, channels, weights)
+        return cls(blocks[0].segment, *motion, channels, weights)
 
     @property
     def counted(self) -> Array:

@@ -55,13 +55,8 @@ class MotionSamples:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values, with `DIGITS_KEPT` significant digits."""
-        return {
-            "run": self.run,
-            "step": self.step,
-            "t": _short(self.t),
-            "q": _short(self.q),
-            "effort": _short(self.effort),
-        }
+        arrays = {name: _short(getattr(self, name)) for name in ("t", "q", "effort")}
+        return {"run": self.run, "step": self.step, **arrays}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "MotionSamples":
@@ -72,8 +67,8 @@ class MotionSamples:
 
 
 def _short(values: Array) -> Any:
-    digits = np.vectorize(lambda x: float(f"{x:.{DIGITS_KEPT}g}"), otypes=[np.float64])
-    return digits(values).tolist() if values.size else values.tolist()
+    digits = [float(f"{x:.{DIGITS_KEPT}g}") for x in values.ravel()]
+    return np.array(digits).reshape(values.shape).tolist()
 
 
 def motion_rows(run: Run) -> MotionRows:
@@ -99,8 +94,7 @@ def _moving(t: Array, q: Array, rest_speed: Array) -> NDArray[np.bool_]:
     at = np.arange(len(t))
     early, late = np.maximum(at - reach, 0), np.minimum(at + reach, len(t) - 1)
     speed = np.abs(q[late] - q[early]) / np.maximum(t[late] - t[early], 1e-9)[:, None]
-    found: NDArray[np.bool_] = (speed > 2.0 * rest_speed).any(axis=1)
-    return found
+    return np.asarray((speed > 2.0 * rest_speed).any(axis=1))
 
 
 def motion_samples(runs: Sequence[Run]) -> tuple[MotionSamples, ...]:

@@ -30,11 +30,8 @@ that its surroundings do not count either."""
 class Marked:
     """How many rows of a run were marked, values of a row counted one by one.
 
-    Attributes:
-        outliers: Values bridged as outliers, of all channels.
-        stale: Rows bridged as repeats of the row before.
-        cut_off: Values of efforts held at a limit.
-        efforts: Values of efforts among all these.
+    Values bridged as outliers, of all channels; rows bridged as repeats of the row before; values
+    of efforts held at a limit; and values of efforts among all these.
     """
 
     outliers: int = 0
@@ -60,10 +57,9 @@ class RowChecks:
     """What is known of a log before its rows are judged; an operation on rows with a halo.
 
     Attributes:
-        channels: Order of the channels.
-        usual: See `outliers.usual_distance`, shape `(C,)`.
-        bend: See `outliers.usual_bend`, shape `(n,)`.
-        step: See `stale_rows.sensor_step`, shape `(n,)`.
+        usual: See `usual_distance`, shape `(C,)`.
+        bend: See `usual_bend`, shape `(n,)`.
+        step: See `sensor_step`, shape `(n,)`.
         limits: Values at which efforts are cut off, shape `(n, 2)`; NaN for none.
         threshold: Usual distances from which on a row is an outlier; `None`: none is.
         bridge_stale: Whether stale rows are bridged.
@@ -96,19 +92,12 @@ class RowChecks:
             self.threshold is None and not self.bridge_stale and bool(np.isnan(self.limits).all())
         )
 
-    def applied(
-        self, t: Array, x: Array, lacking: tuple[int, int] = (halo, halo)
-    ) -> tuple[Array, Array, Array]:
+    def applied(self, t: Array, x: Array, lacking: tuple[int, int]) -> tuple[Array, Array, Array]:
         """Rows bridged and flagged; of time `(M,)` and channels `(C, M)`, both with context.
 
-        Args:
-            t: Time [s].
-            x: Channels.
-            lacking: Rows of context that are not there, before and behind; by default all.
-
-        Returns:
-            Time `(N,)`; channels with flags of efforts below, `(C + n, N)`; the counts of `Marked`
-            for each row, `(4, N)`.
+        `lacking` rows of the context are not there, before and behind. Returned are time `(N,)`;
+        channels with flags of efforts below, `(C + n, N)`; the counts of `Marked` for each row,
+        `(4, N)`.
         """
         before, behind = (min(rows, self.halo) for rows in lacking)
         extended = continued_at_ends(np.concatenate((t[None], x)), before, behind)
@@ -159,18 +148,10 @@ class Quality:
     """Counts and figures of a recording's window.
 
     Attributes:
-        rows: Rows read.
-        kept: Rows used.
         dropped: Reason to number of rows; reasons that did not occur are left out.
-        repeated: Rows with the time of the row before; among the dropped.
-        backward: Rows whose time runs backward; among the dropped.
         gaps: Times of the last row before each gap, from the log's start [s].
-        short: Segments between gaps that are shorter than the filters.
-        rate: Sampling rate of the uniform clock [Hz].
-        step_mean: Mean step of the log's clock, gaps aside [s].
-        step_std: Its standard deviation, the jitter [s].
-        step_min: Shortest step [s].
-        step_max: Longest step that is not a gap [s].
+        rate: Of the uniform clock [Hz].
+        step_mean: Of the steps of the log's clock, gaps aside [s], as the other three.
         duration: Time from the first row to the last [s].
         resolution: Smallest step of each position, shape `(n,)` [rad; m].
         effort_resolution: Smallest step of each effort, shape `(n,)`.
@@ -185,10 +166,7 @@ class Quality:
     rows: int
     kept: int
     dropped: dict[str, int]
-    repeated: int
-    backward: int
     gaps: tuple[float, ...]
-    short: int
     rate: float
     step_mean: float
     step_std: float

@@ -14,7 +14,7 @@ import numpy as np
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import LogError, ModelError
 from steelyard.runs.smoothing.filters import continued_at_ends
-from steelyard.runs.smoothing.method import Butterworth
+from steelyard.runs.smoothing.method import Butterworth, Designed, WholeSegment
 from steelyard.runs.spectrum import find_period, moving_span
 
 HARMONIC_SAMPLES = 8192
@@ -31,14 +31,10 @@ MOST_RESIDUAL = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """A Fourier series of C channels about a time `origin` [s], with K harmonics.
+    """A Fourier series of C channels about a time `origin` [s]: K harmonics of a frequency [Hz].
 
-    Attributes:
-        frequency: Base frequency [Hz].
-        mean: Shape `(C,)`.
-        drift: Slope beside the series, shape `(C,)` [1/s]; zero unless requested.
-        cosine: Shape `(K, C)`, as `sine`.
-        noise: Standard deviation of what is left, shape `(C,)`.
+    `mean`, `drift` (a slope beside the series [1/s], zero unless requested) and `noise` (standard
+    deviation of what is left) have the shape `(C,)`, `cosine` and `sine` `(K, C)`.
     """
 
     frequency: float
@@ -187,93 +183,75 @@ class Fourier:
                 fix="give harmonics = 1 or more, or leave it out",
             )
 
-    def designed(self, cutoff: float, rate: float) -> "DesignedFourier":
-        """The projection for a cut-off [Hz] and a rate [Hz]."""
-        return DesignedFourier(self, cutoff, rate)
+    def designed(self, cutoff: float, rate: float) -> Designed:
+        """The projection for a cut-off [Hz] and a rate [Hz]; velocities are not used."""
 
+        def motion(q: Array, dq: Array | None) -> Array:
+            start, stop = self._whole_period(*moving_span(q), q.shape[1], rate)
+            result = np.empty((3, *q.shape))
+            inside = q[:, start:stop]
+            series = self.series(inside, cutoff, rate)
+            _require_periodic(series, inside)
+            t = np.arange(stop - start) / rate
+            result[:, :, start:stop] = series.at(t).transpose(0, 2, 1)
+            if start > 0 or stop < q.shape[1]:
+                low = Butterworth().designed(cutoff, rate)
+                rests = low(continued_at_ends(q, low.halo or 0, low.halo or 0), None)
+                result[:, :, :start], result[:, :, stop:] = rests[:, :, :start], rests[:, :, stop:]
+            return result
 
-@dataclass(frozen=True)
-class DesignedFourier:
-    """The projection for one rate, on harmonics up to the cut-off [Hz]; takes whole segments."""
+        return WholeSegment(motion)
 
-    method: Fourier
-    cutoff: float
-    rate: float
-
-    @property
-    def halo(self) -> None:
-        """None: a sample depends on all others."""
-        return
-
-    def __call__(self, q: Array, dq: Array | None) -> Array:
-        """Positions `(n, N)` to `q, dq, ddq`, `(3, n, N)`; velocities are not used."""
-        start, stop = self._whole_period(*moving_span(q), q.shape[1])
-        result = np.empty((3, *q.shape))
-        inside = q[:, start:stop]
-        series = self.series(inside)
-        self._regular(series, inside)
-        t = np.arange(stop - start) / self.rate
-        result[:, :, start:stop] = series.at(t).transpose(0, 2, 1)
-        if start > 0 or stop < q.shape[1]:
-            low = Butterworth().designed(self.cutoff, self.rate)
-            rests = low(continued_at_ends(q, low.halo or 0, low.halo or 0), None)
-            result[:, :, :start], result[:, :, stop:] = rests[:, :, :start], rests[:, :, stop:]
-        return result
-
-    def _whole_period(self, start: int, stop: int, count: int) -> tuple[int, int]:
+    def _whole_period(self, start: int, stop: int, count: int, rate: float) -> tuple[int, int]:
         """The span of motion, with samples at its ends where it lacks a little of a given period.
 
         A motion from rest to rest begins so slowly that its first samples pass for rest.
         """
-        m = self.method
-        period = m.period if m.frequency is None else 1.0 / m.frequency
-        lacking = 0 if period is None else ceil(period * self.rate) - (stop - start)
-        if period is None or not 0 < lacking <= REST_PERIOD_SHARE * period * self.rate:
+        period = self.period if self.frequency is None else 1.0 / self.frequency
+        lacking = 0 if period is None else ceil(period * rate) - (stop - start)
+        if period is None or not 0 < lacking <= REST_PERIOD_SHARE * period * rate:
             return start, stop
         after = min(count - stop, lacking // 2)
         before = min(start, lacking - after)
         return start - before, min(count, stop + lacking - before)
 
-    def series(self, q: Array) -> Series:
-        """The series of positions without rests, shape `(n, N)`.
-
-        Raises:
-            LogError: No period is found, or the log is shorter than one.
-        """
-        t, values = np.arange(q.shape[1]) / self.rate, q.T
-        frequency = self._frequency(t, values)
-        harmonics = self.method.harmonics
-        if harmonics is not None:
-            return fourier_series(t, values, frequency, harmonics, self.method.drift)
-        most = int(min(self.cutoff / frequency, (len(t) - 4) // 4))
-        wide = fourier_series(t, values, frequency, max(1, most), self.method.drift)
+    def series(self, q: Array, cutoff: float, rate: float) -> Series:
+        """The series of positions without rests, shape `(n, N)`."""
+        t, values = np.arange(q.shape[1]) / rate, q.T
+        frequency = self._frequency(t, values, rate)
+        if self.harmonics is not None:
+            return fourier_series(t, values, frequency, self.harmonics, self.drift)
+        most = int(min(cutoff / frequency, (len(t) - 4) // 4))
+        wide = fourier_series(t, values, frequency, max(1, most), self.drift)
         return audible_harmonics(wide, len(t))
 
-    def _frequency(self, t: Array, values: Array) -> float:
-        m = self.method
-        if m.frequency is not None:
-            return m.frequency
-        period = find_period(values.T, self.rate) if m.period is None else m.period
+    def _frequency(self, t: Array, values: Array, rate: float) -> float:
+        if self.frequency is not None:
+            return self.frequency
+        period = find_period(values.T, rate) if self.period is None else self.period
         if period is None:
             raise LogError(
                 "the motion is not periodic: it returns to its start at most once",
                 where="method 'fourier' of [processing]",
                 fix="choose another method for motion, or give the period of the motion",
             )
-        return 1.0 / period if m.period is not None else refined_frequency(t, values, 1.0 / period)
+        if self.period is not None:
+            return 1.0 / period
+        return refined_frequency(t, values, 1.0 / period)
 
-    def _regular(self, series: Series, q: Array) -> None:
-        """Raise if much of a moving joint's motion is left."""
-        size = q.std(axis=1)
-        moving = size > 0.02 * size.max(initial=0.0)
-        share = np.where(moving, series.noise / np.maximum(size, 1e-300), 0.0)
-        worst = int(np.argmax(share))
-        if share[worst] > MOST_RESIDUAL:
-            raise LogError(
-                f"the motion is not periodic with {1.0 / series.frequency:.4g} s: "
-                f"{series.harmonics} harmonics leave {100.0 * share[worst]:.2g} % of joint "
-                f"{worst + 1}'s motion ({series.noise[worst]:.2g} rad or m)",
-                where="method 'fourier' of [processing]",
-                fix="correct the period or the number of harmonics, cut the log to whole periods "
-                "(LOG@5:25s), or choose another method for motion",
-            )
+
+def _require_periodic(series: Series, q: Array) -> None:
+    """Raise if much of a moving joint's motion is left."""
+    size = q.std(axis=1)
+    moving = size > 0.02 * size.max(initial=0.0)
+    share = np.where(moving, series.noise / np.maximum(size, 1e-300), 0.0)
+    worst = int(np.argmax(share))
+    if share[worst] > MOST_RESIDUAL:
+        raise LogError(
+            f"the motion is not periodic with {1.0 / series.frequency:.4g} s: "
+            f"{series.harmonics} harmonics leave {100.0 * share[worst]:.2g} % of joint "
+            f"{worst + 1}'s motion ({series.noise[worst]:.2g} rad or m)",
+            where="method 'fourier' of [processing]",
+            fix="correct the period or the number of harmonics, cut the log to whole periods "
+            "(LOG@5:25s), or choose another method for motion",
+        )

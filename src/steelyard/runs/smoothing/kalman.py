@@ -25,7 +25,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.runs.smoothing.method import Designed, Smooth, WholeSegment
+from steelyard.runs.smoothing.method import Designed, Smooth, WholeSegment, derived_jointly
 from steelyard.symbolic.native import kalman_loops as loops
 
 VAGUE_START = 1e6
@@ -64,11 +64,11 @@ class Smoothed:
 def kalman_smoothed(
     t: Array, values: Array, cutoff: float | None = None, order: int = 3
 ) -> Smoothed:
-    """Any channels through the smoother: positions, efforts, wrenches.
+    """Any channels `(N, C)` at increasing times `(N,)` [s] through the smoother.
 
     Args:
-        t: Time, shape `(N,)` [s], increasing; steps may differ.
-        values: Shape `(N, C)`.
+        t: Time; steps may differ.
+        values: Positions, efforts, wrenches.
         cutoff: Half-amplitude frequency that fixes the ratio of the noises [Hz]; by default every
             channel's ratio is the most likely one.
         order: Derivative of the channels that is white noise: 3 for positions; 2 for velocities,
@@ -133,17 +133,15 @@ def likelihood_stretches(count: int) -> list[slice]:
     """The samples that a likelihood looks at: all, or stretches of a long channel."""
     if count <= LIKELIHOOD_SAMPLES:
         return [slice(0, count)]
-    starts = np.linspace(
-        0, count - LIKELIHOOD_SAMPLES // LIKELIHOOD_STRETCHES, LIKELIHOOD_STRETCHES
-    ).astype(int)
-    return [slice(int(s), int(s) + LIKELIHOOD_SAMPLES // LIKELIHOOD_STRETCHES) for s in starts]
+    length = LIKELIHOOD_SAMPLES // LIKELIHOOD_STRETCHES
+    starts = np.linspace(0, count - length, LIKELIHOOD_STRETCHES).astype(int).tolist()
+    return [slice(start, start + length) for start in starts]
 
 
 def filtered(values: Array, steps: Array, ratio: float, order: int = 3) -> Array:
-    """The filter, begun with what the first samples say of the state, taken for vague.
+    """What `kalman_loops.filtered` keeps of each sample, begun with a vague state of the first.
 
-    The arguments are those of `likeliest_ratio` and the ratio; returned is what
-    `kalman_loops.filtered` keeps of each sample.
+    The arguments are those of `likeliest_ratio` and the ratio.
     """
     first = np.concatenate(([0.0], steps[1:]))
     later = np.cumsum(first[:order])
@@ -181,15 +179,11 @@ class Kalman:
         """The smoother for a cut-off [Hz] and a rate [Hz]."""
         given = cutoff if self.choose == "cutoff" else None
 
-        def motion(q: Array, dq: Array | None) -> Array:
-            t = np.arange(q.shape[1]) / rate
-            position = kalman_smoothed(t, q.T, given)
-            if dq is None:
-                return np.stack((position.value.T, position.rate.T, position.acceleration.T))
-            velocity = kalman_smoothed(t, dq.T, given, order=2)
-            return np.stack((position.value.T, velocity.value.T, velocity.rate.T))
+        def states(x: Array, order: int) -> Array:
+            found = kalman_smoothed(np.arange(x.shape[1]) / rate, x.T, given, order)
+            return np.stack((found.value.T, found.rate.T, found.acceleration.T))
 
-        return WholeSegment(motion)
+        return derived_jointly(states)
 
 
 JointCutoffs = tuple[float, ...]
@@ -214,14 +208,11 @@ class CausalKalman:
     def designed(self, cutoff: float, rate: float) -> Designed:
         """The filter for a cut-off [Hz], where none is found, and a rate [Hz]."""
 
-        def motion(q: Array, dq: Array | None) -> Array:
-            position = _states(q, self.cutoffs, cutoff, 3, rate)
-            if dq is None:
-                return position
-            velocity = _states(dq, self.velocity_cutoffs, cutoff, 2, rate)
-            return np.stack((position[0], velocity[0], velocity[1]))
+        def states(x: Array, order: int) -> Array:
+            own = self.cutoffs if order == 3 else self.velocity_cutoffs
+            return _states(x, (cutoff,) * len(x) if own is None else own, order, rate)
 
-        return WholeSegment(motion)
+        return derived_jointly(states)
 
     def chosen(
         self, q: Array, dq: Array | None, rate: float, band: float, *, whole: bool
@@ -246,19 +237,16 @@ class CausalKalman:
         return 1.0 / (np.pi * min(self.cutoffs or (cutoff,)))
 
 
-def _states(
-    x: Array, cutoffs: JointCutoffs | None, cutoff: float, order: int, rate: float
-) -> Array:
+def _states(x: Array, cutoffs: JointCutoffs, order: int, rate: float) -> Array:
     """Channels `(n, N)` and their derivatives as the filter knows them, `(3, n, N)`."""
-    given = (cutoff,) * len(x) if cutoffs is None else cutoffs
-    if len(given) != len(x):
+    if len(cutoffs) != len(x):
         raise LogError(
-            f"there are {len(given)} cut-offs for {len(x)} joints",
+            f"there are {len(cutoffs)} cut-offs for {len(x)} joints",
             where="method 'kalman_filter' of [processing]",
             fix="give one per joint, or leave them out",
         )
     steps, result = np.ones(x.shape[1]), np.empty((3, *x.shape))
-    for j, (channel, own) in enumerate(zip(x, given, strict=True)):
+    for j, (channel, own) in enumerate(zip(x, cutoffs, strict=True)):
         ratio = (2.0 * np.pi * own / rate) ** (2 * order)
         kept = filtered(np.ascontiguousarray(channel), steps, ratio, order)
         gains = kept[:, 3:6] / kept[:, 10:]

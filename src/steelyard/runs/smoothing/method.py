@@ -63,6 +63,23 @@ class WholeSegment:
         return self._function(*channels)
 
 
+def derived_jointly(states: Callable[[Array, int], Array]) -> WholeSegment:
+    """A method by a smoother that gives channels `(n, N)` and their derivatives, `(3, n, N)`.
+
+    The second argument of `states` is the derivative that is white noise: 3 for positions, 2 for
+    logged velocities.
+    """
+
+    def motion(q: Array, dq: Array | None) -> Array:
+        position = states(q, 3)
+        if dq is None:
+            return position
+        velocity = states(dq, 2)
+        return np.stack((position[0], velocity[0], velocity[1]))
+
+    return WholeSegment(motion)
+
+
 @runtime_checkable
 class Method(Protocol):
     """A way from positions to motion: `motion = ...` under `[processing]`; frozen dataclass."""

@@ -16,7 +16,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.runs.smoothing.kalman import likelihood_stretches
-from steelyard.runs.smoothing.method import Designed, WholeSegment
+from steelyard.runs.smoothing.method import Designed, derived_jointly
 
 LEAST_SPLINE_SAMPLES = 6
 """Least number of samples."""
@@ -124,14 +124,10 @@ class SmoothingSpline:
         """The spline for a cut-off [Hz] and a rate [Hz]."""
         weight = rate / (2.0 * np.pi * cutoff) ** 4 if self.choose == "cutoff" else None
 
-        def motion(q: Array, dq: Array | None) -> Array:
-            t = np.arange(q.shape[1]) / rate
-            position = [smoothing_spline(t, x, weight) for x in q]
-            result = np.array([(s.value, s.rate, s.acceleration) for s in position])
-            if dq is not None:
-                velocity = [smoothing_spline(t, x, weight) for x in dq]
-                result[:, 1] = [s.value for s in velocity]
-                result[:, 2] = [s.rate for s in velocity]
-            return np.ascontiguousarray(result.transpose(1, 0, 2))
+        def states(x: Array, order: int) -> Array:
+            t = np.arange(x.shape[1]) / rate
+            found = [smoothing_spline(t, channel, weight) for channel in x]
+            each = [(s.value, s.rate, s.acceleration) for s in found]
+            return np.ascontiguousarray(np.array(each).transpose(1, 0, 2))
 
-        return WholeSegment(motion)
+        return derived_jointly(states)
