@@ -220,7 +220,7 @@ def test_work_can_be_stopped(offer: Offer) -> None:
         InstrumentalVariables(rounds=1),
         Didim(rounds=1),
         ClosedLoopOutputError(rounds=1),
-        KalmanParameters(passes=1),
+        KalmanParameters(rounds=1),
     ],
     ids=lambda e: type(e).__name__,
 )

@@ -87,29 +87,22 @@ class Measured:
 
 @dataclass(frozen=True, eq=False)
 class StartValues:
-    """Values with which simulations start, of the columns that the data see, `(p,)`.
-
-    Friction turns within the widths of speed `(n,)` [rad/s; m/s]; notes say how they were come by,
-    where that is worth saying.
-    """
+    """Values with which simulations start, of the columns that the data see, `(p,)`."""
 
     values: Array
-    widths: Array
-    notes: tuple[str, ...] = ()
+    widths: Array  # of speed, within which friction turns, `(n,)` [rad/s; m/s]
+    notes: tuple[str, ...] = ()  # how they were come by
 
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """Measured stretches of runs, how they were controlled, and what their motion says by itself.
-
-    Efforts of the information are joint torques; notes say what was assumed.
-    """
+    """Measured stretches of runs, how they were controlled, and what their motion says itself."""
 
     regressor: Regressor
     runs: tuple[Measured, ...]
     loops: tuple[RunController, ...]
-    information: Information
-    notes: tuple[str, ...] = ()
+    information: Information  # efforts are joint torques
+    notes: tuple[str, ...] = ()  # what was assumed
 
     @classmethod
     def of_runs(
@@ -122,11 +115,8 @@ class Experiment:
         """An experiment of logged runs; their efforts become joint torques by the gains.
 
         Where it is not known how a run was controlled (`loops` is `None`), a controller of our own
-        stands in. The information, efforts as joint torques, is gathered if it is not given.
-
-        Raises:
-            DataError: A gain is unknown, the model cannot be simulated, or no stretch is long
-                enough.
+        stands in. The information, efforts as joint torques, is gathered if it is not given. A
+        `DataError` says why the runs cannot be simulated.
         """
         Forward(regressor.model, regressor.base.independent)
         stretches = [_stretches(run) for run in runs]
@@ -225,11 +215,7 @@ ASSUMED_CONTROLLER_NOTE = (
 
 
 def with_assumed_controller(experiment: Experiment) -> Experiment:
-    """The experiment with loops of our own.
-
-    Raises:
-        DataError: There are no values to begin with, see `Experiment.start_values`.
-    """
+    """The experiment with loops of our own."""
     q, start = experiment.postures, experiment.start_values
     masses, _ = experiment.dynamics.mass_and_bias(q, np.zeros_like(q), start.values, start.widths)
     loops = tuple(_assumed_loop(run, masses) for run in experiment.runs)
@@ -275,10 +261,7 @@ class Simulated:
 def simulate(
     experiment: Experiment, values: Array, progress: Progress = silent
 ) -> tuple[Simulated, ...]:
-    """The runs as the model makes them, under the same control.
-
-    Parameters are of shape `(p, L)`, or `(p,)` for one lane.
-    """
+    """The runs as the model makes them, with parameters `(p, L)`, or `(p,)` for one lane."""
     widths = experiment.start_values.widths
     return tuple(
         simulate_run(run, loop, experiment.dynamics, values, widths, progress)
@@ -354,11 +337,7 @@ START_VALUES_NOTE = (
 
 
 def start_estimate(experiment: Experiment) -> StartValues:
-    """Weighted least squares, or the nominal bodies with its friction where that cannot move.
-
-    Raises:
-        DataError: Neither can move.
-    """
+    """Weighted least squares, or the nominal bodies with its friction where that cannot move."""
     try:
         return _tried(experiment, experiment.start.parameters.values, ())
     except DataError:

@@ -15,18 +15,18 @@ the filter knows little, cannot leave the values that a mechanism can have. Pass
 until that makes no difference; each is a Gauss-Newton step of maximum likelihood.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.base.progress import Progress, report_progress
 from steelyard.estimate.closed_loop.experiment import Experiment, Measured, require_sound, simulate
 from steelyard.estimate.closed_loop.motion_under_torque import Integration
-from steelyard.estimate.closed_loop.simulating_estimators import not_converged_error, result
-from steelyard.estimate.estimate import Estimate
+from steelyard.estimate.closed_loop.simulating_estimators import FilteredRows, Simulating, Step
 
 _ORDER = 4
 _NORM = np.sqrt(70.0)  # fourth difference of white noise of size 1: root of 1 + 16 + 36 + 16 + 1
@@ -39,7 +39,10 @@ def white_noise(values: Array) -> Array:
     Fourth differences hold next to nothing of what is smooth; their median size does not mind a few
     jumps.
     """
-    differences = np.diff(values, n=_ORDER, axis=0)
+    return _noise_of(np.diff(values, n=_ORDER, axis=0))
+
+
+def _noise_of(differences: Array) -> Array:
     return np.asarray(_GAUSSIAN * np.median(np.abs(differences), axis=0) / _NORM)
 
 
@@ -56,7 +59,7 @@ def torque_noise(tau: Array, q: Array) -> Array:
         own = answered[:, joint]
         near = np.column_stack((own[:-2], own[1:-1], own[2:]))
         rest[:, joint] -= near @ np.linalg.lstsq(near, rest[:, joint], rcond=None)[0]
-    return np.asarray(_GAUSSIAN * np.median(np.abs(rest), axis=0) / _NORM)
+    return _noise_of(rest)
 
 
 _TURN, _SPEED, _SHARE = 1e-6, 1e-5, 1e-4  # changes of positions, speeds, and the rest over its size
@@ -68,14 +71,11 @@ _TICKS_PER_EVENT = 500
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """White noise of one run, as standard deviations per joint, shape `(n,)`.
+    """White noise of one run, as standard deviations per joint, shape `(n,)`."""
 
-    Of positions [rad; m] and torques [Nm; N]; `size` is the root mean square of the torque.
-    """
-
-    position: Array
-    torque: Array
-    size: Array
+    position: Array  # [rad; m]
+    torque: Array  # [Nm; N]
+    size: Array  # root mean square of the torque
 
     def torque_variance(self, counts: Array) -> Array:
         """Variance of the torque at a sample that counts, or does not, shape `(n,)`."""
@@ -85,26 +85,10 @@ class Noise:
 Belief = tuple[Array, Array]  # parameters `(p,)`, and their covariance `(p, p)`
 
 
-@dataclass(frozen=True, eq=False)
-class Slopes:
-    """One step and its derivatives.
-
-    Positions and velocities after it `(2 n,)`, their derivatives by those before `(2 n, 2 n)`, by
-    the torques `(2 n, n)` and by the parameters `(2 n, p)`, and the least pivot of the mass matrix.
-    """
-
-    ends: Array
-    motion: Array
-    effort: Array
-    values: Array
-    least: float
-
-
 class Steps:
     """Steps from one sample to the next and their derivatives, all lanes at once.
 
-    Attributes:
-        about: Parameters that the derivatives are taken at, shape `(p,)`.
+    The derivatives are taken at the parameters `about`, `(p,)`.
     """
 
     def __init__(self, experiment: Experiment, noise: Noise, about: Array, scale: Array) -> None:
@@ -123,11 +107,14 @@ class Steps:
         self._moving = Integration(experiment.dynamics, values + about[:, None], widths)
         self.about = about
 
-    def __call__(self, motion: Array, noisy: Array, quiet: Array, duration: float) -> Slopes:
-        """One step of a duration [s] from positions and velocities `(2 n,)`.
+    def __call__(
+        self, motion: Array, noisy: Array, quiet: Array, duration: float
+    ) -> tuple[Array, Array, float]:
+        """One step of a duration [s] from positions and velocities `(2 n,)` to those after it.
 
-        The measured torque `(n,)` is noisy; the derivatives by the parameters are taken under a
-        quiet one, which the model makes.
+        With their derivatives by those before, by the torques and by the parameters,
+        `(2 n, 3 n + p)`, and the least pivot of the mass matrix. The measured torque `(n,)` is
+        noisy; the derivatives by the parameters are taken under a quiet one, which the model makes.
         """
         n, first, moving = self._n, self._first, self._moving
         np.add(self._q, motion[:n, None], out=moving.q)
@@ -136,10 +123,9 @@ class Steps:
         np.add(self._effort, applied, out=moving.effort)
         moving.advance(duration)
         ends = np.concatenate((moving.q, moving.dq))
-        slopes = (ends[:, 1:first] - ends[:, :1]) / self._changes[: 3 * n]
-        by_value = (ends[:, first + 1 :] - ends[:, first : first + 1]) / self._changes[3 * n :]
-        least = float(moving.least[0])
-        return Slopes(ends[:, 0], slopes[:, : 2 * n], slopes[:, 2 * n :], by_value, least)
+        by_state, by_value = ends[:, 1:first] - ends[:, :1], ends[:, first + 1 :] - ends[:, [first]]
+        slopes = np.concatenate((by_state, by_value), axis=1) / self._changes
+        return ends[:, 0], slopes, float(moving.least[0])
 
 
 class State:
@@ -148,35 +134,24 @@ class State:
     def __init__(self, run: Measured, noise: Noise, departure: Array, covariance: Array) -> None:
         n = len(noise.torque)
         self._n, self._noise = n, noise
-        self._moving, self._noisy = slice(0, 2 * n), slice(2 * n, 3 * n)
-        self._fixed = slice(3 * n, None)
         self.mean = np.concatenate((run.motion.q[0], run.motion.dq[0], np.zeros(n), departure))
         speeds = _UNSURE * np.sqrt(np.mean(run.motion.dq**2, axis=0))
-        own = (
-            noise.position**2,
-            speeds**2,
-            noise.torque_variance(run.counts[0]),
-            np.zeros(len(departure)),
-        )
-        self.spread = np.diag(np.concatenate(own))
-        self.spread[self._fixed, self._fixed] = covariance
+        torque, nothing = noise.torque_variance(run.counts[0]), np.zeros(len(departure))
+        self.spread = np.diag(np.concatenate((noise.position**2, speeds**2, torque, nothing)))
+        self.spread[3 * n :, 3 * n :] = covariance
 
-    @property
-    def motion(self) -> Array:
-        """Positions and velocities, shape `(2 n,)`."""
-        return self.mean[self._moving]
-
-    def predict(self, slopes: Slopes, counts: Array) -> None:
+    def predict(self, ends: Array, slopes: Array, counts: Array) -> None:
         """Go one step on, under the mean of two torque samples; the noise of the second is new.
 
-        `counts` says whether that sample counts, shape `(n,)`.
+        Ends and slopes are those of a step; `counts` says whether that sample counts, `(n,)`.
         """
-        moving, noisy, fixed, spread = self._moving, self._noisy, self._fixed, self.spread
-        variance, half = self._noise.torque_variance(counts), -0.5 * slopes.effort
-        departed = slopes.values @ self.mean[fixed]
-        self.mean[moving] = slopes.ends + half @ self.mean[noisy] + departed
+        n, spread = self._n, self.spread
+        moving, noisy, fixed = slice(0, 2 * n), slice(2 * n, 3 * n), slice(3 * n, None)
+        transition, variance = slopes.copy(), self._noise.torque_variance(counts)
+        transition[:, noisy] *= -0.5
+        half = transition[:, noisy]
+        self.mean[moving] = ends + transition[:, 2 * n :] @ self.mean[2 * n :]
         self.mean[noisy] = 0.0
-        transition = np.concatenate((slopes.motion, half, slopes.values), axis=1)
         moved, fresh = transition @ spread, half * variance
         spread[moving, moving] = moved @ transition.T + fresh @ half.T
         spread[moving, noisy], spread[noisy, moving] = fresh, fresh.T
@@ -197,10 +172,6 @@ class State:
         self.spread = 0.5 * (spread + spread.T)
         return np.asarray(missed**2 / np.diag(expected))
 
-    def belief(self, about: Array) -> Belief:
-        """The parameters."""
-        return about + self.mean[self._fixed], self.spread[self._fixed, self._fixed]
-
 
 def filtered(
     run: Measured, noise: Noise, steps: Steps, quiet: Array, belief: Belief, progress: Progress
@@ -208,10 +179,7 @@ def filtered(
     """One pass over one run, with torques without noise, shape `(N, n)`.
 
     Returns what is known after it, and the mean square of the positions' errors over what was
-    expected, shape `(n,)`.
-
-    Raises:
-        DataError: The filter diverges.
+    expected, shape `(n,)`; a `DataError` says that the filter diverges.
     """
     n, surprise = len(noise.torque), np.zeros(len(noise.torque))
     state = State(run, noise, belief[0] - steps.about, belief[1])
@@ -219,10 +187,10 @@ def filtered(
         if k % _TICKS_PER_EVENT == 0:
             report_progress(progress, f"filtering {run.name}", k / run.rate, len(run.q) / run.rate)
         noisy, calm = (0.5 * (x[k - 1] + x[k]) for x in (run.tau, quiet))
-        slopes = steps(state.motion, noisy, calm, 1.0 / run.rate)
-        state.predict(slopes, run.counts[k])
+        ends, slopes, least = steps(state.mean[: 2 * n], noisy, calm, 1.0 / run.rate)
+        state.predict(ends, slopes, run.counts[k])
         missed = run.q[k] - state.mean[:n]
-        impossible = slopes.least <= 0.0
+        impossible = least <= 0.0
         if impossible or not np.abs(missed).max() < _FAR:
             off = f"it is more than {_FAR:g} rad (m) off"
             why = "its mass matrix is no longer positive definite" if impossible else off
@@ -233,10 +201,9 @@ def filtered(
                 "and torques",
             )
         surprise += state.correct(missed)
-    return state.belief(steps.about), surprise / (len(run.q) - 1)
+    belief = steps.about + state.mean[3 * n :], state.spread[3 * n :, 3 * n :]
+    return belief, surprise / (len(run.q) - 1)
 
-
-KALMAN_NAME = "extended Kalman filter"
 
 _LEAST_POSITION_NOISE, _LEAST_TORQUE_NOISE = 1e-8, 1e-5  # [rad; m], over the size
 _STEADY = 0.1  # change between passes over the standard deviations, root mean square, that is none
@@ -244,7 +211,7 @@ _CREDIBLE_ERROR_RATIO = 1.3  # mean square of a joint's errors, over the expecte
 
 
 @dataclass(frozen=True)
-class KalmanParameters:
+class KalmanParameters(Simulating):
     """Parameters as states that do not change.
 
     The filter begins with `Experiment.start_values`, every parameter uncertain by that value at
@@ -256,18 +223,16 @@ class KalmanParameters:
     and its torque says nothing.
     """
 
+    name: ClassVar[str] = "extended Kalman filter"
+    quiet: ClassVar[float] = _STEADY
+    exact: ClassVar[float] = 0.0
+    rounds: int = 12
     uncertainty: float = 0.1  # share of the torque
-    passes: int = 12
     position_noise: float | None = None  # standard deviation [rad; m]
     torque_noise: tuple[float, ...] | None = None  # standard deviation per joint [Nm; N]
-    progress: Progress = silent
 
-    def __call__(self, experiment: Experiment) -> Estimate:
-        """Estimate all columns that the filtered motion shows.
-
-        Raises:
-            DataError: The filter diverges, or the values do not settle.
-        """
+    def steps(self, experiment: Experiment, torque: FilteredRows) -> Iterator[Step]:
+        """Each passes over all runs."""
         noises = [self._noise(run) for run in experiment.runs]
         information = experiment.information
         efforts = information.effort_squares()
@@ -277,28 +242,24 @@ class KalmanParameters:
         sizes = 1.0 / np.sqrt(np.maximum(own, 1e-300))
         values, scale = experiment.start_values.values, self.uncertainty * sizes
         raised = np.ones(len(noises[0].torque))
-        for number in range(self.passes):
+        for number in range(self.rounds):
             (found, covariance), surprise = self._passed(experiment, noises, values, scale)
             if (surprise > _CREDIBLE_ERROR_RATIO).any():
                 factor = np.maximum(surprise, 1.0)
                 raised *= factor
                 noises = [replace(noise, torque=noise.torque * factor) for noise in noises]
                 continue
-            change, values = (found - values) / scale, found
-            unit = covariance / scale[:, None] / scale
-            if change @ np.linalg.solve(unit, change) <= _STEADY**2 * len(change):
-                sigma = np.sqrt(np.mean([noise.torque**2 for noise in noises], axis=0))
-                counts = np.sum([run.counts.sum(axis=0) for run in experiment.runs], axis=0)
-                notes = [f"{number + 1} passes"]
-                if raised.max() != 1.0:
-                    notes.append(
-                        "the innovations exceeded their covariance: torque noise was raised up to "
-                        f"{raised.max():.2g} times that of the sensors"
-                    )
-                return result(
-                    KALMAN_NAME, experiment, values, covariance, sigma, counts, tuple(notes)
+            change, values = found - values, found
+            precision = np.linalg.inv(covariance / scale[:, None] / scale) / scale[:, None] / scale
+            sigma = np.sqrt(np.mean([noise.torque**2 for noise in noises], axis=0))
+            counts = np.sum([run.counts.sum(axis=0) for run in experiment.runs], axis=0)
+            notes = [f"{number + 1} passes"]
+            if raised.max() != 1.0:
+                notes.append(
+                    "the innovations exceeded their covariance: torque noise was raised up to "
+                    f"{raised.max():.2g} times that of the sensors"
                 )
-        raise not_converged_error(KALMAN_NAME, experiment, self.passes)
+            yield Step(values, change, precision, sigma, sigma, covariance, counts, tuple(notes))
 
     def _passed(
         self, experiment: Experiment, noises: Sequence[Noise], values: Array, scale: Array

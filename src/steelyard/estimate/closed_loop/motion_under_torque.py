@@ -82,14 +82,10 @@ _SHARED = [False, False, False, False, True]
 
 @dataclass(frozen=True, eq=False)
 class Forward:
-    """Forward dynamics of a model in some of its parameters, the others at zero.
+    """Forward dynamics of a model in some of its parameters, the others at zero."""
 
-    The model knows neither loops nor friction with memory; `columns` are indices of the standard
-    parameters in use, `p` of them.
-    """
-
-    model: Model
-    columns: tuple[int, ...]
+    model: Model  # without loops and friction with memory
+    columns: tuple[int, ...]  # indices of the standard parameters in use, `p` of them
 
     def __post_init__(self) -> None:
         if self.model.robot.passive:
@@ -124,10 +120,8 @@ class Forward:
         r"""Speeds within which jumps turn, so wide that steps of `LONGEST_STEP` follow them.
 
         Near zero speed a law that jumps by $\pm f$ brakes at the rate $(M^{-1})_{jj} f / w$. Looked
-        at are postures `(n, B)`, with parameters `(p,)`.
-
-        Raises:
-            DataError: The mass matrix is not positive definite at some of the postures.
+        at are postures `(n, B)`, with parameters `(p,)`, at all of which the mass matrix must be
+        positive definite.
         """
         least = np.array([LEAST_WIDTH[c.kind] for c in self.model.robot.coordinates])
         speed = np.repeat(least[:, None], q.shape[1], axis=1)
@@ -184,11 +178,8 @@ class Forward:
 class Integration:
     """Lanes that move side by side; buffers are made once.
 
-    Attributes:
-        q: Positions, shape `(n, L)`; write to them to place the lanes.
-        dq: Velocities, likewise.
-        effort: Efforts that the next steps hold, likewise.
-        least: Least pivot of the mass matrices of the last step, shape `(L,)`.
+    To positions `q` and velocities `dq` may be written, as to the efforts that the next steps hold,
+    all `(n, L)`; `least` is the least pivot of the mass matrices of the last step, `(L,)`.
     """
 
     def __init__(self, dynamics: Forward, values: Array, widths: Array) -> None:

@@ -19,8 +19,10 @@ Levenberg and Marquardt's method [Marquardt1963], with one simulation for every 
 moved a little, all side by side.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -40,25 +42,84 @@ QUIET = 0.03  # change of the values over their standard deviations, root mean s
 EXACT = 1e-7  # change of the torque, over the torque, that is none
 
 
-@dataclass(frozen=True)
-class InstrumentalVariables:
-    """Instruments from the simulated closed loop, in at most so many simulations."""
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One round of an estimator that simulates."""
 
-    rounds: int = 12
+    values: Array  # where it leads, `(p,)`
+    change: Array  # change of the values that the data ask for, `(p,)`
+    precision: Array  # inverse covariance of the values, `(p, p)`
+    sigma: Array  # deviations of the torques that the round counted with, `(n,)`
+    deviations: Array  # those of the residuals, which exact data make zero, `(n,)`
+    covariance: Array | None = None  # where it is not the inverse of the precision
+    counts: Array | None = None  # samples of each torque where they are not the filtered ones
+    notes: tuple[str, ...] = ()  # how many rounds there were, if empty
+
+
+@dataclass(frozen=True)
+class Simulating(ABC):
+    """Rounds of simulations until one asks for a change of the values that says nothing."""
+
+    name: ClassVar[str]
+    counted: ClassVar[str] = "simulations"
+    quiet: ClassVar[float] = QUIET
+    exact: ClassVar[float] = EXACT
+    rounds: int = 15
     progress: Progress = silent
+
+    @abstractmethod
+    def steps(self, experiment: Experiment, torque: "FilteredRows") -> Iterator[Step]:
+        """At most so many rounds."""
 
     def __call__(self, experiment: Experiment) -> Estimate:
         """Estimate all columns that the filtered motion shows.
 
-        Raises:
-            DataError: The model cannot be simulated, or the values do not settle.
+        A `DataError` says that the model cannot be simulated, or that the values do not settle.
         """
-        return _settled("instrumental variables", experiment, self._steps(experiment), self.rounds)
+        torque = FilteredRows.of(experiment, [run.tau.T for run in experiment.runs])
+        fix = "filter the motion more, or log one that excites the joints more"
+        for number, step in enumerate(self.steps(experiment, torque)):
+            size = float(step.change @ step.precision @ step.change)
+            quiet, exact = self.quiet**2 * len(step.change), self.exact**2
+            if size <= quiet or size <= exact * _cost(torque, step.sigma):
+                return self._estimate(experiment, step, torque.counts, number + 1)
+        wrong = f"{self.name} did not converge within {self.rounds} rounds"
+        raise DataError(wrong, where=experiment.where, fix=fix)
 
-    def _steps(self, experiment: Experiment) -> "Iterator[_Step]":
+    def _estimate(self, experiment: Experiment, step: Step, counts: Array, rounds: int) -> Estimate:
+        """The estimate with the start's names and blind parameters."""
+        start, covariance = experiment.start, step.covariance
+        if covariance is None:
+            covariance = np.asarray(np.linalg.inv(step.precision))
+        if not (np.isfinite(step.values).all() and np.isfinite(covariance).all()):
+            raise DataError(
+                f"{self.name} ended with values that are not finite",
+                where=experiment.where,
+                fix="log a motion that excites the joints more",
+            )
+        notes = step.notes or (f"{rounds} {self.counted}",)
+        return replace(
+            start,
+            estimator=self.name,
+            parameters=Parameters(start.parameters.names, start.parameters.units, step.values),
+            covariance=frozen((covariance + covariance.T) / 2.0),
+            sigma=frozen(step.deviations),
+            n_samples=frozen(counts if step.counts is None else step.counts),
+            notes=(*experiment.notes, *experiment.start_values.notes, *notes),
+        )
+
+
+@dataclass(frozen=True)
+class InstrumentalVariables(Simulating):
+    """Instruments from the simulated closed loop."""
+
+    name: ClassVar[str] = "instrumental variables"
+    rounds: int = 12
+
+    def steps(self, experiment: Experiment, torque: "FilteredRows") -> Iterator[Step]:
+        """Each simulates once."""
         motions = [(r.motion.q, r.motion.dq, r.motion.ddq) for r in experiment.runs]
-        seen = _regressor(experiment, motions)
-        torque, values = _torque(experiment), experiment.start_values.values
+        seen, values = _regressor(experiment, motions), experiment.start_values.values
         for _ in range(self.rounds):
             simulated = _simulated(experiment, values, self.progress)
             instruments = _regressor(experiment, [found.motion for found in simulated])
@@ -70,26 +131,18 @@ class InstrumentalVariables:
             change, values = np.asarray(found - values), np.asarray(found)
             deviations = _left(torque, seen, values).deviations(len(values))
             precision = np.linalg.inv(covariance)
-            yield _Step(values, change, precision, sigma, deviations, covariance)
+            yield Step(values, change, precision, sigma, deviations, covariance)
 
 
 @dataclass(frozen=True)
-class Didim:
-    """Simulated against measured torques, in at most so many simulations."""
+class Didim(Simulating):
+    """Simulated against measured torques."""
 
-    rounds: int = 15
-    progress: Progress = silent
+    name: ClassVar[str] = "DIDIM"
 
-    def __call__(self, experiment: Experiment) -> Estimate:
-        """Estimate all columns that the filtered motion shows.
-
-        Raises:
-            DataError: The model cannot be simulated, or the values do not settle.
-        """
-        return _settled("DIDIM", experiment, self._steps(experiment), self.rounds)
-
-    def _steps(self, experiment: Experiment) -> "Iterator[_Step]":
-        torque, values = _torque(experiment), experiment.start_values.values
+    def steps(self, experiment: Experiment, torque: "FilteredRows") -> Iterator[Step]:
+        """Each simulates once."""
+        values = experiment.start_values.values
         for _ in range(self.rounds):
             simulated = _simulated(experiment, values, self.progress)
             columns = _regressor(experiment, [found.motion for found in simulated])
@@ -99,26 +152,15 @@ class Didim:
 
 
 @dataclass(frozen=True)
-class ClosedLoopOutputError:
-    """Simulated against measured torques, with true sensitivities.
+class ClosedLoopOutputError(Simulating):
+    """Simulated against measured torques, with true sensitivities."""
 
-    Each of at most so many rounds takes one simulation per parameter.
-    """
+    name: ClassVar[str] = "closed-loop output error"
+    counted: ClassVar[str] = "rounds"
 
-    rounds: int = 15
-    progress: Progress = silent
-
-    def __call__(self, experiment: Experiment) -> Estimate:
-        """Estimate all columns that the filtered motion shows.
-
-        Raises:
-            DataError: The model cannot be simulated, or the values do not settle.
-        """
-        steps = self._steps(experiment)
-        return _settled("closed-loop output error", experiment, steps, self.rounds, "rounds")
-
-    def _steps(self, experiment: Experiment) -> "Iterator[_Step]":
-        torque, values, damping = _torque(experiment), experiment.start_values.values, 1e-3
+    def steps(self, experiment: Experiment, torque: "FilteredRows") -> Iterator[Step]:
+        """Each takes one simulation per parameter."""
+        values, damping = experiment.start_values.values, 1e-3
         for _ in range(self.rounds):
             residual, columns = self._linearised(experiment, values)
             step, side = _gauss_newton(values, columns, residual, torque)
@@ -155,78 +197,6 @@ class ClosedLoopOutputError:
         if not all(found.sound[0] for found in simulated):
             return np.inf
         return _cost(_residual(experiment, simulated), sigma)
-
-
-@dataclass(frozen=True, eq=False)
-class _Step:
-    """One round of an estimator that simulates."""
-
-    values: Array  # where it leads, `(p,)`
-    change: Array  # change of the values that the data ask for, `(p,)`
-    precision: Array  # inverse covariance of the values, `(p, p)`
-    sigma: Array  # deviations of the torques that the round counted with, `(n,)`
-    deviations: Array  # those of the residuals, which exact data make zero, `(n,)`
-    covariance: Array | None = None
-
-
-def _settled(
-    name: str,
-    experiment: Experiment,
-    steps: Iterator[_Step],
-    rounds: int,
-    counted: str = "simulations",
-) -> Estimate:
-    """The estimate of the first step whose change of the values says nothing."""
-    torque = _torque(experiment)
-    for number, step in enumerate(steps):
-        size = float(step.change @ step.precision @ step.change)
-        quiet = size <= QUIET**2 * len(step.change)
-        if quiet or size <= EXACT**2 * _cost(torque, step.sigma):
-            covariance = step.covariance
-            if covariance is None:
-                covariance = np.asarray(np.linalg.inv(step.precision))
-            notes = (f"{number + 1} {counted}",)
-            return result(
-                name, experiment, step.values, covariance, step.deviations, torque.counts, notes
-            )
-    raise not_converged_error(name, experiment, rounds)
-
-
-def result(
-    name: str,
-    experiment: Experiment,
-    values: Array,
-    covariance: Array,
-    sigma: Array,
-    counts: Array,
-    notes: tuple[str, ...],
-) -> Estimate:
-    """The estimate with the start's names and blind parameters."""
-    start = experiment.start
-    if not (np.isfinite(values).all() and np.isfinite(covariance).all()):
-        raise DataError(
-            f"{name} ended with values that are not finite",
-            where=experiment.where,
-            fix="log a motion that excites the joints more",
-        )
-    return replace(
-        start,
-        estimator=name,
-        parameters=Parameters(start.parameters.names, start.parameters.units, values),
-        covariance=frozen((covariance + covariance.T) / 2.0),
-        sigma=frozen(sigma),
-        n_samples=frozen(counts),
-        notes=(*experiment.notes, *experiment.start_values.notes, *notes),
-    )
-
-
-def not_converged_error(name: str, experiment: Experiment, rounds: int) -> DataError:
-    """What to say of a search that does not come to an end."""
-    return DataError(
-        f"{name} did not converge within {rounds} rounds",
-        where=experiment.where,
-        fix="filter the motion more, or log one that excites the joints more",
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,10 +247,6 @@ def normal(left: FilteredRows, right: FilteredRows, sigma: Array) -> Array:
     return np.asarray(total)
 
 
-def _torque(experiment: Experiment) -> FilteredRows:
-    return FilteredRows.of(experiment, [run.tau.T for run in experiment.runs])
-
-
 def _regressor(
     experiment: Experiment, motions: Sequence[tuple[Array, Array, Array]]
 ) -> FilteredRows:
@@ -310,13 +276,13 @@ def _residual(experiment: Experiment, simulated: Sequence[Simulated]) -> Filtere
 
 def _gauss_newton(
     values: Array, columns: FilteredRows, residual: FilteredRows, torque: FilteredRows
-) -> tuple[_Step, Array]:
+) -> tuple[Step, Array]:
     """The step of least squares from `values`, which it keeps, and its right side, `(p,)`."""
     deviations = residual.deviations(len(values))
     sigma = _floored(deviations, torque)
     matrix, side = normal(columns, columns, sigma), normal(columns, residual, sigma)
     change = np.asarray(np.linalg.solve(matrix, side))
-    return _Step(values, change, matrix, sigma, deviations), side
+    return Step(values, change, matrix, sigma, deviations), side
 
 
 def _floored(sigma: Array, torque: FilteredRows) -> Array:

@@ -76,12 +76,7 @@ class Consistent:
             raise ValueError("a weight of the prior is positive; the form `Free` takes none")
 
     def __call__(self, information: Information) -> Estimate:
-        """Estimate all standard parameters.
-
-        Raises:
-            DataError: The data are too few, the constraints contradict each other, or the solver
-                stopped before the optimum.
-        """
+        """Estimate all standard parameters."""
         data = whitened(information, self.per_run, equal=self.equal)
         program = self.program(data)
         found = self.weighed(program)

@@ -138,15 +138,11 @@ class Tried:
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """A weight and the solution with it, and how many solutions the search took.
-
-    `physics` is the rise without a prior worth the name where that is more than the rank of the
-    data; else zero.
-    """
+    """A weight and the solution with it."""
 
     tried: Tried
-    solves: int = 1
-    physics: float = 0.0
+    solves: int = 1  # solutions that the search took
+    physics: float = 0.0  # rise without a prior worth the name, if above the rank of the data
 
 
 def weighed(attempt: Callable[[float, Array | None], Tried], rank: int) -> Weighed:

@@ -62,11 +62,7 @@ class LogCholesky(Consistent):
             raise ValueError("log-Cholesky supports only the entropic prior")
 
     def __call__(self, information: Information) -> Estimate:
-        """Estimate all standard parameters.
-
-        Raises:
-            DataError: The data are too few, or the solver stopped before the optimum.
-        """
+        """Estimate all standard parameters."""
         known = self.knowledge
         bodies = [k for body in range(len(known.bodies)) for k in known.tens(body)]
         lower, upper = known.lower.copy(), known.upper.copy()
@@ -222,10 +218,7 @@ class Criterion:
         return [*parts, (FAINT, one, body)]
 
     def moved(self, x: Array, step: Array, part: float) -> Array | None:
-        """The place to which the unknowns go straight: there the data are linear.
-
-        `None` if a body on the way stops to exist.
-        """
+        """Where the unknowns, and so the data, go straight; `None` if a body stops to exist."""
         there = x + part * step
         for place in self.bodies:
             numbers, slopes = entries(x[place])
@@ -238,10 +231,7 @@ class Criterion:
 
 
 def _bounds_of_terms(program: Program) -> Array:
-    """Bounds of the unknowns that are no body's, shape `(2, terms)`.
-
-    They are those of constraints on a single one of them; others are ignored.
-    """
+    """Bounds `(2, terms)` of the unknowns that are no body's, by constraints on one alone."""
     constraints, first = program.constraints, 10 * len(program.unknowns.priors)
     ends = np.tile([[-np.inf], [np.inf]], len(program.unknowns.terms))
     for row, low, high in zip(

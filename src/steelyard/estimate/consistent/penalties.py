@@ -135,14 +135,11 @@ FAINT = 1e-6  # weight that keeps bodies without prior bounded
 
 @dataclass(frozen=True, eq=False)
 class BodyPenalty:
-    """Quadratic and linear cost of a body's ten unknowns, then of its helpers, and its cones.
-
-    Columns of the cones count from the body's first unknown, helpers from 10.
-    """
+    """Quadratic and linear cost of a body's ten unknowns, then of its helpers, and its cones."""
 
     square: Array
     linear: Array
-    blocks: tuple[Block, ...]
+    blocks: tuple[Block, ...]  # columns count from the body's first unknown, helpers from 10
 
 
 class Form(Protocol):

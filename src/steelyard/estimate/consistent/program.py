@@ -28,13 +28,10 @@ UNREACHED_BOUND = 1e6  # bound never reached, in units of a body's prior or of t
 
 @dataclass(frozen=True, eq=False)
 class ConicConstraints:
-    r"""Bounds and rows over the unknowns, each scaled to unit length: $l \le a\,u \le h$.
+    r"""Bounds and rows over the unknowns, each scaled to unit length: $l \le a\,u \le h$."""
 
-    The matrix is of shape `(rows, m)`; `rows` are the constraints as they were given.
-    """
-
-    rows: tuple[Row, ...]
-    matrix: Array
+    rows: tuple[Row, ...]  # as they were given
+    matrix: Array  # `(rows, m)`
     lower: Array
     upper: Array
 
@@ -93,14 +90,11 @@ def _bounds(unknowns: Unknowns, knowledge: Knowledge) -> list[Row]:
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """The program but for the weight of the prior, so that many weights share it.
-
-    `form` is the penalty of bodies that have a prior.
-    """
+    """The program but for the weight of the prior, so that many weights share it."""
 
     unknowns: Unknowns
     constraints: ConicConstraints
-    form: Form
+    form: Form  # penalty of bodies that have a prior
 
     def conic(self, gamma: float, *, data: bool = True, unit: float = 1.0) -> Conic:
         """The program with a weight of the prior.

@@ -93,17 +93,13 @@ class Wrenches:
 
 
 class WrenchMethod(Protocol):
-    """From external efforts to wrenches.
-
-    Attributes:
-        expected: The size of wrenches, beside which a direction is seen or not.
-    """
+    """From external efforts to wrenches."""
 
     name: ClassVar[str]
 
     @property
     def expected(self) -> Expected:
-        """See the attributes."""
+        """The size of wrenches, beside which a direction is seen or not."""
         ...
 
     def __call__(self, efforts: ExternalEfforts) -> Wrenches:

@@ -109,10 +109,7 @@ EXTRAPOLATION = 10.0  # most times between false alarms over the length of the c
 
 @dataclass(frozen=True, eq=False)
 class ResidualPeaks:
-    """Largest residuals of visits to ranges of speed, in motion without contact.
-
-    The last column is that of changes at rest.
-    """
+    """Largest residuals of visits to ranges of speed, in motion without contact; last, at rest."""
 
     # speeds at which ranges meet, rest and turning at the first, `(n, 3)` [rad/s; m/s]
     edges: Array
@@ -254,13 +251,10 @@ class ContactThresholds:
 
 
 class ThresholdStepper:
-    """Thresholds sample by sample.
+    """Thresholds sample by sample; `resting`: whether all joints were at rest at the last one.
 
     A joint is in the slowest range of the last `HOLD` seconds, at rest only `SETTLED` seconds after
     its last motion.
-
-    Attributes:
-        resting: Whether all joints were at rest at the last sample.
     """
 
     def __init__(self, thresholds: ContactThresholds) -> None:

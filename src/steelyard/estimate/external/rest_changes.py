@@ -68,17 +68,12 @@ def _slow_mean(signals: Array, step: float) -> Array:
 class ChangeStepper:
     """Changes at rest sample by sample, each decided `ONSET` later.
 
-    Attributes:
-        time: Of the sample that was decided last [s]; NaN before the first.
-        change: Change of each joint there, shape `(n,)` [Nm; N]; NaN where none is tested.
+    `change` is that of each joint, `(n,)` [Nm; N], at the `time` of the sample that was decided
+    last [s]; NaN where none is tested.
     """
 
     def __init__(self, limits: Array) -> None:
-        """Begin.
-
-        Args:
-            limits: Thresholds, shape `(n,)`; NaN where changes are not tested [Nm; N].
-        """
+        """Begin, with thresholds `(n,)` [Nm; N]; NaN where changes are not tested."""
         self._limits = limits
         self.begin()
 

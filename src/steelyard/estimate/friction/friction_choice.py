@@ -124,18 +124,10 @@ def choose_friction(
 ) -> FrictionChoice:
     """The mix of friction laws with the least error where it was not fitted.
 
-    Args:
-        model: The robot and its causes of torque without the friction that is to be chosen.
-        runs: The runs to be fitted.
-        estimator: How each mix is fitted.
-        consistent: The consistent estimate, if the model is to be given that: each mix is then
-            fitted by it.
-        memory: Whether laws with a state are candidates: memory, or the load of the links.
-        threads: Native threads.
-        progress: Told about the passes.
-
-    Raises:
-        DataError: The runs are too short to leave one out.
+    The model has no friction yet. Each mix is fitted by `estimator`, or by the consistent estimate
+    where the model is to be given that. Without `memory` laws with a state, of memory or of the
+    load of the links, are no candidates. A `DataError` says that the runs are too short to leave
+    one out.
     """
     refuse_listed(model)
     divided = folding(runs)

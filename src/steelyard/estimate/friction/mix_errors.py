@@ -119,11 +119,7 @@ class FrictionMixErrors:
         return np.array([self.whole.of([k]).effort_squares() for k in range(count)])
 
     def errors(self, mix: tuple[Term, ...]) -> Array | None:
-        """One figure per fold; `None` of a mix that the data are too few for.
-
-        Raises:
-            DataError: They are too few for the first.
-        """
+        """One figure per fold; `None` if the data are too few for a mix, not the first."""
         names = self.wide.columns_of(mix)
         tested = self.whole.select(names)
         fitted = tested if has_memory(mix) else self.moving.select(names)
@@ -157,10 +153,7 @@ class FrictionMixErrors:
         return fitted
 
     def plausible(self, kept: tuple[Term, ...], laws: tuple[Term, ...]) -> tuple[Term, ...]:
-        """Laws beside those kept; load-dependent friction of those joints that it is plausible of.
-
-        Its coefficients are those of a fit to all runs.
-        """
+        """Laws beside those kept; load-dependent friction where a fit to all runs is plausible."""
         law = next((term for term in laws if isinstance(term, LoadDependent)), None)
         if law is None:
             return laws
@@ -180,10 +173,7 @@ class FrictionMixErrors:
         return (*rest, replace(law, joints=joints)) if joints else rest
 
     def per_joint(self, following: tuple[Term, ...]) -> list[tuple[tuple[Term, ...], Array]]:
-        """Dahl friction with the best length of each joint.
-
-        The lengths are those of all folds; a fold is judged with those of the others.
-        """
+        """Dahl friction with each joint's best length; folds are judged with that of the others."""
         tried = [mix for mix in self.known if isinstance(mix[0], Dahl) and mix[1:] == following]
         if len(self.whole.layout.rows) < 2 or len(tried) < 2:
             return []

@@ -72,16 +72,12 @@ SPRINGS: tuple[tuple[Term, ...], ...] = ((), (Spring(),))
 def stages_of(
     model: Model, kind: EffortKind, left_out: Literal["run", "segment"]
 ) -> tuple[tuple[tuple[Term, ...], ...], ...]:
-    """The candidates for a model, stage by stage.
+    """The candidates for a model without friction, stage by stage.
 
     Laws of speed act along further coordinates as well, where the model has viscous friction along
-    them. A spring that the model has is no candidate.
-
-    Args:
-        model: The model without the friction that is to be chosen.
-        kind: Of the efforts.
-        left_out: What is left out in turn: stretches of one motion share its postures, and cannot
-            tell a spring from what else depends on posture.
+    them. A spring that the model has is no candidate; nor are springs where stretches are left out
+    in turn, which share the postures of one motion and cannot tell them from what else depends on
+    posture.
     """
     aside = [x for x in model.terms if isinstance(x, Viscous) and (x.along or x.motors)]
     speed = [

@@ -17,14 +17,10 @@ from steelyard.symbolic.native.native_loops import FIR_OUTPUTS, TILE_COLUMNS, TI
 
 @dataclass(frozen=True, eq=False)
 class Tiling:
-    """Tiles that cover the lower triangles of all rows' Gram matrices.
+    """Tiles that cover the lower triangles of all rows' Gram matrices."""
 
-    `firsts` are the first rows `(a, b)` of each tile, `(tiles, 2)`; `cells` say where each packed
-    Gram entry lies among the tiles' sums.
-    """
-
-    firsts: NDArray[np.int64]
-    cells: NDArray[np.int64]
+    firsts: NDArray[np.int64]  # first rows `(a, b)` of each tile, `(tiles, 2)`
+    cells: NDArray[np.int64]  # where each packed Gram entry lies among the tiles' sums
 
     @classmethod
     @cache
@@ -185,11 +181,7 @@ class Accumulator:
         return work.result()
 
     def rows(self, stretch: Stretch) -> tuple[Array, Array]:
-        """The filtered samples themselves.
-
-        Columns and efforts as `Layout.starts` says, shape `(width, outputs)`, and the weight of
-        each in each effort row, `(n, outputs)`; 0 where it does not count.
-        """
+        """Filtered samples `(width, outputs)`, see `Layout.starts`, and weights `(n, outputs)`."""
         n_outputs, weights = self.outputs(stretch.q.shape[1]), self._weights(stretch)
         result = np.empty((self.width, n_outputs))
         for first, count, block in self._blocks(stretch, _Workspace(self, sum(self._steps))):

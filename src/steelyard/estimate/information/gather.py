@@ -96,18 +96,10 @@ def gather(
 ) -> Information:
     """What one run says about the columns of a regressor, in windows.
 
-    Args:
-        regressor: The columns.
-        run: Clean motion and effort on a uniform clock.
-        matched: Whether columns and effort go through the run's parallel filter.
-        rests: Whether samples count where a joint rests; its friction then lies anywhere in a dead
-            zone, which only friction with memory knows.
-        longest: Length that a window should not exceed [s]; merged ones may.
-        threads: Native threads.
-        progress: Told about every window.
-
-    Raises:
-        LogError: No stretch of the run is as long as the filter, or an effort never changes.
+    Columns and effort go through the run's parallel filter if `matched`. With `rests` samples count
+    where a joint rests; its friction then lies anywhere in a dead zone, which only friction with
+    memory knows. Windows should not be longer than `longest` [s]; merged ones may. A `LogError`
+    says that no stretch of the run is as long as the filter, or that an effort never changes.
     """
     gram_pass = start_pass(regressor, run, matched, rests, longest)
     found = accumulate(

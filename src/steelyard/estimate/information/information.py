@@ -80,11 +80,7 @@ class Information:
         return f"Information({columns} columns, {len(self.windows)} windows of {runs} runs)"
 
     def __add__(self, other: "Information") -> "Information":
-        """All windows of both.
-
-        Raises:
-            DataError: They differ in model, columns, effort unit or filters.
-        """
+        """All windows of both; a `DataError` says in what they differ."""
         self.signature.refuse_unlike(other.signature, f"runs {self.runs} and {other.runs}")
         beside = None
         if self.beside is not None or other.beside is not None:
@@ -215,11 +211,7 @@ class Information:
         return result
 
     def select(self, names: Sequence[str]) -> "Information":
-        """The same data, seen by some of the columns only, in the order given.
-
-        Raises:
-            DataError: There is no column of that name.
-        """
+        """The same data, seen by some of the columns only, in the order given."""
         for name in names:
             if name not in self.layout.columns:
                 raise DataError(
@@ -243,14 +235,9 @@ class Information:
         return replace(chosen, absolute=sums)
 
     def map(self, transform: Array, names: Sequence[str], units: Sequence[str]) -> "Information":
-        """The same data for other parameters: old ones = `transform` @ new ones.
+        """The same data for other parameters: old ones = `transform` `(old, new)` @ new ones.
 
         Sums of |column| do not transform; they are not a number in the result.
-
-        Args:
-            transform: Shape `(old, new)`.
-            names: Names of the new parameters.
-            units: Their units.
         """
         sees = tuple(
             tuple(int(k) for k in np.flatnonzero(np.any(transform[list(seen)] != 0.0, axis=0)))
@@ -265,12 +252,7 @@ class Information:
         return self.mapped(Layout(tuple(names), tuple(units), self.layout.rows, sees), parts)
 
     def mapped(self, layout: Layout, parts: Sequence[Array]) -> "Information":
-        """The same data in other columns and efforts.
-
-        Args:
-            layout: The new columns.
-            parts: Per row old columns and effort per new ones, shape `(old + 1, new + 1)`.
-        """
+        """The same data in a layout; `parts` `(old + 1, new + 1)` map columns and effort."""
 
         def of(sums: Array) -> Array:
             grams = [

@@ -28,13 +28,10 @@ WINDOWS = 24  # windows that a run's samples are summed up in
 
 @dataclass(frozen=True, eq=False)
 class SampledRun:
-    """A run that samples come from, and the noise of its motion behind the filters, if known.
-
-    One stored sample is worth `share` independent ones.
-    """
+    """A run that samples come from, and the noise of its motion behind the filters, if known."""
 
     run: str
-    share: float
+    share: float  # independent samples that a stored one is worth
     error: MotionError | None = None
 
 
@@ -61,11 +58,7 @@ class FilteredSamples:
         return len(self.t)
 
     def __add__(self, other: "FilteredSamples") -> "FilteredSamples":
-        """The samples of both.
-
-        Raises:
-            DataError: They differ in model, columns, effort unit or filters.
-        """
+        """The samples of both; a `DataError` says in what they differ."""
         mine, theirs = ", ".join(self.runs), ", ".join(other.runs)
         self.signature.refuse_unlike(other.signature, f"runs {mine} and {theirs}")
         at = tuple(

@@ -37,10 +37,7 @@ class Fixed:
 
 
 def fixed_values(base: BaseMap, knowledge: Knowledge) -> Fixed:
-    """Base parameters all of whose members have a known value.
-
-    Constraints count that give a standard parameter a value.
-    """
+    """Base parameters all of whose members have a value that constraints of single ones give."""
     known: dict[str, float] = {}
     for row in knowledge.rows:
         if len(row.coefficients) == 1 and row.lower == row.upper:
@@ -62,10 +59,7 @@ def fixed_values(base: BaseMap, knowledge: Knowledge) -> Fixed:
 
 @dataclass(frozen=True, eq=False)
 class WithKnownValues:
-    """An estimator of the parameters that are not known, by their names.
-
-    Those that are no columns have no effect.
-    """
+    """An estimator of the parameters that are not known, by their names; others are ignored."""
 
     inner: Estimator[Information]
     values: Mapping[str, float]

@@ -52,12 +52,9 @@ LONGEST = 1.0  # longest mixed step of a logarithm
 
 @dataclass(frozen=True)
 class OrdinaryLeastSquares:
-    """All rows weigh the same, whatever their noise.
+    """All rows weigh the same, whatever their noise."""
 
-    `per_run` names columns whose parameters every run has for itself.
-    """
-
-    per_run: tuple[str, ...] = ()
+    per_run: tuple[str, ...] = ()  # columns whose parameters every run has for itself
 
     def __call__(self, information: Information) -> Estimate:
         """Estimate all columns that the data see."""

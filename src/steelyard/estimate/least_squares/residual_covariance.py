@@ -76,10 +76,7 @@ def moved(fit: Fit, weights: Array, root: Array, columns: Sequence[int], noise: 
 
 
 def moved_scores(fit: Fit, weights: Array, scores: Array) -> Array:
-    """The same as an error of the normal vector over the columns `fit.solution.kept`.
-
-    `scores` is the covariance of that vector by noise, shape `(k, k)`.
-    """
+    """The same as an error of the normal vector, of which `scores` `(k, k)` is the covariance."""
     kept = fit.solution.kept
     if fit.data.whole.beside is None:
         return np.zeros(len(kept))

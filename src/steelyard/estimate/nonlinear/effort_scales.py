@@ -93,14 +93,11 @@ class Scales:
 
 @dataclass(frozen=True, eq=False)
 class Scaled:
-    """The consistent estimate with a scale of each row's efforts.
-
-    `deviation` is the standard deviation of a scale's logarithm before the data.
-    """
+    """The consistent estimate with a scale of each row's efforts."""
 
     estimator: Consistent
     rows: tuple[str, ...]
-    deviation: float = DEVIATION
+    deviation: float = DEVIATION  # of a scale's logarithm before the data
 
     def unscaled(self, information: Information, gamma: float | None = None) -> Scales:
         """All scales 1, with a weight of the prior; of that which the estimate finds, if `None`."""

@@ -27,16 +27,11 @@ TOLERANCE = 1e-4  # relative change of the weights at which they have converged
 
 @dataclass(frozen=True, eq=False)
 class Slots:
-    """How a choice of grid points selects columns; a choice has one index per unknown.
+    """How a choice of grid points selects columns; a choice has one index per unknown."""
 
-    `sizes` are grid points per unknown; the candidate of a slot is `strides`, of shape
-    `(slots, unknowns)`, times the choice, and its column stands in `columns`,
-    `(slots, candidates)`.
-    """
-
-    sizes: tuple[int, ...]
-    strides: Indices
-    columns: Indices
+    sizes: tuple[int, ...]  # grid points per unknown
+    strides: Indices  # `(slots, unknowns)`; times the choice they are the candidate of a slot
+    columns: Indices  # of each slot's candidates, `(slots, candidates)`
 
     def of(self, choices: Indices) -> Indices:
         """Columns that choices `(B, unknowns)` select, shape `(B, slots)`."""
@@ -127,13 +122,10 @@ class Costs:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Choose grid points so that least squares fits best.
-
-    `shared` are indices of the columns that are there whatever is chosen.
-    """
+    """Choose grid points so that least squares fits best."""
 
     information: Information
-    shared: Indices
+    shared: Indices  # columns that are there whatever is chosen
     slots: Slots
 
     def solved(self, starts: Indices) -> tuple[Indices, Costs, float]:

@@ -144,10 +144,7 @@ def find_fields(
 
     If all candidates together are too many columns, terms are searched one after another; the
     intervals of one then hold for the values of the others. The search starts from `starts` random
-    choices of candidates.
-
-    Raises:
-        ModelError: A field cannot be found from data.
+    choices of candidates. A `ModelError` says that a field cannot be found from data.
     """
     unknowns = unknowns_of(model)
     logs = {u: float(np.mean(bounds_of(u))) for u in unknowns}
@@ -264,10 +261,7 @@ def needs_reference(model: Model) -> bool:
 def converged_reference(
     model: Model, information_of: InformationOf, estimator: Estimator[Information]
 ) -> tuple[Model, bool]:
-    """Fit, take the bodies as reference, and fit again until they stand still.
-
-    Returns the model with its reference, and whether that stands still.
-    """
+    """Fit, take the bodies as reference, refit until they stand still; whether they do."""
     reference = reference_of(model, information_of, estimator)
     for _ in range(MOST_REFERENCE_REFITS):
         model = with_references(model, reference)

@@ -103,21 +103,12 @@ def identified_gains(
 ) -> GainEstimate:
     """Find the drive gains that are not known.
 
-    Args:
-        model: The model that the runs were gathered with.
-        unloaded: What runs without a payload say, one by one, efforts as logged.
-        loaded: What runs with it say.
-        mass: Mass of the payload [kg]; its centre and inertia are found beside the gains.
-        frame: The frame to give the payload in; that of the last link if `None`.
-        known: Gains that are known, by joint.
-        relative: Whether gains relative to the first joint's, which is called 1, will do where
-            neither a mass nor a gain is known.
-
-    A gain that the data do not show is assumed to be the geometric mean of those of its unit.
-
-    Raises:
-        ModelError: There is no such frame or joint.
-        DataError: Nothing fixes the scale, or the data do not show a gain and no other of its unit.
+    Given is what runs without and with a payload say, one by one, efforts as logged. The mass of
+    the payload [kg] or a known gain fixes the scale; its centre and inertia are found beside the
+    gains, in a frame, or that of the last link. Where neither is known, gains `relative` to the
+    first joint's, which is called 1, may do. A gain that the data do not show is assumed to be the
+    geometric mean of those of its unit; a `DataError` says that there is none, or that nothing
+    fixes the scale.
     """
     given = _given(model, known or {})
     unscaled = mass is None and bool(np.isnan(given).all())
@@ -215,10 +206,7 @@ def _refuse_unanswerable(
 
 
 def _assumed(problem: Bilinear, solution: Solution, row: int, units: Sequence[str]) -> Array:
-    """The given gains with that of a row, the geometric mean of the others of its unit.
-
-    Its sign is that which friction determines, or most of the others have.
-    """
+    """The given gains with that of a row: the others' mean, in sign as friction or most are."""
     shares = dict(zip(problem.wanted, problem.deviation(solution), strict=True))
     alike = [
         k

@@ -34,9 +34,6 @@ def joined(
 
     A part is what a run says, and its transform from shared parameters to those of its columns,
     shape `(columns, shared)`. Sums of |column| are not known in the result.
-
-    Raises:
-        DataError: The parts differ in model, columns, effort unit or filters; one has no samples.
     """
     from scipy.linalg import block_diag
 
@@ -184,8 +181,8 @@ def drifting(model: Model, columns: Sequence[str]) -> tuple[int, ...]:
 class LoadCase:
     """Runs with and without a payload as one linear problem.
 
-    The parameters are those of the arm, then what each run's friction and offset deviate from
-    them, then the ten of each payload.
+    The parameters are those of the arm, then what each run's friction and offset deviate from them,
+    then the ten of each payload.
     """
 
     information: Information

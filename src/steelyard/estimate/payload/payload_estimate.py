@@ -17,10 +17,7 @@ BEYOND_DOUBT = 3.0  # standard deviations below zero from which on the data ask 
 
 @dataclass(frozen=True, eq=False)
 class PayloadEstimate:
-    """The ten numbers of a payload, about a frame's origin and along its axes.
-
-    What the data do not see is not a number, in values and covariance.
-    """
+    """The ten numbers of a payload, about a frame's origin and along its axes; NaN if not seen."""
 
     frame: str  # the frame
     body: str  # the link that carries it
@@ -210,11 +207,7 @@ def payload_of(
     free_mass: float | None = None,
     unexplained: str = "",
 ) -> PayloadEstimate:
-    """The estimate, with what the covariance knows nothing of taken out of the values.
-
-    Raises:
-        DataError: The data see none of the payload's numbers.
-    """
+    """The estimate, with what the covariance knows nothing of taken out of the values."""
     refuse_unseen(covariance, frame)
     blind = np.isnan(np.diag(covariance))
     return PayloadEstimate(

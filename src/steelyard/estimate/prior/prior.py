@@ -14,13 +14,10 @@ from steelyard.robot.robot import Body, Robot
 
 @dataclass(frozen=True)
 class Row:
-    r"""A linear constraint, $l \le \sum_k a_k \phi_k \le u$, over standard parameters.
+    r"""A linear constraint, $l \le \sum_k a_k \phi_k \le u$, over standard parameters."""
 
-    The label says for messages what was wished and where; coefficients $a_k$ are by name.
-    """
-
-    label: str
-    coefficients: Mapping[str, float]
+    label: str  # what was wished and where, for messages
+    coefficients: Mapping[str, float]  # $a_k$ by name
     lower: float = -np.inf
     upper: float = np.inf
 
@@ -241,10 +238,7 @@ def assumed_mass(robot: Robot) -> float:
 
 
 def assumed_body(robot: Robot, index: int, mass: float) -> Inertia:
-    """A solid body from a joint's origin to what it carries: capsules, or a ball at the origin.
-
-    Several capsules share the mass evenly.
-    """
+    """A solid body from a joint to what it carries: even capsules, or a ball at the origin."""
     ends = [end for end in _ends(robot, index) if np.linalg.norm(end) > 1e-3]
     if not ends:
         return ball(mass, np.zeros(3))

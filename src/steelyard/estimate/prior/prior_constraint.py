@@ -29,11 +29,7 @@ from steelyard.robot.robot import Robot
 
 
 def given_knowledge(model: Model, section: PriorSection, where: Locate) -> Knowledge:
-    """What model file and the section `[prior]` say: bodies, and bounds of the terms' parameters.
-
-    Raises:
-        ModelError: The section names a link that is not there, or contradicts itself.
-    """
+    """What model file and section `[prior]` say: bodies, and bounds of the terms' parameters."""
     bodies = rigid_bodies(model)
     for name in section.links:
         body_index(model.robot, name, where("prior", "links", name))
@@ -133,10 +129,7 @@ def _solid(robot: Robot, index: int, given: LinkPriorSection, mass: float) -> In
 
 @dataclass(frozen=True, eq=False)
 class ConstraintContext:
-    """The context of a constraint: the parameters of a model, and the constraint's place.
-
-    Its functions refuse by a `ModelError` what the model does not have.
-    """
+    """A model's parameters and a constraint's place; what is not there is a `ModelError`."""
 
     model: Model
     where: str

@@ -35,11 +35,7 @@ class FullModel:
 
     @classmethod
     def of(cls, information: Information) -> "FullModel":
-        """Weighted least squares of all columns that the data show.
-
-        Raises:
-            DataError: The data show no parameter, or are too few.
-        """
+        """Weighted least squares of all columns that the data show."""
         blind = WeightedLeastSquares().fit(information).solution.blind
         hidden = {one.name for one in blind}
         shown = [name for name in information.layout.columns if name not in hidden]

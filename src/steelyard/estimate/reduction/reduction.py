@@ -113,16 +113,10 @@ def reduce(
 ) -> Reduction:
     """Remove parameters one by one, and take the model that the stopping rule chooses.
 
-    Args:
-        information: Data in the base columns of the full model.
-        criterion: What a parameter is worth.
-        rule: Stopping rule; `OneStandardError` if `None`.
-        keep: Parameters that stay.
-        drop: Parameters that are removed first, and in any case.
-        unseen: Other data, on which the models are scored and nothing is chosen.
-
-    Raises:
-        DataError: The data show no parameter, or no model is as the rule wants it.
+    The data are in the base columns of the full model; `OneStandardError` is the rule if there is
+    none. Parameters to keep stay, those to drop are removed first, and in any case. On `unseen`
+    data the models are scored and nothing is chosen. A `DataError` says that the data show no
+    parameter, or that no model is as the rule wants it.
     """
     rule = OneStandardError() if rule is None else rule
     follow = partial(backward, criterion=criterion, keep=keep, drop=drop, accepts=rule.accepts)
@@ -149,10 +143,7 @@ class Reduced:
 
 
 def estimated(path: Path, place: int, drop: Sequence[str] = ()) -> Estimate:
-    """The estimate of a model of a path; what it lacks is known to be zero.
-
-    Parameters to drop that the data do not show are known to be zero as well.
-    """
+    """The estimate of a path's model; what it lacks or is dropped unseen is known to be zero."""
     state, full = path.states[place], path.full
     hidden = (Step(one.name, 0.0) for one in full.blind if one.name in drop)
     steps = (*path.requested, *hidden, *path.steps[:place])

@@ -85,11 +85,7 @@ def folds_of(information: Information) -> tuple[tuple[str, tuple[int, ...]], ...
 
 
 def left_out_errors(information: Information, path_of: PathOf) -> LeftOutErrors:
-    """Errors of the models of a path, each fold predicted by a path of the others.
-
-    Raises:
-        DataError: There are too few windows, or a fold needs all others to be fitted.
-    """
+    """Errors of the models of a path, each fold predicted by a path of the others."""
     folds = folds_of(information)
     results = []
     for _name, mine in folds:
@@ -115,11 +111,7 @@ def left_out_errors(information: Information, path_of: PathOf) -> LeftOutErrors:
 
 
 def path_errors(path: Path, tested: Information) -> tuple[Array, Array]:
-    """Relative errors of the models of a path on other data.
-
-    Returns:
-        Errors `(states, rows)` [%], and the squares of the rows' efforts `(rows,)`.
-    """
+    """Relative errors of a path's models on other data `(states, rows)` [%]; efforts' squares."""
     squares = tested.effort_squares()
     size = np.where(squares > 0.0, squares, np.inf)
     place = [tested.layout.columns.index(name) for name in path.full.names]
@@ -147,19 +139,12 @@ class StoppingRule(ABC):
 
     @abstractmethod
     def choose(self, path: Path, left_out: LeftOutErrors | None) -> int:
-        """Place of the model that is taken.
-
-        Raises:
-            DataError: No model of the path is as wanted.
-        """
+        """Place of the model that is taken; a `DataError` says that none is as wanted."""
 
 
 @dataclass(frozen=True)
 class OneStandardError(StoppingRule):
-    """The smallest model whose left-out error is within one standard error of the least.
-
-    The standard error is that of the difference to the best model over the folds [Hastie2009].
-    """
+    """The smallest model with a left-out error a standard error from the least [Hastie2009]."""
 
     name: ClassVar[str] = "one_standard_error"
     about: ClassVar[str] = "least left-out error, within one standard error"
@@ -274,10 +259,7 @@ class _FirstWithin(StoppingRule):
 
 @dataclass(frozen=True)
 class ConditionLimit(_FirstWithin):
-    """The first model whose condition number is small enough [Wang].
-
-    That of the weighted regressor with columns of unit length.
-    """
+    """The first model with a small enough condition number of unit weighted columns [Wang]."""
 
     name: ClassVar[str] = "condition"
     about: ClassVar[str] = "condition number of this or less"
