@@ -30,7 +30,6 @@ from steelyard.estimate.scores.estimator_comparison import (
     Parts,
     compare,
     impossible_bodies,
-    scores_of,
 )
 from steelyard.model.model import Model
 from steelyard.robot.file.signals import Signals
@@ -69,7 +68,7 @@ def parts_of(count: int = 4, **more: Any) -> Parts:
     whole = sum(found[1:], found[0])
     names = tuple(f"run{seed}" for seed in range(count))
     windows = tuple((seed,) for seed in range(count))
-    return Parts(names, "run", whole, windows, more.get("others", {}), more.get("lacking", {}))
+    return Parts(names, "run", whole, windows, more.get("others", {}))
 
 
 def offer(name: str, make: Callable[[Information], Estimate], **more: Any) -> Offer:
@@ -161,10 +160,14 @@ def test_data_that_cannot_be_had_are_a_reason() -> None:
         offer("of samples", OrdinaryLeastSquares(), needs="samples"),
         offer("of experiments", OrdinaryLeastSquares(), needs="experiment"),
     ]
-    parts = parts_of(lacking={"experiment": ("there is but one run", "give two")})
+
+    def refuse(information: Information) -> None:
+        raise DataError("there is but one run", where="here", fix="give two")
+
+    parts = parts_of(others={"samples": lambda given: given, "experiment": refuse})
     comparison = compare(recording_offers, CONTEXT, parts)
     samples, experiment = comparison.scores
-    assert {f.reason for f in samples.failures} == {"it needs samples, and none is given"}
+    assert not samples.failures
     assert {(f.reason, f.fix) for f in experiment.failures} == {
         ("there is but one run", "give two")
     }
@@ -188,13 +191,14 @@ def test_other_data_come_from_the_same_runs() -> None:
 def test_the_cheap_come_first_and_a_stop_keeps_what_is_done() -> None:
     slow = offer("slow", OrdinaryLeastSquares(), slow=True)
     looking = offer("of samples", OrdinaryLeastSquares(), needs="samples")
+    parts = parts_of(others={"samples": lambda given: given})
     seen: list[str] = []
 
     def watch(event: Event) -> bool:
         seen.append(event.phase)
         return "slow" not in event.phase
 
-    comparison = compare([slow, looking, LEAST], CONTEXT, parts_of(), progress=watch)
+    comparison = compare([slow, looking, LEAST], CONTEXT, parts, progress=watch)
     assert [one.name for one in comparison.scores] == ["OLS", "of samples"]
     assert comparison.untried == ("slow",)
     assert seen[0] == "fitting with OLS" and seen[-1] == "fitting with slow"
@@ -208,7 +212,7 @@ def test_an_estimator_that_is_stopped_has_not_failed() -> None:
     offers = [LEAST, offer("search", searching, slow=True)]
     assert compare(offers, CONTEXT, parts_of()).untried == ("search",)
     with pytest.raises(Stopped):
-        list(scores_of(offers, CONTEXT, parts_of()))
+        compare(offers[1:], CONTEXT, parts_of())
 
 
 def with_bodies(masses: float) -> Estimate:
@@ -412,14 +416,14 @@ def test_every_registered_estimator_of_information_can_be_compared() -> None:
 def test_a_part_without_windows_is_refused() -> None:
     run = swing("short", 6.0)
     with pytest.raises(DataError, match="too short to leave a part of it out") as caught:
-        Parts.of([run], parts_of().information.of([0]))
+        Parts.of([run], parts_of().information.of([0]), {})
     assert caught.value.where == "short" and caught.value.fix == "log longer, or several runs"
 
 
 def test_stretches_of_one_run_are_named_by_their_time() -> None:
     run = swing("one", 30.0)
     regressor = base_regressor(Model(single()))
-    parts = Parts.of([run], gather(regressor, run, longest=longest_window([run])))
+    parts = Parts.of([run], gather(regressor, run, longest=longest_window([run])), {})
     assert parts.left_out == "segment" and len(parts.names) == 5
     starts = [float(name.split()[0]) for name in parts.names]
     np.testing.assert_allclose(np.diff(starts), (run.span[1] - run.span[0]) / 5.0, atol=0.1)

@@ -155,7 +155,7 @@ def test_a_joint_that_does_not_move_has_a_dash(compared: ComparisonContent) -> N
 
 def test_the_robot_files_line_stands_with_the_advice(compared: ComparisonContent) -> None:
     line = '[estimation] method = "consistent"'
-    content = replace(compared, comparison=replace(compared.comparison, lines={"consistent": line}))
+    content = replace(compared, comparison=replace(compared.comparison, current="WLS"))
     assert f"in the robot file: {line}" in printed(content)
     assert "In the robot file: [estimation] method =" in section(content)
     assert "robot file" not in printed(compared)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from math import inf
 
 from steelyard.base.errors import DataError, ModelError
 from steelyard.base.progress import Progress, silent
@@ -84,10 +85,17 @@ class FitTask:
     threads: int = 1
     progress: Progress = silent
 
-    def information_of(self, model: Model, runs: Sequence[Run]) -> InformationOf:
+    def information_of(
+        self, model: Model, runs: Sequence[Run], longest: float = inf
+    ) -> InformationOf:
         """What runs say about regressors of a model's laws; every call is a pass over the runs."""
-        rests = has_memory(model.terms)
-        return information_from(runs, rests=rests, threads=self.threads, progress=self.progress)
+        return information_from(
+            runs,
+            rests=has_memory(model.terms),
+            longest=longest,
+            threads=self.threads,
+            progress=self.progress,
+        )
 
 
 def with_signals(run: Run, signals: Signals) -> Run:

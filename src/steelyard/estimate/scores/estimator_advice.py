@@ -1,7 +1,7 @@
 """How estimators did where they were not fitted, and which to take."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Literal
 
@@ -142,24 +142,22 @@ class Advice:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Estimators beside each other.
-
-    Attributes:
-        lines: What to write into the robot file for an estimator that it can choose and does not,
-            by the estimator's name.
-    """
+    """Estimators beside each other."""
 
     scores: tuple[EstimatorScore, ...]  # one score per estimator, in the order they were fitted
     parts: tuple[str, ...]  # what was left out in turn
     left_out: Literal["run", "segment"]  # whether those are runs or stretches of one
     joints: tuple[str, ...]  # names of the effort rows
     untried: tuple[str, ...] = ()  # requested, but the comparison was stopped before
-    lines: Mapping[str, str] = field(default_factory=dict)
+    current: str | None = None  # the estimator that the robot file chooses
 
     @property
     def setting(self) -> str:
         """What to write into the robot file for the estimator to take; empty if nothing."""
-        return "" if self.advice is None else self.lines.get(self.advice.name or "", "")
+        name = None if self.advice is None else self.advice.name
+        if name is None or self.current in (None, name):
+            return ""
+        return f'[estimation] method = "{name}"'
 
     @property
     def advice(self) -> Advice | None:

@@ -3,7 +3,7 @@
 An estimator that fails has its reason, and stops no other.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from time import perf_counter
@@ -37,16 +37,11 @@ class Parts:
     left_out: Literal["run", "segment"]
     information: Information  # what all of them say about the base columns
     windows: tuple[tuple[int, ...], ...]  # per part the indices of its windows
-    others: Mapping[Needs, Chosen]  # samples and experiments of parts, where they can be had
-    lacking: Mapping[Needs, tuple[str, str]]  # why they cannot, where that is so, and what to do
+    others: Mapping[Needs, Chosen]  # samples and experiments of some windows
 
     @classmethod
     def of(
-        cls,
-        runs: Sequence[Run],
-        information: Information,
-        others: Mapping[Needs, Chosen] | None = None,
-        lacking: Mapping[Needs, tuple[str, str]] | None = None,
+        cls, runs: Sequence[Run], information: Information, others: Mapping[Needs, Chosen]
     ) -> "Parts":
         """Runs, or stretches of a single one."""
         windows = tuple(
@@ -60,24 +55,13 @@ class Parts:
                 fix="log longer, or several runs",
             )
         if len(runs) > 1:
-            left_out: Literal["run", "segment"] = "run"
-            names = tuple(run.name for run in runs)
-        else:
-            left_out, (first, last) = "segment", runs[0].span
-            names = tuple(
-                f"{max(part.start, first):.3g} to {min(part.stop, last):.3g} s"
-                for part in stretches_of(runs[0])
-            )
-        return cls(names, left_out, information, windows, others or {}, lacking or {})
-
-    def data(self, needs: Needs, parts: Sequence[int]) -> Any:
-        """What an estimator is given."""
-        if needs == "information":
-            return self.information_of(parts)
-        if needs not in self.others:
-            wrong, fix = self.lacking.get(needs, (f"it needs {needs}, and none is given", LEFT))
-            raise DataError(wrong, where=", ".join(self.names), fix=fix)
-        return self.others[needs](self.information_of(parts))
+            return cls(tuple(run.name for run in runs), "run", information, windows, others)
+        first, last = runs[0].span
+        names = tuple(
+            f"{max(part.start, first):.3g} to {min(part.stop, last):.3g} s"
+            for part in stretches_of(runs[0])
+        )
+        return cls(names, "segment", information, windows, others)
 
     def information_of(self, parts: Sequence[int]) -> Information:
         """Information of some of the parts."""
@@ -85,48 +69,32 @@ class Parts:
 
 
 def compare(
-    offers: Sequence[Offer], context: Context, parts: Parts, *, progress: Progress = silent
+    offers: Sequence[Offer],
+    context: Context,
+    parts: Parts,
+    *,
+    progress: Progress = silent,
+    interruption: type[BaseException] = Stopped,
 ) -> Comparison:
-    """Fit each estimator to all parts but one, and predict that one; a stop keeps what is done."""
-    scores: list[EstimatorScore] = []
-    with suppress(Stopped):
-        for score in scores_of(offers, context, parts, progress=progress):
-            scores.append(score)
-    return compared(scores, offers, context, parts)
+    """Fit each estimator to all parts but one and predict that one, the cheap estimators first.
 
-
-def compared(
-    scores: Sequence[EstimatorScore], offers: Sequence[Offer], context: Context, parts: Parts
-) -> Comparison:
-    """The comparison of the estimators that were tried, however many were requested."""
-    return Comparison(
-        tuple(scores),
-        parts.names,
-        parts.left_out,
-        context.regressor.layout.rows,
-        tuple(offer.name for offer in ordered(offers)[len(scores) :]),
-    )
-
-
-def ordered(offers: Sequence[Offer]) -> tuple[Offer, ...]:
-    """The cheap ones first."""
-    return tuple(sorted(offers, key=lambda offer: (offer.slow, COST[offer.needs])))
-
-
-def scores_of(
-    offers: Sequence[Offer], context: Context, parts: Parts, *, progress: Progress = silent
-) -> Iterator[EstimatorScore]:
-    """The scores one after another, the cheap estimators first.
-
-    Raises:
-        Stopped: `progress` requested a stop.
+    An interruption keeps what is done, if anything is.
     """
     noise: Array | None = None
     with suppress(SteelyardError, np.linalg.LinAlgError):
         least_squares = WeightedLeastSquares(per_run=context.per_run)
         noise = np.square(least_squares(parts.information).sigma)
-    for offer in ordered(offers):
-        yield _tried(offer, context, parts, noise, progress)
+    queue = sorted(offers, key=lambda offer: (offer.slow, COST[offer.needs]))
+    scores: list[EstimatorScore] = []
+    try:
+        for offer in queue:
+            scores.append(_tried(offer, context, parts, noise, progress))
+    except interruption:
+        if not scores:
+            raise
+    untried = tuple(offer.name for offer in queue[len(scores) :])
+    rows = context.regressor.layout.rows
+    return Comparison(tuple(scores), parts.names, parts.left_out, rows, untried)
 
 
 def _tried(
@@ -177,7 +145,9 @@ def _fitted(
 ) -> Estimate | tuple[str, str]:
     """An estimate, or why there is none and what to do."""
     try:
-        data = parts.data(offer.needs, chosen)
+        data = parts.information_of(chosen)
+        if offer.needs != "information":
+            data = parts.others[offer.needs](data)
         start = perf_counter()
         with np.errstate(all="ignore"):
             estimator: Estimator[Any] = offer.make(context)

@@ -5,31 +5,30 @@ import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 from rich.console import Console
 
 from steelyard.base.arguments import checked
-from steelyard.base.errors import ModelError
+from steelyard.base.errors import DataError, ModelError
 from steelyard.base.progress import Progress, silent
 from steelyard.check.subject import notes_of_precheck, prechecked
 from steelyard.estimate.estimators import (
     ESTIMATORS,
     Context,
-    Needs,
     Offer,
     Sources,
     context_of,
     method_of,
     offer_of,
 )
-from steelyard.estimate.friction.mixes import has_memory
+from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.nonlinear.fields import information_from
 from steelyard.estimate.scores.cross_validation import longest_window
-from steelyard.estimate.scores.estimator_advice import Comparison, EstimatorScore
-from steelyard.estimate.scores.estimator_comparison import Chosen, Parts, compared, scores_of
+from steelyard.estimate.scores.estimator_advice import Comparison
+from steelyard.estimate.scores.estimator_comparison import Parts
+from steelyard.estimate.scores.estimator_comparison import compare as compare_estimators
 from steelyard.identify.comparison.estimators_page import (
     COMPARE_SECTIONS,
     ComparisonContent,
@@ -48,10 +47,12 @@ if TYPE_CHECKING:
     from polars import DataFrame
 
 
-ONE_RUN = (
-    "it simulates whole runs, and there is only one",
-    "give several logs, or several cuts of this one: LOG@0:10 LOG@10:20",
-)
+def _refuse_one_run(information: Information) -> NoReturn:
+    raise DataError(
+        "it simulates whole runs, and there is only one",
+        where=information.runs,
+        fix="give several logs, or several cuts of this one: LOG@0:10 LOG@10:20",
+    )
 
 
 class ComparisonInputs(NamedTuple):
@@ -110,30 +111,12 @@ def comparison_inputs(
     details = (*notes_of(runs), *ground.notes, *dropped(model, runs))
     # one more pass, in windows that parts can be made of
     regressor, runs = base_regressor(ground.model), ground.runs
-    information = information_from(
-        runs,
-        rests=has_memory(ground.model.terms),
-        longest=longest_window(runs),
-        threads=threads,
-        progress=progress,
-    )(regressor)
+    information = task.information_of(ground.model, runs, longest_window(runs))(regressor)
     context = context_of(file, regressor, runs, progress)
     sources = Sources(regressor, runs, information, threads, progress)
-    several: dict[Needs, Chosen] = {"experiment": sources.experiment} if len(runs) > 1 else {}
-    parts = Parts.of(
-        runs, information, {"samples": sources.samples, **several}, {"experiment": ONE_RUN}
-    )
+    experiment = sources.experiment if len(runs) > 1 else _refuse_one_run
+    parts = Parts.of(runs, information, {"samples": sources.samples, "experiment": experiment})
     return ComparisonInputs(context, parts, ground, notes, (*details, *context.knowledge.notes))
-
-
-def lines_of(file: LoadedRobot) -> dict[str, str]:
-    """What to write into the robot file for every estimator that it does not choose now."""
-    now = method_of(file)
-    return {
-        offer.name: f'[estimation] method = "{offer.name}"'
-        for offer in ESTIMATORS
-        if offer.name != now.name
-    }
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -217,14 +200,7 @@ def compare(
     context, parts, ground, notes, details = comparison_inputs(
         file, paths, check, threads or os.cpu_count() or 1, progress
     )
-    scores: list[EstimatorScore] = []
-    try:
-        for score in scores_of(offers, context, parts, progress=progress):
-            scores.append(score)
-    except interruption:
-        if not scores:
-            raise
-    found = compared(scores, offers, context, parts)
+    found = compare_estimators(offers, context, parts, progress=progress, interruption=interruption)
     name = ground.model.robot.name
     return EstimatorComparison(
         ComparisonContent(
@@ -236,6 +212,6 @@ def compare(
             friction=ground.choice,
             findings=ground.findings,
             gains=ground.gains,
-            comparison=replace(found, lines=lines_of(file)),
+            comparison=replace(found, current=method_of(file).name),
         )
     )
