@@ -20,7 +20,7 @@ from check.test_model_based import (
     wrong,
 )
 from steelyard.check.case import knowledge_of
-from steelyard.check.decision import decidable, support
+from steelyard.check.decision import decidable, verdict
 from steelyard.check.decision.gain_sources import _listed_sources
 from steelyard.check.decision.ranking import ranking
 from steelyard.check.decision.verdict import judge_log
@@ -216,9 +216,9 @@ def test_an_order_of_positions_or_of_efforts_is_written_with_a_margin_only(arm, 
     decision = judge_log(case, case.logs[0])
     ((hypothesis, severity),) = decision.winners
     assert hypothesis.fixed and severity == Severity.WRONG
-    assert support._unrivalled([(hypothesis, severity)]) == [(hypothesis, severity)]
-    monkeypatch.setattr(support, "SUPPORT_MARGIN", 1e9)
-    ((hypothesis, severity),) = support._unrivalled([(hypothesis, severity)])
+    assert verdict._unrivalled([(hypothesis, severity)]) == [(hypothesis, severity)]
+    monkeypatch.setattr(verdict, "SUPPORT_MARGIN", 1e9)
+    ((hypothesis, severity),) = verdict._unrivalled([(hypothesis, severity)])
     assert not hypothesis.fixed and severity == Severity.DOUBTFUL
     assert (
         "efforts in the order" in hypothesis.says and "columns of positions are" in hypothesis.says
@@ -230,7 +230,7 @@ def test_the_mirror_of_an_order_pairs_the_same_columns(arm):
     before = ranking(case, case.logs[0]).declared.reading
     moved = before.changed(position=(1, 2, 0))
     for after in (moved, before.changed(effort=(1, 2, 0))):
-        mirror = support._mirror(before, after)
+        mirror = verdict._mirror(before, after)
         assert set(zip(mirror.position, mirror.effort, strict=True)) == set(
             zip(after.position, after.effort, strict=True)
         )

@@ -66,7 +66,7 @@ def known_from_logs(
     unknown = needs_gains(guess) and gains is None
     return Known(
         gains=() if gains is None else tuple(gains.entries),
-        gains_source="" if gains is None else _source(gains, [c.name for c in moving]),
+        gains_source="" if gains is None else _source(gains, moving),
         reference=_heaviest(loaded, moving, excerpts, signals) if unknown else 0,
         auto=auto,
         friction=friction,
@@ -128,11 +128,10 @@ def _heaviest(
     return int(np.argmax(nominal.gravity(q)[:, places].std(axis=0)))
 
 
-def _source(gains: ControllerGains, names: Sequence[str]) -> str:
+def _source(gains: ControllerGains, moving: Sequence[Coordinate]) -> str:
     """Where gains of the controller come from, with their intervals."""
-    pairs = zip(names, gains.values, gains.half_widths, gains.known, strict=True)
-    shown = ", ".join(f"{name} {g:.4g} ± {w:.2g}" for name, g, w, known in pairs if known)
     return (
         f"the controller's target torque over its target current ({gains.columns[0]} over "
-        f"{gains.columns[1]}, ..., friction fitted beside it; 95 %): {shown}"
+        f"{gains.columns[1]}, ..., friction fitted beside it; 95 %): "
+        f"{gains.words([c.name for c in moving])}"
     )

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -15,8 +17,16 @@ from steelyard.check.decision.gain_sources import (
 )
 from steelyard.check.decision.joint_zeros import quarter_turns
 from steelyard.check.decision.ranking import HOPELESS_MISFIT
-from steelyard.check.decision.support import bodies_that_explain, friction_alone_explains
-from steelyard.check.decision.verdict import CLEAN, ROUGH_MISFIT, LogVerdict, judge_log, least_mass
+from steelyard.check.decision.verdict import (
+    CLEAN,
+    ROUGH_MISFIT,
+    Judged,
+    LogVerdict,
+    bodies_that_explain,
+    friction_alone_explains,
+    judge_log,
+    least_mass,
+)
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix, Picture, Severity, Trace
 from steelyard.check.hypotheses.bodies import consistent_bodies
 from steelyard.check.hypotheses.friction_evidence import (
@@ -24,7 +34,7 @@ from steelyard.check.hypotheses.friction_evidence import (
     friction_signs,
     residual_delay,
 )
-from steelyard.check.hypotheses.likelihood import Hypothesis
+from steelyard.check.hypotheses.likelihood import Hypothesis, Reading
 from steelyard.check.hypotheses.position_columns import ZERO_CAUSE
 from steelyard.check.signals.overview import cached_per_log
 
@@ -60,118 +70,122 @@ def edits(case: Case, evidence: Evidence) -> tuple[Edit, ...]:
     return whole if confirmed(case, evidence, whole, decision) else ()
 
 
-def findings(
-    case: Case, cause: str, fine: Callable[[LogVerdict], str], advice: str
-) -> tuple[Finding, ...]:
-    """One finding per log that can be tried; one for all if nothing is known of the robot."""
-    if case.knowledge is None:
-        return (Finding.ok(UNKNOWN_BODIES, "no masses, no reference", answered=False),)
-    judged = [(evidence, judge_log(case, evidence)) for evidence in case.logs]
-    return tuple(
-        replace(_of_log(case, evidence, decision, cause, fine, advice), log=evidence.name)
-        for evidence, decision in judged
-        if decision is not None and not decision.of_other_check
-    )
+Findings = tuple[Finding, ...]
 
 
-def _of_log(
-    case: Case,
-    evidence: Evidence,
-    decision: LogVerdict,
-    cause: str,
-    fine: Callable[[LogVerdict], str],
-    advice: str,
-) -> Finding:
-    shown, nominal = hypotheses(decision, cause), not decision.likelihood.knowledge.identified
-    mine = [(number, w) for number, w in enumerate(decision.winners) if w[0].cause == cause]
-    if not mine:
-        unexplained = cause == UNEXPLAINED_CHECK and nothing_explains(decision)
-        unclear = undecided(decision, cause) if has_finding(decision) else ""
-        answered = has_finding(decision) and not unclear
+@dataclass(frozen=True)
+class HypothesisCheck:
+    """A check by the hypotheses that have its name as their cause."""
+
+    name: str  # as users see it, and the cause of its hypotheses
+    question: str  # the question in a few words
+    fine: Callable[[LogVerdict], str]  # what is said where nothing is wrong
+    advice: str  # what to do about a hypothesis that explains a log better
+    # the findings with those that this check makes by other means
+    completed: Callable[[Case, Findings], Findings] = lambda case, found: found
+    quick = True
+
+    def __call__(self, case: Case) -> Findings:
+        """One finding per log that moves; one for all if nothing is known of the robot."""
+        found: Findings = (Finding.ok(UNKNOWN_BODIES, "no masses, no reference", answered=False),)
+        if case.knowledge is not None:
+            judged = [(evidence, judge_log(case, evidence)) for evidence in case.logs]
+            found = tuple(
+                replace(self._of_log(case, evidence, decision), log=evidence.name)
+                for evidence, decision in judged
+                if decision is not None and not decision.of_other_check
+            )
+        return tuple(finding.by(self.name) for finding in self.completed(case, found))
+
+    def _of_log(self, case: Case, evidence: Evidence, decision: LogVerdict) -> Finding:
+        shown, nominal = self._hypotheses(decision), not decision.likelihood.knowledge.identified
+        mine = [(number, w) for number, w in enumerate(decision.winners) if w[0].cause == self.name]
+        if not mine:
+            return self._without_fault(decision, shown, nominal)
+        number, (hypothesis, severity) = mine[-1]
+        before = decision.winners[number - 1][0] if number else decision.declared
+        known, then, rise = _known(decision), before.reading.percent, ""
+        if hypothesis.compared is None:
+            gain = hypothesis.log_likelihood - before.reading.log_likelihood
+            rise = f", log-likelihood rises by {gain:.0f}" * (gain > 0.0)
+        else:
+            known, then = hypothesis.compared
+        fix, severity = self._fix(case, evidence, decision, hypothesis, severity)
         return Finding.of(
-            Severity.DOUBTFUL if unexplained else Severity.OK,
-            unclear or fine(decision),
-            _worst(case, decision) if unexplained else value_text(decision, cause),
-            fix=Fix(NO_HYPOTHESIS) if unexplained else None,
-            hypotheses=shown,
-            nominal=nominal,
-            answered=answered,
-            hidden=not answered and misfit_hides(decision),
+            severity,
+            f"{hypothesis.says}: misfit of {known} {_percent(hypothesis.percent)}, "
+            f"{'without' if number and hypothesis.compared is None else 'as declared'} "
+            f"{_percent(then)}",
+            f"misfit {_percent(then)} falls to {_percent(hypothesis.percent)}{rise}",
+            tuple(case.joints[j] for j in hypothesis.joints),
+            fix,
+            picture(decision, before, hypothesis),
+            shown,
+            nominal,
+            answered=bool(severity),
         )
-    number, (hypothesis, severity) = mine[-1]
-    before = decision.winners[number - 1][0] if number else decision.declared
-    known, rise = _known(decision), ""
-    if hypothesis.compared is None:
-        then, gain = (
-            before.reading.percent,
-            hypothesis.log_likelihood - before.reading.log_likelihood,
+
+    def _without_fault(
+        self, decision: LogVerdict, shown: tuple[ComparedHypothesis, ...], nominal: bool
+    ) -> Finding:
+        """That nothing is wrong, that it is open, or once that nothing explains the efforts."""
+        declared, sure = decision.declared, has_finding(decision)
+        unclear = undecided(decision, self.name) if sure else ""
+        says = unclear or self.fine(decision)
+        more: dict[str, Any] = {"hypotheses": shown, "nominal": nominal}
+        more["answered"] = sure and not unclear
+        more["hidden"] = not more["answered"] and misfit_hides(decision)
+        if self.name == UNEXPLAINED_CHECK and nothing_explains(decision):
+            joint = int(np.argmax(declared.misfits))
+            worst = (
+                f"{decision.likelihood.names[joint]} {_percent(100.0 * declared.misfits[joint])}"
+            )
+            figure = f"misfit of {worst}, at most 90 % allowed"
+            return Finding.doubtful(says, figure, fix=Fix(NO_HYPOTHESIS), **more)
+        mine = next((r for r in decision.rounds[0] if r.cause == self.name), None)
+        figure = f"misfit {declared.percent:.1f} %"
+        if mine is not None:
+            figure += f"; best alternative of this check ({mine.says}): {mine.percent:.1f} %"
+        return Finding.ok(says, figure, **more)
+
+    def _hypotheses(self, decision: LogVerdict) -> tuple[ComparedHypothesis, ...]:
+        """The likeliest hypotheses, with the declared reading and this check's own best ones."""
+        first, declared = decision.rounds[0], decision.declared
+        mine = [r for r in first if r.cause == self.name][:2]
+        shown = {id(r): r for r in (*first[: SHOWN_HYPOTHESES - 2], declared, *mine)}
+        ordered = sorted(shown.values(), key=lambda r: -r.log_likelihood)
+        top = ordered[0].log_likelihood
+        return tuple(
+            ComparedHypothesis(r.says, r.percent, r.log_likelihood - top, r is declared)
+            for r in ordered
         )
-        rise = f", log-likelihood rises by {gain:.0f}" * (gain > 0.0)
-    else:
-        known, then = hypothesis.compared
-    fix, severity = _fix(case, evidence, decision, hypothesis, severity, advice)
-    return Finding.of(
-        severity,
-        f"{hypothesis.says}: misfit of {known} {_percent(hypothesis.percent)}, "
-        f"{'without' if number and hypothesis.compared is None else 'as declared'} "
-        f"{_percent(then)}",
-        f"misfit {_percent(then)} falls to {_percent(hypothesis.percent)}{rise}",
-        tuple(case.joints[j] for j in hypothesis.joints),
-        fix,
-        picture(decision, before, hypothesis),
-        shown,
-        nominal,
-        answered=bool(severity),
-    )
 
-
-def _fix(
-    case: Case,
-    evidence: Evidence,
-    decision: LogVerdict,
-    hypothesis: Hypothesis,
-    severity: Severity,
-    advice: str,
-) -> tuple[Fix | None, Severity]:
-    """The advice with its edits, which the first finding of a log carries for the velocities."""
-    if not severity:
-        return None, severity
-    if not hypothesis.fixed and np.any(hypothesis.reading.ratios != 1.0):
-        return Fix(f"{hypothesis.says}{OF_NOMINAL}"), severity
-    if not hypothesis.fixed:
-        return unwritten_number_advice(case, hypothesis, sure=severity is Severity.WRONG), severity
-    wanted = edits_of(hypothesis.cause, decision.written[-1].reading, case.loaded)
-    whole = edits(case, evidence)
-    if wanted and not whole:
-        says = f"{hypothesis.says}; no line of the robot file corrects it: examine the log"
-        return Fix(says), Severity.DOUBTFUL
-    paths = {edit.path for edit in wanted}
-    if hypothesis.cause in ("joint order", "position sign"):
-        paths |= {("signals", "velocity"), ("signals", "velocity_sign")}
-    mine = tuple(edit for edit in whole if edit.path in paths)
-    return Fix(f"{hypothesis.says}: {advice}", mine, bool(mine)), severity
-
-
-def hypotheses(decision: LogVerdict, cause: str) -> tuple[ComparedHypothesis, ...]:
-    """The likeliest hypotheses, with the declared reading and this cause's own best one."""
-    first, declared = decision.rounds[0], decision.declared
-    mine = [r for r in first if r.cause == cause][:2]
-    shown = {id(r): r for r in (*first[: SHOWN_HYPOTHESES - 2], declared, *mine)}
-    ordered = sorted(shown.values(), key=lambda r: -r.log_likelihood)
-    top = ordered[0].log_likelihood
-    return tuple(
-        ComparedHypothesis(r.says, r.percent, r.log_likelihood - top, r is declared)
-        for r in ordered
-    )
-
-
-def _worst(case: Case, decision: LogVerdict) -> str:
-    """The joint that disagrees most."""
-    misfits = decision.declared.misfits
-    joint = int(np.argmax(misfits))
-    return (
-        f"misfit of {case.joints[joint]} {_percent(100.0 * misfits[joint])}, at most 90 % allowed"
-    )
+    def _fix(
+        self,
+        case: Case,
+        evidence: Evidence,
+        decision: LogVerdict,
+        hypothesis: Hypothesis,
+        severity: Severity,
+    ) -> tuple[Fix | None, Severity]:
+        """The advice with its edits, which the first finding of a log has for the velocities."""
+        if not severity:
+            return None, severity
+        if not hypothesis.fixed:
+            if np.any(hypothesis.reading.ratios != 1.0):
+                return Fix(f"{hypothesis.says}{OF_NOMINAL}"), severity
+            sure = severity is Severity.WRONG
+            return unwritten_number_advice(case, hypothesis, sure=sure), severity
+        wanted = edits_of(hypothesis.cause, decision.written[-1].reading, case.loaded)
+        whole = edits(case, evidence)
+        if wanted and not whole:
+            says = f"{hypothesis.says}; no line of the robot file corrects it: examine the log"
+            return Fix(says), Severity.DOUBTFUL
+        paths = {edit.path for edit in wanted}
+        if hypothesis.cause in ("joint order", "position sign"):
+            paths |= {("signals", "velocity"), ("signals", "velocity_sign")}
+        mine = tuple(edit for edit in whole if edit.path in paths)
+        return Fix(f"{hypothesis.says}: {self.advice}", mine, bool(mine)), severity
 
 
 def _percent(value: float) -> str:
@@ -180,46 +194,17 @@ def _percent(value: float) -> str:
     return f"{value:.1f} %" if value < WHOLE_PERCENT_MISFIT else f"{value:.0f} %"
 
 
-def value_text(decision: LogVerdict, cause: str) -> str:
-    """The misfit, and that of the next best explanation of this kind."""
-    mine = next((r for r in decision.rounds[0] if r.cause == cause), None)
-    text = f"misfit {decision.declared.percent:.1f} %"
-    if mine is None:
-        return text
-    return f"{text}; best alternative of this check ({mine.says}): {mine.percent:.1f} %"
-
-
 def picture(decision: LogVerdict, before: Hypothesis, after: Hypothesis) -> Picture:
     """Effort of the joint that gains most: measured, and as it should be."""
     joint = int(np.argmax(before.misfits / np.maximum(after.misfits, 1e-3)))
     t, e, wrong = before.reading.compared(joint)
     _, corrected, right = after.reading.compared(joint)
+    shown = {"measured": e, before.says: wrong, "measured, corrected": corrected, after.says: right}
+    if np.allclose(corrected, e):
+        del shown["measured, corrected"]
     step = max(1, len(t) // PICTURE_POINTS)
-    name = decision.likelihood.names[joint]
-    traces = [Trace("measured", t[::step], e[::step]), Trace(before.says, t[::step], wrong[::step])]
-    if not np.allclose(corrected, e):
-        traces.append(Trace("measured, corrected", t[::step], corrected[::step]))
-    traces.append(Trace(after.says, t[::step], right[::step]))
-    return Picture("time [s]", f"effort of '{name}'", tuple(traces))
-
-
-def _unclear(decision: LogVerdict) -> str:
-    """Why nothing explains a log."""
-    reading = decision.declared.reading
-    bodies = bodies_that_explain(reading)
-    if bodies is not None:
-        return (
-            "with other link inertias than the model file's the misfit is "
-            f"{_percent(bodies.percent)}"
-        )
-    bodies = consistent_bodies(reading)
-    if bodies is None or not friction_alone_explains(reading, bodies):
-        return "no hypothesis is clearly better"
-    alone = float(friction_alone(reading).percent)
-    return (
-        f"the efforts contain hardly any rigid-body torque: the misfit is {_percent(alone)} with "
-        f"friction alone, {_percent(bodies.percent)} with free link inertias"
-    )
+    traces = tuple(Trace(name, t[::step], values[::step]) for name, values in shown.items())
+    return Picture("time [s]", f"effort of '{decision.likelihood.names[joint]}'", traces)
 
 
 def _known(decision: LogVerdict) -> str:
@@ -236,85 +221,69 @@ def has_finding(decision: LogVerdict) -> bool:
 def nothing_explains(decision: LogVerdict) -> bool:
     """Whether nothing that was tried explains the efforts, not even roughly."""
     declared = decision.declared
-    seen = declared.score.counts > 0.0
-    worst = float(np.max(declared.misfits[seen], initial=0.0))
-    if has_finding(decision) or (
-        worst <= HOPELESS_MISFIT and declared.percent <= 100.0 * EMPTY_MISFIT
-    ):
-        return False
-    return declared.reading.knowledge.identified or bodies_that_explain(declared.reading) is None
+    worst = float(np.max(declared.misfits[declared.score.counts > 0.0], initial=0.0))
+    bad = worst > HOPELESS_MISFIT or declared.percent > 100.0 * EMPTY_MISFIT
+    return (bad and not has_finding(decision)) and (
+        declared.reading.knowledge.identified or bodies_that_explain(declared.reading) is None
+    )
 
 
 def agreement_sentence(decision: LogVerdict, what: str) -> str:
     """The sentence where nothing is wrong, or where nothing can be concluded."""
+    identified, percent = decision.likelihood.knowledge.identified, decision.last.reading.percent
     if not has_finding(decision):
         much = _percent(decision.declared.percent)
-        why = f"undecided: {_known(decision)} has a misfit of {much} and "
-        if decision.likelihood.knowledge.identified:
-            return f"{why}no hypothesis is clearly better"
-        return f"{why}{_unclear(decision)}; give --model"
-    percent = decision.last.reading.percent
+        clear = "no hypothesis is clearly better"
+        why = clear if identified else f"{_unclear(decision.declared.reading, clear)}; give --model"
+        return f"undecided: {_known(decision)} has a misfit of {much} and {why}"
     once = ""
     if decision.winners:
-        written = all(hypothesis.fixed for hypothesis, _ in decision.winners)
+        written = len(decision.written) == len(decision.winners)
         once = ", once the rest is corrected" if written else ", if the rest is as stated"
     high = "" if percent <= CLEAN else "high "
     return f"{what} ({high}misfit of {_known(decision)}: {percent:.1f} %{once})"
 
 
-Findings = tuple[Finding, ...]
+def _unclear(reading: Reading, clear: str) -> str:
+    """Why nothing explains a log."""
+    bodies = bodies_that_explain(reading)
+    if bodies is not None:
+        much = _percent(bodies.percent)
+        return f"with other link inertias than the model file's the misfit is {much}"
+    bodies = consistent_bodies(reading)
+    if bodies is None or not friction_alone_explains(reading, bodies):
+        return clear
+    alone = float(friction_alone(reading).percent)
+    return (
+        f"the efforts contain hardly any rigid-body torque: the misfit is {_percent(alone)} with "
+        f"friction alone, {_percent(bodies.percent)} with free link inertias"
+    )
 
 
-@dataclass(frozen=True)
-class HypothesisCheck:
-    """A check by the hypotheses that have its name as their cause."""
-
-    name: str  # as users see it, and the cause of its hypotheses
-    question: str  # the question in a few words
-    # what holds where nothing is wrong, or the whole sentence for a verdict
-    fine: str | Callable[[LogVerdict], str]
-    advice: str  # what to do about a hypothesis that explains a log better
-    # the findings with those that this check makes by other means
-    completed: Callable[[Case, str, Findings], Findings] | None = None
-    quick: bool = True  # whether `identify` runs it before the fit
-
-    def __call__(self, case: Case) -> Findings:
-        """One finding per log that moves; one for all if nothing is known of the robot."""
-        found = findings(case, self.name, self._fine, self.advice)
-        found = found if self.completed is None else self.completed(case, self.name, found)
-        return tuple(finding.by(self.name) for finding in found)
-
-    def _fine(self, decision: LogVerdict) -> str:
-        return (
-            agreement_sentence(decision, self.fine)
-            if isinstance(self.fine, str)
-            else self.fine(decision)
-        )
+def _winners(case: Case) -> list[tuple[Evidence, LogVerdict, Judged]]:
+    """What is wrong with each log."""
+    judged = [(log, judge_log(case, log)) for log in case.logs]
+    return [(log, decision, w) for log, decision in judged if decision for w in decision.winners]
 
 
-def _signs_of_friction(case: Case, name: str, found: Findings) -> Findings:
+def _signs_of_friction(case: Case, found: Findings) -> Findings:
     """Without masses, what friction determines."""
     return (friction_signs(case) if case.knowledge is None else ()) or found
 
 
-def _gains_not_found(case: Case, name: str, found: Findings) -> Findings:
+def _gains_not_found(case: Case, found: Findings) -> Findings:
     """Where neither unit nor gain is wrong, what the controller and the logs say of gains."""
-    winners = [
-        (log.name, decision.declared.reading, hypothesis)
-        for log in case.logs
-        if (decision := judge_log(case, log)) is not None
-        for hypothesis, _ in decision.winners
-    ]
-    if any(hypothesis.cause == EFFORT_UNIT.name for _, _, hypothesis in winners):
+    winners = _winners(case)
+    if any(hypothesis.cause == EFFORT_UNIT.name for _, _, (hypothesis, _) in winners):
         return found
     controller = gains_of_controller(case)
     if controller and not any(f.severity for f in controller):
-        mine = [
-            (log, declared.effort_scale / hypothesis.reading.effort_scale)
-            for log, declared, hypothesis in winners
-            if hypothesis.cause == name
+        factors = [
+            (log.name, decision.declared.reading.effort_scale / hypothesis.reading.effort_scale)
+            for log, decision, (hypothesis, _) in winners
+            if hypothesis.cause == GAIN.name
         ]
-        other = tuple(_other_links(log, x[0]) for log, x in mine if np.allclose(x, x[0]))
+        other = tuple(_other_links(log, x[0]) for log, x in factors if np.allclose(x, x[0]))
         if other:
             return other
     if any(f.severity for f in found):
@@ -338,17 +307,16 @@ def _other_links(log: str, factor: float) -> Finding:
     )
 
 
-def _short_delays(case: Case, name: str, found: Findings) -> Findings:
+def _short_delays(case: Case, found: Findings) -> Findings:
     """A delay in the residuals of a fit, unless one is known or another cause comes first."""
-    judged = (judge_log(case, evidence) for evidence in case.logs)
-    winners = [winner for decision in judged if decision is not None for winner in decision.winners]
-    if any(hypothesis.cause == name or how is Severity.WRONG for hypothesis, how in winners):
-        return found
+    for _, _, (hypothesis, severity) in _winners(case):
+        if hypothesis.cause == EFFORT_DELAY.name or severity is Severity.WRONG:
+            return found
     late = residual_delay(case)
     return found if late is None else (late, *(f for f in found if f.log))
 
 
-def _of_reference(case: Case, name: str, found: Findings) -> Findings:
+def _of_reference(case: Case, found: Findings) -> Findings:
     """Zeros of an open chain that are not to be identified; quarter turns without a reference."""
     known = case.knowledge
     if known is None or not known.identified or known.robot.passive:
@@ -365,10 +333,11 @@ def _fine_gains(decision: LogVerdict) -> str:
 
 def _no_load(decision: LogVerdict) -> str:
     knowledge = decision.likelihood.knowledge
-    if knowledge.identified:
-        return agreement_sentence(decision, "the arm carries no payload")
-    what = f"no payload of {least_mass(knowledge):.2g} kg or more"
-    return agreement_sentence(decision, f"{what}, if the model file's masses are right")
+    what = "the arm carries no payload"
+    if not knowledge.identified:
+        least = least_mass(knowledge)
+        what = f"no payload of {least:.2g} kg or more, if the model file's masses are right"
+    return agreement_sentence(decision, what)
 
 
 def _same_zeros(decision: LogVerdict) -> str:
@@ -381,32 +350,32 @@ def _same_zeros(decision: LogVerdict) -> str:
 JOINT_ORDER = HypothesisCheck(
     "joint order",
     "Does every column belong to its joint?",
-    "every column belongs to its joint",
+    partial(agreement_sentence, what="every column belongs to its joint"),
     "put the columns in the order of the joints",
 )
 POSITION_SIGN = HypothesisCheck(
     "position sign",
     "Do positions have the right sign?",
-    "positions have the right sign",
+    partial(agreement_sentence, what="positions have the right sign"),
     "state which position columns have the opposite sign",
 )
 EFFORT_SIGN = HypothesisCheck(
     "effort sign",
     "Do efforts have the right sign?",
-    "efforts have the right sign",
+    partial(agreement_sentence, what="efforts have the right sign"),
     "change the sign of the gain",
     _signs_of_friction,
 )
 EFFORT_UNIT = HypothesisCheck(
     "effort unit",
     "Are efforts in the unit declared?",
-    "efforts are in the unit declared",
+    partial(agreement_sentence, what="efforts are in the unit declared"),
     "declare the unit in which efforts are logged",
 )
 EFFORT_KIND = HypothesisCheck(
     "effort kind",
     "Are efforts of the declared kind?",
-    "efforts are of the kind declared",
+    partial(agreement_sentence, what="efforts are of the kind declared"),
     "declare what the columns hold",
 )
 GAIN = HypothesisCheck(
@@ -419,7 +388,7 @@ GAIN = HypothesisCheck(
 EFFORT_DELAY = HypothesisCheck(
     "effort delay",
     "Do all efforts have a common delay?",
-    "efforts have no common delay",
+    partial(agreement_sentence, what="efforts have no common delay"),
     "compensate the delay",
     _short_delays,
 )
@@ -433,7 +402,7 @@ JOINT_ZEROS = HypothesisCheck(
 MOUNTING = HypothesisCheck(
     "mounting",
     "Is the direction of gravity that of the robot file?",
-    "gravity has the direction of the robot file",
+    partial(agreement_sentence, what="gravity has the direction of the robot file"),
     "state the direction of gravity in the base frame as the log fits it best",
 )
 PAYLOAD = HypothesisCheck(

@@ -18,8 +18,15 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.check.decision.gain_sources import CAUSES_THAT_SCALE
 from steelyard.check.decision.ranking import DECISIVE_GAIN
-from steelyard.check.decision.support import FAIR_BODIES_MISFIT, HEAVIEST_FACTOR, LATE_MARGIN
-from steelyard.check.decision.verdict import CLEAN, LEAST_DELAY, LogVerdict, least_mass
+from steelyard.check.decision.verdict import (
+    CLEAN,
+    FAIR_BODIES_MISFIT,
+    HEAVIEST_FACTOR,
+    LATE_MARGIN,
+    LEAST_DELAY,
+    LogVerdict,
+    least_mass,
+)
 from steelyard.check.hypotheses.bodies import consistent_bodies
 from steelyard.check.hypotheses.effort_columns import poorly_identified
 from steelyard.check.hypotheses.likelihood import Hypothesis, Reading, scored
@@ -60,14 +67,18 @@ def undecided(decision: LogVerdict, cause: str) -> str:
     if cause in UNKNOWN_GAINS and any(signals.unknown_gains):
         return UNKNOWN_GAINS[cause]
     if cause in ("payload", "mounting"):
-        return _hidden(reading, cause, misfit)
+        size = _hidden_mass(reading) if cause == "payload" else _hidden_tilt(reading)
+        return f"undecided: {misfit}, which {size} may cause" if size else ""
     if cause == "gain":
         return _gains(reading, misfit)
     if cause == "effort delay":
         near = _times(reading)
         misfit = "the declared interpretation fits with free link inertias"
     else:
-        near = _near(reading, cause)
+        # alternatives that do not agree clearly worse
+        least, seen = reading.log_likelihood - DECISIVE_GAIN, reading.score.counts > 0.0
+        tried = scored([h for h in _alternatives(reading, cause) if np.any(seen[list(h.joints)])])
+        near = [h.says for h in tried if h.log_likelihood > least]
     listed = ", ".join(near[:SHOWN_ALTERNATIVES]) + ", ..." * (len(near) > SHOWN_ALTERNATIVES)
     return f"undecided: {misfit}, but fits about as well with {listed}" if near else ""
 
@@ -111,8 +122,8 @@ def zero_bounds(reading: Reading) -> str:
         if zero.identifiable
     ]
     left = [zero.name for zero in zeros if not zero.identifiable]
-    says = f"within (95 %): {', '.join(bounds)}" if bounds else ""
-    return "; ".join(x for x in (says, f"not identifiable: {', '.join(left)}" if left else "") if x)
+    says = [f"within (95 %): {', '.join(bounds)}"] if bounds else []
+    return "; ".join([*says, f"not identifiable: {', '.join(left)}"] if left else says)
 
 
 def misfit_hides(decision: LogVerdict) -> bool:
@@ -124,43 +135,29 @@ def misfit_hides(decision: LogVerdict) -> bool:
     return bodies is None or float(bodies.percent) > FAIR_BODIES_MISFIT
 
 
-def _hidden(reading: Reading, cause: str, misfit: str) -> str:
-    """The same where the misfit could hide a payload or a tilt."""
-    if cause == "payload":
-        mass = detectable_mass(reading)
-        hidden = mass > least_mass(reading.knowledge)
-        size = f"{mass:.2g} kg at the last link"
-    else:
-        tilt = detectable_tilt(reading)
-        hidden = tilt > NEAR_AXIS_ANGLE
-        size = f"a tilt by {np.rad2deg(tilt):.0f}°"
-    return f"undecided: {misfit}, which {size} may cause" if hidden else ""
-
-
-def detectable_mass(reading: Reading) -> float:
-    """Most that the arm may carry unseen, or carries by the best fit [kg]."""
+def _hidden_mass(reading: Reading) -> str:
+    """The payload that the arm may carry unseen, or carries by the best fit; empty if small."""
     columns = reading.knowledge.payload(*reading.motion(), reading.gravity)
     fitted = payload_fit(reading)
-    return max(_size(reading, columns[0]), 0.0 if fitted is None else float(fitted.values[0]))
+    mass = max(_size(reading, columns[0]), 0.0 if fitted is None else float(fitted.values[0]))
+    return f"{mass:.2g} kg at the last link" if mass > least_mass(reading.knowledge) else ""
 
 
-def detectable_tilt(reading: Reading) -> float:
-    """Largest tilt of gravity that may be there unseen, about the worst axis [rad]."""
-    gravity, size = reading.gravity, float(np.linalg.norm(reading.gravity))
-    if size == 0.0:
-        return float(np.pi)
-    pulls = reading.knowledge.pulls(reading.motion()[0])
-    across = np.linalg.svd(gravity[None])[2][1:]
-    columns = size * np.einsum("ai,ijt->ajt", across, pulls)
-    return float(np.arctan(max(_size(reading, column) for column in columns)))
+def _hidden_tilt(reading: Reading) -> str:
+    """The tilt of gravity about the worst axis that may be there unseen; empty if small."""
+    gravity, size, tilt = reading.gravity, float(np.linalg.norm(reading.gravity)), np.pi
+    if size > 0.0:
+        pulls = reading.knowledge.pulls(reading.motion()[0])
+        across = np.linalg.svd(gravity[None])[2][1:]
+        columns = size * np.einsum("ai,ijt->ajt", across, pulls)
+        tilt = float(np.arctan(max(_size(reading, column) for column in columns)))
+    return f"a tilt by {np.rad2deg(tilt):.0f}°" if tilt > NEAR_AXIS_ANGLE else ""
 
 
 def _size(reading: Reading, column: Array) -> float:
     """What one number comes to if it makes all that is left, of the joint that shows it best.
 
-    Args:
-        reading: How the log is read.
-        column: Joint efforts per unit, shape `(n, N)`.
+    `column` has joint efforts per unit, shape `(n, N)`.
     """
     e, unit, score = reading.efforts(), reading.into_logged() @ column, reading.score
     moving = reading.columns()[1] > 0.0
@@ -172,25 +169,19 @@ def _size(reading: Reading, column: Array) -> float:
 
 
 def _gains(reading: Reading, misfit: str) -> str:
-    weak = poorly_identified(reading)
+    weak, names = poorly_identified(reading), reading.likelihood.names
     if not weak:
         return ""
-    listed = ", ".join(f"'{name}'" for name in weak)
-    names = reading.likelihood.names
-    rest = [f"'{name}'" for name in names if name not in weak]
+    listed, rest = (
+        ", ".join(f"'{name}'" for name in names if (name in weak) == is_weak)
+        for is_weak in (True, False)
+    )
     if not rest:
         return f"undecided: {misfit} also with very different gains"
     return (
         f"undecided for {listed}: very different gains fit the nominal model as well; no error "
-        f"in the gains of {', '.join(rest)}"
+        f"in the gains of {rest}"
     )
-
-
-def _near(reading: Reading, cause: str) -> list[str]:
-    """Alternatives that do not agree clearly worse than a reading."""
-    least, seen = reading.log_likelihood - DECISIVE_GAIN, reading.score.counts > 0.0
-    tried = scored([h for h in _alternatives(reading, cause) if np.any(seen[list(h.joints)])])
-    return [h.says for h in tried if h.log_likelihood > least]
 
 
 def _times(reading: Reading) -> list[str]:
@@ -213,11 +204,10 @@ def _alternatives(reading: Reading, cause: str) -> Iterator[Hypothesis]:
             says = f"'{name}' with the opposite sign"
             yield Hypothesis(cause, says, reading.with_turned([j]), 0.0, (j,))
     elif cause == "effort sign":
-        for j, name in enumerate(names):
-            turned = reading.with_factors(np.where(np.arange(n) == j, -1.0, 1.0))
-            yield Hypothesis(cause, f"the opposite sign of '{name}'", turned, 0.0, (j,))
-        turned = reading.with_factors(-np.ones(n))
-        yield Hypothesis(cause, "the opposite sign of all", turned, 0.0, every)
+        signs = {f"the opposite sign of '{name}'": (j,) for j, name in enumerate(names)}
+        for says, joints in {**signs, "the opposite sign of all": every}.items():
+            turned = reading.with_factors(np.where(np.isin(every, joints), -1.0, 1.0))
+            yield Hypothesis(cause, says, turned, 0.0, joints)
     elif cause in ("effort unit", "effort kind"):
         size = 1000.0 if cause == "effort unit" else HEAVIEST_FACTOR
         for factor in (size, 1.0 / size):

@@ -8,6 +8,7 @@ of samples and what the model leaves for noise.
 import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -37,21 +38,20 @@ def spread_of(reading: Reading) -> float:
     Zero where nothing differs from what is declared, infinity where the log does not show it.
     """
     gains = reading.effort_scale / reading.likelihood.declared.effort_scale
-    n, found = len(gains), [0.0]
-    for j in range(n):
-        steps = (-ACCURACY_STEP, 0.0, ACCURACY_STEP)
-        factors = [np.where(np.arange(n) == j, np.exp(step), 1.0) for step in steps]
-        if reading.ratios[j] != 1.0:
-            found.append(_spread([reading.changed(ratios=reading.ratios * f) for f in factors]))
-        if abs(gains[j]) != 1.0:
-            found.append(_spread([reading.with_factors(f) for f in factors]))
+    found, steps = [0.0], (-ACCURACY_STEP, 0.0, ACCURACY_STEP)
+    for one in np.eye(len(gains)):
+        factors = [np.exp(step * one) for step in steps]
+        tried = []
+        if reading.ratios @ one != 1.0:
+            tried.append([reading.changed(ratios=reading.ratios * f) for f in factors])
+        if abs(gains @ one) != 1.0:
+            tried.append([reading.with_factors(f) for f in factors])
+        for readings in tried:
+            low, middle, high = (reading.log_likelihood for reading in readings)
+            bend = (2.0 * middle - low - high) / ACCURACY_STEP**2
+            std = bend**-0.5 if bend > 0.0 else np.inf
+            found.append(max(LEAST_FACTOR_STD, float(std)))
     return max(found)
-
-
-def _spread(readings: Sequence[Reading]) -> float:
-    low, middle, high = (reading.log_likelihood for reading in readings)
-    bend = (2.0 * middle - low - high) / ACCURACY_STEP**2
-    return max(LEAST_FACTOR_STD, float(bend**-0.5)) if bend > 0.0 else float("inf")
 
 
 FITTED_DIGITS = 4  # significant digits of fitted numbers
@@ -63,28 +63,26 @@ EFFORT_KEY = ("signals", "effort")
 def edits_of(cause: str, reading: Reading, loaded: LoadedRobot) -> tuple[Edit, ...]:
     """The edits that one cause needs; all causes' edits together make the reading."""
     before, s = reading.likelihood.declared, reading.likelihood.signals
+    found: list[Edit] = []
     if cause == "joint order":
-        found = []
         if reading.position != before.position:
             found.append(Edit(("signals", "position"), [s.position[k] for k in reading.position]))
         if reading.effort != before.effort:
             found.append(Edit((*EFFORT_KEY, "columns"), [s.effort[k] for k in reading.effort]))
-        return tuple(found)
-    if cause == "position sign":
-        if np.array_equal(np.sign(reading.position_scale), np.sign(before.position_scale)):
-            return ()
-        signs = [int(x) for x in np.sign(reading.position_scale)]
-        return (Edit(("signals", "position_sign"), signs),)
-    if cause == "effort delay":
-        return (Edit((*EFFORT_KEY, "delay"), round(reading.delay, 4)),)
-    if cause == "mounting":
+    elif cause == "position sign":
+        signs = np.sign(reading.position_scale).astype(int).tolist()
+        if signs != np.sign(before.position_scale).tolist():
+            found.append(Edit(("signals", "position_sign"), signs))
+    elif cause == "effort delay":
+        found.append(Edit((*EFFORT_KEY, "delay"), round(reading.delay, 4)))
+    elif cause == "mounting":
         gravity = [round(float(x), 4) + 0.0 for x in refined_gravity(reading)]
-        return (Edit(("robot", "gravity"), gravity), Edit(("robot", "mounting"), None))
-    if cause == ZERO_CAUSE:
+        found += [Edit(("robot", "gravity"), gravity), Edit(("robot", "mounting"), None)]
+    elif cause == ZERO_CAUSE:
         return zero_edits(reading)
-    if cause in ("effort sign", "effort unit", "effort kind", "gain"):
+    elif cause in ("effort sign", "effort unit", "effort kind", "gain"):
         return _effort(cause, reading, loaded)
-    return ()
+    return tuple(found)
 
 
 def zero_edits(reading: Reading) -> tuple[Edit, ...]:
@@ -101,34 +99,33 @@ def _effort(cause: str, after: Reading, loaded: LoadedRobot) -> tuple[Edit, ...]
     before, s = after.likelihood.declared, after.likelihood.signals
     if np.any(after.ratios != 1.0):
         return _ratios(after, loaded)
+
+    def of(key: str, value: Any, spread: float = 0.0) -> Edit:
+        return Edit((*EFFORT_KEY, key), value, spread)
+
     factors = after.effort_scale / before.effort_scale
-    kinds = (
-        () if after.kind in (before.kind, PERCENT) else (Edit((*EFFORT_KEY, "kind"), after.kind),)
-    )
+    kinds = () if after.kind in (before.kind, PERCENT) else (of("kind", after.kind),)
     if after.kind == "gravity_compensated_torque" != before.kind:
         if before.kind in MOTOR_KINDS or "A" in s.effort_units:
             return (Edit(("robot", "gravity"), [0.0, 0.0, 0.0]),)
         return kinds
     gains = file_gains(after.likelihood, loaded) * factors
     # of a gain that was fitted; signs and units are exact
-    spread = spread_of(after) if cause == "gain" else 0.0
-    gain = (Edit((*EFFORT_KEY, "gain"), _entries(s, gains), spread),)
+    gain = of("gain", _entries(s, gains), spread_of(after) if cause == "gain" else 0.0)
     if after.kind == PERCENT:
-        kind = Edit((*EFFORT_KEY, "kind"), "motor_torque")
-        return (kind, Edit((*EFFORT_KEY, "unit"), "%"), *gain)
+        return of("kind", "motor_torque"), of("unit", "%"), gain
     if after.kind == "motor_current" != before.kind:
-        return (*kinds, Edit((*EFFORT_KEY, "unit"), "A"), *gain)
+        return (*kinds, of("unit", "A"), gain)
     if after.kind == "joint_torque" and before.kind == "motor_current":
         units = list(loaded.robot.effort_units)
         one = units[0] if len(set(units)) == 1 else units
-        return (*kinds, Edit((*EFFORT_KEY, "unit"), one), Edit((*EFFORT_KEY, "gain"), None))
+        return (*kinds, of("unit", one), of("gain", None))
     if set(s.effort_units) == {"A"} and np.allclose(np.abs(factors), np.abs(factors[0])):
         unit = {1.0: "A", 1e-3: "mA"}.get(round(float(np.abs(after.effort_scale[0])), 9))
         if unit is not None and abs(factors[0]) != 1.0:
-            edits = (Edit((*EFFORT_KEY, "unit"), unit),)
-            signed = Edit((*EFFORT_KEY, "gain"), _entries(s, gains / np.abs(factors)))
-            return edits if np.all(factors > 0.0) else (*edits, signed)
-    return gain
+            signed = of("gain", _entries(s, gains / np.abs(factors)))
+            return (of("unit", unit), *[signed] * bool(np.any(factors <= 0.0)))
+    return (gain,)
 
 
 def _entries(signals: Signals, gains: Array) -> list[Gain]:
@@ -173,22 +170,23 @@ SAME_VELOCITY_CORRELATION = 0.8  # correlation from which on a velocity belongs 
 def velocity_edits(evidence: Evidence, reading: Reading) -> tuple[Edit, ...]:
     """What declared velocities need beside positions of a reading; nothing without any."""
     before, s = reading.likelihood.declared, evidence.recording.signals
-    moved = reading.position != before.position
     turned = not np.array_equal(np.sign(reading.position_scale), np.sign(before.position_scale))
     logged = evidence.samples.dq
-    if not (moved or turned) or s.velocity is None or logged is None or s.velocity_scale is None:
+    if not (turned or reading.position != before.position):
+        return ()
+    if s.velocity is None or logged is None or s.velocity_scale is None:
         return ()
     from scipy.optimize import linear_sum_assignment
 
     table = _velocity_correlations(evidence.samples.t, logged, reading)
     n, own_place = len(table), np.arange(len(table))
-    order = [int(c) for c in linear_sum_assignment(-np.abs(table) - 1e-6 * np.eye(n))[1]]
+    order = linear_sum_assignment(-np.abs(table) - 1e-6 * np.eye(n))[1]
     correlated = np.abs(table[own_place, order]) >= SAME_VELOCITY_CORRELATION
-    order = [c if correlated[j] else reading.position[j] for j, c in enumerate(order)]
-    if sorted(order) != list(range(n)):
+    order = np.where(correlated, order, reading.position)
+    if not np.array_equal(np.sort(order), own_place):
         return ()
     found = []
-    if order != list(range(n)):
+    if not np.array_equal(order, own_place):
         found.append(Edit(("signals", "velocity"), [s.velocity[c] for c in order]))
     own = np.sign(s.velocity_scale)
     signs = np.where(correlated, np.sign(table[own_place, order]), 1.0) * own[order]
@@ -217,7 +215,7 @@ ROUNDING_SLACK = 0.5  # and what rounding may add [%]
 
 
 def confirmed(case: Case, evidence: Evidence, edits: Sequence[Edit], decision: LogVerdict) -> bool:
-    """Whether the edited robot file reads the log as the winner does.
+    """Whether the edited robot file reads the log as the last winner that is to be written does.
 
     True where there is no robot file of that content, such as for a bare URDF.
     """
@@ -236,15 +234,9 @@ def confirmed(case: Case, evidence: Evidence, edits: Sequence[Edit], decision: L
         corrected = load_robot(source.path, edited(text, edits))
     except SteelyardError:
         return False
-    return _same_misfit(evidence, decision, corrected)
-
-
-def _same_misfit(evidence: Evidence, decision: LogVerdict, corrected: LoadedRobot) -> bool:
-    """Whether signals and gravity give the misfit of the last winner that is to be written."""
-    signals = corrected.signals
+    signals, likelihood, last = corrected.signals, decision.likelihood, decision.written[-1]
     if signals is None:
         return False
-    likelihood, last = decision.likelihood, decision.written[-1]
     recording = replace(evidence.recording, signals=signals)
     excerpt = excerpt_of(recording, evidence.processing, likelihood.excerpt.cutoff)
     if excerpt is None:

@@ -21,7 +21,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, SteelyardError
 from steelyard.check.case import Case, Evidence
 from steelyard.check.finding import Edit, Finding, Fix, Severity
-from steelyard.check.hypotheses.excerpt import Excerpt, excerpt_of
+from steelyard.check.hypotheses.excerpt import excerpt_of
 from steelyard.check.hypotheses.likelihood import Hypothesis
 from steelyard.check.hypotheses.nuisance import REST_SPEED
 from steelyard.check.identifiability import clean_runs, customary_model
@@ -60,6 +60,11 @@ class ControllerGains:
         pairs = zip(self.values, self.known, strict=True)
         return [float(f"{value:.4g}") if known else "identify" for value, known in pairs]
 
+    def words(self, names: Sequence[str]) -> str:
+        """Gains that are known, with their intervals."""
+        rows = zip(names, self.values, self.half_widths, self.known, strict=True)
+        return ", ".join(f"{name} {g:.4g} ± {w:.2g}" for name, g, w, known in rows if known)
+
 
 _GAINS_OF_CASES: "WeakKeyDictionary[Case, ControllerGains | None]" = WeakKeyDictionary()
 
@@ -73,52 +78,43 @@ def controller_gains(case: Case) -> ControllerGains | None:
 
 def gains_of_logs(logs: Sequence[Evidence], joints: int) -> ControllerGains | None:
     """Gains from all logs that have both targets; `None` where none is known."""
-    parts, names = [], ("", "")
-    for evidence in logs:
-        columns = _target_columns(evidence)
-        if not columns:
-            continue
-        torque, current = (_excerpt_of_targets(evidence, group) for group in columns)
-        if torque is not None and current is not None:
-            parts.append(_target_rows(evidence, torque, current))
-            names = columns[0][0], columns[1][0]
-    if not parts:
+    found = [rows for evidence in logs if (rows := _target_rows(evidence)) is not None]
+    if not found:
         return None
-    rows = [np.concatenate([part[j] for part in parts], axis=1) for j in range(joints)]
+    rows = [np.concatenate([part[j] for _, part in found], axis=1) for j in range(joints)]
     fits = np.array([_gain(one) for one in rows])
-    gains = ControllerGains(names, fits[:, 0], fits[:, 1])
+    gains = ControllerGains(found[-1][0], fits[:, 0], fits[:, 1])
     return gains if gains.known.any() else None
 
 
-def _target_columns(evidence: Evidence) -> list[tuple[str, ...]]:
-    """Columns of target torque and of target current, one per joint; none without both."""
-    signals, found = evidence.recording.signals, []
+def _target_rows(evidence: Evidence) -> tuple[tuple[str, str], list[Array]] | None:
+    """Target torque, target current [A], speed and acceleration, shape `(4, N)` per joint.
+
+    With the first columns of both targets; `None` without them.
+    """
+    recording, signals = evidence.recording, evidence.recording.signals
     if set(signals.effort_units) != {"A"} or signals.effort_map is not None:
-        return []
+        return None
     named = [Column(name) for name in evidence.log.columns]
     targets = [column for column in named if TARGET_WORDS & set(column.words)]
-    for words in (TORQUE_WORDS, CURRENT_WORDS):
-        groups = by_number(signals.n, [c for c in targets if words & set(c.words)])
-        if not groups:
-            return []
-        found.append(tuple(column.name for column in groups[0]))
-    return found
-
-
-def _excerpt_of_targets(evidence: Evidence, columns: Sequence[str]) -> Excerpt | None:
-    """The log with other columns as its efforts, as logged."""
-    signals = evidence.recording.signals
-    changed = replace(signals, effort=tuple(columns), effort_scale=np.ones(signals.n))
-    return excerpt_of(replace(evidence.recording, signals=changed), evidence.processing)
-
-
-def _target_rows(evidence: Evidence, torque: Excerpt, current: Excerpt) -> list[Array]:
-    """Per joint target torque, target current [A], speed and acceleration, shape `(4, N)`."""
-    signals = evidence.recording.signals
+    groups = [
+        by_number(signals.n, [c for c in targets if words & set(c.words)])
+        for words in (TORQUE_WORDS, CURRENT_WORDS)
+    ]
+    if not all(groups):
+        return None
+    columns = [tuple(column.name for column in group[0]) for group in groups]
+    read = [replace(signals, effort=names, effort_scale=np.ones(signals.n)) for names in columns]
+    torque, current = (
+        excerpt_of(replace(recording, signals=one), evidence.processing) for one in read
+    )
+    if torque is None or current is None:
+        return None
     dq, ddq = (signals.position_scale[:, None] * x for x in (torque.dz, torque.ddz))
-    fastest = np.quantile(np.abs(dq), 0.98, axis=1)
+    moving = np.abs(dq) > REST_SPEED * np.quantile(np.abs(dq), 0.98, axis=1)[:, None]
     rows = np.stack((torque.e, current.e * signals.effort_scale[:, None], dq, ddq), axis=1)
-    return [rows[j][:, np.abs(dq[j]) > REST_SPEED * fastest[j]] for j in range(len(rows))]
+    names = columns[0][0], columns[1][0]
+    return names, [part[:, kept] for part, kept in zip(rows, moving, strict=True)]
 
 
 def _gain(rows: Array) -> tuple[float, float]:
@@ -167,20 +163,20 @@ def unwritten_number_advice(case: Case, hypothesis: Hypothesis, *, sure: bool) -
         if gains is not None:
             return _of_controller(case, gains)
         return Fix(_of_thousandths(case, hypothesis) + _listed_sources(case, sure=sure))
-    other = (
-        "the link inertias differ from the model file: the log alone cannot decide; examine both, "
-        "or give a model from runs known to be correct (--model)"
-    )
-    if hypothesis.cause == "mounting":
-        other = (
+    other = {
+        "mounting": (
             "an external force acts on the arm (a cable, a balancer), or lengths and axes differ "
             "from the model file: this log alone cannot decide"
-        )
-    if hypothesis.cause == "payload":
-        other = (
+        ),
+        "payload": (
             "the link inertias differ from the model file: identify it with steelyard payload, "
             "against a model from runs known to be correct, or give that here (--model)"
-        )
+        ),
+    }.get(
+        hypothesis.cause,
+        "the link inertias differ from the model file: the log alone cannot decide; examine both, "
+        "or give a model from runs known to be correct (--model)",
+    )
     return Fix(f"{hypothesis.says}, or {other}")
 
 
@@ -215,12 +211,10 @@ def _of_thousandths(case: Case, hypothesis: Hypothesis) -> str:
 
 def _of_controller(case: Case, gains: ControllerGains) -> Fix:
     """The controller's own gains; those that its targets do not show are left to be identified."""
-    pairs = zip(case.joints, gains.values, gains.half_widths, gains.known, strict=True)
-    shown = ", ".join(f"{name} {g:.4g} ± {w:.2g}" for name, g, w, known in pairs if known)
     says = (
         "gains and masses cannot be identified together from this log; the controller's target "
         f"torque over its target current ({gains.columns[0]} over {gains.columns[1]}, friction "
-        f"removed) gives the gains {shown} (95 %)"
+        f"removed) gives the gains {gains.words(case.joints)} (95 %)"
     )
     unknown = [f"'{n}'" for n, known in zip(case.joints, gains.known, strict=True) if not known]
     if unknown:
@@ -266,21 +260,19 @@ def gains_left(case: Case) -> tuple[Finding, ...]:
         return ()
     pairs = list(zip(case.joints, signals.gains, signals.unknown_gains, strict=True))
     unknown = tuple(joint for joint, _, left in pairs if left)
-    listed = ", ".join(f"'{joint}'" for joint in unknown)
+    known = {joint: float(gain) for joint, gain, left in pairs if not left}
     try:
         model, runs = customary_model(case), clean_runs(case)
-        if not runs:
-            return ()
-        regressor = base_regressor(model)
-        known = {joint: float(gain) for joint, gain, left in pairs if not left}
-        identified_gains(model, [gather(regressor, run) for run in runs], known=known)
+        if runs:
+            regressor = base_regressor(model)
+            identified_gains(model, [gather(regressor, run) for run in runs], known=known)
     except DataError as error:
         says = f"the gains are not identifiable from these logs alone: {error.wrong}"
         figure = f"{len(unknown)} of {len(pairs)} gains to be identified"
-        fix = Fix(SOURCES_OF_GAINS.format("one joint or more" if not known else listed))
-        return (Finding.doubtful(says, figure, unknown, fix),)
+        listed = ", ".join(f"'{joint}'" for joint in unknown) if known else "one joint or more"
+        return (Finding.doubtful(says, figure, unknown, Fix(SOURCES_OF_GAINS.format(listed))),)
     except SteelyardError:
-        return ()
+        pass
     return ()
 
 
@@ -318,10 +310,7 @@ def gains_of_controller(case: Case) -> tuple[Finding, ...]:
         for j in joints
     )
     says = f"the controller's targets give other gains: {listed}"
-    entries: list[Gain] = [
-        "identify" if left else float(gain)
-        for gain, left in zip(signals.gains, unknown, strict=True)
-    ]
+    entries: list[Gain] = np.where(unknown, "identify", signals.gains.astype(object)).tolist()
     for j in joints:
         entries[j] = float(f"{np.copysign(values[j], signals.gains[j]):.4g}")
     severity = Severity.WRONG if factor.max() > WRONG_GAIN_FACTOR else Severity.DOUBTFUL
@@ -329,16 +318,13 @@ def gains_of_controller(case: Case) -> tuple[Finding, ...]:
         f"take these gains, from {source}, or correct those of the data sheet",
         (Edit(("signals", "effort", "gain"), entries),),
     )
-    named = tuple(case.joints[j] for j in joints)
-    return (Finding.of(severity, says, figure, named, fix),)
+    return (Finding.of(severity, says, figure, tuple(case.joints[j] for j in joints), fix),)
 
 
 def _other_unit(ratio: float, scale: float) -> str:
-    """The unit of current by which the controller's gains are those declared; empty if none.
+    """The unit of current of which the controller's gains are `ratio` times the declared ones.
 
-    Args:
-        ratio: The controller's gains over those declared.
-        scale: The declared unit [A].
+    Empty if there is none; the declared unit is of `scale` [A].
     """
     for unit, size in CURRENT_UNITS.items():
         if size != scale and abs(np.log(ratio * scale / size)) < np.log(WRONG_GAIN_FACTOR):

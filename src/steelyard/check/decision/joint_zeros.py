@@ -14,6 +14,7 @@ other hypothesis explains it.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import reduce
 from itertools import product
 
 import numpy as np
@@ -23,8 +24,9 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, SteelyardError
 from steelyard.check.case import Case, Evidence, case_check
 from steelyard.check.decision.decidable import UNKNOWN_GAINS
+from steelyard.check.decision.edits import zero_edits
 from steelyard.check.decision.ranking import DECISIVE_GAIN
-from steelyard.check.decision.verdict import CLEAN, STRIKING, LogVerdict, judge_log
+from steelyard.check.decision.verdict import CLEAN, STRIKING, judge_log
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix
 from steelyard.check.fitted.causes import WORTH_A_SEARCH, LeftOutGain, LeftOutParts
 from steelyard.check.fitted.fitted_case import (
@@ -45,6 +47,7 @@ from steelyard.estimate.least_squares.normal_equations import own_columns
 from steelyard.estimate.nonlinear.fields import information_from
 from steelyard.estimate.nonlinear.zero_offset import ZeroOffsets, find_offsets, with_offsets
 from steelyard.model.model import Model
+from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot
 from steelyard.runs.run import Run
 
@@ -57,43 +60,32 @@ def estimated_offsets(model: Model, runs: Sequence[Run]) -> ZeroOffsets | None:
 
     The robot is an open chain.
     """
-    given, rests = runs[0].recording.signals.position_offset, has_memory(model.terms)
-    start = np.zeros(model.robot.n) if given is None else given
+    rests = has_memory(model.terms)
     try:
         return find_offsets(
             model,
             lambda offsets: information_from(with_offsets(runs, offsets), rests=rests),
-            start,
+            _given_offsets(runs[0].recording.signals),
             [True] * model.robot.n,
         )
     except DataError:
         return None
 
 
+def _given_offsets(signals: Signals) -> Array:
+    return np.zeros(signals.n) if signals.position_offset is None else signals.position_offset
+
+
 def far_offsets(offsets: ZeroOffsets) -> NDArray[np.bool_]:
     """Which offsets differ clearly from those that were given, shape `(n,)`."""
     spread = np.nan_to_num(offsets.std, nan=np.inf)
-    return np.asarray(
-        (np.abs(offsets.values - offsets.start) > CLEAR_OFFSET * spread) & offsets.converged
-    )
-
-
-def offset_words(offsets: ZeroOffsets, chosen: NDArray[np.bool_]) -> str:
-    """Like `zero offset of elbow 0.4992 ± 0.0008 rad`."""
-    parts = [
-        f"{offsets.joints[k]} {offsets.values[k]:.4f} ± {offsets.half_width[k]:.4f} "
-        f"{offsets.units[k]}"
-        for k in np.flatnonzero(chosen)
-    ]
-    return f"zero offset of {', '.join(parts)}"
+    far = np.abs(offsets.values - offsets.start) > CLEAR_OFFSET * spread
+    return np.asarray(far & offsets.converged)
 
 
 def offset_line(offsets: ZeroOffsets, chosen: NDArray[np.bool_]) -> Fix:
     """The line of the robot file that corrects offsets; others stay as they are given."""
-    values = [
-        round(float(value), 4) if far else float(start)
-        for value, start, far in zip(offsets.values, offsets.start, chosen, strict=True)
-    ]
+    values = np.where(chosen, np.round(offsets.values, 4), offsets.start).tolist()
     says = f'Set position_offset = {values} in [signals], or position_offset = "identify"'
     return Fix(says, (Edit(("signals", "position_offset"), values),))
 
@@ -110,6 +102,7 @@ r"""Fall of $-2 \log L$ that another turned joint must be worth: by chance one o
 NO_TURN_EFFECT = 1e-3
 """Change of it up to which the zero of a joint has no effect: as about the direction of gravity."""
 
+OTHER_ZEROS = "joint zeros other than those of the model file: "
 IF_CONFIRMED = (
     "if the robot's zeros confirm it; otherwise the origin or the axis of the next joint is turned "
     "by as much in the model file: correct it there"
@@ -129,13 +122,12 @@ def turned_zeros(model: Model, sigma: Array, runs: Sequence[Run]) -> Finding | N
         runs: The fitted runs.
     """
     some, regressor = first_parts_of_runs(runs, MOST_TURN_SAMPLES), base_regressor(model)
-    given = some[0].recording.signals.position_offset
-    start = np.zeros(model.robot.n) if given is None else given
+    start = _given_offsets(some[0].recording.signals)
     try:
-        found = _search_turns(regressor, some, start)
-        turned = tuple((int(k), float((found - start)[k])) for k in np.flatnonzero(found != start))
+        turned = _search_turns(regressor, some, start)
         if not turned:
             return None
+        found = _turned_by(start, turned)
         parts = [
             LeftOutParts.of(model, regressor, sigma, with_offsets(some, offsets))
             for offsets in (start, found)
@@ -148,8 +140,8 @@ def turned_zeros(model: Model, sigma: Array, runs: Sequence[Run]) -> Finding | N
         return None
     values = [round(value, 4) for value in found.tolist()]
     return Finding.doubtful(
-        f"joint zeros other than those of the model file: {turn_words(model.robot, turned)} (error "
-        f"on left-out motion {gain.before:.2g} %, with these zeros {gain.after:.2g} %)",
+        f"{OTHER_ZEROS}{turn_words(model.robot, turned)} (error on left-out motion "
+        f"{gain.before:.2g} %, with these zeros {gain.after:.2g} %)",
         joints=tuple(model.robot.joint_names[k] for k, _ in turned),
         fix=Fix(
             f"Set position_offset = {values} in [signals], {IF_CONFIRMED}",
@@ -163,16 +155,16 @@ def turn_words(robot: Robot, turned: TurnedJoints) -> str:
     return ", ".join(f"{robot.joint_names[k]} {np.rad2deg(turn):+.0f}°" for k, turn in turned)
 
 
-def _search_turns(regressor: Regressor, runs: Sequence[Run], start: Array) -> Array:
-    """Offsets with the best fit; each joint is turned once at most, alone or with the next one."""
-    units = [coordinate.unit for coordinate in regressor.model.robot.coordinates]
-    left = [k for k, unit in enumerate(units) if unit == "rad"]
-    offsets, least = start, _turn_misfit(regressor, runs, start)
+def _search_turns(regressor: Regressor, runs: Sequence[Run], start: Array) -> TurnedJoints:
+    """Turns with the best fit; each joint is turned once at most, alone or with the next one."""
+    left = _turning_joints(regressor.model.robot)
+    turns: TurnedJoints = ()
+    least = _turn_misfit(regressor, runs, start)
     while left:
         tried: dict[TurnedJoints, float] = {}
         for joints in (1, 2):
-            for turned in quarter_turns_of_joints(left, joints):
-                tried[turned] = _turn_misfit(regressor, runs, _turned_by(offsets, turned))
+            for more in _quarter_turns_of(left, joints):
+                tried[more] = _turn_misfit(regressor, runs, _turned_by(start, (*turns, *more)))
             moved = {
                 k for ((k, _), *_), found in tried.items() if abs(found - least) > NO_TURN_EFFECT
             }
@@ -181,11 +173,15 @@ def _search_turns(regressor: Regressor, runs: Sequence[Run], start: Array) -> Ar
             break
         best = min(tried, key=lambda turned: tried[turned])
         left = [k for k in left if k not in dict(best)]
-        offsets, least = _turned_by(offsets, best), tried[best]
-    return offsets
+        turns, least = (*turns, *best), tried[best]
+    return tuple(sorted(turns))
 
 
-def quarter_turns_of_joints(left: Sequence[int], joints: int) -> Iterator[TurnedJoints]:
+def _turning_joints(robot: Robot) -> list[int]:
+    return [k for k, coordinate in enumerate(robot.coordinates) if coordinate.unit == "rad"]
+
+
+def _quarter_turns_of(left: Sequence[int], joints: int) -> Iterator[TurnedJoints]:
     """Turns of every joint alone, or of neighbours such that later links keep their orientation."""
     if joints == 1:
         yield from (((k, turn),) for k in left for turn in TRIED_TURNS)
@@ -240,9 +236,7 @@ def _zeros_found(model: Model, runs: tuple[Run, ...]) -> Finding:
     if found.severity or not ranked.of_geometry:
         return found
     turned = turned_zeros(model, estimate.sigma, runs)
-    if turned is None:
-        return found
-    return replace(turned, figure=worst_residual_words(ranked.beside))
+    return found if turned is None else replace(turned, figure=worst_residual_words(ranked.beside))
 
 
 def _zeros_by_derivatives(
@@ -260,20 +254,20 @@ def _zeros_by_derivatives(
         for wanted in (True, False)
     )
     hidden = f"; not identifiable: {left}" if left else ""
-    figure = f"{offset_words(offsets, known)}{hidden}"
+    figure = f"zero offset of {offsets.words(known)}{hidden}"
     if not far.any():
         says = "no significant zero offset" + (f" of {identified}{hidden}" if left else "")
         answered = bool(np.all(known | zeros_without_effect(robot)))
         says += "" if answered else "; a model from runs known to be correct (--model) tests more"
         return Finding.ok(says, figure, answered=answered)
+    says = f"zero offset of {offsets.words(far)}"
     if not ranked.blamed or ranked.blamed[0].kind != "zero_offset":
-        says = (
-            f"{offset_words(offsets, far)} is undecided: other model errors explain as much; "
-            f"compare the zeros with the robot{hidden}"
+        says += (
+            " is undecided: other model errors explain as much; compare the zeros with the robot"
         )
-        return Finding.ok(says, figure, answered=False)
+        return Finding.ok(f"{says}{hidden}", figure, answered=False)
     return Finding.doubtful(
-        f"{offset_words(offsets, far)} explains the residuals of a fit best",
+        f"{says} explains the residuals of a fit best",
         f"{100.0 * ranked.blamed[0].chi2 / ranked.total:.2g} % of chi², "
         f"{worst_residual_words(ranked.beside)}",
         joints=tuple(j for j, wrong in zip(offsets.joints, far, strict=True) if wrong),
@@ -290,12 +284,15 @@ def quarter_turns(case: Case) -> Iterator[Finding]:
     known = case.knowledge
     if known is None or known.identified or known.robot.passive:
         return
+    turns = [
+        x for joints in (1, 2) for x in _quarter_turns_of(_turning_joints(known.robot), joints)
+    ]
     for evidence in case.logs:
         decision = judge_log(case, evidence)
-        if decision is None or decision.of_other_check or decision.winners:
+        if decision is None or decision.of_other_check or decision.winners or not turns:
             continue
         if not any(evidence.recording.signals.unknown_offsets):
-            yield from _quarter_turn_found(case, evidence, decision)
+            yield from _quarter_turn_found(case, evidence, decision.last.reading, turns)
 
 
 def turned_joints(findings: Sequence[Finding]) -> tuple[Finding, ...]:
@@ -304,30 +301,29 @@ def turned_joints(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     return tuple(replace(f, log="", figure="") for f in found[:1])
 
 
-def _quarter_turn_found(case: Case, evidence: Evidence, decision: LogVerdict) -> Iterator[Finding]:
-    now, robot = decision.last.reading, case.loaded.robot
-    units = [coordinate.unit for coordinate in now.knowledge.robot.coordinates]
-    turning = [k for k, unit in enumerate(units) if unit == "rad"]
-    tried: dict[TurnedJoints, Reading] = {}
-    for turned in (x for joints in (1, 2) for x in quarter_turns_of_joints(turning, joints)):
-        tried[turned] = now
-        for joint, turn in turned:
-            tried[turned] = tried[turned].with_zero(joint, turn)
-    if not tried:
-        return
-    near = _best_turns({turned: reading.log_likelihood for turned, reading in tried.items()})
-    best = near[0]
+def _quarter_turn_found(
+    case: Case, evidence: Evidence, now: Reading, turns: Sequence[TurnedJoints]
+) -> Iterator[Finding]:
+    tried = {x: reduce(lambda reading, one: reading.with_zero(*one), x, now) for x in turns}
+    # turns that fit about as well as any, the best first; none with a joint more than it needs
+    least = max(reading.log_likelihood for reading in tried.values()) - DECISIVE_GAIN
+    near = [x for x in turns if tried[x].log_likelihood > least]
+    near.sort(key=lambda x: -tried[x].log_likelihood)
+    near = [x for x in near if not any(set(y) < set(x) for y in near)]
+    best, robot = near[0], case.loaded.robot
     before, after = now.percent, tried[best].percent
     rise = tried[best].log_likelihood - now.log_likelihood
     if rise < STRIKING or after > min(CLEAN, before / TURNED_MISFIT_FALL):
         return
     words = " or ".join(turn_words(robot, turned) for turned in near)
+    # no line of the robot file where another one explains the log about as well
+    line = zero_edits(tried[best]) if len(near) == 1 else ()
     yield Finding.doubtful(
-        f"joint zeros other than those of the model file: {words}: misfit of the nominal model "
-        f"{after:.1f} %, as declared {before:.1f} %",
+        f"{OTHER_ZEROS}{words}: misfit of the nominal model {after:.1f} %, as declared "
+        f"{before:.1f} %",
         f"misfit {before:.1f} % falls to {after:.1f} %, log-likelihood {rise:+.0f}",
         tuple(case.joints[k] for k, _ in best),
-        _turn_fix(evidence, best, alone=len(near) == 1),
+        Fix(f"Set position_offset in [signals], {IF_CONFIRMED}", line),
         hypotheses=(
             ComparedHypothesis(turn_words(robot, best), after, 0.0),
             ComparedHypothesis("as declared", before, -rise, declared=True),
@@ -335,21 +331,3 @@ def _quarter_turn_found(case: Case, evidence: Evidence, decision: LogVerdict) ->
         nominal=True,
         log=evidence.name,
     )
-
-
-def _best_turns(likelihoods: dict[TurnedJoints, float]) -> list[TurnedJoints]:
-    """Turns that fit about as well as any, the best first; none with a joint more than it needs."""
-    least = max(likelihoods.values()) - DECISIVE_GAIN
-    near = sorted((x for x in likelihoods if likelihoods[x] > least), key=lambda x: -likelihoods[x])
-    return [x for x in near if not any(set(y) < set(x) for y in near)]
-
-
-def _turn_fix(evidence: Evidence, turned: TurnedJoints, *, alone: bool) -> Fix:
-    """The line of the robot file, where no other one explains the log about as well."""
-    given = evidence.recording.signals.position_offset
-    offsets: Array = np.zeros(evidence.recording.signals.n) if given is None else given.copy()
-    for joint, turn in turned:
-        offsets[joint] += turn
-    values = [round(value, 4) + 0.0 for value in offsets.tolist()]
-    line = (Edit(("signals", "position_offset"), values),) if alone else ()
-    return Fix(f"Set position_offset in [signals], {IF_CONFIRMED}", line)

@@ -1,9 +1,19 @@
-"""What a ranking says: which explanations are beyond doubt, and the findings that report them."""
+"""What holds of a log: which explanations are beyond doubt, and how sure that is.
 
+With a reference an explanation must agree clearly better than what is declared. Where nothing but a
+nominal model is known, that links are heavier or lighter than a model file says is always a
+hypothesis as well. So an explanation is then beyond doubt only if physically consistent bodies,
+whatever they weigh, fit the log clearly better under it than as declared. That happens for orders,
+signs and directions; never for a factor on all efforts, as bodies of as many times the mass have
+the same effect.
+"""
+
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from steelyard.base.arrays import Array
 from steelyard.check.case import Case, Evidence, Knowledge
 from steelyard.check.decision.ranking import (
     CAUSES_OF_OTHER_CHECKS,
@@ -12,24 +22,54 @@ from steelyard.check.decision.ranking import (
     has_bad_joint,
     ranking,
 )
-from steelyard.check.decision.support import LATE_MARGIN, supported
 from steelyard.check.finding import Severity
-from steelyard.check.hypotheses.bodies import mirrors, of_link
-from steelyard.check.hypotheses.effort_columns import OWN_GAIN_COST
-from steelyard.check.hypotheses.friction_evidence import presliding_score
-from steelyard.check.hypotheses.likelihood import CLOSE_HYPOTHESES, Hypothesis, Reading
-from steelyard.check.hypotheses.surroundings import delay_hypotheses
+from steelyard.check.hypotheses.bodies import (
+    ConsistentBodies,
+    consistent_bodies,
+    link_hypotheses,
+    mirrors,
+    of_link,
+    with_mirror,
+)
+from steelyard.check.hypotheses.effort_columns import (
+    OWN_GAIN_COST,
+    combined_hypotheses,
+    unit_hypotheses,
+)
+from steelyard.check.hypotheses.friction_evidence import friction_alone, presliding_score
+from steelyard.check.hypotheses.likelihood import (
+    CLOSE_HYPOTHESES,
+    FITTED_NUMBER_COST,
+    Hypothesis,
+    Likelihood,
+    Reading,
+)
+from steelyard.check.hypotheses.nuisance import MISFIT_FLOOR
+from steelyard.check.hypotheses.surroundings import (
+    axis_near,
+    delay_hypotheses,
+    mounting_hypotheses,
+)
 from steelyard.check.signals.overview import cached_per_log
 
-VERDICT_MARGIN = {True: 20.0, False: 60.0}
+SUPPORT_MARGIN, SUPPORT_FALL = 60.0, 2.0
+"""Log-likelihood that bodies of the log's own must gain, and the factor by which the misfit of some
+joint must fall, for the data to contradict what is declared."""
+VERDICT_MARGIN = {True: 20.0, False: SUPPORT_MARGIN}
 """Log-likelihood by which an explanation must beat the declared reading, with and without a
 reference."""
 VERDICT_FALL = {True: 2.0, False: 2.5}
 """Factor by which some joint's misfit must fall with a reference; without, the typical one."""
-ROUGH_MISFIT = 25.0  # typical misfit [%] that an explanation by a nominal model may leave
+ROUGH_MISFIT = 25.0
+"""Misfit [%] that an explanation by a nominal model, or by bodies of the log's own, may leave."""
+POOR_BODIES_MISFIT = 10.0
+"""Misfit of bodies of the log's own [%] from which on other orders and signs are tried."""
+FAIR_BODIES_MISFIT = 5.0  # the same from which on other directions of gravity are tried
 OF_JOINTS = ("effort sign", "position sign")
 """Causes that show in the joints they are about, however well the others agree."""
 HUGE_GAIN = 20.0  # factor on one joint's effort beyond which a rough model is no excuse either
+HEAVIEST_FACTOR = 6.0
+"""Factor by which all efforts may be off a nominal model's before its links are no excuse."""
 STRIKING, CLEAN = 200.0, 12.0
 """Log-likelihood gained, and misfit left [%], of an explanation by a nominal model that counts
 although the declared reading is not bad in itself."""
@@ -37,6 +77,17 @@ LEAST_MASS, LEAST_SHARE, SURE_MASS = 0.3, 0.02, 6.0
 """Least payload [kg], relative to the arm's mass, and over its standard deviation."""
 LEAST_DELAY = {True: 0.004, False: 0.04}  # least delay [s], with and without a reference
 DELAY_ROWS = 1.5  # the same in rows of the log
+LATE_MARGIN = 12.0  # sharper log-likelihood that a delay must gain
+LATE_FALL = 1.2
+"""The fall that it needs: friction that only the robot file's own terms describe looks like a
+little delay, and what bodies of the log's own leave hardly falls with it."""
+UNCONCERNED_CHANGE = 0.1
+"""Relative change of a joint's misfit up to which a direction of gravity does not concern it."""
+THOUSAND_TOLERANCE = 2.5
+"""Factor up to which links may differ from a model file's, and gains from the declared ones, for
+efforts to be in a unit that is a thousand times the declared one, or a thousandth of it."""
+
+Judged = tuple[Hypothesis, Severity]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +96,7 @@ class LogVerdict(Ranking):
 
     # what is wrong, in the order in which it was found, with how sure that is; ok where the model
     # file alone is wrong, which leaves a question open
-    winners: tuple[tuple[Hypothesis, Severity], ...]
+    winners: tuple[Judged, ...]
     explained: bool  # whether the last winner agrees with what is known
 
     @property
@@ -70,7 +121,7 @@ def judge_log(case: Case, evidence: Evidence) -> LogVerdict | None:
     found = ranking(case, evidence)
     if found is None:
         return None
-    winners: list[tuple[Hypothesis, Severity]] = []
+    winners: list[Judged] = []
     before = found.declared
     for hypotheses, winner in zip(found.rounds, found.chain, strict=False):
         severity = _judged(before, winner, hypotheses)
@@ -82,9 +133,12 @@ def judge_log(case: Case, evidence: Evidence) -> LogVerdict | None:
         winners.append((winner, severity))
         before = winner
     if all(w.cause != "effort delay" for w, _ in winners):
-        late = _delay(found, len(winners), before)
-        if late is not None and _late(before, late):
-            winners.append((late, Severity.WRONG))
+        judged = len(winners)
+        rest = found.rounds[judged] if judged < len(found.rounds) else None
+        for late in delay_hypotheses(before.reading) if rest is None else rest:
+            if late.cause == "effort delay":
+                winners += [(late, Severity.WRONG)] * _late(before, late)
+                break
     explained = not has_bad_joint(before)
     verdict = LogVerdict(found.declared, found.rounds, tuple(winners), explained)
     if found.likelihood.knowledge.identified or verdict.of_other_check:
@@ -97,47 +151,43 @@ def judge_log(case: Case, evidence: Evidence) -> LogVerdict | None:
 def positions_at_fault(case: Case, evidence: Evidence) -> bool:
     """Whether it is sure that positions, not velocities, have another order or sign."""
     decision = judge_log(case, evidence)
-    return decision is not None and any(
+    if decision is None:
+        return False
+    before = decision.declared.reading
+    return any(
         hypothesis.cause in ("joint order", "position sign")
         and severity is Severity.WRONG
-        and _moves_positions(decision.declared.reading, hypothesis.reading)
+        and (
+            before.position != hypothesis.reading.position
+            or np.any(np.sign(before.position_scale) != np.sign(hypothesis.reading.position_scale))
+        )
         for hypothesis, severity in decision.winners
     )
 
 
-def _moves_positions(before: Reading, after: Reading) -> bool:
-    turned = np.sign(before.position_scale) != np.sign(after.position_scale)
-    return before.position != after.position or bool(np.any(turned))
-
-
-def _delay(found: Ranking, judged: int, before: Hypothesis) -> Hypothesis | None:
-    """The delay beside what was found so far."""
-    if judged < len(found.rounds):
-        return next((r for r in found.rounds[judged] if r.cause == "effort delay"), None)
-    return next(delay_hypotheses(before.reading), None)
-
-
-def _judged(before: Hypothesis, winner: Hypothesis, hypotheses: tuple[Hypothesis, ...]) -> Severity:
-    """How sure a winner is."""
+def _judged(before: Hypothesis, winner: Hypothesis, hypotheses: Sequence[Hypothesis]) -> Severity:
+    """How sure a winner is, by what is known of the robot."""
     sure = winner.reading.knowledge.identified
     gain = winner.log_likelihood - before.log_likelihood
     if gain < VERDICT_MARGIN[sure]:
         return Severity.OK
     if winner.cause == "payload":
-        rough = not sure and not has_bad_joint(before)
-        return Severity.OK if rough or not _heavy(winner) else _when(sure)
+        possible = (sure or has_bad_joint(before)) and _heavy(winner)
+        return _when(sure) if possible else Severity.OK
     if winner.cause == "effort delay":
         return Severity.WRONG if _late(before, winner) else Severity.OK
     if sure:
         fall = float(np.max(before.misfits / np.maximum(winner.misfits, 1e-3)))
-    elif not has_bad_joint(before) and not _striking(winner, gain):
-        return Severity.OK
     else:
-        fall = before.percent / max(winner.percent, 1e-3)
-        if winner.cause in OF_JOINTS or _huge(before, winner):
-            fall = max(fall, _fall_of_joints(before, winner))
-        if winner.percent > ROUGH_MISFIT:
+        # few numbers that explain very much, and leave next to nothing, count anyway
+        striking = gain >= STRIKING and winner.cost <= OWN_GAIN_COST and winner.percent <= CLEAN
+        if winner.percent > ROUGH_MISFIT or not (striking or has_bad_joint(before)):
             return Severity.OK
+        fall = before.percent / max(winner.percent, 1e-3)
+        factor = np.abs(winner.reading.effort_scale / before.reading.effort_scale)
+        huge = winner.cause == "gain" and np.max(np.abs(np.log(factor))) > np.log(HUGE_GAIN)
+        if winner.cause in OF_JOINTS or huge:
+            fall = max(fall, _fall_of_joints(before, winner))
     if fall < VERDICT_FALL[sure]:
         return Severity.OK
     least = winner.log_likelihood - CLOSE_HYPOTHESES
@@ -151,8 +201,12 @@ def _judged(before: Hypothesis, winner: Hypothesis, hypotheses: tuple[Hypothesis
     )
 
 
+def _when(sure: bool) -> Severity:
+    return Severity.WRONG if sure else Severity.DOUBTFUL
+
+
 def _link(
-    before: Hypothesis, winner: Hypothesis, hypotheses: tuple[Hypothesis, ...]
+    before: Hypothesis, winner: Hypothesis, hypotheses: Sequence[Hypothesis]
 ) -> Hypothesis | None:
     """That the last link differs from a model file: it explains the log, and nothing is wrong.
 
@@ -169,18 +223,6 @@ def _link(
     return link if gain >= VERDICT_MARGIN[False] and falls else None
 
 
-def _striking(winner: Hypothesis, gain: float) -> bool:
-    """Whether a few numbers explain very much, and leave next to nothing."""
-    return gain >= STRIKING and winner.percent <= CLEAN and winner.cost <= OWN_GAIN_COST
-
-
-def _huge(before: Hypothesis, winner: Hypothesis) -> bool:
-    """Whether the gain of a joint is off by orders of magnitude."""
-    factor = np.abs(winner.reading.effort_scale / before.reading.effort_scale)
-    far = np.max(np.abs(np.log(factor)))
-    return winner.cause == "gain" and bool(far > np.log(HUGE_GAIN))
-
-
 def _fall_of_joints(before: Hypothesis, winner: Hypothesis) -> float:
     """Factor by which the misfit of the joints that an explanation is about falls."""
     joints = list(winner.joints)
@@ -188,10 +230,6 @@ def _fall_of_joints(before: Hypothesis, winner: Hypothesis) -> float:
     if not joints or worst > 0.01 * ROUGH_MISFIT:
         return 1.0
     return float(np.min(before.misfits[joints])) / max(worst, 1e-3)
-
-
-def _when(sure: bool) -> Severity:
-    return Severity.WRONG if sure else Severity.DOUBTFUL
 
 
 def least_mass(knowledge: Knowledge) -> float:
@@ -202,11 +240,9 @@ def least_mass(knowledge: Knowledge) -> float:
 
 def _heavy(hypothesis: Hypothesis) -> bool:
     """Whether a payload is heavy enough to be one."""
-    ten = hypothesis.reading.payload
-    if ten is None:
-        return False
-    return float(ten[0]) > max(
-        least_mass(hypothesis.reading.knowledge), SURE_MASS * hypothesis.spread
+    ten, knowledge = hypothesis.reading.payload, hypothesis.reading.knowledge
+    return ten is not None and bool(
+        ten[0] > max(least_mass(knowledge), SURE_MASS * hypothesis.spread)
     )
 
 
@@ -224,3 +260,272 @@ def _late(before: Hypothesis, hypothesis: Hypothesis) -> bool:
         return False
     others = [before.score] if sure else [before.score, presliding_score(before.reading)]
     return all(hypothesis.score.sharp - other.sharp > LATE_MARGIN for other in others)
+
+
+def contradicted(before: Reading, winner: Hypothesis) -> bool:
+    """Whether the data, whatever the bodies weigh, speak for an explanation."""
+    then, now = consistent_bodies(before), consistent_bodies(winner.reading)
+    if then is None or now is None:
+        return False
+    if winner.cause == "effort delay":
+        return now.score.sharp - then.score.sharp > LATE_MARGIN and _fall(now, then) >= LATE_FALL
+    return fits_clearly_better(now, then, winner.cost)
+
+
+def fits_clearly_better(now: ConsistentBodies, then: ConsistentBodies, cost: float) -> bool:
+    """Whether one reading fits bodies of the log's own clearly better than another."""
+    gain = float(now.score.log_likelihood - then.score.log_likelihood) - cost
+    return gain >= SUPPORT_MARGIN and _fall(now, then) >= SUPPORT_FALL
+
+
+def _fall(now: ConsistentBodies, then: ConsistentBodies) -> float:
+    """The factor by which the misfit of that joint falls whose misfit falls most."""
+    return float(np.max(then.score.misfits / np.maximum(now.score.misfits, MISFIT_FLOOR)))
+
+
+def supported(likelihood: Likelihood, winners: Sequence[Judged]) -> tuple[Judged, ...]:
+    """What holds of a log, from what a nominal model suggests and what the data support."""
+    kept: list[Judged] = []
+    reading, rescaled = likelihood.declared, False
+    for hypothesis, severity in winners:
+        fitted, factor = _fitted(reading, hypothesis), _only_factor(reading, hypothesis)
+        factors = hypothesis.reading.effort_scale / reading.effort_scale
+        thousand = _thousand(reading, factors) if fitted else None
+        if thousand is not None and _of_unit(reading, thousand):
+            kept.append((thousand, severity))
+            reading = thousand.reading
+            break
+        if hypothesis.cause == "payload" or contradicted(reading, hypothesis):
+            kept.append((replace(hypothesis, fixed=hypothesis.fixed and not fitted), severity))
+        elif factor:
+            rescaled = rescaled or fitted or not _of_unit(reading, hypothesis)
+            if rescaled:
+                break
+            kept.append((hypothesis, severity))
+        else:
+            kept.append((replace(hypothesis, fixed=False), Severity.DOUBTFUL))
+            break
+        reading = hypothesis.reading
+    whole = _combined(reading)
+    if whole:
+        kept = [*(kept if whole[0][0].cause == "mounting" else ()), *whole]
+        reading = whole[-1][0].reading
+    kept = [(with_mirror(r), severity) for r, severity in _unrivalled(kept)]
+    scale = _scale(reading, rescaled)
+    return (*kept, scale) if scale is not None else tuple(kept)
+
+
+def _only_factor(reading: Reading, hypothesis: Hypothesis) -> bool:
+    """Whether an explanation does nothing but multiply efforts by positive factors."""
+    after = hypothesis.reading
+    return (
+        (after.of_motion, after.effort, after.delay)
+        == (reading.of_motion, reading.effort, reading.delay)
+        and np.array_equal(after.gravity, reading.gravity)
+        and bool(np.all(after.effort_scale / reading.effort_scale > 0.0))
+    )
+
+
+def _fitted(reading: Reading, hypothesis: Hypothesis) -> bool:
+    """Whether an explanation's gains or ratios are those at which a nominal model agrees best."""
+    ratios = not np.array_equal(hypothesis.reading.ratios, reading.ratios)
+    return hypothesis.cost >= FITTED_NUMBER_COST and (ratios or _only_factor(reading, hypothesis))
+
+
+def _of_unit(reading: Reading, hypothesis: Hypothesis) -> bool:
+    """Whether a known factor brings bodies from absurd masses to likely ones."""
+    then, now = consistent_bodies(reading), consistent_bodies(hypothesis.reading)
+    return then is not None and now is not None and _far(then) and not _far(now)
+
+
+def _far(found: ConsistentBodies) -> bool:
+    return max(found.scale, 1.0 / found.scale) > HEAVIEST_FACTOR
+
+
+def _thousand(reading: Reading, factors: Array) -> Hypothesis | None:
+    """Efforts in the unit that factors on them are near; `None` if there is none.
+
+    Torques are a thousand times the declared ones. Currents are in A or mA: for all joints one,
+    though fitted gains of some joints may be far from it.
+    """
+    wanted, fitted = 1e3, factors
+    if "A" in reading.likelihood.signals.effort_units and np.any(factors != 1.0):
+        wanted = 1e3 if np.max(np.abs(reading.effort_scale)) < 1.0 else 1e-3
+        fitted = np.array([np.median(factors[factors != 1.0])])
+    if not np.all((fitted > wanted / THOUSAND_TOLERANCE) & (fitted < wanted * THOUSAND_TOLERANCE)):
+        return None
+    scale = wanted * reading.effort_scale
+    return next(r for r in unit_hypotheses(reading) if np.allclose(r.reading.effort_scale, scale))
+
+
+def _combined(reading: Reading) -> tuple[Judged, ...]:
+    """Order and signs of all columns, or gravity, if the data speak for another than is declared.
+
+    So much is changed at once that the misfit must fall in the typical joint, or be small in all.
+    Orders and signs are searched from the declared reading, gravity from the given one.
+    """
+    likelihood = reading.likelihood
+    now, own = consistent_bodies(reading), consistent_bodies(likelihood.declared)
+    if now is None or own is None:
+        return ()
+    fair = now.percent > FAIR_BODIES_MISFIT or _worst_joint_misfit(now) > POOR_BODIES_MISFIT
+    found = combined_hypotheses(likelihood) if _poor(now) else []
+    found += mounting_hypotheses(reading) if fair else []
+    if not found:
+        return ()
+    found.sort(key=lambda pair: -pair[0].log_likelihood)
+    best, bodies = found[0]
+    if not fits_clearly_better(bodies, now, best.cost):
+        return ()
+    unconcerned = best.cause and (
+        best.reading.log_likelihood - reading.log_likelihood > SUPPORT_MARGIN
+    )
+    worst = _worst_joint_misfit(bodies, now if unconcerned else None)
+    if bodies.percent > ROUGH_MISFIT or (
+        SUPPORT_FALL * bodies.percent > now.percent and worst > POOR_BODIES_MISFIT
+    ):
+        return ()
+    near = [r for r, _ in found[1:] if r.log_likelihood > best.log_likelihood - CLOSE_HYPOTHESES]
+    enough = ROUGH_MISFIT
+    if best.cause == "mounting":
+        # a direction of gravity that lies along no axis may as well be a force from outside
+        gravity = best.reading.gravity
+        along = axis_near(gravity / np.linalg.norm(gravity)) is not None
+        enough = POOR_BODIES_MISFIT if along else FAIR_BODIES_MISFIT
+    sure = not near and bodies.percent <= enough
+    compared = "free link inertias", (now if best.cause else own).percent
+    return tuple((replace(r, fixed=sure, compared=compared), _when(sure)) for r in _parts(best))
+
+
+def _poor(bodies: ConsistentBodies) -> bool:
+    return bodies.percent > POOR_BODIES_MISFIT or _worst_joint_misfit(bodies) > ROUGH_MISFIT
+
+
+def _worst_joint_misfit(bodies: ConsistentBodies, before: ConsistentBodies | None = None) -> float:
+    """Misfit of the joint that bodies of the log's own fit least [%].
+
+    Of the joints whose misfit differs from the one before, if there is one.
+    """
+    seen = bodies.score.counts > 0.0
+    if before is not None:
+        change = np.abs(bodies.score.misfits - before.score.misfits)
+        seen &= change > UNCONCERNED_CHANGE * before.score.misfits
+    return 100.0 * float(np.max(bodies.score.misfits[seen], initial=0.0))
+
+
+def _parts(best: Hypothesis) -> Iterator[Hypothesis]:
+    """One explanation per cause, all of the same reading."""
+    if best.cause:
+        yield best
+        return
+    after, before = best.reading, best.reading.likelihood.declared
+    names = after.likelihood.names
+    if (after.position, after.effort) != (before.position, before.effort):
+        yield replace(best, cause="joint order", says=_order_of(after))
+    for what in ("position", "effort"):
+        then, now = (np.sign(getattr(reading, f"{what}_scale")) for reading in (before, after))
+        joints = tuple(np.flatnonzero(then != now).tolist())
+        if joints:
+            who = ", ".join(f"'{names[j]}'" for j in joints)
+            who = "all joints" if len(joints) == len(names) > 1 else who
+            says = f"{what} of {who} has the opposite sign"
+            yield replace(best, cause=f"{what} sign", says=says, joints=joints)
+
+
+def _order_of(reading: Reading) -> str:
+    """The order of the columns in a few words."""
+    if reading.position == reading.likelihood.declared.position:
+        return f"efforts in the order {', '.join(str(k + 1) for k in reading.effort)}"
+    names = reading.likelihood.names
+    listed = ", ".join(f"'{names[reading.position.index(k)]}'" for k in range(len(names)))
+    if reading.effort == reading.position:
+        return f"the columns are in the order {listed}"
+    return f"the columns of positions are those of {listed}"
+
+
+def _unrivalled(kept: list[Judged]) -> list[Judged]:
+    """Nothing is written where positions in another order do as well as efforts, or the reverse."""
+    for number, (hypothesis, _) in enumerate(kept):
+        before, after = hypothesis.reading.likelihood.declared, hypothesis.reading
+        alone = (after.position == before.position) != (after.effort == before.effort)
+        if hypothesis.cause != "joint order" or not hypothesis.fixed or not alone:
+            continue
+        mirror = _mirror(before, after)
+        mine, other = consistent_bodies(after), consistent_bodies(mirror)
+        if mine is None or other is None:
+            continue
+        if float(mine.score.log_likelihood - other.score.log_likelihood) < SUPPORT_MARGIN:
+            says = f"{hypothesis.says}, or {_order_of(mirror)}: this log alone cannot decide"
+            kept[number] = replace(hypothesis, says=says), Severity.DOUBTFUL
+            return [(replace(r, fixed=False), Severity.DOUBTFUL) for r, _ in kept]
+    return kept
+
+
+def _mirror(before: Reading, after: Reading) -> Reading:
+    """The same pairs of positions and efforts, as an order of the others."""
+    n = range(len(after.position))
+    if after.effort == before.effort:
+        effort = tuple(before.effort[after.position.index(before.position[j])] for j in n)
+        return after.changed(position=before.position, effort=effort)
+    position = tuple(before.position[after.effort.index(before.effort[j])] for j in n)
+    return after.changed(position=position, effort=before.effort)
+
+
+def bodies_that_explain(reading: Reading) -> ConsistentBodies | None:
+    """Bodies of the log's own that explain a log; `None` where they do not, or hardly show."""
+    found = consistent_bodies(reading)
+    if found is None or _poor(found) or friction_alone_explains(reading, found):
+        return None
+    return found
+
+
+def friction_alone_explains(reading: Reading, found: ConsistentBodies) -> bool:
+    """Whether friction alone fits a log about as well as with bodies: their size is open then."""
+    alone = ConsistentBodies(friction_alone(reading), 0.0)
+    return not fits_clearly_better(found, alone, 0.0)
+
+
+def _scale(reading: Reading, rescaled: bool) -> Judged | None:
+    """A factor on all efforts, or bodies lighter or heavier than the nominal ones.
+
+    Beyond `HEAVIEST_FACTOR` something is wrong with the efforts, if the factor makes the nominal
+    model agree clearly better; below, only where the nominal model calls for it. There is no
+    finding where friction alone fits as well as bodies.
+    """
+    found = consistent_bodies(reading)
+    if found is None or not (rescaled or (_far(found) and found.percent <= ROUGH_MISFIT)):
+        return None
+    signals, factor, far = reading.likelihood.signals, 1.0 / found.scale, _far(found)
+    changed = reading.with_factors(np.full(signals.n, factor))
+    if friction_alone_explains(reading, found):
+        return None
+    if not rescaled and changed.percent * SUPPORT_FALL > reading.percent:
+        return None
+    unit = _thousand(reading, np.array([factor])) if far else None
+    if unit is not None:
+        return unit, Severity.WRONG
+    off = f"either efforts are off by a factor of about {_short(factor)}, or"
+    lighter = "lighter" if factor > 1.0 else "heavier"
+    says = (
+        f"{off} the links are {_short(max(factor, found.scale))} times {lighter} than in the model "
+        "file"
+    )
+    if found.percent > FAIR_BODIES_MISFIT:
+        says += (
+            ", or lengths and axes differ from the model file: with free link inertias the "
+            f"misfit is {found.percent:.0f} %"
+        )
+    cause = "gain" if "A" in signals.effort_units else "effort kind"
+    cost, joints = FITTED_NUMBER_COST, tuple(range(signals.n))
+    hypothesis = Hypothesis(cause, says, changed, cost, joints, changed.score, fixed=False)
+    if far:
+        return hypothesis, Severity.WRONG
+    link = next(link_hypotheses(reading), None)
+    if link is None or link.log_likelihood < hypothesis.log_likelihood - SUPPORT_MARGIN:
+        return hypothesis, Severity.DOUBTFUL
+    return replace(hypothesis, says=f"{off} {link.says}"), Severity.OK
+
+
+def _short(factor: float) -> str:
+    """A factor with two digits: `620`, not `6.2e+02`."""
+    return f"{float(f'{factor:.2g}'):g}"

@@ -67,9 +67,9 @@ class Cause:
     # `zero_offset`, `gain`, `saturation`, `compliance`, `position`, `axis`, `tilt` (of the first
     # axis, the same as of gravity), `geometry`, or the law of a term
     kind: str
-    joint: str  # the joint; empty if it is about all
+    joint: str  # empty if it is about all
     says: str  # in a few words
-    names: tuple[str, ...]  # names of its columns
+    names: tuple[str, ...]  # of its columns
     chi2: float  # what it takes from chi square
     share: float  # of the chi square that noise does not account for, 0 to 1
 
@@ -110,18 +110,25 @@ def causes(
         sigma: Standard deviations of the fit's residuals, shape `(n,)`.
         ratios: Of these over the measurement noise; NaN where that is not known.
     """
-    counts = information.n_samples
+    counts, weights = information.n_samples, _weights(sigma)
     seen = (counts > 0.0) & (sigma > 0.0)
-    weights = np.where(seen, 1.0 / np.square(np.where(seen, sigma, 1.0)), 0.0)
     noise = np.where(np.isfinite(ratios), np.minimum(1.0, 1.0 / np.square(ratios)), 1.0)
     excess = float(np.sum((counts * (1.0 - noise))[seen]))
-    score, left, names = _scores(model, information, weights)
+    score, left, names = _scores(model, information, np.where(seen, weights, 0.0))
     found = []
     for kind, joint, says, columns in _groups(model, names):
-        chi2 = _explained(score, left, [names.index(column) for column in columns])
+        group = [names.index(column) for column in columns]
+        values, vectors = np.linalg.eigh(left[np.ix_(group, group)])
+        along, new = vectors.T @ score[group], values > NEW_COLUMN_SHARE
+        chi2 = float(np.sum(np.square(along[new]) / values[new]))
         share = min(1.0, chi2 / excess) if excess > 0.0 else 0.0
         found.append(Cause(kind, joint, says, columns, chi2, share))
     return tuple(sorted(found, key=lambda cause: -cause.rank))
+
+
+def _weights(sigma: Array) -> Array:
+    """Weights of rows; zero where nothing was fitted."""
+    return np.where(sigma > 0.0, 1.0 / np.square(np.where(sigma > 0.0, sigma, 1.0)), 0.0)
 
 
 def _scores(
@@ -142,44 +149,35 @@ def _scores(
     return score, 0.5 * (left + left.T), [names[k] for k in added]
 
 
-def _explained(score: Array, left: Array, group: Sequence[int]) -> float:
-    """What a group of columns takes from chi square."""
-    part = left[np.ix_(group, group)]
-    values, vectors = np.linalg.eigh(part)
-    along = vectors.T @ score[list(group)]
-    new = values > NEW_COLUMN_SHARE
-    return float(np.sum(np.square(along[new]) / values[new]))
+OF_JOINTS = {
+    "zero_offset": "zero offset of {}",
+    "gain": "gain or scale of the effort of {}",
+    "saturation": "gain of {} that changes with the torque",
+    "compliance": "elasticity of {}",
+}
+"""Causes of one column per joint, in words."""
 
 
 def _groups(model: Model, names: Sequence[str]) -> list[tuple[str, str, str, tuple[str, ...]]]:
     """Kind, joint, words and columns of every cause whose columns are there."""
-    robot = model.robot
-    groups: list[tuple[str, str, str, tuple[str, ...]]] = []
-    for joint in robot.joint_names:
-        for kind, says in (
-            ("zero_offset", f"zero offset of {joint}"),
-            ("gain", f"gain or scale of the effort of {joint}"),
-            ("saturation", f"gain of {joint} that changes with the torque"),
-            ("compliance", f"elasticity of {joint}"),
-        ):
-            groups.append((kind, joint, says, (f"{kind}.{joint}",)))
-    for body in robot.bodies:
-        place = tuple(f"position_{axis}.{body.joint}" for axis in "xyz")
-        groups.append(
-            ("position", body.joint, f"position of joint {body.joint} (link length)", place)
-        )
-        tilt = tuple(f"axis_{k}.{body.joint}" for k in (1, 2))
-        if body.parent < 0:
-            groups.append(("tilt", body.joint, f"tilt of the base (axis of {body.joint})", tilt))
-        else:
-            groups.append(("axis", body.joint, f"axis of joint {body.joint}", tilt))
+    groups: list[tuple[str, str, str, tuple[str, ...]]] = [
+        (kind, joint, says.format(joint), (f"{kind}.{joint}",))
+        for joint in model.robot.joint_names
+        for kind, says in OF_JOINTS.items()
+    ]
+    for body in model.robot.bodies:
+        joint, first = body.joint, body.parent < 0
+        place = tuple(f"position_{axis}.{joint}" for axis in "xyz")
+        groups.append(("position", joint, f"position of joint {joint} (link length)", place))
+        says = f"tilt of the base (axis of {joint})" if first else f"axis of joint {joint}"
+        tilt = tuple(f"axis_{k}.{joint}" for k in (1, 2))
+        groups.append(("tilt" if first else "axis", joint, says, tilt))
     every = tuple(c for c in names if c.split(".")[0].split("_")[0] in GEOMETRY)
     groups.append(("geometry", "", "geometry of several links (lengths, axes)", every))
     for says, term in FRICTION:
-        mine = tuple(p.name for p in term.parameters(robot))
+        mine = tuple(p.name for p in term.parameters(model.robot))
         groups.append((term.law, "", says, mine))
-    present = set(names)
-    return [g for g in groups if g[3] and present.issuperset(g[3])]
+    return [g for g in groups if g[3] and set(names).issuperset(g[3])]
 
 
 WORTH_A_TERM = 0.05
@@ -198,8 +196,9 @@ class LeftOutGain:
     # together, mean over parts [%]
     before: float
     after: float  # the same with it [%]
-    # whether it is reduced by more than is worth it, and than chance explains over parts
-    confirmed: bool
+    confirmed: (
+        bool  # whether it falls by more than is worth it, and than chance explains over parts
+    )
     left_out: str  # what is left out in turn, `run` or `segment`
 
     @classmethod
@@ -236,22 +235,17 @@ class LeftOutParts:
     def of(
         cls, model: Model, regressor: Regressor, sigma: Array, runs: Sequence[Run]
     ) -> "LeftOutParts":
-        """Parts of runs.
+        """Parts of runs, with the columns of a regressor of the model, or more.
 
-        Args:
-            model: The fitted model.
-            regressor: Its columns, and more.
-            sigma: Standard deviations of the fit's residuals, shape `(n,)`.
-            runs: The fitted runs.
+        `sigma` has the standard deviations of the fit's residuals, shape `(n,)`.
 
         Raises:
             DataError: They are too short.
         """
         divided = folding(runs)
         gathered = information_from(runs, longest=divided.longest)(regressor)
-        weights = np.where(sigma > 0.0, 1.0 / np.square(np.where(sigma > 0.0, sigma, 1.0)), 0.0)
         found = per_fold(gathered, divided.parts(gathered))
-        return cls(found, divided.left_out, weights, own_columns(model))
+        return cls(found, divided.left_out, _weights(sigma), own_columns(model))
 
     def errors(self, names: Sequence[str]) -> Array:
         """Logarithm of the error on each part, by the columns of these names, shape `(parts,)`.
@@ -281,12 +275,8 @@ def left_out_gains(
 ) -> tuple[LeftOutGain, ...]:
     """Per cause whether it predicts left-out motion better; none where the runs are too short.
 
-    Args:
-        model: The fitted model.
-        wide: Columns of all causes, see `wide_model`.
-        sigma: Standard deviations of the fit's residuals, shape `(n,)`.
-        runs: The fitted runs.
-        found: The causes.
+    `wide` has the columns of all causes, `sigma` the standard deviations of the fit's residuals,
+    shape `(n,)`.
     """
     own = base_parameters(model).base_names
     try:
@@ -294,8 +284,9 @@ def left_out_gains(
         plain, *wider = (parts.errors((*own, *more)) for more in ((), *(c.names for c in found)))
     except DataError:
         return ()
-    worth = (WORTH_A_TERM if cause.of_friction else WORTH_A_SEARCH for cause in found)
     return tuple(
-        LeftOutGain.of(plain, errors, parts.left_out, least)
-        for errors, least in zip(wider, worth, strict=True)
+        LeftOutGain.of(
+            plain, errors, parts.left_out, WORTH_A_TERM if cause.of_friction else WORTH_A_SEARCH
+        )
+        for errors, cause in zip(wider, found, strict=True)
     )

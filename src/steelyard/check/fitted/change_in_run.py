@@ -28,7 +28,7 @@ from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.nonlinear.fields import information_from
 from steelyard.model.laws.register import law_of
 from steelyard.robot.rigid_body import INERTIAL_NAMES
-from steelyard.robot.robot import Coordinate, Robot
+from steelyard.robot.robot import Robot
 
 LEAST_LEFT_SHARE = 1e-9  # least share of the squared residual that a change is taken to leave
 LEAST_ROW_FREEDOM = 20.0  # degrees of freedom that a row needs
@@ -47,17 +47,35 @@ class ChangeWithinRun:
     # from the run's start to its end
     value: float
     std: float  # its standard deviation
-    # share of the squared residual that it explains: of the row; of a load the geometric mean over
-    # rows
+    # share of the squared residual that it explains; of a load the geometric mean over rows
     explained: float
     rise: float  # what it takes from the squared residual, over the noise that is left
+
+    @property
+    def when(self) -> str:
+        """The time in which it lies."""
+        return f"between {self.time - self.within:.3g} and {self.time + self.within:.3g} s"
+
+    @property
+    def cut(self) -> Fix:
+        """The parts before and after it."""
+        early, late = self.time - self.within, self.time + self.within
+        return Fix(
+            "Identify the parts before and after separately: "
+            f"LOG@:{early:.3g} or LOG@{late:.3g}: (seconds from its start)"
+        )
+
+    def certain(self, share: float, rise: float) -> bool:
+        """Whether it explains enough, and is significant."""
+        sure = abs(self.value) > SURE_CHANGE * self.std
+        return sure and self.explained >= share and self.rise >= rise
 
 
 @dataclass(frozen=True, eq=False)
 class _Row:
     """One row of a run around one border: its own least squares, and the sums after the border."""
 
-    after: Array  # gram matrix of columns and effort after the border, shape `(k + 1, k + 1)`
+    after: Array  # Gram matrix of columns and effort after the border, shape `(k + 1, k + 1)`
     own: Array  # whitened columns of its own fit, shape `(k, rank)`
     effort: Array  # products of these with the effort, shape `(rank,)`
     left: float  # squared residual
@@ -69,15 +87,14 @@ class _Row:
         h = columns.T @ self.after[:-1, :-1] @ columns - shared.T @ shared
         return h, columns.T @ self.after[:-1, -1] - shared.T @ self.effort
 
+    @property
+    def enough(self) -> bool:
+        """Whether it says enough of a change."""
+        return self.freedom >= LEAST_ROW_FREEDOM and self.left > 0.0
 
-@dataclass(frozen=True, eq=False)
-class _Border:
-    """Rows of a run around one border, and when that is."""
 
-    run: str
-    time: float
-    within: float
-    rows: tuple[_Row, ...]
+_Border = tuple[tuple[str, float, float], list[_Row]]
+"""Run, middle and half of the time around one border [s], and the rows of the run there."""
 
 
 def _borders(run: Information) -> Iterator[_Border]:
@@ -85,49 +102,44 @@ def _borders(run: Information) -> Iterator[_Border]:
     grams = [run.row_grams(row) for row in range(len(run.layout.rows))]
     for at in range(2, len(run.windows) - 1):
         used = [*range(at - 1), *range(at + 1, len(run.windows))]
-        rows = tuple(
-            _row(gram[used].sum(axis=0), gram[at + 1 :].sum(axis=0), run.counts[used, k].sum())
-            for k, gram in enumerate(grams)
-        )
+        rows = []
+        for k, gram in enumerate(grams):
+            whole, count = gram[used].sum(axis=0), run.counts[used, k].sum()
+            own, effort, left = _own_fit(whole)
+            after = gram[at + 1 :].sum(axis=0)
+            rows.append(_Row(after, own, effort, max(left, 0.0), float(count - own.shape[1])))
         start, stop = run.windows[at - 1].start, run.windows[at].stop
-        yield _Border(run.windows[at].run, 0.5 * (start + stop), 0.5 * (stop - start), rows)
+        yield (run.windows[at].run, 0.5 * (start + stop), 0.5 * (stop - start)), rows
 
 
-def _row(whole: Array, after: Array, count: float) -> _Row:
+def _own_fit(whole: Array) -> tuple[Array, Array, float]:
+    """Whitened columns of a row's own fit, their products with its effort, squared residual."""
     own = whitened_columns(whole[:-1, :-1])
     effort = own.T @ whole[:-1, -1]
-    left = float(whole[-1, -1] - effort @ effort)
-    return _Row(after, own, effort, max(left, 0.0), float(count - own.shape[1]))
+    return own, effort, float(whole[-1, -1] - effort @ effort)
 
 
 def offset_steps(run: Information) -> list[ChangeWithinRun]:
     """The most likely step of each joint's offset, for joints that have one."""
     found: dict[int, ChangeWithinRun] = {}
-    places = [_offset_of(run, row) for row in range(len(run.layout.rows))]
-    for border in _borders(run):
-        for number, (row, place) in enumerate(zip(border.rows, places, strict=True)):
-            if place is None or row.freedom < LEAST_ROW_FREEDOM or row.left <= 0.0:
+    names = run.layout.columns
+    constants = [
+        [k for k, c in enumerate(seen) if names[c].startswith("offset.")]
+        for seen in run.layout.sees
+    ]
+    for about, rows in _borders(run):
+        for number, (row, places) in enumerate(zip(rows, constants, strict=True)):
+            if len(places) != 1 or not row.enough:
                 continue
-            change = _step(border, row, number, place)
+            h, g = row.reduced(np.eye(len(row.own))[:, places])
+            bend, slope = float(h[0, 0]), float(g[0])
+            if bend <= LEAST_LEFT_SHARE * row.after[places[0], places[0]]:
+                bend, slope = np.inf, 0.0
+            numbers = _by_one_column(slope, bend, row.left, row.freedom - 1.0)
+            change = ChangeWithinRun(*about, number, *numbers)
             if number not in found or change.rise > found[number].rise:
                 found[number] = change
     return list(found.values())
-
-
-def _offset_of(run: Information, row: int) -> int | None:
-    """Place of the constant among a row's columns; `None` if it has none of its own."""
-    seen = run.layout.sees[row]
-    mine = [k for k, c in enumerate(seen) if run.layout.columns[c].startswith("offset.")]
-    return mine[0] if len(mine) == 1 else None
-
-
-def _step(border: _Border, row: _Row, number: int, place: int) -> ChangeWithinRun:
-    h, g = row.reduced(np.eye(len(row.own))[:, [place]])
-    bend, slope = float(h[0, 0]), float(g[0])
-    if bend <= LEAST_LEFT_SHARE * row.after[place, place]:
-        bend, slope = np.inf, 0.0
-    found = _by_one_column(slope, bend, row.left, row.freedom - 1.0)
-    return ChangeWithinRun(border.run, border.time, border.within, number, *found)
 
 
 def _by_one_column(
@@ -144,39 +156,30 @@ def load_change(run: Information, robot: Robot, base: BaseMap) -> ChangeWithinRu
     columns = _load_columns(run, robot, base)
     own = [columns[list(seen)] for seen in run.layout.sees]
     changes = []
-    for border in _borders(run):
-        pairs = zip(border.rows, own, strict=True)
-        used = [
-            (r, c) for r, c in pairs if r.freedom >= LEAST_ROW_FREEDOM and r.left > 0.0 and c.any()
-        ]
+    for about, rows in _borders(run):
+        used = [(r, c) for r, c in zip(rows, own, strict=True) if r.enough and c.any()]
         if used:
-            changes.append(_load(border, used))
+            changes.append(ChangeWithinRun(*about, -1, *_load(used)))
     return max(changes, key=lambda c: c.rise, default=None)
 
 
-def _load(border: _Border, rows: list[tuple[_Row, Array]]) -> ChangeWithinRun:
-    """Ten numbers shared by all rows, each row weighed by the noise that a load leaves to it."""
+def _load(rows: list[tuple[_Row, Array]]) -> tuple[float, float, float, float]:
+    """Mass, its standard deviation, the share that the load explains, and its rise.
+
+    Ten numbers shared by all rows, each row weighed by the noise that a load leaves to it.
+    """
     before = left = np.array([row.left for row, _ in rows])
     freedom = np.array([row.freedom for row, _ in rows])
-    parts = [row.reduced(columns) for row, columns in rows]
+    h, g = (np.array(x) for x in zip(*(row.reduced(columns) for row, columns in rows), strict=True))
     for _ in range(NOISE_ROUNDS):
-        noise = left / freedom
-        h = sum((h / s for (h, _), s in zip(parts, noise, strict=True)), np.zeros((10, 10)))
-        g = sum((g / s for (_, g), s in zip(parts, noise, strict=True)), np.zeros(10))
-        inverse = np.linalg.pinv(h, rcond=1e-10, hermitian=True)
-        ten = inverse @ g
-        gained = np.array([2.0 * g @ ten - ten @ h @ ten for h, g in parts])
+        worth = freedom / left
+        inverse = np.linalg.pinv(np.tensordot(worth, h, 1), rcond=1e-10, hermitian=True)
+        ten = inverse @ (worth @ g)
+        gained = 2.0 * g @ ten - h @ ten @ ten
         left = np.maximum(before - gained, LEAST_LEFT_SHARE * before)
-    return ChangeWithinRun(
-        border.run,
-        border.time,
-        border.within,
-        -1,
-        float(ten[0]),
-        float(np.sqrt(max(inverse[0, 0], 0.0))),
-        1.0 - float(np.exp(np.mean(np.log(left / before)))),
-        float(np.sum((before - left) * freedom / left)),
-    )
+    explained = 1.0 - float(np.exp(np.mean(np.log(left / before))))
+    rise = float(np.sum((before - left) * freedom / left))
+    return float(ten[0]), float(np.sqrt(max(inverse[0, 0], 0.0))), explained, rise
 
 
 def _load_columns(run: Information, robot: Robot, base: BaseMap) -> Array:
@@ -186,13 +189,12 @@ def _load_columns(run: Information, robot: Robot, base: BaseMap) -> Array:
     """
     names = [f"{kind}.{robot.bodies[-1].name}" for kind in INERTIAL_NAMES]
     found = np.zeros((len(run.layout.columns), len(names)))
-    if not set(names) <= set(base.names):
-        return found
-    numbers = [base.names.index(name) for name in names]
-    lift, place = base.lift, {name: k for k, name in enumerate(run.layout.columns)}
-    for row, name in zip(lift, base.base_names, strict=True):
-        if name in place:
-            found[place[name]] = row[numbers]
+    if set(names) <= set(base.names):
+        numbers = [base.names.index(name) for name in names]
+        place = {name: k for k, name in enumerate(run.layout.columns)}
+        for row, name in zip(base.lift, base.base_names, strict=True):
+            if name in place:
+                found[place[name]] = row[numbers]
     return found
 
 
@@ -225,10 +227,8 @@ def _drift_of_row(
     chosen = np.array([law_of(name).drifts() == friction for name in names])
     grams = run.row_grams(row)
     whole, once, twice = (np.tensordot(time**k, grams, 1) for k in (0, 1, 2))
-    own = whitened_columns(whole[:-1, :-1])
-    effort = own.T @ whole[:-1, -1]
+    own, effort, left = _own_fit(whole)
     torque = np.where(chosen, own @ effort, 0.0)
-    left = float(whole[-1, -1] - effort @ effort)
     freedom = float(run.counts[:, row].sum()) - own.shape[1] - 1.0
     shared = own.T @ once[:-1, :-1] @ torque
     most = float(torque @ twice[:-1, :-1] @ torque)
@@ -258,48 +258,64 @@ def change_in_run_check(case: FittedCase) -> Iterable[Finding]:
 
     Per run one finding of its load, or else its offsets that jump, or else its scale.
     """
-    found: list[Finding] = []
-    coordinates = case.identified.model.robot.coordinates
-    for run in _runs(case):
-        load = load_change(run, case.identified.model.robot, case.identified.base)
-        rows = scale_drifts(run)
-        drifts = [drift for drift in rows if _sure_drift(drift)]
-        picked = load is not None and _certain(load, LEAST_LOAD_SHARE, LEAST_CHANGE_RISE["load"])
-        if load is not None and picked and not (drifts and share_of_drifts(rows) > load.explained):
-            way = "picks up" if load.value > 0.0 else "puts down"
-            mass = f"{abs(load.value):.3g} ± {Z95 * load.std:.1g} kg"
-            says = f"the arm {way} a payload of {mass} {_when(load)}"
-            figure = _explains(load, LEAST_LOAD_SHARE)
-            found.append(Finding.wrong(says, figure, fix=_cut(load), log=load.run))
-            continue
-        steps = _likelier(offset_steps(run), drifts)
-        found += [_of_offset(step, coordinates[step.row]) for step in steps]
-        warm = [drift for drift in scale_drifts(run, friction=True) if _sure_drift(drift)]
-        if drifts and not steps:
-            least = min(drift.explained for drift in drifts)
-            figure = (
-                f"this explains {100.0 * least:.0f} % of the squared residual or more, at least "
-                f"{100.0 * LEAST_DRIFT_SHARE:.0f} % required"
-            )
-            says = "the effort scale drifts during the log, as with a gain or sensor warming up"
-            fix = Fix("Log once the drives are warm, or cut the log into parts: LOG@START:STOP")
-            names, words = _changes(drifts, coordinates)
-            log = drifts[0].run
-            found.append(Finding.doubtful(f"{says}: {words}", figure, names, fix, log=log))
-        elif warm and not steps:
-            names, words = _changes(warm, coordinates)
-            says = f"friction drifts during the log, as with gears warming up: {words}"
-            fix, log = Fix("Log once the gears are warm"), warm[0].run
-            found.append(Finding.ok(says, "", names, fix, headline=True, log=log))
+    found = [finding for run in _runs(case) for finding in _of_run(case, run)]
     return sorted(found, key=lambda finding: -finding.severity)
+
+
+def _of_run(case: FittedCase, run: Information) -> Iterator[Finding]:
+    model, base = case.identified.model, case.identified.base
+    coordinates, log = model.robot.coordinates, run.runs
+    load, rows = load_change(run, model.robot, base), scale_drifts(run)
+    drifts = [drift for drift in rows if _sure_drift(drift)]
+    picked = load is not None and load.certain(LEAST_LOAD_SHARE, LEAST_CHANGE_RISE["load"])
+    if load is not None and picked and not (drifts and share_of_drifts(rows) > load.explained):
+        way = "picks up" if load.value > 0.0 else "puts down"
+        mass = f"{abs(load.value):.3g} ± {Z95 * load.std:.1g} kg"
+        says = f"the arm {way} a payload of {mass} {load.when}"
+        yield Finding.wrong(says, _explains(load, LEAST_LOAD_SHARE), fix=load.cut, log=log)
+        return
+    drifting = {drift.row: drift.explained for drift in drifts}
+    steps = [
+        step
+        for step in offset_steps(run)
+        if step.certain(LEAST_OFFSET_SHARE, LEAST_CHANGE_RISE["offset"])
+        and step.explained > drifting.get(step.row, 0.0)
+    ]
+    for step in steps:
+        joint = coordinates[step.row]
+        yield Finding.doubtful(
+            f"the offset of '{joint.name}' jumps by {step.value:+.3g} ± {Z95 * step.std:.1g} "
+            f"{joint.effort_unit} {step.when}, as after a new zero of its torque sensor",
+            _explains(step, LEAST_OFFSET_SHARE),
+            (joint.name,),
+            fix=step.cut,
+            log=log,
+        )
+    warm = [drift for drift in scale_drifts(run, friction=True) if _sure_drift(drift)]
+    names = tuple(coordinates[drift.row].name for drift in drifts or warm)
+    words = ", ".join(
+        f"'{name}' by {_change_words(x)}" for name, x in zip(names, drifts or warm, strict=True)
+    )
+    if drifts and not steps:
+        least = min(drift.explained for drift in drifts)
+        figure = (
+            f"this explains {100.0 * least:.0f} % of the squared residual or more, at least "
+            f"{100.0 * LEAST_DRIFT_SHARE:.0f} % required"
+        )
+        says = "the effort scale drifts during the log, as with a gain or sensor warming up"
+        fix = Fix("Log once the drives are warm, or cut the log into parts: LOG@START:STOP")
+        yield Finding.doubtful(f"{says}: {words}", figure, names, fix, log=log)
+    elif warm and not steps:
+        says = f"friction drifts during the log, as with gears warming up: {words}"
+        fix = Fix("Log once the gears are warm")
+        yield Finding.ok(says, "", names, fix, headline=True, log=log)
 
 
 def _runs(case: FittedCase) -> Iterator[Information]:
     """Information of each run by windows, of fitted ones as they were fitted."""
     whole, model = case.information, case.identified.model
     if whole is not None:
-        for name in dict.fromkeys(window.run for window in whole.windows):
-            yield whole.of([k for k, window in enumerate(whole.windows) if window.run == name])
+        yield from (whole.of(group) for group in whole.windows_of_runs.values())
     for run in case.unseen:
         try:
             yield information_from([run], rests=has_memory(model.terms))(base_regressor(model))
@@ -307,40 +323,10 @@ def _runs(case: FittedCase) -> Iterator[Information]:
             continue
 
 
-def _certain(change: ChangeWithinRun, share: float, rise: float) -> bool:
-    sure = abs(change.value) > SURE_CHANGE * change.std
-    return sure and change.explained >= share and change.rise >= rise
-
-
-def _likelier(
-    steps: Sequence[ChangeWithinRun], drifts: Sequence[ChangeWithinRun]
-) -> list[ChangeWithinRun]:
-    """Steps of offsets that are certain, and explain more than the drift of their row."""
-    rows = {drift.row: drift.explained for drift in drifts}
-    return [
-        step
-        for step in steps
-        if _certain(step, LEAST_OFFSET_SHARE, LEAST_CHANGE_RISE["offset"])
-        and step.explained > rows.get(step.row, 0.0)
-    ]
-
-
 def _sure_drift(drift: ChangeWithinRun) -> bool:
     """Whether a scale drifts, without changing its sign."""
-    large = abs(drift.value) > max(LEAST_DRIFT, SURE_CHANGE * drift.std) and drift.value > -1.0
-    return large and drift.explained >= LEAST_DRIFT_SHARE and drift.rise >= DRIFT_RISES
-
-
-def _when(change: ChangeWithinRun) -> str:
-    return f"between {change.time - change.within:.3g} and {change.time + change.within:.3g} s"
-
-
-def _cut(change: ChangeWithinRun) -> Fix:
-    early, late = change.time - change.within, change.time + change.within
-    return Fix(
-        f"Identify the parts before and after separately: LOG@:{early:.3g} or LOG@{late:.3g}: "
-        "(seconds from its start)"
-    )
+    large = abs(drift.value) > LEAST_DRIFT and drift.value > -1.0
+    return large and drift.certain(LEAST_DRIFT_SHARE, DRIFT_RISES)
 
 
 def _explains(change: ChangeWithinRun, bound: float) -> str:
@@ -348,25 +334,7 @@ def _explains(change: ChangeWithinRun, bound: float) -> str:
     return f"this explains {share}, at least {100.0 * bound:.0f} % required"
 
 
-def _of_offset(change: ChangeWithinRun, joint: Coordinate) -> Finding:
-    return Finding.doubtful(
-        f"the offset of '{joint.name}' jumps by {change.value:+.3g} ± {Z95 * change.std:.1g} "
-        f"{joint.effort_unit} {_when(change)}, as after a new zero of its torque sensor",
-        _explains(change, LEAST_OFFSET_SHARE),
-        (joint.name,),
-        fix=_cut(change),
-        log=change.run,
-    )
-
-
-def _changes(
-    drifts: Sequence[ChangeWithinRun], coordinates: Sequence[Coordinate]
-) -> tuple[tuple[str, ...], str]:
-    """Names of the joints, and by how much each changes."""
-    names = tuple(coordinates[drift.row].name for drift in drifts)
-    large = f"more than +{100.0 * LARGEST_PRINTED_CHANGE:.0f} %"
-    sizes = (
-        f"about {100.0 * x.value:+.0f} %" if x.value <= LARGEST_PRINTED_CHANGE else large
-        for x in drifts
-    )
-    return names, ", ".join(f"'{n}' by {size}" for n, size in zip(names, sizes, strict=True))
+def _change_words(drift: ChangeWithinRun) -> str:
+    if drift.value > LARGEST_PRINTED_CHANGE:
+        return f"more than +{100.0 * LARGEST_PRINTED_CHANGE:.0f} %"
+    return f"about {100.0 * drift.value:+.0f} %"

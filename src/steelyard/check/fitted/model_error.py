@@ -8,7 +8,6 @@ from steelyard.check.decision.joint_zeros import (
     estimated_offsets,
     far_offsets,
     offset_line,
-    offset_words,
     turned_zeros,
 )
 from steelyard.check.finding import Finding, Fix
@@ -171,7 +170,7 @@ def _zeros(case: FittedCase, ranked: RankedCauses) -> tuple[str, Fix] | None:
         offsets = estimated_offsets(model, case.examined)
         far = None if offsets is None else far_offsets(offsets)
         if offsets is not None and far is not None and far.any():
-            return offset_words(offsets, far), offset_line(offsets, far)
+            return f"zero offset of {offsets.words(far)}", offset_line(offsets, far)
     turned = turned_zeros(model, case.identified.estimate.sigma, case.fitted)
     return None if turned is None or turned.fix is None else (turned.says, turned.fix)
 

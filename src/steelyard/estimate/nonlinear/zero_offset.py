@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, finite_json, frozen
 from steelyard.base.errors import DataError
@@ -58,20 +59,25 @@ class ZeroOffsets:
         """Half-width of the 95 % intervals, shape `(n,)`."""
         return Z95 * self.std
 
+    def words(self, chosen: NDArray[np.bool_]) -> str:
+        """Chosen offsets with their intervals, like `elbow 0.4992 ± 0.0008 rad`."""
+        rows = zip(self.joints, self.values, self.half_width, self.units, chosen, strict=True)
+        return ", ".join(
+            f"{j} {x:.4f} ± {half:.4f} {unit}" for j, x, half, unit, is_one in rows if is_one
+        )
+
     @property
     def note(self) -> str:
         """Values with their intervals, and what is not identifiable, for people to read."""
-        found, left = [], []
-        for joint, unit, value, half, wanted in zip(
-            self.joints, self.units, self.values, self.half_width, self.wanted, strict=True
-        ):
-            if np.isfinite(half):
-                found.append(f"{joint} {value:.4f} ± {half:.4f} {unit}")
-            elif wanted:
-                left.append(joint)
-        text = f"zero offsets identified: {', '.join(found) or 'none'}"
+        known = np.isfinite(self.std)
+        left = ", ".join(
+            j
+            for j, sure, wanted in zip(self.joints, known, self.wanted, strict=True)
+            if wanted > sure
+        )
+        text = f"zero offsets identified: {self.words(known) or 'none'}"
         if left:
-            text += f"; not identifiable from these data, left as given: {', '.join(left)}"
+            text += f"; not identifiable from these data, left as given: {left}"
         return text if self.converged else f"{text}; the search did not converge"
 
     def to_dict(self) -> dict[str, Any]:
