@@ -19,7 +19,7 @@ from steelyard.estimate.consistent.constraint_costs import (
 from steelyard.estimate.prior.constraint_kinds import CONSTRAINTS, constraint_of, knowledge_of
 from steelyard.estimate.prior.prior import Knowledge, Row, default_knowledge
 from steelyard.estimate.prior.prior_constraint import ConstraintContext
-from steelyard.model.laws.register import terms_of
+from steelyard.model.laws.register import DEFAULT_TERMS, term_of
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.robot.file.robot_file import LoadedRobot, load_robot
@@ -331,8 +331,9 @@ def read(tmp_path: Path) -> Any:
 
 
 def known(loaded: LoadedRobot) -> Knowledge:
-    terms = None if loaded.terms is None else [term.description for term in loaded.terms]
-    return knowledge_of(Model(loaded.robot, terms_of(terms, "terms")), loaded)
+    given = None if loaded.terms is None else [term.description for term in loaded.terms]
+    terms = DEFAULT_TERMS if given is None else tuple(term_of(x, "terms") for x in given)
+    return knowledge_of(Model(loaded.robot, terms), loaded)
 
 
 def test_a_robot_file_becomes_knowledge(read: Any) -> None:
@@ -370,7 +371,8 @@ def test_a_lower_bound_takes_the_place_of_the_laws(read: Any) -> None:
 def test_knowledge_of_friction_that_was_not_chosen_is_passed_over(read: Any) -> None:
     table = 'kind = "parameter"\nparameter = "maxwell_slip1.elbow"\nupper = 2.0'
     loaded = read(table, before='[model]\nfriction = "auto"\n')
-    model = Model(loaded.robot, terms_of(["rigid_body", "offset", "viscous"], "terms"))
+    laws = ("rigid_body", "offset", "viscous")
+    model = Model(loaded.robot, tuple(term_of(law, "terms") for law in laws))
     found = knowledge_of(model, loaded)
     assert found.rows == ()
     assert found.notes == (

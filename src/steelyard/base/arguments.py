@@ -98,7 +98,6 @@ def _refused(function: str, name: str, value: Any, hint: Any, lowest: float | No
 
 
 def _words(hint: Any, bound: str = "") -> str:
-    """A type, for people."""
     if hint in NUMBERS:
         return NUMBERS[hint][1] + bound
     origin, kinds = get_origin(hint), get_args(hint)

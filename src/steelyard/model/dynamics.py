@@ -76,10 +76,7 @@ class Dynamics(ABC):
         """Begin to evaluate sample by sample: `start().step(q, dq, ddq)`."""
 
     def torque(
-        self,
-        q: Motion | ArrayLike,
-        dq: ArrayLike | None = None,
-        ddq: ArrayLike | None = None,
+        self, q: Motion | ArrayLike, dq: ArrayLike | None = None, ddq: ArrayLike | None = None
     ) -> Array:
         """Joint efforts of all terms, shape of `q` [Nm; N].
 
@@ -102,10 +99,7 @@ class Dynamics(ABC):
         return self._along(TORQUE, q, dq, ddq)
 
     def friction(
-        self,
-        q: Motion | ArrayLike,
-        dq: ArrayLike | None = None,
-        ddq: ArrayLike | None = None,
+        self, q: Motion | ArrayLike, dq: ArrayLike | None = None, ddq: ArrayLike | None = None
     ) -> Array:
         """Efforts of the friction laws, those of motors through the gears; shape of `q` [Nm; N].
 
@@ -125,10 +119,7 @@ class Dynamics(ABC):
         return self._along(FRICTION, q, dq, ddq)
 
     def regressor(
-        self,
-        q: Motion | ArrayLike,
-        dq: ArrayLike | None = None,
-        ddq: ArrayLike | None = None,
+        self, q: Motion | ArrayLike, dq: ArrayLike | None = None, ddq: ArrayLike | None = None
     ) -> Array:
         r"""Efforts per unit of every standard parameter, $\tau = Y(q, \dot q, \ddot q)\,\theta$.
 

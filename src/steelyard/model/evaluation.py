@@ -237,7 +237,6 @@ class _Sample:
         return self._result.copy()
 
     def _look(self, scan: Scan, t: Array | None) -> None:
-        """Channels that need the samples before."""
         if not self._given.dot(self._given) < _SAFE_SQUARED_ANGLE:
             self._compiled.check_arguments(self._rows)
         block = [row[:, None] for row in self._rows]
@@ -245,7 +244,6 @@ class _Sample:
         self._channels[: len(channels)] = channels
 
     def _begin(self) -> None:
-        """The memory of friction before the first sample."""
         self._compiled.check_arguments(self._rows)
         part, given = self._compiled.part, self._compiled.quantity.arguments
         q, dq = (dict(zip(given, self._rows, strict=True))[name].tolist() for name in ("q", "dq"))

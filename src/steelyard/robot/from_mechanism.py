@@ -96,7 +96,6 @@ def _statements(mechanism: Mechanism) -> Iterator[ModelNote]:
 
 
 def _units(joint: Joint) -> tuple[str, str]:
-    """Units of effort and position."""
     return ("N", "m") if joint.kind == "prismatic" else ("Nm", "rad")
 
 

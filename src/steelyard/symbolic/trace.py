@@ -210,7 +210,6 @@ def replayed(
 
 
 def _symbols(tape: Tape, inputs: Sequence[InputArray]) -> list[list[Symbol]]:
-    """One list per input array."""
     return [
         [Symbol(tape, tape.written("input", k, entry)) for entry in range(array.entries)]
         for k, array in enumerate(inputs)

@@ -194,7 +194,6 @@ def projected(
 
 
 def _arms(robot: Robot, q: Scalars) -> list[tuple[_Arm, _Arm]]:
-    """Both ends of every pin."""
     found = []
     for loop in robot.loops:
         first, second = chains(robot, loop)

@@ -32,7 +32,7 @@ from steelyard.model.equations.inverse_dynamics import (
     carried_point,
 )
 from steelyard.model.equations.passive_joints import passive_positions
-from steelyard.robot.robot import Frame, Robot, robot_to_dict
+from steelyard.robot.robot import Frame, Robot, body_frames, robot_to_dict
 from steelyard.symbolic.native.compiled import Code, compiled, compiled_equations
 from steelyard.symbolic.program import InputArray as Input
 from steelyard.symbolic.program import Program, program_from_json, program_to_json, run
@@ -123,10 +123,7 @@ def last_frame(robot: Robot) -> str:
 
 def frame_of(robot: Robot, name: str) -> Frame:
     """The frame of that name: of a moving link, or of one that is fixed to a link or the base."""
-    frames = {
-        body.name: Frame(body.name, k, np.eye(3), np.zeros(3))
-        for k, body in enumerate(robot.bodies)
-    } | {frame.name: frame for frame in robot.frames}
+    frames = {frame.name: frame for frame in (*body_frames(robot)[1:], *robot.frames)}
     if name not in frames:
         raise ModelError(
             f"there is no frame '{name}'",

@@ -16,7 +16,7 @@ from steelyard.model.terms.axes import (
     refuse_negative,
     refuse_shape,
 )
-from steelyard.model.terms.model_files import Place, mean_of_directions
+from steelyard.model.terms.model_files import Place, as_one
 from steelyard.model.terms.term import ActsOnAxes, Cause, Dissipation
 
 
@@ -37,7 +37,7 @@ class DirectionalCoulomb(ActsOnAxes):
     dissipation: ClassVar[Dissipation] = "each"
     cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "motion in both directions of"
-    in_model_files: ClassVar[Place] = mean_of_directions("dry")
+    in_model_files: ClassVar[Place] = as_one("dry")
     units: ClassVar[Mapping[str, str]] = {"_forward": "{effort}", "_backward": "{effort}"}
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"smoothing": (1e-3, 1.0)}
     smoothing: Field = 0.0
@@ -60,7 +60,7 @@ class DirectionalViscous(ActsOnAxes):
     dissipation: ClassVar[Dissipation] = "each"
     cause: ClassVar[Cause] = "friction"
     shown_by: ClassVar[str] = "motion at several speeds in both directions of"
-    in_model_files: ClassVar[Place] = mean_of_directions("viscous")
+    in_model_files: ClassVar[Place] = as_one("viscous")
     units: ClassVar[Mapping[str, str]] = {"_forward": "{rate}", "_backward": "{rate}"}
 
     def efforts(self, axes: Axes, state: JointState) -> Scalars:

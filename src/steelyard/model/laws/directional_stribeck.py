@@ -7,7 +7,6 @@ from typing import ClassVar
 from steelyard.model.equations.inverse_dynamics import JointState, Scalars
 from steelyard.model.laws.stribeck import Stribeck
 from steelyard.model.terms.axes import Axes, directional, directions
-from steelyard.model.terms.model_files import Place, mean_curve_of_directions
 
 
 @dataclass(frozen=True)
@@ -21,7 +20,6 @@ class DirectionalStribeck(Stribeck):
     """
 
     law: ClassVar[str] = "directional_stribeck"
-    in_model_files: ClassVar[Place] = mean_curve_of_directions("excess of friction at breakaway")
     units: ClassVar[Mapping[str, str]] = {"_forward": "{effort}", "_backward": "{effort}"}
 
     def efforts(self, axes: Axes, state: JointState) -> Scalars:

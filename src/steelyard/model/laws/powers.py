@@ -24,7 +24,6 @@ class _OfSpeed(ActsOnAxes):
     shown_by: ClassVar[str] = "motion at several speeds of"
 
     def efforts(self, axes: Axes, state: JointState) -> Scalars:
-        """The function of each coordinate's speed."""
         return [self.curve(axis.of(state.dq)) for axis in axes]
 
     @abstractmethod

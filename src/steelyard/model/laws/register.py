@@ -1,7 +1,7 @@
 """All terms by the names they have in files."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, cast
 
 import numpy as np
@@ -132,7 +132,6 @@ def description_of(term: Term) -> dict[str, Any]:
 
 
 def _names(law: type[Any]) -> tuple[str, ...]:
-    """Names of a law's fields."""
     return tuple(field.name for field in dataclasses.fields(law))
 
 
@@ -185,12 +184,3 @@ def law_of(parameter: str) -> type[Term]:
     if kind in INERTIAL_NAMES:
         return RigidBody
     return TERMS[max((law for law in TERMS if kind.startswith(law)), key=len, default=kind)]
-
-
-def terms_of(
-    descriptions: Sequence[str | Mapping[str, Any]] | None, where: str
-) -> tuple[Term, ...]:
-    """The terms of a list from a file; the customary five where there is none."""
-    if descriptions is None:
-        return DEFAULT_TERMS
-    return tuple(term_of(description, where) for description in descriptions)

@@ -90,8 +90,15 @@ def under(
 
 
 def as_one(kind: AxisPartKind) -> Place:
-    """One parameter per coordinate, which files know by another name."""
-    return lambda term, robot, values: Placed(under(term, robot, values, term.law, kind))
+    """A parameter per coordinate that files know by another name; of both directions the mean."""
+
+    def place(term: Any, robot: Robot, values: Values) -> Placed:
+        ends = [term.law + end for end in term.units]
+        share = 1.0 / len(ends)
+        parts = tuple(p for end in ends for p in under(term, robot, values, end, kind, share))
+        return Placed(parts, unsupported=_difference(term, robot, values))
+
+    return place
 
 
 def left_out(words: str) -> Place:
@@ -106,39 +113,15 @@ def left_out(words: str) -> Place:
 
 
 def curve_over_speed(words: str) -> Place:
-    """One parameter per coordinate, times a function of its speed; the words say what it is."""
-
-    def place(term: Any, robot: Robot, values: Values) -> Placed:
-        curves = []
-        for k, (axis, p) in enumerate(zip(term.axes(robot), term.parameters(robot), strict=True)):
-            force = partial(_friction, term, robot, axis, {k: values[p.name]})
-            curves.append(Curve(axis, f"{words} ({term.law})", values[p.name], p.unit, force))
-        return Placed(curves=tuple(curves))
-
-    return place
-
-
-def mean_of_directions(kind: AxisPartKind) -> Place:
-    """Parameters forward and backward, whose mean files know by another name."""
-
-    def place(term: Any, robot: Robot, values: Values) -> Placed:
-        ends = [f"{term.law}_{end}" for end in ("forward", "backward")]
-        parts = tuple(p for end in ends for p in under(term, robot, values, end, kind, 0.5))
-        return Placed(parts, unsupported=_difference(term, robot, values))
-
-    return place
-
-
-def mean_curve_of_directions(words: str) -> Place:
-    """Parameters forward and backward, times functions of speed; the words say what they are."""
+    """A parameter per coordinate, or one per direction, times functions of speed; in words."""
 
     def place(term: Any, robot: Robot, values: Values) -> Placed:
         axes, parameters = term.axes(robot), term.parameters(robot)
         curves = []
         for k, axis in enumerate(axes):
-            both = {i: values[parameters[i].name] for i in (k, k + len(axes))}
-            force = partial(_friction, term, robot, axis, both)
-            mean, unit = 0.5 * sum(both.values()), parameters[k].unit
+            own = {i: values[parameters[i].name] for i in range(k, len(parameters), len(axes))}
+            force = partial(_friction, term, robot, axis, own)
+            mean, unit = sum(own.values()) / len(own), parameters[k].unit
             curves.append(Curve(axis, f"{words} ({term.law})", mean, unit, force))
         return Placed(curves=tuple(curves), unsupported=_difference(term, robot, values))
 

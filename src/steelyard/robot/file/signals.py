@@ -45,35 +45,18 @@ ROW = "row number"
 class Signals:
     """Columns of a log and how to read them; entries are in the order of the coordinates.
 
-    Attributes:
-        time: Time column; `ROW` where a rate is declared instead.
-        time_scale: Seconds per logged unit.
-        position: Position columns.
-        position_scale: rad or m per logged unit, negative where a column counts the other way,
-            shape `(n,)`.
-        velocity: Velocity columns; `None` if positions are to be differentiated.
-        velocity_scale: rad/s or m/s per logged unit, of either sign too, shape `(n,)`; `None`
-            without velocities.
-        effort: Effort columns.
-        effort_scale: Base unit per logged unit, shape `(n,)`.
-        effort_kind: One of `schema.EffortKind`.
-        effort_units: Base unit per joint: `A`, `Nm`, `N` or `%`.
-        gains: Joint torque [Nm; N on a prismatic joint] per base unit, shape `(n,)`; 1 where it is
-            unknown.
-        unknown_gains: Whether each gain is to be identified.
-        position_map: Logged positions and velocities to joints', shape `(n, n)`; `None` if they
-            are the joints' already.
-        position_offset: Joint positions where the log says zero, shape `(n,)` [rad; m]; 0 where
-            that is to be identified.
-        unknown_offsets: Whether each is to be identified.
-        effort_map: Logged efforts to joint efforts, shape `(n, n)`, behind which `effort_units`
-            and `gains` count; `None` if efforts stay as logged.
-        velocity_delay: How late velocities are logged, against positions [s].
-        effort_delay: How late efforts are logged, against positions [s].
-        commanded_position: Columns of commanded positions, scaled like the positions; `None` if
-            none are known. They are read by the signals `of_commanded` only.
-        commanded_velocity: Columns of commanded velocities; `None` to differentiate positions.
-        commanded_velocity_scale: rad/s or m/s per logged unit of them, shape `(n,)`.
+    Scales and offsets have the shape `(n,)`, in rad or m, rad/s or m/s, and base units `A`, `Nm`,
+    `N` or `%` per logged unit, negative where a column counts the other way. `time` is `ROW` where
+    a rate is declared instead, `time_scale` in seconds per unit.
+
+    Velocities are `None` if positions are to be differentiated. `gains` are the joint torque [Nm; N
+    on a prismatic joint] per base unit, 1 where it is to be identified; `position_offset` is where
+    the log says zero [rad; m], 0 where that is to be identified. The maps `(n, n)` lead from logged
+    positions and velocities, and from logged efforts, to the joints'; units and gains count behind
+    that; `None` if they are the joints' already. Delays are against positions [s].
+
+    Columns of the commanded motion are `None` if they are not known; the signals `of_commanded`
+    only read them, positions with the scales of `position`.
     """
 
     time: str

@@ -284,7 +284,6 @@ def _path(data: Any, loc: tuple[str | int, ...]) -> KeyPath:
 
 
 def _known_keys(schema: type[BaseModel], path: KeyPath, data: Any) -> list[str]:
-    """Keys that the table at `path` may have."""
     for part in path:
         data = data[part]
         field = schema.model_fields.get(str(part))

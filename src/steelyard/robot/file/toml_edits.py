@@ -67,7 +67,6 @@ def lines_of(changes: Sequence[KeyChange]) -> str:
 
 
 def _changed(text: str, path: tuple[str, ...], value: Any) -> str:
-    """The text with one key changed."""
     import tomlkit
     from tomlkit.exceptions import TOMLKitError
     from tomlkit.items import InlineTable
@@ -137,7 +136,6 @@ def _header(path: Sequence[str]) -> str:
 
 
 def _value(value: Any) -> str:
-    """A value in TOML."""
     text: str = _item(value).as_string()
     return text
 

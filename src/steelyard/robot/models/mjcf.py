@@ -236,7 +236,6 @@ class _Reading:
 
     @property
     def model(self) -> Any:
-        """MuJoCo's model."""
         return self.compiled.model
 
     def mechanism(self, name: str) -> Mechanism:

@@ -170,14 +170,12 @@ class Equalities:
         return f"{self.path}, equality '{self._name(index)}'"
 
     def _ends(self, index: int) -> tuple[int, int]:
-        """The bodies that an equality is between."""
         first, second = int(self.model.eq_obj1id[index]), int(self.model.eq_obj2id[index])
         if mujoco.mjtObj(int(self.model.eq_objtype[index])) == mujoco.mjtObj.mjOBJ_SITE:
             return int(self.model.site_bodyid[first]), int(self.model.site_bodyid[second])
         return first, second
 
     def _floats(self, body: int) -> bool:
-        """Whether a body hangs on a free joint."""
         kinds = [int(self.model.jnt_type[joint]) for joint in joints_of(self.model, body)]
         return kinds == [int(mujoco.mjtJoint.mjJNT_FREE)]
 

@@ -238,7 +238,6 @@ def passive_notes(model: Any, name: Naming) -> list[ModelNote]:
 
 
 def _off(model: Any, bit: Any) -> bool:
-    """Whether a part of the simulation is switched off."""
     return bool(int(model.opt.disableflags) & bit.value)
 
 

@@ -94,7 +94,6 @@ def _number(element: Element, attribute: str, infinite: bool = False) -> float:
 
 
 def _only(parent: Element, tag: str) -> Element | None:
-    """The one child of that tag, or none."""
     found = parent.all(tag)
     if len(found) > 1:
         raise ModelError(

@@ -219,7 +219,6 @@ class Expander:
         return [self._plain(element, scope, tag)]
 
     def _xacro_call(self, element: Element, scope: Scope) -> list[Element]:
-        """`<xacro:call macro="...">`."""
         return self._called(element, str(scope.text(_needed(element, "macro"))), scope, "macro")
 
     def _called(

@@ -87,8 +87,6 @@ def evaluate(text: str, names: Names, budget: Budget) -> Any:
 
 
 class _Evaluation:
-    """The walk through one syntax tree."""
-
     def __init__(self, names: Names, budget: Budget) -> None:
         self.names = names
         self.budget = budget

@@ -74,7 +74,6 @@ def smoothed(kept: Array, steps: Array) -> tuple[Array, Array]:
 
 @cache
 def _loops() -> tuple[Any, Any]:
-    """The two loops for this machine."""
     key = stored.key_of([ENGINE, machine.version(), machine.host(), "kalman"])
     entry = stored.load(key)
     if entry is None:
