@@ -37,16 +37,13 @@ BINS = 2 + len(EDGES)  # ranges of speed: at rest, slow, medium, fast
 class Calibration:
     """Half-widths of 95 % bands in standard deviations, by joint and speed.
 
-    Attributes:
-        factors: Half-width in standard deviations at rest, slow, medium and fast, shape `(n, 4)`;
-            1.96 of a joint that no left-out motion could test. What parameters leave open counts
-            with 1.96 at least.
+    What parameters leave open counts with 1.96 at least.
     """
 
     kind: Kind  # whether whole runs were left out, or stretches of one motion
     count: int  # how many of them
     edges: Array  # speeds at which slow, medium and fast meet, shape `(n, 2)` [rad/s; m/s]
-    factors: Array
+    factors: Array  # at rest, slow, medium, fast, `(n, 4)`; 1.96 where nothing left out tests
     peaks: ResidualPeaks | None = None  # left-out, for thresholds of contact; none in old models
     correlation: Array | None = None  # of left-out errors between joints, `(n, n)`
 
@@ -215,7 +212,7 @@ LOWEST_REST_SPEED = 1e-3  # rest speed of a joint of which nothing is known [rad
 
 
 def dead_zone(valued: ValuedModel) -> Array:
-    """Half of the range of efforts in which friction holds each joint, shape `(n,)` [Nm; N].
+    """Half the range of efforts in which friction holds joints at rest, `(n,)` [Nm; N].
 
     Friction that depends on the load is taken at the reference posture.
     """
@@ -232,10 +229,7 @@ def dead_zone(valued: ValuedModel) -> Array:
 
 
 def rest_speed_of(n: int, known: Calibration | None, given: ArrayLike | None) -> Array:
-    """Speed up to which joints rest on a stream, shape `(n,)` [rad/s; m/s].
-
-    It is that of the robot file, if that states one, else a share of the speeds while fitting.
-    """
+    """Rest speed on a stream, `(n,)`: of the robot file, else a share of speeds while fitting."""
     if given is not None:
         return frozen(np.broadcast_to(np.asarray(given, dtype=np.float64), (n,)))
     if known is None:

@@ -28,15 +28,10 @@ LEAST_DRAWS_ESTIMATED = 0.5  # share of the draws that must have given an estima
 
 @dataclass(frozen=True, eq=False)
 class Bootstrap:
-    """Estimates of data drawn again.
-
-    Attributes:
-        draws: One estimate per row, deviations scaled; NaN where the windows drawn do not show the
-            parameter, shape `(draws, p)`.
-    """
+    """Estimates of data drawn again."""
 
     parameters: Parameters
-    draws: Array
+    draws: Array  # deviations scaled, `(draws, p)`; NaN where windows do not show a parameter
     failed: int  # draws that gave no estimate; they are not among the rows
     windows: int  # windows of all runs together
 
@@ -82,14 +77,7 @@ def bootstrap(
     seed: int = 0,
     progress: Progress = silent,
 ) -> Bootstrap:
-    """Estimate again and again from windows drawn with replacement, run by run.
-
-    Every window of the information is a block; the same seed gives the same draws.
-
-    Raises:
-        DataError: The data give no estimate, have a single window per run, or too few draws
-            gave an estimate.
-    """
+    """Estimate again and again from windows drawn with replacement, run by run."""
     runs = information.windows_of_runs
     count, kept = len(information.windows), len(information.windows) - len(runs)
     where = f"runs {information.runs}"

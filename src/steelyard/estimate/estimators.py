@@ -74,11 +74,7 @@ class Offer:
     per_run: bool = True  # whether it estimates parameters that every run has for itself
 
     def make(self, context: Context) -> Estimator[Any]:
-        """The estimator for a model and what is known of it.
-
-        Raises:
-            DataError: It would take parameters of single runs as shared.
-        """
+        """The estimator for a model and what is known of it."""
         if context.per_run and not self.per_run:
             raise DataError(
                 "it does not estimate parameters per run",
@@ -247,13 +243,7 @@ def estimators() -> tuple[tuple[str, str], ...]:
 
 
 def offer_of(name: str, where: str, others: tuple[str, ...] = ()) -> Offer:
-    """The estimator of a name, whatever its case and what stands between its words.
-
-    Messages say where the name stands, and which `others` may stand there.
-
-    Raises:
-        ModelError: There is none.
-    """
+    """The estimator of a name, whatever its case and what stands between its words."""
     known = {plain(offer.name): offer for offer in ESTIMATORS}
     if plain(name) not in known:
         names = (*(offer.name for offer in ESTIMATORS), *others)
@@ -286,12 +276,7 @@ def method_of(loaded: LoadedRobot, option: str | None = None) -> Offer:
 def context_of(
     loaded: LoadedRobot, regressor: Regressor, runs: Sequence[Run], progress: Progress
 ) -> Context:
-    """What estimators are made from, for runs of a robot.
-
-    Raises:
-        ModelError: Knowledge names what is not there.
-        DataError: Knowledge contradicts itself.
-    """
+    """What estimators are made from, for runs of a robot."""
     model = regressor.model
     knowledge = knowledge_of(model, loaded, fastest_of(runs))
     equal = loaded.estimation.weights == "equal"
@@ -306,10 +291,7 @@ def per_run_columns(model: Model, layout: Layout) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Sources:
-    """What estimators look at, of runs: samples and experiments are gathered on first use.
-
-    `information` is what all of the runs say about the regressor's columns.
-    """
+    """What estimators look at, of runs: samples and experiments are gathered on first use."""
 
     regressor: Regressor
     runs: Sequence[Run]
@@ -318,11 +300,7 @@ class Sources:
     progress: Progress
 
     def data(self, needs: Needs, information: Information) -> Any:
-        """What an estimator is given of the runs in the windows of an information.
-
-        Raises:
-            DataError: It needs whole runs, and there are parts of them.
-        """
+        """What an estimator is given of the runs in the windows of an information."""
         if needs == "information":
             return information
         return self.samples(information) if needs == "samples" else self.experiment(information)
@@ -343,11 +321,7 @@ class Sources:
         return reduce(add, found)
 
     def experiment(self, information: Information) -> Experiment:
-        """An experiment of the runs of an information; how they were controlled is not logged.
-
-        Raises:
-            DataError: A part of a run is missing, or the runs cannot be simulated.
-        """
+        """An experiment of the runs of an information; how they were controlled is not logged."""
         given, whole = _by_run(information), _by_run(self.information)
         for name, mine in given.items():
             if mine != whole[name]:
@@ -381,11 +355,7 @@ def _by_run(information: Information) -> dict[str, set[Window]]:
 
 
 def on_information(offer: Offer, context: Context, sources: Sources) -> Estimator[Information]:
-    """An estimator for parts of some runs, whatever of them it looks at.
-
-    Raises:
-        DataError: By its calls: the data cannot give an estimate, or not such data.
-    """
+    """An estimator for parts of some runs, whatever of them it looks at."""
 
     def estimate(information: Information) -> Estimate:
         estimator = offer.make(context)

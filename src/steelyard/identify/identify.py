@@ -272,10 +272,7 @@ def _refuse_uncommanded(signals: Signals, unseen: Sequence[LogArgument]) -> None
 def _scores(
     found: Fit, unseen: Sequence[Run], commanded: Sequence[LogArgument]
 ) -> tuple[tuple[RunScore, ...], tuple[RunScore, ...], tuple[RunScore, ...]]:
-    """Scores of the fitted and of the unseen runs, and of these without scales of the efforts.
-
-    Unseen runs are predicted from the commanded motion of their logs, if those are given.
-    """
+    """Scores of fitted runs, of unseen ones, if given from commanded motion, and without scales."""
     identified, unscaled, progress = found.identified, found.unscaled, found.task.progress
     plain: tuple[RunScore, ...] = ()
     if unscaled is not None and not commanded:

@@ -85,12 +85,7 @@ def scored_from_commanded(
     names: Sequence[str],
     progress: Progress,
 ) -> tuple[RunScore, ...]:
-    """Scores of a model whose efforts are predicted from the commanded motion of logs.
-
-    Raises:
-        ModelError: The columns of the commanded motion are not known.
-        LogError: A log has no such columns.
-    """
+    """Scores of a model whose efforts are predicted from the commanded motion of logs."""
     signals = identified.signals.of_commanded()
     runs = runs_for(identified, logs, progress, signals=signals)
     named = [replace(run, name=name) for run, name in zip(runs, names, strict=True)]

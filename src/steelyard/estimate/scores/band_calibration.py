@@ -59,10 +59,7 @@ def calibrate(
     threads: int = 1,
     progress: Progress = silent,
 ) -> Calibration | None:
-    """Half-widths of 95 % bands from runs, or stretches, that are left out in turn.
-
-    `None` where less than two stretches can be left out.
-    """
+    """95 % bands from runs, or stretches, left out in turn; `None` where less than two can be."""
     kind: Kind = "runs"
     chosen = runs_left_out(runs, information)[:MOST_RUNS_LEFT_OUT]
     if len(chosen) < FEWEST_STRETCHES:

@@ -64,16 +64,11 @@ class ModelStd:
 
 @dataclass(frozen=True, eq=False)
 class Bands:
-    """What bands are made from.
-
-    Attributes:
-        sigma: Standard deviation of the residuals per row behind the score's low-pass, in the unit
-            of the joint's effort, shape `(n,)`; NaN of a joint without samples.
-    """
+    """What bands are made from."""
 
     regressor: Regressor
     factor: Array  # `F`, with `F @ F.T` the covariance of the base parameters, shape `(p, k)`
-    sigma: Array
+    sigma: Array  # of residuals behind the score's low-pass, `(n,)` [Nm; N]; NaN without samples
     calibration: Calibration | None = None  # those of noise alone if `None`
 
     @classmethod
@@ -124,10 +119,6 @@ class Traces:
     """Filtered effort along a run, in its logged unit: `t` is `(N,)`, the others `(N, n)`.
 
     Of a run longer than `MOST_DRAWN` samples, evenly spaced ones.
-
-    Attributes:
-        band: Half-width of the band that holds 95 % of new measurements; NaN of a joint whose
-            `sigma` is: it has no band.
     """
 
     t: Array
@@ -137,7 +128,7 @@ class Traces:
     model_std: Array | None = None  # of the prediction, by what is open of the parameters
     speed: Array | None = None  # size of each joint's velocity [rad/s; m/s]; `None` without bands
     sigma: Array | None = None  # of a measurement around the model, `(n,)`; NaN without samples
-    band: Array | None = None
+    band: Array | None = None  # half-width for 95 % of new samples; NaN where `sigma` is
 
     @property
     def coverage(self) -> Array | None:
@@ -150,11 +141,7 @@ class Traces:
 
 
 class Thinned:
-    """Signals of a run of any length: every sample of a short one, every 2nd, 4th, ... of others.
-
-    Args:
-        most: Samples that are kept at most.
-    """
+    """Signals of a run of any length: every sample of a short one, every 2nd, 4th... of others."""
 
     def __init__(self, most: int) -> None:
         self._parts: list[Signals] = []

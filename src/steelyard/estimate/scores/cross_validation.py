@@ -47,11 +47,7 @@ Fold = Callable[[Window], bool]  # whether a window belongs to a fold
 
 
 def folds_of(runs: Sequence[Run]) -> tuple[Fold, ...]:
-    """One fold per run; a single run is divided into `FOLDS` stretches of equal length.
-
-    Raises:
-        DataError: Two runs have one name: what is left out would be fitted with the other.
-    """
+    """One fold per run; a single run is divided into `FOLDS` stretches of equal length."""
     _refuse_one_name(runs)
     if len(runs) > 1:
         return tuple(_of_run(run.name) for run in runs)
@@ -138,11 +134,7 @@ def longest_window(runs: Sequence[Run]) -> float:
 
 
 def per_fold(information: Information, folds: Sequence[Fold]) -> Information:
-    """One window per fold, in their order.
-
-    Raises:
-        DataError: There is nothing in a fold, or less than two folds.
-    """
+    """One window per fold, in their order."""
     groups = [[k for k, w in enumerate(information.windows) if fold(w)] for fold in folds]
     if len(groups) < FEWEST or not all(groups):
         raise too_short(information)
@@ -219,10 +211,7 @@ def runs_left_out(runs: Sequence[Run], information: Information) -> tuple[LeftOu
 
 
 def stretches_left_out(runs: Sequence[Run], information: Information) -> tuple[LeftOut, ...]:
-    """Stretches of the longest run in turn, where all runs are of one motion.
-
-    Windows of `information` must be shorter than the stretches.
-    """
+    """Stretches of the longest run in turn, where all runs are of one motion."""
     longest = max(range(len(runs)), key=lambda k: runs[k].duration)
     begin, end = runs[longest].span
     parts = stretches_of(runs[longest])

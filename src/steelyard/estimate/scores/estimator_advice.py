@@ -33,28 +33,19 @@ class Failure:
 
 @dataclass(frozen=True, eq=False)
 class EstimatorScore:
-    """How one estimator did.
-
-    Attributes:
-        errors: Relative errors on what was left out, behind the parallel filter and where joints
-            move, shape `(parts, joints)` [%]; NaN where a joint does not move in a part, infinite
-            where the fit failed.
-        chi_square: Squared residuals of that fit over the noise that weighted least squares finds,
-            per degree of freedom: 1 for weighted least squares itself.
-        impossible: Bodies of that fit that cannot exist; `None` if it says nothing about bodies.
-    """
+    """How one estimator did; `errors` are behind the parallel filter, where joints move."""
 
     name: str
     about: str
     needs: str
     slow: bool
-    errors: Array
+    errors: Array  # of left-out `(parts, joints)` [%]; NaN at rest, infinite where a fit failed
     pooled: Array  # the same with norms over all joints together, shape `(parts,)` [%]
     seconds: float | None  # time of one fit, mean [s]; `None` if none came to an end
     parameters: int | None  # number of parameters it gives values to, fitted to all data
     condition: float | None  # condition number of that fit, columns scaled to unit length
-    chi_square: float | None
-    impossible: tuple[str, ...] | None
+    chi_square: float | None  # squared residuals over noise of WLS, per degree of freedom
+    impossible: tuple[str, ...] | None  # bodies; `None` if the fit says nothing of them
     failures: tuple[Failure, ...] = ()
     notes: tuple[str, ...] = ()  # what that fit says of itself
 
@@ -221,10 +212,7 @@ def _rank(score: EstimatorScore) -> tuple[bool, bool, int]:
 
 
 def within_standard_error(score: EstimatorScore, best: EstimatorScore) -> bool:
-    """Whether an estimator loses to the best no more than one standard error of that loss.
-
-    The loss is the logarithm of the ratio of their errors, part by part.
-    """
+    """Whether the logarithm of the errors' ratio, part by part, is not above its standard error."""
     tiny = 1e-12
     known = np.isfinite(score.means) & np.isfinite(best.means)
     loss = np.log(np.maximum(score.means[known], tiny) / np.maximum(best.means[known], tiny))

@@ -90,10 +90,7 @@ class ModelComparison:
 
     @cached_property
     def pooled_runs(self) -> tuple[int, ...]:
-        """Numbers of the logs that errors are pooled over: those that no model was identified from.
-
-        All, if every log was used for one of the models.
-        """
+        """Numbers of the logs that no model was identified from; all, if each was used for one."""
         every = range(len(self.runs))
         unseen = [k for k in every if not any(model.runs[k].fitted for model in self.models)]
         return tuple(unseen or every)

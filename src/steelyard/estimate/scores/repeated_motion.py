@@ -54,10 +54,7 @@ class Repeat:
 
 
 def repeat_of(known: Sequence[MotionSamples], run: Run) -> Repeat | None:
-    """The run among those known that a run repeats most; `None` if its motion is another one.
-
-    Positions of all must be in the same units.
-    """
+    """The known run, in the same units, that a run repeats most; `None` if it repeats none."""
     rows = motion_rows(run)
     if not rows.moving.any() or len(rows.t) < 2 * AROUND:
         return None
@@ -66,10 +63,7 @@ def repeat_of(known: Sequence[MotionSamples], run: Run) -> Repeat | None:
 
 
 def repeat_within(run: Run, middle: float, stop: float) -> Repeat | None:
-    """How far the end of a run, from `middle` to `stop` [s], repeats what comes before.
-
-    `None` if its motion is another one.
-    """
+    """How far a run's end, from `middle` to `stop` [s], repeats what was before; `None` if not."""
     rows = motion_rows(run)
     early, end = rows.where(rows.t < middle), rows.where((rows.t >= middle) & (rows.t <= stop))
     if not len(early.t) or not end.moving.any() or len(end.t) < 2 * AROUND:

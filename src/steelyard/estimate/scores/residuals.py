@@ -115,9 +115,7 @@ FORGOTTEN = 5.0  # time constants of the low-pass after which it has forgotten i
 class ResidualTrace:
     """Residuals of a run; of a fast log every k-th sample, at `LEAST_RATE` cut-offs or more.
 
-    Attributes:
-        parts: Predicted gravity, and friction of joints that move, likewise, shape `(2, n, N)` [Nm;
-            N]; what friction with memory is at rest depends on motion before the log.
+    What friction with memory is at rest depends on motion before the log: it is not in `parts`.
     """
 
     run: str
@@ -127,7 +125,7 @@ class ResidualTrace:
     slowest: Array  # least speed in the last `HOLD` seconds, `(n, N)` [rad/s; m/s]
     fastest: Array  # greatest speed in the last `SETTLED` seconds, likewise
     measured: Array  # measured effort, low-passed likewise, shape `(n, N)` [Nm; N]
-    parts: Array
+    parts: Array  # predicted gravity, friction of moving joints, likewise `(2, n, N)` [Nm; N]
 
     @property
     def duration(self) -> float:

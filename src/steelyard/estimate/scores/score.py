@@ -111,20 +111,11 @@ def score(
     split: TorqueSplit | None = None,
     reference: EffortReference | None = None,
 ) -> RunScore:
-    """Compare a model with a run, block by block, in constant memory.
+    """Compare a model with a run that was not fitted, block by block, in constant memory.
 
-    Args:
-        valued: The model.
-        run: A run that was not fitted.
-        gains: Joint effort per logged unit, shape `(n,)`.
-        cutoff: Cut-off of the low-pass on both sides [Hz].
-        prior: The same model with nominal values, to be scored beside it.
-        bands: How sure the model is, for the traces.
-        split: What splits the predicted efforts by cause, if they are wanted.
-        reference: What the errors in the fixed band are related to; unknown if `None`.
-
-    Raises:
-        LogError: The cut-off is too high for the run's rate.
+    A `prior` is scored beside it, the same model with nominal values; `bands` say how sure the
+    model is, for the traces; `split` gives predicted efforts by cause. Both sides go through a
+    low-pass of `cutoff` [Hz]; `gains` are joint effort per logged unit, shape `(n,)`.
     """
     models = (valued,) if prior is None else (valued, prior)
     reference = EffortReference() if reference is None else reference

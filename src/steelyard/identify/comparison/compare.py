@@ -66,12 +66,7 @@ class ComparisonInputs(NamedTuple):
 
 
 def offers_of(names: Sequence[str], everything: bool) -> tuple[Offer, ...]:
-    """The estimators that are named; if none is, those that neither search nor simulate.
-
-    Args:
-        names: Their names; several may stand in one, with commas between them.
-        everything: Without names, also those that search or simulate.
-    """
+    """The named estimators, several in one name with commas; else those that do not search."""
     if names and everything:
         raise ModelError(
             "estimators are named, and all are requested",

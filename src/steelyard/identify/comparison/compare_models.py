@@ -40,10 +40,7 @@ GivenModel = str | Path | IdentifiedModel  # also a `model.json`, or its folder
 def named_models(
     models: Sequence[GivenModel] | Mapping[str, GivenModel],
 ) -> dict[str, IdentifiedModel]:
-    """Models by distinct names: those given, or those of their files or folders.
-
-    A model that is neither is called by its number, `model 1`.
-    """
+    """Models by distinct names: those given, of their files or folders, or `model 1`."""
     if isinstance(models, Mapping):
         return {str(name): load_model(model) for name, model in models.items()}
     names = [_name(model, number) for number, model in enumerate(models, start=1)]

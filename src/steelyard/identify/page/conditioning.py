@@ -121,14 +121,9 @@ class CorrelationsSection(
 def correlations(
     estimate: Estimate, most: int = MOST_MAP_PARAMETERS
 ) -> tuple[tuple[str, ...], Array, int]:
-    """Correlations of the parameters that have an error.
+    """Names, correlations `(k, k)` of parameters with an error, and how many are left out.
 
-    Args:
-        estimate: The estimate.
-        most: Largest number of parameters; those with the strongest correlations stay.
-
-    Returns:
-        Names, correlations `(k, k)`, and how many parameters are left out for size.
+    The `most` parameters with the strongest correlations stay.
     """
     std, covariance = estimate.std, estimate.covariance
     known = np.isfinite(covariance).all(axis=0) & (std > 0.0)

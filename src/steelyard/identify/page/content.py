@@ -102,10 +102,7 @@ class QualitySection(
     """Rows, rates, gaps and dropped samples of every run."""
 
     def numbers(self, content: PageContent) -> Numbers | None:
-        """One column per label, one row per run; what is long stands below its run.
-
-        Runs may have different labels.
-        """
+        """One column per label, one row per run; long values stand below their run."""
         if not content.qualities:
             return None
         values = [value for _, found in content.qualities for value in found]

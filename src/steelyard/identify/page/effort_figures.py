@@ -257,12 +257,7 @@ def _run(content: ReportContent) -> tuple[RunScore, str] | None:
 
 
 def _sizes(parts: TorqueParts, chosen: Mask) -> dict[str, Array]:
-    """RMS per joint of each part, of the measured effort and of the residual, `(n,)` [Nm; N].
-
-    Args:
-        parts: The samples.
-        chosen: Which of them count for each joint, shape `(N, n)`; all where there is none.
-    """
+    """RMS per joint of each part, of measured effort and residual, `(n,)`, over chosen `(N, n)`."""
     weights = np.where(chosen.any(axis=0), chosen, True)
     signals = dict(zip(PARTS, parts.parts, strict=True))
     signals |= {"measured": parts.measured, "residual": parts.residual}

@@ -74,10 +74,7 @@ def semi_axes(inertia: Inertia) -> tuple[Array, Array] | None:
 
 
 def _posture(robot: Robot, content: ReportContent) -> Array:
-    """Positions of all joints, shape `(n_joints,)`: the middle sample, else zero.
-
-    Of a robot with loops their reference configuration, which is sure to be closed.
-    """
+    """Positions of joints: the middle sample, else zero; of loops the closed reference."""
     if robot.passive:
         return np.array(loop_equations(robot).assembly)
     samples = fitted_samples(content)

@@ -127,10 +127,7 @@ def exit_code(content: ReportContent) -> int:
 
 
 def error_limit_words(judged: Verdict, most: float | None) -> str:
-    """That an error is above a limit [% of the effort used]; empty if it is not.
-
-    Without an error on unseen motion nothing is below the limit either.
-    """
+    """That an error is above a limit [%], or that there is none of unseen motion; else empty."""
     if most is None:
         return ""
     error = judged.percent_of_used
@@ -300,10 +297,7 @@ def robot_file(content: ReportContent) -> str:
 
 
 def step_lines(steps: tuple[Step, ...], indent: int = 8) -> list[str]:
-    """The steps as lines of a terminal, `indent` columns of each for the heading; none without.
-
-    A remark is a line of its own before its command, a comment to a shell.
-    """
+    """The steps as lines of a terminal, `indent` columns for the heading; remarks as comments."""
     lines = [
         line
         for command, remark in steps

@@ -38,12 +38,7 @@ class Binned:
 
 
 def binned(over: Array, residual: Array) -> Binned:
-    """Bins of equal width.
-
-    Args:
-        over: The quantity, shape `(N,)`.
-        residual: Shape `(N,)` [Nm; N].
-    """
+    """Bins of equal width of the residual [Nm; N] over a quantity, both of shape `(N,)`."""
     low, high = (float(over.min()), float(over.max())) if len(over) else (0.0, 0.0)
     width = (high - low) / BINS or 1.0
     place = np.minimum(((over - low) / width).astype(np.intp), BINS - 1)
