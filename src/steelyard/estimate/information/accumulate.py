@@ -99,6 +99,11 @@ class Sums:
     # a share above `RESTING`
     beside: Array
 
+    def __iadd__(self, other: "Sums") -> "Sums":
+        for mine, theirs in zip(vars(self).values(), vars(other).values(), strict=True):
+            mine += theirs
+        return self
+
 
 @dataclass(frozen=True, eq=False)
 class Accumulator:
@@ -151,18 +156,9 @@ class Accumulator:
         n_samples = stretch.q.shape[1]
         whole = n_samples - n_samples % code.lanes
         if whole:
-            code.fused(
-                whole,
-                *_addresses(stretch, 0),
-                BLOCK,
-                work.y.ctypes.data,
-                work.y.shape[1],
-                self.tiling.firsts.ctypes.data,
-                len(self.tiling.firsts),
-                work.sums.ctypes.data,
-                self.width,
-                work.absolute.ctypes.data,
-            )
+            given, y, tiles = _addresses(stretch, 0), _place(work.y), _tiles(self.tiling)
+            sums, absolute = work.sums.ctypes.data, work.absolute.ctypes.data
+            code.fused(whole, *given, BLOCK, *y, *tiles, sums, self.width, absolute)
             work.counts += whole
         if whole < n_samples:
             work.evaluate(stretch, whole, n_samples - whole, 0)
@@ -277,18 +273,10 @@ class _Workspace:
 
     def filtered(self, count: int) -> Array:
         """The first `count` filtered samples of the buffer."""
-        taps = self.accumulator.taps
-        loops().fir(
-            self.y.ctypes.data,
-            self.y.shape[1],
-            self.accumulator.width,
-            taps.ctypes.data,
-            len(taps),
-            self.accumulator.decimation,
-            -(-count // FIR_OUTPUTS) * FIR_OUTPUTS,
-            self.z.ctypes.data,
-            self.z.shape[1],
-        )
+        width, decimation = self.accumulator.width, self.accumulator.decimation
+        taps, outputs = self.accumulator.taps, -(-count // FIR_OUTPUTS) * FIR_OUTPUTS
+        filter_ = taps.ctypes.data, len(taps), decimation
+        loops().fir(*_place(self.y), width, *filter_, outputs, *_place(self.z))
         return self.z
 
     def add(self, block: Array, count: int, weights: Array | None = None) -> None:
@@ -296,13 +284,8 @@ class _Workspace:
         if weights is not None:
             self._weigh(block, weights)
         self._add_grams(block, count, self.sums)
-        loops().absolute(
-            block.ctypes.data,
-            block.shape[1],
-            self._padded(count),
-            self.accumulator.width,
-            self.absolute.ctypes.data,
-        )
+        width, absolute = self.accumulator.width, self.absolute.ctypes.data
+        loops().absolute(*_place(block), self._padded(count), width, absolute)
         self.counts += count if weights is None else np.count_nonzero(weights, axis=1)
 
     def add_beside(self, block: Array, marks: Array) -> None:
@@ -318,16 +301,10 @@ class _Workspace:
 
     def _add_grams(self, block: Array, count: int, sums: Array) -> None:
         """Add the products of the first `count` samples."""
-        padded, firsts = self._padded(count), self.accumulator.tiling.firsts
+        padded = self._padded(count)
         block[:, count:padded] = 0.0
-        loops().gram(
-            block.ctypes.data,
-            block.shape[1],
-            padded,
-            firsts.ctypes.data,
-            len(firsts),
-            sums.ctypes.data,
-        )
+        tiles = _tiles(self.accumulator.tiling)
+        loops().gram(*_place(block), padded, *tiles, sums.ctypes.data)
 
     def _padded(self, count: int) -> int:
         """So many samples as whole vectors."""
@@ -339,6 +316,15 @@ class _Workspace:
         places = self.accumulator.tiling.cells
         grams, beside = (x.sum(axis=2).ravel()[places] for x in (self.sums, self.beside))
         return Sums(grams, self.absolute.sum(axis=1), self.counts, beside)
+
+
+def _place(rows: Array) -> tuple[int, int]:
+    """Address and row stride of a buffer, as the machine code takes them."""
+    return rows.ctypes.data, rows.shape[1]
+
+
+def _tiles(tiling: Tiling) -> tuple[int, int]:
+    return tiling.firsts.ctypes.data, len(tiling.firsts)
 
 
 def _addresses(stretch: Stretch, start: int) -> list[int]:

@@ -9,7 +9,6 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.information.accumulate import Accumulator, Stretch, Sums
@@ -22,66 +21,13 @@ from steelyard.runs.run_samples import closed_parts
 MOST_WINDOWS = 128  # windows kept per run; beyond that neighbours are merged
 
 
-class Windows:
-    """Sums of a run that may be of any length: when windows get too many, neighbours merge."""
-
-    def __init__(self, accumulator: Accumulator) -> None:
-        layout = accumulator.regressor.layout
-        size = sum(layout.packed_sizes)
-        self.windows: list[Window] = []
-        self._rows = [
-            np.empty((MOST_WINDOWS + 1, k))
-            for k in (size, accumulator.width, len(layout.rows), size)
-        ]
-        self._size, self._filled = 1, 1
-
-    def add(self, window: Window, sums: Sums) -> None:
-        """Take one more piece."""
-        pieces = (sums.grams, sums.absolute, sums.counts, sums.beside)
-        if self.windows and self._filled < self._size:
-            self.windows[-1] = replace(self.windows[-1], stop=window.stop)
-            for rows, piece in zip(self._rows, pieces, strict=True):
-                rows[len(self.windows) - 1] += piece
-            self._filled += 1
-            return
-        for rows, piece in zip(self._rows, pieces, strict=True):
-            rows[len(self.windows)] = piece
-        self.windows.append(window)
-        self._filled = 1
-        if len(self.windows) > MOST_WINDOWS:
-            self._merge()
-
-    def _merge(self) -> None:
-        """Pair the windows; the last one, new and alone, begins a pair."""
-        half = MOST_WINDOWS // 2
-        pairs = zip(self.windows[:-1:2], self.windows[1::2], strict=True)
-        self.windows = [*(replace(a, stop=b.stop) for a, b in pairs), self.windows[-1]]
-        for rows in self._rows:
-            for k in range(half):
-                rows[k] = rows[2 * k] + rows[2 * k + 1]
-            rows[half] = rows[MOST_WINDOWS]
-        self._size *= 2
-
-    @property
-    def sums(self) -> tuple[Array, Array, Array, Array | None]:
-        """Gram matrices, sums of |value|, samples, and what is beside rests, one row a window."""
-        grams, absolute, counts, beside = (rows[: len(self.windows)] for rows in self._rows)
-        return grams, absolute, counts, beside if beside.any() else None
-
-
 PIECE = 1024  # least number of samples of a piece
 HALOS = 8  # least length of a piece in halos of the filter, which are evaluated twice
 AHEAD = 2  # pieces read ahead per thread
 LEAST_WINDOWS = 8  # windows that even a short run is cut into, for the correlation of residuals
 SHORTEST = 2  # least length of such a window in halos of the filter
 
-
-@dataclass(frozen=True, eq=False)
-class Piece:
-    """A short stretch of a run, the filter's halo included."""
-
-    window: Window
-    stretch: Stretch
+Piece = tuple[Window, Stretch]  # a short stretch of a run, the filter's halo included
 
 
 def gather(
@@ -101,18 +47,12 @@ def gather(
     memory knows. Windows should not be longer than `longest` [s]; merged ones may. A `LogError`
     says that no stretch of the run is as long as the filter, or that an effort never changes.
     """
-    gram_pass = start_pass(regressor, run, matched, rests, longest)
-    found = accumulate(
-        gram_pass.accumulator,
-        gram_pass.pieces,
-        gram_pass.signature,
-        threads,
-        run.duration,
-        progress,
-    )
+    begun = start_pass(regressor, run, matched, rests, longest)
+    accumulator, signature, duration = begun.accumulator, begun.signature, run.duration
+    found = accumulate(accumulator, begun.pieces, signature, threads, duration, progress)
     if not found.windows:
-        raise gram_pass.too_short()
-    chosen = gram_pass.accumulator.matched
+        raise begun.too_short()
+    chosen = accumulator.matched
     return found if chosen is None else found.with_effective_samples(chosen.inflation)
 
 
@@ -160,20 +100,14 @@ def start_pass(
     )
     apart = max(run.duration * run.rate / LEAST_WINDOWS, SHORTEST * accumulator.halo)
     pieces = cut_pieces(blocks, run.name, accumulator, int(min(longest * run.rate, apart)))
-    return GramPass(run, accumulator, pieces, stamp_of(regressor, run.effort_units, run, chosen))
-
-
-def stamp_of(
-    regressor: Regressor, effort: tuple[str, ...], run: Run, matched: ParallelFilter | None
-) -> Signature:
-    """What the sums of a run mean."""
-    after = "no parallel filter" if matched is None else f"matched {matched.cutoff:g} Hz"
-    return Signature(
+    after = "no parallel filter" if chosen is None else f"matched {chosen.cutoff:g} Hz"
+    signature = Signature(
         model=regressor.model.fingerprint,
         columns=regressor.layout.columns,
-        effort=effort,
+        effort=run.effort_units,
         filters=f"motion {run.motion_cutoff:g} Hz, {after}",
     )
+    return GramPass(run, accumulator, pieces, signature)
 
 
 Mask = NDArray[np.bool_]
@@ -227,8 +161,7 @@ def _piece(block: Block, name: str, length: int) -> Piece:
     if block.weights is not None:
         weights = block.weights if weights is None else block.weights * weights
     window = Window(name, float(block.t[0]), float(block.t[min(length, len(block.t)) - 1]))
-    stretch = Stretch(block.q, block.dq, block.ddq, block.effort, weights, block.channels)
-    return Piece(window, stretch)
+    return window, Stretch(block.q, block.dq, block.ddq, block.effort, weights, block.channels)
 
 
 def accumulate(
@@ -239,14 +172,39 @@ def accumulate(
     duration: float = 0.0,
     progress: Progress = silent,
 ) -> Information:
-    """Sum up pieces, in order, on some threads; the result does not depend on their number."""
-    collected = Windows(accumulator)
-    for piece, result in in_order(accumulator, pieces, threads):
-        if result.counts.any():
-            collected.add(piece.window, result)
-        report_progress(progress, f"gathering {piece.window.run}", piece.window.stop, duration)
+    """Sum up pieces, in order, on some threads; the result does not depend on their number.
+
+    When a run of any length gets too many windows, neighbours merge.
+    """
+    windows, sums, size, filled = list[Window](), list[Sums](), 1, 1
+    for (window, _), result in in_order(accumulator, pieces, threads):
+        report_progress(progress, f"gathering {window.run}", window.stop, duration)
+        if not result.counts.any():
+            continue
+        if windows and filled < size:
+            windows[-1] = replace(windows[-1], stop=window.stop)
+            sums[-1] += result
+            filled += 1
+            continue
+        windows.append(window)
+        sums.append(result)
+        filled = 1
+        if len(windows) > MOST_WINDOWS:  # the last one, new and alone, begins a pair
+            pairs = zip(windows[:-1:2], windows[1::2], strict=True)
+            windows = [*(replace(a, stop=b.stop) for a, b in pairs), windows[-1]]
+            for first, second in zip(sums[:-1:2], sums[1::2], strict=True):
+                first += second
+            sums = [*sums[:-1:2], sums[-1]]
+            size *= 2
+    layout, beside = accumulator.regressor.layout, [x.beside for x in sums]
     return Information(
-        accumulator.regressor.layout, signature, tuple(collected.windows), *collected.sums
+        layout,
+        signature,
+        tuple(windows),
+        np.reshape([x.grams for x in sums], (len(sums), sum(layout.packed_sizes))),
+        np.reshape([x.absolute for x in sums], (len(sums), accumulator.width)),
+        np.reshape([x.counts for x in sums], (len(sums), len(layout.rows))),
+        np.array(beside) if np.any(beside) else None,
     )
 
 
@@ -260,7 +218,7 @@ def in_order(
     with ThreadPoolExecutor(threads) as pool:
         waiting: list[tuple[Piece, Future[Result]]] = []
         for piece in pieces:
-            waiting.append((piece, pool.submit(work, piece.stretch)))
+            waiting.append((piece, pool.submit(work, piece[1])))
             if len(waiting) > AHEAD * threads:
                 first, future = waiting.pop(0)
                 yield first, future.result()

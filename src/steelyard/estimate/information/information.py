@@ -82,12 +82,8 @@ class Information:
     def __add__(self, other: "Information") -> "Information":
         """All windows of both; a `DataError` says in what they differ."""
         self.signature.refuse_unlike(other.signature, f"runs {self.runs} and {other.runs}")
-        beside = None
-        if self.beside is not None or other.beside is not None:
-            parts = [
-                np.zeros_like(x.grams) if x.beside is None else x.beside for x in (self, other)
-            ]
-            beside = np.concatenate(parts)
+        parts = [np.zeros_like(x.grams) if x.beside is None else x.beside for x in (self, other)]
+        beside = None if self.beside is other.beside is None else np.concatenate(parts)
         return replace(
             self,
             windows=self.windows + other.windows,
@@ -159,12 +155,9 @@ class Information:
 
         return self._changed(joined, labels)
 
-    def row_gram(self, row: int, windows: Sequence[int] | None = None) -> Array:
+    def row_gram(self, row: int) -> Array:
         """Gram matrix of one row's own columns and effort, shape `(k + 1, k + 1)`."""
-        if windows is None:
-            return self._whole[row]
-        sums = self.grams[list(windows)].sum(axis=0)
-        return _unpacked(sums[self._packed(row)], self.layout.widths[row])
+        return self._whole[row]
 
     def row_grams(self, row: int) -> Array:
         """The same of every window, shape `(w, k + 1, k + 1)`."""
@@ -294,22 +287,17 @@ class Information:
     def _whole(self) -> tuple[Array, ...]:
         """Gram matrix of every row over all windows."""
         sums = self.grams.sum(axis=0)
-        widths = self.layout.widths
-        return tuple(frozen(_unpacked(sums[self._packed(k)], w)) for k, w in enumerate(widths))
+        return tuple(frozen(self._matrices(sums, row)) for row in range(len(self.layout.rows)))
 
     def _matrices(self, sums: Array, row: int) -> Array:
-        """One row's matrices `(w, k + 1, k + 1)` of packed ones `(w, size)`."""
-        return _unpacked(sums[:, self._packed(row)], self.layout.widths[row])
+        """One row's matrices `(..., k + 1, k + 1)` of packed ones `(..., size)`."""
+        lower = sums[..., self._packed(row)]
+        return np.take(lower, _places(self.layout.widths[row]), axis=-1)
 
     def _packed(self, row: int) -> slice:
         sizes = self.layout.packed_sizes
         start = sum(sizes[:row])
         return slice(start, start + sizes[row])
-
-
-def _unpacked(lower: Array, width: int) -> Array:
-    """Symmetric matrices `(..., width, width)` of their lower triangles `(..., size)`."""
-    return np.take(lower, _places(width), axis=-1)
 
 
 @lru_cache(maxsize=256)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.progress import Progress, report_progress, silent
-from steelyard.estimate.information.accumulate import Accumulator, Stretch
+from steelyard.estimate.information.accumulate import Accumulator
 from steelyard.estimate.information.gather import Piece, in_order, start_pass
 from steelyard.estimate.information.information import Information, Signature, Window, packed
 from steelyard.estimate.information.regressor import Layout, Regressor
@@ -191,100 +191,77 @@ def gather_samples(
     At most `most` samples are kept per effort row; memory holds twice as many. Other arguments and
     errors are those of `gather`.
     """
-    gram_pass = start_pass(regressor, run, matched, rests)
-    accumulator, kept = gram_pass.accumulator, _Kept(max(1, most))
-    for piece, found in in_order(accumulator.rows, gram_pass.pieces, threads):
+    begun, layout = start_pass(regressor, run, matched, rests), regressor.layout
+    accumulator, n = begun.accumulator, len(layout.rows)
+    kept = _Kept(max(1, most), n)
+    for piece, found in in_order(accumulator.rows, begun.pieces, threads):
         kept.add(_instants(accumulator, piece, run.rate, *found))
-        report_progress(progress, f"gathering {piece.window.run}", piece.window.stop, run.duration)
+        report_progress(progress, f"gathering {run.name}", piece[0].stop, run.duration)
     if not kept.parts:
-        raise gram_pass.too_short()
-    chosen, layout, share = accumulator.matched, regressor.layout, 1.0
+        raise begun.too_short()
+    chosen, share = accumulator.matched, 1.0
     if chosen is not None:
         share /= replace(chosen, decimation=chosen.decimation * kept.step).inflation
     error = motion_error(run, None if chosen is None else chosen.taps)
-    whole = _SamplesOfPiece.joined(kept.parts)
-    at = tuple(np.flatnonzero(weight) for weight in whole.weights)
+    ends = np.cumsum([1, 1, n, n, n, regressor.model.n_channels, accumulator.width])
+    _, (t,), *motion, rows, weights = np.split(np.concatenate(kept.parts, axis=1), ends)
+    q, dq, ddq, channels = (frozen(x.T) for x in motion)
+    at = tuple(np.flatnonzero(weight) for weight in weights)
     return FilteredSamples(
         layout=layout,
-        signature=gram_pass.signature,
+        signature=begun.signature,
         sources=(SampledRun(run.name, share, error),),
-        source=np.zeros(len(whole.t), dtype=np.intp),
-        t=frozen(whole.t),
-        q=frozen(whole.q.T),
-        dq=frozen(whole.dq.T),
-        ddq=frozen(whole.ddq.T),
-        channels=frozen(whole.channels.T),
+        source=np.zeros(len(t), dtype=np.intp),
+        t=frozen(t),
+        q=q,
+        dq=dq,
+        ddq=ddq,
+        channels=channels,
         rows=tuple(
-            frozen(whole.rows[start : start + width, k].T)
+            frozen(rows[start : start + width, k].T)
             for start, width, k in zip(layout.starts, layout.widths, at, strict=True)
         ),
-        weights=tuple(frozen(w[k]) for w, k in zip(whole.weights, at, strict=True)),
+        weights=tuple(frozen(w[k]) for w, k in zip(weights, at, strict=True)),
         at=at,
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _SamplesOfPiece:
-    """Instants of a piece at which any row counts, joint-major."""
-
-    numbers: NDArray[np.intp]  # which filtered samples of the run they are, `(M,)`
-    t: Array  # their times, `(M,)` [s]
-    q: Array  # `(n, M)`; likewise `dq`, `ddq` and `channels`
-    dq: Array
-    ddq: Array
-    channels: Array
-    rows: Array  # columns and efforts as `Layout.starts` says, `(width, M)`
-    weights: Array  # `(n, M)`
-
-    @property
-    def _arrays(self) -> tuple[NDArray[np.generic], ...]:
-        return tuple(vars(self).values())
-
-    def of(self, kept: NDArray[np.bool_]) -> "_SamplesOfPiece":
-        """Some of the instants."""
-        return _SamplesOfPiece(*(x[..., kept] for x in self._arrays))  # type: ignore[arg-type]
-
-    @classmethod
-    def joined(cls, parts: "list[_SamplesOfPiece]") -> "_SamplesOfPiece":
-        """Parts one after another."""
-        columns = zip(*(part._arrays for part in parts), strict=True)
-        return cls(*(np.concatenate(column, axis=-1) for column in columns))
-
-
 class _Kept:
-    """Parts of a run of any length; beyond `most` samples in a row, every other one goes."""
+    """Parts of a run of any length; beyond `most` samples in a row, every other one goes.
 
-    def __init__(self, most: int) -> None:
-        self.parts: list[_SamplesOfPiece] = []
+    A part has a column per instant: its number, what the run has there, the weights of `n` rows.
+    """
+
+    def __init__(self, most: int, n: int) -> None:
+        self.parts: list[Array] = []
         self.step = 1
-        self._most, self._seen, self._counts = most, 0, np.zeros(1)
+        self._most, self._n, self._seen, self._counts = most, n, 0, np.zeros(n)
 
-    def add(self, part: _SamplesOfPiece) -> None:
+    def add(self, part: Array) -> None:
         """Take in the next samples; kept are those whose number is a multiple of the step."""
-        self._seen, first = self._seen + len(part.t), self._seen
-        numbered = replace(part, numbers=part.numbers + first)
-        self._hold(numbered)
+        part[0] += self._seen
+        self._seen += part.shape[1]
+        self._hold(part)
         while self._counts.max(initial=0) > self._most:
             self.step *= 2
-            buffered, self.parts, self._counts = self.parts, [], np.zeros(1)
+            buffered, self.parts, self._counts = self.parts, [], np.zeros(self._n)
             for old in buffered:
                 self._hold(old)
 
-    def _hold(self, part: _SamplesOfPiece) -> None:
-        counted = (part.numbers % self.step == 0) & part.weights.any(axis=0)
+    def _hold(self, part: Array) -> None:
+        counted = (part[0] % self.step == 0) & part[-self._n :].any(axis=0)
         if counted.any():
-            self.parts.append(part.of(counted))
-            self._counts = self._counts + np.count_nonzero(self.parts[-1].weights, axis=1)
+            self.parts.append(part[:, counted])
+            self._counts += np.count_nonzero(self.parts[-1][-self._n :], axis=1)
 
 
 def _instants(
     accumulator: Accumulator, piece: Piece, rate: float, rows: Array, weights: Array
-) -> _SamplesOfPiece:
-    """Filtered samples with the motion in the middle of the filter."""
-    stretch: Stretch = piece.stretch
-    count, unit = rows.shape[1], accumulator.decimation
+) -> Array:
+    """Filtered samples with the motion in the middle of the filter, a column each."""
+    window, stretch = piece
     middle = (len(accumulator.matched.taps) - 1) // 2 if accumulator.matched else 0
-    at = middle + unit * np.arange(count)
-    q, dq, ddq, channels, _ = (x[:, at] for x in stretch.inputs)
-    t = piece.window.start + at / rate
-    return _SamplesOfPiece(np.arange(count), t, q, dq, ddq, channels, rows, weights)
+    numbers = np.arange(rows.shape[1])
+    at = middle + accumulator.decimation * numbers
+    motion = (x[:, at] for x in stretch.inputs[:-1])
+    return np.vstack([numbers, window.start + at / rate, *motion, rows, weights])
