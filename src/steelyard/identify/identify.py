@@ -97,7 +97,7 @@ class Identification(ModelReport):
 
     def write(self, folder: Path) -> None:
         """Write `model.json`, `parameters.csv`, `report.html`; with `each` also `repeated.csv`."""
-        self.write_model(folder)
+        super().write(folder)
         if self.repeated is not None:
             (folder / "repeated.csv").write_text(self.repeated.csv(), encoding="utf-8")
 

@@ -66,10 +66,6 @@ class ReducedModel(ModelReport):
         """Names of the base parameters that are left."""
         return self.model.estimate.parameters.names
 
-    def write(self, folder: Path) -> None:
-        """Write `model.json`, `parameters.csv` and `report.html`."""
-        self.write_model(folder)
-
     __repr__ = Result.__repr__
 
 

@@ -237,7 +237,7 @@ class ModelReport(Result):
         """The report as one self-contained HTML page."""
         return render(self.content)
 
-    def write_model(self, folder: Path) -> None:
+    def write(self, folder: Path) -> None:
         """Write `model.json`, `parameters.csv` and `report.html`."""
         (folder / "model.json").write_text(self.model.text(), encoding="utf-8")
         (folder / "parameters.csv").write_text(parameters_csv(self.model), encoding="utf-8")

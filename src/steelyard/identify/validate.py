@@ -30,6 +30,7 @@ from steelyard.identify.scores import (
     scored_from_commanded,
 )
 from steelyard.identify.validation_data import holds_fitted_rows, marked_repeats
+from steelyard.report.result import Result
 from steelyard.runs.named_logs import log_files, paths_of
 
 
@@ -41,9 +42,7 @@ class Validation(ModelReport):
         content: All that the report shows.
     """
 
-    def write(self, folder: Path) -> None:
-        """Write `report.html`."""
-        (folder / "report.html").write_text(self.report(), encoding="utf-8")
+    write = Result.write
 
     def to_dict(self) -> dict[str, Any]:
         """The verdict, and under `logs` the scores of each log, in the order of the logs."""

@@ -168,6 +168,12 @@ def gaps(t: Array, factor: float = 5.0) -> NDArray[np.intp]:
     return np.flatnonzero(steps > factor * np.median(steps))
 
 
+def from_origin(t: Array) -> tuple[Array, str]:
+    """Time from its first sample where it is a date, and the title of its axis."""
+    origin = float(t[0]) if len(t) and abs(t[-1]) > 1e5 else 0.0
+    return t - origin, f"time from {origin:.3f} s [s]" if origin else "time [s]"
+
+
 def drawn(t: Array, signal: Array, most: int) -> tuple[Array, Array]:
     """Points of a line `(N,)` that is broken where time [s] jumps; at most `most`, breaks included.
 

@@ -24,6 +24,7 @@ TEXT_WIDTH = 120
 class Result(ABC):
     """A result: `print` it, `save` it, or look at it in a notebook."""
 
+    page_name: ClassVar[str] = "report.html"
     json_name: ClassVar[str] = ""
     """File that `write` puts the numbers into; none if empty."""
 
@@ -37,7 +38,7 @@ class Result(ABC):
 
     def write(self, folder: Path) -> None:
         """Write the result's files into a folder that is there: page, and numbers where named."""
-        (folder / "report.html").write_text(self.report(), encoding="utf-8")
+        (folder / self.page_name).write_text(self.report(), encoding="utf-8")
         if self.json_name:
             write_json(folder / self.json_name, self.to_dict())
 

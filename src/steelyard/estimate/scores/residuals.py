@@ -61,6 +61,12 @@ class TorqueParts:
     measured: Array  # measured effort, at the joints, shape `(N, n)` [Nm; N]
     parts: Array  # predicted effort by cause, in the order of `PARTS`, shape `(5, N, n)` [Nm; N]
 
+    @classmethod
+    def joined(cls, runs: Sequence["TorqueParts"]) -> "TorqueParts":
+        """The samples of several runs one after another."""
+        signals = zip(*(vars(run).values() for run in runs), strict=True)
+        return cls(*(np.concatenate(some, axis=max(-2, -some[0].ndim)) for some in signals))
+
     @property
     def predicted(self) -> Array:
         """The whole predicted effort, shape `(N, n)` [Nm; N]."""

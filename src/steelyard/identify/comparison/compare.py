@@ -1,6 +1,5 @@
 """Estimators, each judged by runs it was not fitted to: what `steelyard compare` does."""
 
-import json
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -118,6 +117,8 @@ def comparison_inputs(
 class EstimatorComparison(Result):
     """A comparison of estimators."""
 
+    page_name, json_name = "compare.html", "compare.json"
+
     content: ComparisonContent  # what the page shows
 
     @property
@@ -138,12 +139,6 @@ class EstimatorComparison(Result):
     def report(self) -> str:
         """The report as one self-contained HTML page."""
         return render_sections(COMPARE_SECTIONS, self.content, "compared")
-
-    def write(self, folder: Path) -> None:
-        """Write `compare.html` and `compare.json`."""
-        (folder / "compare.html").write_text(self.report(), encoding="utf-8")
-        text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
-        (folder / "compare.json").write_text(f"{text}\n", encoding="utf-8")
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as JSON values, as `steelyard compare --json` prints them."""

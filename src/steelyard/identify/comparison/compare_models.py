@@ -62,6 +62,8 @@ def _name(model: GivenModel, number: int) -> str:
 class ComparedModels(Result):
     """Models side by side."""
 
+    page_name, json_name = "models.html", "models.json"
+
     content: ModelsContent  # what the page shows
 
     @property
@@ -107,12 +109,6 @@ class ComparedModels(Result):
     def report(self) -> str:
         """The report as one self-contained HTML page."""
         return render_sections(COMPARE_MODELS_SECTIONS, self.content, "compared")
-
-    def write(self, folder: Path) -> None:
-        """Write `models.html` and `models.json`."""
-        (folder / "models.html").write_text(self.report(), encoding="utf-8")
-        text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
-        (folder / "models.json").write_text(f"{text}\n", encoding="utf-8")
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as JSON values, as `steelyard compare-models --json` prints them."""

@@ -9,7 +9,17 @@ from rich.text import Text
 
 from steelyard.estimate.scores.joint_errors import EffortError
 from steelyard.estimate.scores.model_comparison import ModelComparison
-from steelyard.report.figures import Figure, Group, Key, Traced, dots, drawn, figure_of_rows, line
+from steelyard.report.figures import (
+    Figure,
+    Group,
+    Key,
+    Traced,
+    dots,
+    drawn,
+    figure_of_rows,
+    from_origin,
+    line,
+)
 from steelyard.report.page import FigureSection, Numbers, PageContent
 from steelyard.report.tables import PlainTable, Row, narrow_table
 from steelyard.report.words import NONE, count, percent, significant
@@ -241,19 +251,18 @@ class ModelEffortsSection(FigureSection, name="model-efforts", title="Efforts ov
 def _efforts_figure(found: ModelComparison, run: int, joint: int, most: int) -> Figure:
     """Efforts of one joint in one log."""
     first = found.models[0].runs[run]
-    origin = float(first.t[0]) if len(first.t) and abs(first.t[-1]) > 1e5 else 0.0
+    t, time = from_origin(first.t)
     own = first.errors.joints[joint]
-    x, y = drawn(first.t - origin, first.measured[:, joint], most)
+    x, y = drawn(t, first.measured[:, joint], most)
     traces = [line("measured", x, y, MEASURED_COLOUR, width=1.6)]
     shares = []
     for k, model in enumerate(found.models):
         errors = model.runs[run]
-        x, y = drawn(errors.t - origin, errors.predicted[:, joint], most)
+        x, y = drawn(t, errors.predicted[:, joint], most)
         dash = MODEL_DASHES[k // len(MODEL_COLOURS) % len(MODEL_DASHES)]
         traces.append(line(model.name, x, y, colour(k), width=1.2, dash=dash))
         shares.append(f"{model.name} {percent(errors.errors.joints[joint].percent_of_used)}")
     label = f"Measured and predicted effort of {own.joint} in {first.run}"
-    time = f"time from {origin:.3f} s [s]" if origin else "time [s]"
     y_title = f"effort [{own.unit}]"
     layout = {"showlegend": False}
     return Figure(own.joint, label, time, y_title, traces, layout, ", ".join(shares))

@@ -24,13 +24,9 @@ class ConditioningSection(
     def numbers(self, content: ReportContent) -> Numbers | None:
         """Figures of the estimate and of those beside it."""
         estimate = content.identified.estimate
-        robot = content.identified.model.robot
+        robot, figures = content.identified.robot, (estimate.sigma, estimate.n_samples)
         noise = zip(
-            robot.joint_names,
-            robot.effort_units,
-            estimate.sigma.tolist(),
-            estimate.n_samples.tolist(),
-            strict=True,
+            robot.joint_names, robot.effort_units, *(x.tolist() for x in figures), strict=True
         )
         return {
             "estimate": estimate,
@@ -67,19 +63,14 @@ def _furthest(estimate: Estimate, other: Estimate) -> tuple[str, float] | None:
 
 def _pairs(estimate: Estimate) -> list[tuple[str, str, float]]:
     """The most correlated pairs of parameters, strongest first; what a bound holds is in none."""
-    std = estimate.std
-    with np.errstate(divide="ignore", invalid="ignore"):
-        correlation = np.tril(estimate.covariance / std[:, None] / std, -1)
-    strength = np.where(np.isfinite(correlation), np.abs(correlation), 0.0)
-    names = estimate.parameters.names
-    at_bound = [names.index(name) for name in (*estimate.at_bound, *estimate.known)]
-    strength[at_bound], strength[:, at_bound] = 0.0, 0.0
-    order = np.argsort(strength, axis=None)[::-1][:MOST_CORRELATED_PAIRS]
+    names, matrix, _ = correlations(estimate, len(estimate.parameters))
+    lower = np.tril(matrix, -1)
+    order = np.argsort(np.abs(lower), axis=None)[::-1][:MOST_CORRELATED_PAIRS]
     places = [divmod(int(place), len(names)) for place in order]
     return [
-        (names[b], names[a], float(correlation[a, b]))
+        (names[b], names[a], float(lower[a, b]))
         for a, b in places
-        if strength[a, b] >= LEAST_NAMED_CORRELATION
+        if abs(lower[a, b]) >= LEAST_NAMED_CORRELATION
     ]
 
 

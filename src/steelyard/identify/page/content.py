@@ -4,8 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from steelyard.base.arrays import Parameters
 from steelyard.check.examine import Diagnosis
 from steelyard.check.finding import Finding
@@ -65,15 +63,7 @@ def _pooled(scores: Sequence[RunScore], kind: str) -> tuple[TorqueParts, str] | 
     known = [score.parts for score in scores if score.parts is not None]
     if not known:
         return None
-    pooled = TorqueParts(
-        t=np.concatenate([one.t for one in known]),
-        q=np.concatenate([one.q for one in known]),
-        dq=np.concatenate([one.dq for one in known]),
-        moving=np.concatenate([one.moving for one in known]),
-        measured=np.concatenate([one.measured for one in known]),
-        parts=np.concatenate([one.parts for one in known], axis=1),
-    )
-    return pooled, count(len(known), f"{kind} run")
+    return TorqueParts.joined(known), count(len(known), f"{kind} run")
 
 
 class SettingsSection(

@@ -14,7 +14,7 @@ from steelyard.estimate.scores.residuals import PARTS, TorqueParts
 from steelyard.estimate.scores.score import RunScore
 from steelyard.identify.page.content import ReportContent
 from steelyard.identify.page.score_words import below
-from steelyard.report.figures import Figure, Group, drawn, gaps, line, outline
+from steelyard.report.figures import Figure, Group, drawn, from_origin, gaps, line, outline
 from steelyard.report.page import (
     FigureSection,
     Numbers,
@@ -92,8 +92,7 @@ def band_text(identified: IdentifiedModel) -> str:
 def _effort_figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
     """Lines of one joint, caption and shaded rests; time is relative where it is a date."""
     traces, numbers = score.traces, score.joints[joint]
-    origin = float(traces.t[0]) if len(traces.t) and abs(traces.t[-1]) > 1e5 else 0.0
-    t = traces.t - origin
+    t, time = from_origin(traces.t)
     measured, predicted = traces.measured[:, joint], traces.predicted[:, joint]
     signals = (measured, predicted, measured - predicted)
     banded = traces.band is not None and bool(np.isfinite(traces.band[:, joint]).any())
@@ -108,7 +107,7 @@ def _effort_figure(score: RunScore, joint: int, points: int) -> dict[str, Any]:
         "covered": "" if covered is None else f"{percent(covered)} in the 95 % band",
         "few": covered is not None and covered < LEAST_COVERAGE_PERCENT,
         "unit": numbers.unit,
-        "time": f"time from {origin:.3f} s [s]" if origin else "time [s]",
+        "time": time,
         "lines": [_packed(drawn(t, signal, points)) for signal in signals],
         "bands": _bands(t, traces, joint, points) if banded else [],
         "rests": _rests(t, traces, joint),

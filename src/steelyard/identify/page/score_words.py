@@ -95,13 +95,8 @@ def both_words(errors: Sequence[EffortError], logged: Sequence[EffortError]) -> 
 
 def basis_words(scores: Sequence[RunScore]) -> str:
     """Like `RMS below 5 Hz, pooled over 6 joints, where they move`."""
-    n_joints = len(scores[0].joints)
     moving = {j.joint for run in scores for j in run.errors.joints if j.counted}
-    joints = (
-        count(n_joints, "joint")
-        if len(moving) == n_joints
-        else f"the {len(moving)} of {n_joints} joints that move"
-    )
+    joints = _moving_words(len(moving), len(scores[0].joints))
     still = [run.errors.at_rest for run in scores]
     where = "at rest" if all(still) else f"{MOVING}, or all rest" if any(still) else MOVING
     return f"RMS {below(run.errors.cutoff for run in scores)}, pooled over {joints}, {where}"
@@ -207,6 +202,11 @@ def _moving(scores: Sequence[RunScore]) -> str:
         any(run.joints[k].relative_percent_moving is not None for run in scores)
         for k in range(len(joints))
     )
-    if moving < len(joints):
-        return f"the {moving} of {len(joints)} joints that move"
-    return count(len(joints), "joint")
+    return _moving_words(moving, len(joints))
+
+
+def _moving_words(moving: int, joints: int) -> str:
+    """Like `6 joints`, `the 5 of 6 joints that move`."""
+    if moving < joints:
+        return f"the {moving} of {joints} joints that move"
+    return count(joints, "joint")

@@ -11,16 +11,18 @@ from rich.console import Console
 from rich.text import Text
 
 from steelyard.estimate.identified import IdentifiedModel
-from steelyard.identify.page.calibration_tables import (
-    DrivesSection,
-    EffortScalesSection,
-    PerRunSection,
-    ZeroOffsetsSection,
-)
-from steelyard.identify.page.conditioning import (
-    ConditioningSection,
-    CorrelationsSection,
-    UnseenSection,
+from steelyard.identify.page import (
+    calibration_tables,
+    conditioning,
+    effort_figures,
+    friction_sections,
+    inertia_ellipsoids,
+    link_inertias,
+    parameter_table,
+    reduction_sections,
+    residual_figures,
+    scatter_of_estimates,
+    verdict_section,
 )
 from steelyard.identify.page.content import (
     CheckSection,
@@ -28,64 +30,40 @@ from steelyard.identify.page.content import (
     ReportContent,
     SettingsSection,
 )
-from steelyard.identify.page.effort_figures import EffortSection, TorqueSplitSection
-from steelyard.identify.page.friction_sections import FrictionCurvesSection, FrictionSection
-from steelyard.identify.page.inertia_ellipsoids import EllipsoidsSection
-from steelyard.identify.page.link_inertias import BodiesSection, MassesSection
-from steelyard.identify.page.parameter_table import (
-    ParameterRow,
-    ParametersSection,
-    TruthSection,
-    parameter_rows,
-)
-from steelyard.identify.page.reduction_sections import ReductionSection, RemovalsSection
-from steelyard.identify.page.residual_figures import ResidualsSection
-from steelyard.identify.page.scatter_of_estimates import (
-    BootstrapSection,
-    RepeatedSection,
-    SensitivitySection,
-)
-from steelyard.identify.page.verdict_section import VerdictSection
+from steelyard.identify.page.parameter_table import ParameterRow, parameter_rows
 from steelyard.report.page import Section, render_sections
 
 SECTIONS: tuple[Section, ...] = (
-    VerdictSection(),
-    ReductionSection(),
-    EffortSection(),
-    TorqueSplitSection(),
-    FrictionCurvesSection(),
-    FrictionSection(),
-    ResidualsSection(),
-    DrivesSection(),
-    EffortScalesSection(),
-    ZeroOffsetsSection(),
-    TruthSection(),
-    RemovalsSection(),
-    ParametersSection(),
-    MassesSection(),
-    EllipsoidsSection(),
-    BodiesSection(),
-    PerRunSection(),
-    UnseenSection(),
-    ConditioningSection(),
-    CorrelationsSection(),
-    BootstrapSection(),
-    RepeatedSection(),
-    SensitivitySection(),
+    verdict_section.VerdictSection(),
+    reduction_sections.ReductionSection(),
+    effort_figures.EffortSection(),
+    effort_figures.TorqueSplitSection(),
+    friction_sections.FrictionCurvesSection(),
+    friction_sections.FrictionSection(),
+    residual_figures.ResidualsSection(),
+    calibration_tables.DrivesSection(),
+    calibration_tables.EffortScalesSection(),
+    calibration_tables.ZeroOffsetsSection(),
+    parameter_table.TruthSection(),
+    reduction_sections.RemovalsSection(),
+    parameter_table.ParametersSection(),
+    link_inertias.MassesSection(),
+    inertia_ellipsoids.EllipsoidsSection(),
+    link_inertias.BodiesSection(),
+    calibration_tables.PerRunSection(),
+    conditioning.UnseenSection(),
+    conditioning.ConditioningSection(),
+    conditioning.CorrelationsSection(),
+    scatter_of_estimates.BootstrapSection(),
+    scatter_of_estimates.RepeatedSection(),
+    scatter_of_estimates.SensitivitySection(),
     CheckSection(),
     QualitySection(),
     SettingsSection(),
 )
 
-ERROR_SECTIONS: tuple[Section, ...] = (
-    VerdictSection(),
-    EffortSection(),
-    TorqueSplitSection(),
-    ResidualsSection(),
-    CheckSection(),
-    QualitySection(),
-    SettingsSection(),
-)
+OF_ERRORS = ("verdict", "effort", "torque-split", "residuals", "check", "quality", "settings")
+ERROR_SECTIONS = tuple(section for section in SECTIONS if section.name in OF_ERRORS)
 """Sections about the errors of a model on logs, without its fit."""
 
 
