@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -46,7 +47,10 @@ def chosen(percent: Mapping[str, list[float]], stages: object = STAGES) -> Frict
         tried.append(mix)
         return np.log(percent.get(mix_name(mix), [50.0, 51.0, 52.0]))
 
-    found = _staged(stages, errors, "run")  # type: ignore[arg-type]
+    judge = SimpleNamespace(
+        errors=errors, per_joint=lambda following: [], plausible=lambda kept, laws: laws
+    )
+    found = _staged(stages, judge, "run")  # type: ignore[arg-type]
     assert [mix.terms for mix in found.table] == list(dict.fromkeys(tried))
     return found
 

@@ -30,10 +30,13 @@ from steelyard.model.terms.term import StatefulTerm, Term
 from steelyard.robot.file.sections import EffortKind
 from steelyard.robot.robot import Coordinate, Robot
 
+Mix = tuple[Term, ...]  # friction laws that act together
+Stage = tuple[Mix, ...]  # candidates, the simplest first
+
 FINE = (3e-4, 1e-3, 3e-3, 1e-2)
 WIDE = (1e-3, 4e-3, 2e-2, 1e-1)
 
-DIRECTION: tuple[tuple[Term, ...], ...] = (
+DIRECTION: Stage = (
     (Coulomb(),),
     *((Coulomb(smoothing=speed),) for speed in (0.005, 0.02, 0.05)),
     *((Dahl(length=length),) for length in (3e-4, 1e-3, 3e-3, 1e-2)),
@@ -48,7 +51,7 @@ DIRECTION: tuple[tuple[Term, ...], ...] = (
 )
 """How friction turns round with the direction of motion, the simplest first."""
 
-SPEED: tuple[tuple[Term, ...], ...] = (
+SPEED: Stage = (
     (Viscous(),),
     (Viscous(), Root()),
     (Viscous(), Quadratic()),
@@ -57,21 +60,21 @@ SPEED: tuple[tuple[Term, ...], ...] = (
 )
 """How friction grows with speed."""
 
-PLAIN: tuple[Term, ...] = (*DIRECTION[0], *SPEED[0])  # with which others are compared
+PLAIN: Mix = (*DIRECTION[0], *SPEED[0])  # with which others are compared
 LOADED = ("motor_current", "motor_torque")  # efforts behind gears: friction grows with load
 
-LOAD: tuple[tuple[Term, ...], ...] = ((), (LoadDependent(length=1e-3),))
+LOAD: Stage = ((), (LoadDependent(length=1e-3),))
 """Whether friction grows with the load."""
 
 LEVER = 0.1  # arm at which a prismatic joint's speeds and lengths are those of a revolute one [m]
 
-SPRINGS: tuple[tuple[Term, ...], ...] = ((), (Spring(),))
+SPRINGS: Stage = ((), (Spring(),))
 """Whether cables or springs pull the joints."""
 
 
 def stages_of(
     model: Model, kind: EffortKind, left_out: Literal["run", "segment"]
-) -> tuple[tuple[tuple[Term, ...], ...], ...]:
+) -> tuple[Stage, ...]:
     """The candidates for a model without friction, stage by stage.
 
     Laws of speed act along further coordinates as well, where the model has viscous friction along
@@ -80,18 +83,15 @@ def stages_of(
     posture.
     """
     aside = [x for x in model.terms if isinstance(x, Viscous) and (x.along or x.motors)]
-    speed = [
-        (
-            *laws,
-            *(
-                replace(cast(Any, law), joints=x.joints, motors=x.motors, along=x.along)
-                for law in laws[1:]
-                for x in aside
-            ),
+
+    def everywhere(laws: Mix) -> Mix:
+        return laws + tuple(
+            replace(cast(Any, law), joints=x.joints, motors=x.motors, along=x.along)
+            for law in laws[1:]
+            for x in aside
         )
-        for laws in SPEED
-    ]
-    stages = [_sized(DIRECTION, model.robot), _sized(speed, model.robot)]
+
+    stages = [_sized(DIRECTION, model.robot), _sized([*map(everywhere, SPEED)], model.robot)]
     if kind in LOADED:
         stages.append(_sized(LOAD, model.robot))
     if left_out == "run" and not any(isinstance(term, Spring) for term in model.terms):
@@ -100,7 +100,7 @@ def stages_of(
     return tuple(stages)
 
 
-def _sized(stage: Sequence[tuple[Term, ...]], robot: Robot) -> tuple[tuple[Term, ...], ...]:
+def _sized(stage: Sequence[Mix], robot: Robot) -> Stage:
     """The candidates with speeds and lengths of prismatic joints as at a lever."""
     sizes = [LEVER if c.kind == "prismatic" else 1.0 for c in robot.coordinates]
     if LEVER not in sizes:
