@@ -86,7 +86,7 @@ def main() -> list[Claim]:
     count = 0
     for seed in range(DRAWS):
         mean = mean_of_periods(logged(truth, true, seed), Repetitions(drop_first=1, drop_last=1))
-        run, count = prepare_mean(mean, f"draw{seed}"), mean.averaged.count
+        run, count = prepare_mean(mean, f"draw{seed}"), len(mean.averaged.starts)
         results["weighted"].append(fitted(regressor, run))
         results["equal"].append(fitted(regressor, replace(run, importance=None)))
     spread = {k: np.std([v for v, _ in x], axis=0, ddof=1) for k, x in results.items()}

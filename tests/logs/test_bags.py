@@ -21,7 +21,7 @@ from bag_writers import (
 from steelyard.base.errors import LogError
 from steelyard.logs.formats import open_log
 from steelyard.logs.log import Log
-from steelyard.logs.messages.message_log import topics
+from steelyard.logs.messages.message_log import MessageLog
 
 NAMES = tuple(f"arm_{k}_joint" for k in range(1, 7))
 JOINTS = tuple(
@@ -99,7 +99,7 @@ def test_topics_are_counted(tmp_path: Path, writer: Writer) -> None:
     notes, _ = of_robot(np.random.default_rng(2), 11, 100_000_000)
     more = [wrench(START + k * 250_000_000, [0.0] * 6) for k in range(5)]
     path = writer(tmp_path, in_order([*notes, *more]))
-    joints, force = topics(path)
+    joints, force = MessageLog.open(path).topics
     assert (joints.name, joints.type) == ("/joint_states", "sensor_msgs/msg/JointState")
     assert (joints.count, force.name, force.count) == (11, "/wrench", 5)
     assert joints.start == notes[0].time / 10**9 and joints.stop == notes[-1].time / 10**9

@@ -65,7 +65,7 @@ def test_another_motion_is_no_repetition() -> None:
 def test_a_log_of_periods_becomes_its_mean(recording: Callable[..., Recording]) -> None:
     log = made(recording, 22)
     mean = mean_of_periods(log, Repetitions())
-    assert mean.averaged.count == 20
+    assert len(mean.averaged.starts) == 20
     assert "mean of 20 repetitions of 3 s" in mean.words
     run = prepare(log, Processing(repetitions=Repetitions()))
     assert run.name == log.name
@@ -86,7 +86,7 @@ def test_a_log_of_periods_becomes_its_mean(recording: Callable[..., Recording]) 
 def test_dropping(recording: Callable[..., Recording]) -> None:
     log = made(recording, 6)
     few = mean_of_periods(log, Repetitions(period=3.0, drop_first=2, drop_last=1))
-    assert few.averaged.count == 3
+    assert len(few.averaged.starts) == 3
     assert few.averaged.starts[0] == pytest.approx(6.0 * RATE, abs=0.1 * RATE)
     with pytest.raises(LogError, match="of 6 whole repetitions of 3 s in this log 1 are left"):
         mean_of_periods(log, Repetitions(period=3.0, drop_first=3, drop_last=2))
@@ -111,7 +111,7 @@ def test_logs_of_one_motion(recording: Callable[..., Recording], tmp_path: Path)
         table = recording(t, q + 1e-5 * rng.standard_normal(q.shape), effort)
         logs.append(replace(table.in_memory()))
     mean = mean_of_logs(logs)
-    assert mean.averaged.count == 3
+    assert len(mean.averaged.starts) == 3
     apart = np.diff(mean.averaged.starts / RATE)
     np.testing.assert_allclose(apart, [0.31, 0.777 - 1.31], atol=1e-3)
     assert prepare_mean(mean, "mean").name == "mean"
@@ -165,7 +165,7 @@ def test_the_ur10e_repeats_itself_over_logs(real: Callable[[str], Recording]) ->
     names = ("13_51_41", "14_04_13", "14_04_41")
     logs = [real(f"ur10e/identification/ur-19_10_01-{name}.parquet") for name in names]
     mean = mean_of_logs(logs)
-    assert mean.averaged.count == 3
+    assert len(mean.averaged.starts) == 3
     assert mean.averaged.apart.max() < 3e-3
     run = prepare_mean(mean, "five seconds")
     assert run.duration == pytest.approx(5.0, abs=0.5)

@@ -13,6 +13,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.base.progress import Progress, report_progress, silent
+from steelyard.logs.formats import FORMATS
 from steelyard.logs.log import ROWS_OF_PART, Cut, Log
 from steelyard.robot.file.signals import TIME_UNITS
 from steelyard.robot.init.column_names import Column
@@ -88,31 +89,12 @@ def _filled(t: Array, before: float) -> Array:
     return filled
 
 
-KINDS = {
-    ".csv": "text table",
-    ".tsv": "text table",
-    ".txt": "text table",
-    ".parquet": "Parquet",
-    ".npz": "NumPy archive",
-    ".npy": "NumPy array",
-    ".mat": "MATLAB",
-    ".h5": "HDF5",
-    ".hdf5": "HDF5",
-    ".mcap": "MCAP",
-    ".db3": "ROS 2 bag",
-    ".zstd": "ROS 2 bag",
-    ".bag": "ROS 1 bag",
-}
-"""What files are, by their suffix."""
-
-
 @dataclass(frozen=True)
 class ColumnContent:
     """What is in a column: its first, least and greatest finite value, `None` if there is none.
 
-    Attributes:
-        kind: The quantity that its name speaks of, empty if none.
-        missing: Share of cells that hold no finite number.
+    `kind` is the quantity that its name speaks of, `missing` the share of cells that hold no finite
+    number.
     """
 
     name: str
@@ -130,11 +112,10 @@ class LogContent:
     Attributes:
         path: Where it is, with its cut.
         size: Bytes on disk.
-        time: The column of time, if one looks like it.
         duration: From least to greatest time [s].
         rate: Rows per second over all of it [Hz].
         left_out: Name and reason of what the file holds beside its table.
-        topics: Topics of a log of messages: name, type, number of messages, rate.
+        topics: Topics of a log of messages.
         remarks: What a user should know about the file's state.
     """
 
@@ -176,16 +157,10 @@ class ColumnTally:
 
     def column(self, name: str, place: int) -> ColumnContent:
         """What was found in a column."""
-        first = self.first[place] if self.first else inf
-        least, most = float(self.least[place]), float(self.most[place])
-        return ColumnContent(
-            name,
-            Column(name).quantity or "",
-            first if isfinite(first) else None,
-            least if isfinite(least) else None,
-            most if isfinite(most) else None,
-            float(self.missing[place]) / max(1, self.rows),
-        )
+        found = self.first[place] if self.first else inf, self.least[place], self.most[place]
+        first, least, most = (float(x) if isfinite(x) else None for x in found)
+        missing = float(self.missing[place]) / max(1, self.rows)
+        return ColumnContent(name, Column(name).quantity or "", first, least, most, missing)
 
 
 def content_of(log: Log, cut: Cut = Cut(), progress: Progress = silent) -> LogContent:  # noqa: B008
@@ -221,21 +196,19 @@ def with_progress(
     parts: Iterator[Array], log: Log, progress: Progress, phase: str
 ) -> Iterator[Array]:
     """Parts of a log as they come, with events of progress."""
-    known = getattr(log, "n_rows", None)
-    done = 0
+    done, known = 0, getattr(log, "n_rows", None)
     for part in parts:
         yield part
         done += len(part)
-        report_progress(
-            progress, phase, done, max(done, known if known is not None else done + ROWS_OF_PART)
-        )
+        whole = done + ROWS_OF_PART if known is None else max(done, known)
+        report_progress(progress, phase, done, whole)
 
 
 def kind_of(path: Path) -> str:
     """What kind of log is at a path."""
     if path.is_dir():
         return "ROS 2 bag" if (path / "metadata.yaml").exists() else "Parquet folder"
-    return KINDS.get(path.suffix.lower(), path.suffix)
+    return FORMATS.get(path.suffix.lower(), (path.suffix,))[0]
 
 
 def size_of(path: Path) -> int:

@@ -22,26 +22,26 @@ from steelyard.logs.log import Log, require_file
 from steelyard.logs.messages.bag2 import METADATA
 from steelyard.logs.messages.message_log import MessageLog
 from steelyard.logs.npz import open_npy, open_npz
-from steelyard.logs.parquet import ParquetLog, require_polars
+from steelyard.logs.parquet import ParquetLog, PartitionedParquet, require_polars
 from steelyard.logs.text_table import DelimitedLog
 
-FORMATS: dict[str, Callable[[Path], Log]] = {
-    ".parquet": ParquetLog.open,
-    ".csv": DelimitedLog.open,
-    ".tsv": DelimitedLog.open,
-    ".txt": DelimitedLog.open,
-    ".npz": open_npz,
-    ".npy": open_npy,
-    ".mat": open_mat,
-    ".h5": open_hdf5,
-    ".hdf5": open_hdf5,
-    ".mcap": MessageLog.open,
-    ".bag": MessageLog.open,
-    ".active": MessageLog.open,
-    ".db3": MessageLog.open,
-    ".zstd": MessageLog.open,
+FORMATS: dict[str, tuple[str, Callable[[Path], Log]]] = {
+    ".parquet": ("Parquet", ParquetLog.open),
+    ".csv": ("text table", DelimitedLog.open),
+    ".tsv": ("text table", DelimitedLog.open),
+    ".txt": ("text table", DelimitedLog.open),
+    ".npz": ("NumPy archive", open_npz),
+    ".npy": ("NumPy array", open_npy),
+    ".mat": ("MATLAB", open_mat),
+    ".h5": ("HDF5", open_hdf5),
+    ".hdf5": ("HDF5", open_hdf5),
+    ".mcap": ("MCAP", MessageLog.open),
+    ".bag": ("ROS 1 bag", MessageLog.open),
+    ".active": ("ROS 1 bag", MessageLog.open),
+    ".db3": ("ROS 2 bag", MessageLog.open),
+    ".zstd": ("ROS 2 bag", MessageLog.open),
 }
-"""Suffix to opener."""
+"""Suffix to what such files are, and the opener."""
 
 
 @checked()
@@ -57,18 +57,15 @@ def open_log(path: str | Path) -> Log:
     """
     path = Path(path)
     if path.is_dir():
-        from steelyard.logs.parquet import PartitionedParquet
-
         return (MessageLog if (path / METADATA).is_file() else PartitionedParquet).open(path)
     require_file(path)
-    opener = FORMATS.get(path.suffix.lower())
-    if opener is None:
+    if path.suffix.lower() not in FORMATS:
         raise LogError(
             f"logs of the kind '{path.suffix or path.name}' are not known",
             where=str(path),
             fix=f"give a file that ends in one of {', '.join(FORMATS)}",
         )
-    return opener(path)
+    return FORMATS[path.suffix.lower()][1](path)
 
 
 Write = Callable[[Array], None]
@@ -225,7 +222,7 @@ def matlab_names(columns: Sequence[str]) -> list[str]:
     return names
 
 
-class _Spool:
+class _Spool(AbstractContextManager["_Spool"]):
     """Rows on disk until their number is known, then handed out column by column."""
 
     def __init__(self, path: Path, width: int) -> None:
@@ -233,9 +230,6 @@ class _Spool:
         self._width = width
         self._parts: list[tuple[int, int]] = []
         self._file: IO[bytes] = TemporaryFile(dir=path.parent)
-
-    def __enter__(self) -> "_Spool":
-        return self
 
     def __exit__(self, *error: object) -> None:
         self._file.close()

@@ -49,8 +49,6 @@ class Log(Protocol):
 
 MOST_NAMED_COLUMNS = 4
 """Most missing columns that are named."""
-
-
 TIME_COLUMN = re.compile("(^|_)(t|time|stamp|timestamp)(_|$)", re.IGNORECASE)
 """Names of columns of time."""
 
@@ -58,9 +56,17 @@ TIME_COLUMN = re.compile("(^|_)(t|time|stamp|timestamp)(_|$)", re.IGNORECASE)
 def require_columns(path: Path, known: Sequence[str], wanted: Sequence[str]) -> None:
     """Check that a log has the columns wanted of it, each once."""
     fix = "name the columns of the log under [signals] of the robot file"
+    twice = next((c for c in wanted if list(known).count(c) > 1), None)
     missing = [column for column in dict.fromkeys(wanted) if column not in known]
-    free = [column for column in known if column not in wanted]
-    wrong = f"the log has no column '{missing[0]}'" if missing else ""
+    if twice is not None and (not missing or wanted.index(twice) < wanted.index(missing[0])):
+        raise LogError(
+            f"the log has {list(known).count(twice)} columns that are called '{twice}'",
+            where=str(path),
+            fix=f"rename them in the log's header, then {fix}",
+        )
+    if not missing:
+        return
+    wrong = f"the log has no column '{missing[0]}'"
     if len(missing) > 1:
         wrong = (
             f"{len(missing)} of the {len(wanted)} columns that are needed are not in the log: "
@@ -72,20 +78,9 @@ def require_columns(path: Path, known: Sequence[str], wanted: Sequence[str]) -> 
             "name the column of time, or state rate = HZ instead of time, if rows are evenly "
             "spaced, under [signals] of the robot file"
         )
-    for column in wanted:
-        count = list(known).count(column)
-        if count == 0:
-            raise LogError(
-                wrong,
-                where=str(path),
-                fix=f"{_similar_columns(missing, free)}; {fix}" if free else used,
-            )
-        if count > 1:
-            raise LogError(
-                f"the log has {count} columns that are called '{column}'",
-                where=str(path),
-                fix=f"rename them in the log's header, then {fix}",
-            )
+    free = [column for column in known if column not in wanted]
+    found = f"{_similar_columns(missing, free)}; {fix}" if free else used
+    raise LogError(wrong, where=str(path), fix=found)
 
 
 def require_file(path: Path) -> None:
@@ -110,10 +105,8 @@ def unreadable(path: Path, error: OSError) -> LogError:
 
 
 def _first_names(columns: Sequence[str]) -> str:
-    """The first ones by name."""
-    return ", ".join(repr(name) for name in columns[:MOST_NAMED_COLUMNS]) + ", ..." * (
-        len(columns) > MOST_NAMED_COLUMNS
-    )
+    more = ", ..." * (len(columns) > MOST_NAMED_COLUMNS)
+    return ", ".join(map(repr, columns[:MOST_NAMED_COLUMNS])) + more
 
 
 def _similar_columns(missing: Sequence[str], free: Sequence[str]) -> str:

@@ -80,8 +80,7 @@ def _pages(file: IO[bytes], meta: dict[int, Any], size: int) -> Iterator[int]:
 
 
 def _number(struct: dict[int, Any], field: int) -> int:
-    value = struct.get(field, 0)
-    if not isinstance(value, int) or value < 0:
+    if not isinstance(value := struct.get(field, 0), int) or value < 0:
         raise ValueError("a number in its description makes no sense")
     return value
 
@@ -98,7 +97,7 @@ class _Thrift:
             raise ValueError("its description is too deep")
         fields: dict[int, Any] = {}
         number = 0
-        while head := self._byte():
+        while head := self._bytes(1)[0]:
             number = number + (head >> 4) if head >> 4 else self._signed()
             kind = head & 15
             fields[number] = kind == TRUE if kind <= FALSE else self._value(kind, depth)
@@ -108,13 +107,13 @@ class _Thrift:
         if kind in (I16, I32, I64):
             return self._signed()
         if kind in (TRUE, FALSE, BYTE):
-            return self._byte()
+            return self._bytes(1)[0]
         if kind == DOUBLE:
             return self._bytes(8)
         if kind == BINARY:
             return self._bytes(self._unsigned())
         if kind in (LIST, SET):
-            head = self._byte()
+            head = self._bytes(1)[0]
             count = head >> 4 if head >> 4 < 15 else self._unsigned()
             return [self._value(head & 15, depth + 1) for _ in range(self._fits(count))]
         if kind == STRUCT:
@@ -132,18 +131,13 @@ class _Thrift:
         return (value >> 1) ^ -(value & 1)
 
     def _unsigned(self) -> int:
-        value = shift = 0
-        while True:
-            byte = self._byte()
+        value = 0
+        for shift in range(0, 70, 7):
+            byte = self._bytes(1)[0]
             value |= (byte & 127) << shift
-            shift += 7
             if byte < 128:
                 return value
-            if shift > 63:
-                raise ValueError("a number in its description is too long")
-
-    def _byte(self) -> int:
-        return self._bytes(1)[0]
+        raise ValueError("a number in its description is too long")
 
     def _bytes(self, count: int) -> bytes:
         return self._stream.read(self._fits(count))
@@ -184,11 +178,23 @@ class ParquetLog:
         self, columns: Sequence[str], rows: RowRange = (0, None), size: int = ROWS_OF_PART
     ) -> Iterator[Array]:
         """The requested rows, in parts; see `Log`."""
+        import polars as pl
+
         require_columns(self.path, self.columns, columns)
+        numbers = [pl.col(c).cast(pl.Float64, strict=False) for c in columns]
         start, stop = rows
         while stop is None or start < stop:
             length = size if stop is None else min(size, stop - start)
-            part = self._read(columns, start, length)
+            with _polars_errors_as_log_errors(
+                self.path, f"rows {start} to {start + length} cannot be read"
+            ):
+                width = _columns_at_once(self.path)
+                tables = [
+                    _scan(self.path).select(numbers[at : at + width]).slice(start, length).collect()
+                    for at in range(0, len(numbers), width)
+                ]
+                part = tables[0].to_numpy() if len(tables) == 1 else np.hstack(tables)
+            del tables
             height = len(part)
             if height:
                 yield part
@@ -196,20 +202,6 @@ class ParquetLog:
             if height < length:
                 return
             start += length
-
-    def _read(self, columns: Sequence[str], start: int, length: int) -> Array:
-        import polars as pl
-
-        numbers = [pl.col(c).cast(pl.Float64, strict=False) for c in columns]
-        with _polars_errors_as_log_errors(
-            self.path, f"rows {start} to {start + length} cannot be read"
-        ):
-            width = _columns_at_once(self.path)
-            tables = [
-                _scan(self.path).select(numbers[at : at + width]).slice(start, length).collect()
-                for at in range(0, len(numbers), width)
-            ]
-            return tables[0].to_numpy() if len(tables) == 1 else np.hstack(tables)
 
 
 def require_polars(path: Path) -> None:
@@ -240,8 +232,9 @@ def _polars_errors_as_log_errors(path: Path, wrong: str) -> Iterator[None]:
     try:
         yield
     except (PolarsError, OSError, PanicException, MemoryError, OverflowError, ValueError) as error:
+        said = str(error).strip().partition("\n")[0] or type(error).__name__
         raise LogError(
-            f"{wrong} ({_first_line(error)})",
+            f"{wrong} ({said})",
             where=str(path),
             fix="copy or convert it again; columns must hold one number a row, and a log in text "
             "form needs the suffix .csv",
@@ -252,10 +245,6 @@ def _scan(path: Path) -> "polars.LazyFrame":
     import polars as pl
 
     return pl.scan_parquet(path, glob=False, cache=False)
-
-
-def _first_line(error: BaseException) -> str:
-    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
 
 
 @dataclass(frozen=True)
@@ -291,13 +280,19 @@ class PartitionedParquet:
                 "which holds its metadata.yaml",
             )
 
-        def order(file: Path) -> tuple[object, ...]:
-            return natural_order((*names[file][:-1], file.stem))
-
-        files = [ParquetLog.open(p) for p in sorted(named, key=order)]
-        for file in files[1:]:
-            _require_same(files[0], file)
-        return cls(path, files[0].columns, tuple(files))
+        named.sort(key=lambda file: natural_order((*names[file][:-1], file.stem)))
+        first, *others = files = [ParquetLog.open(p) for p in named]
+        for other in others:
+            absent = [f"no '{c}'" for c in first.columns if c not in other.columns]
+            new = [f"also '{c}'" for c in other.columns if c not in first.columns]
+            if absent or new:
+                raise LogError(
+                    "two files of the log have other columns: the second has "
+                    f"{', '.join((*absent[:3], *new[:3]))}",
+                    where=f"{first.path} and {other.path}",
+                    fix="keep the files of one log in a folder of their own",
+                )
+        return cls(path, first.columns, tuple(files))
 
     @property
     def n_rows(self) -> int:
@@ -322,21 +317,6 @@ class PartitionedParquet:
 def natural_order(names: Sequence[str]) -> tuple[tuple[tuple[int, int | str], ...], ...]:
     """A key that sorts numbers in names as numbers."""
     return tuple(
-        tuple(
-            (0, int(piece)) if piece.isdecimal() else (1, piece)
-            for piece in re.split(r"(\d+)", name)
-        )
+        tuple((0, int(x)) if x.isdecimal() else (1, x) for x in re.split(r"(\d+)", name))
         for name in names
     )
-
-
-def _require_same(first: ParquetLog, other: ParquetLog) -> None:
-    absent = [c for c in first.columns if c not in other.columns]
-    new = [c for c in other.columns if c not in first.columns]
-    if absent or new:
-        differ = [*(f"no '{c}'" for c in absent[:3]), *(f"also '{c}'" for c in new[:3])]
-        raise LogError(
-            f"two files of the log have other columns: the second has {', '.join(differ)}",
-            where=f"{first.path} and {other.path}",
-            fix="keep the files of one log in a folder of their own",
-        )

@@ -13,7 +13,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
-from steelyard.logs.log import require_columns
+from steelyard.logs.log import require_columns, unreadable
 from steelyard.logs.messages.message_log import MessageLog
 from steelyard.logs.messages.record_files import McapFile
 from steelyard.logs.text_table import (
@@ -47,11 +47,7 @@ def file_pieces(path: Path, waiting: Waiting) -> Iterator[bytes]:
                 if not waiting():
                     return
     except OSError as error:
-        raise LogError(
-            f"the log cannot be read ({error.strerror or error})",
-            where=str(path),
-            fix="check the path and the file's permissions",
-        ) from error
+        raise unreadable(path, error) from error
 
 
 def _refuse_replaced(path: Path, number: int, at: int) -> None:
@@ -81,9 +77,9 @@ def pipe_pieces(read: Callable[[], bytes], waiting: Waiting) -> Iterator[bytes]:
         try:
             piece = pieces.get_nowait()
         except queue.Empty:
-            if not waiting():
-                return
-            continue
+            if waiting():
+                continue
+            return
         if not piece:
             return
         yield piece
@@ -143,7 +139,7 @@ class Lines:
         text = [line.decode("utf-8", errors="replace").strip("\ufeff \r") for line in lines]
         first = next((line for line in text if line), "")
         if first.startswith("{"):
-            require_columns(self._path, tuple(self._object(first.encode())), self._wanted)
+            require_columns(self._path, tuple(_object(first.encode())), self._wanted)
             self._json = True
             return True
         header = read_header(text[:HEADER_LINES])
@@ -164,16 +160,9 @@ class Lines:
         return by_numpy(chunk, places, header.separator, header.decimal_comma)
 
     def _objects(self, lines: Sequence[bytes]) -> Array:
-        cells: list[Any] = [row.get(n) for row in map(self._object, lines) for n in self._wanted]
+        cells: list[Any] = [row.get(n) for row in map(_object, lines) for n in self._wanted]
         numbers = [float(x) if type(x) in (int, float) else np.nan for x in cells]
         return np.array(numbers).reshape(len(lines), len(self._wanted))
-
-    def _object(self, line: bytes) -> dict[str, Any]:
-        try:
-            found = json.loads(line)
-        except ValueError:
-            return {}
-        return found if isinstance(found, dict) else {}
 
     def _no_table(self) -> LogError:
         return LogError(
@@ -181,6 +170,15 @@ class Lines:
             where=str(self._path),
             fix="send a line of column names, then one line per sample; or one JSON object a line",
         )
+
+
+def _object(line: bytes) -> dict[str, Any]:
+    """The JSON object in a line; empty if there is none."""
+    try:
+        found = json.loads(line)
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 STANDARD_INPUT = "-"

@@ -2,10 +2,10 @@
 
 import csv
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -30,12 +30,9 @@ _BRACKETED = re.compile(r"\[[^\]]*\]|\([^)]*\)")
 
 @dataclass(frozen=True)
 class Header:
-    """What the first lines of a text table say.
+    """What the first lines of a text table say; its rows start in the line with number `body`.
 
-    Attributes:
-        columns: Names of its columns: `column_1`, ... if no line names them.
-        decimal_comma: Whether numbers are written `0,5`.
-        body: Number of the line that the rows start in.
+    Columns are called `column_1`, ... if no line names them.
     """
 
     columns: tuple[str, ...]
@@ -88,36 +85,30 @@ def _rows_below(lines: Sequence[str], header: Header) -> Iterator[list[str]]:
     )
 
 
-class _RowsByWidth(dict[int, list[str]]):
-    """Cells of the lines, by number, each divided when it is looked at; comments without a sign."""
-
-    def __init__(self, lines: Sequence[str], separator: str) -> None:
-        super().__init__()
-        self._lines, self._separator = lines, separator
-
-    def __missing__(self, number: int) -> list[str]:
-        line = self._lines[number]
-        bare = line.lstrip("#% \t") if line.startswith(COMMENT) else line
-        self[number] = cells_of(bare, self._separator)
-        return self[number]
-
-
 def _seen(
     lines: Sequence[str], separator: str
 ) -> tuple[tuple[bool, bool, int, int, int], Header] | None:
     """The header if columns were divided by a separator, and how well that fits."""
-    rows = _RowsByWidth(lines, separator)
+
+    @cache
+    def row(number: int) -> list[str]:
+        """Cells of a line, divided when it is looked at; of a comment without its sign."""
+        line = lines[number]
+        bare = line.lstrip("#% \t") if line.startswith(COMMENT) else line
+        return cells_of(bare, separator)
+
     plain = [i for i, line in enumerate(lines) if line.strip() and not line.startswith(COMMENT)]
     pairs = zip(plain, [*plain[1:], -1], strict=False)
-    first = next((i for i, after in pairs if _is_row(rows[i], rows[after])), None)
-    width = 0 if first is None else len(rows[first])
-    above = [i for i in plain if (first is None or i < first) and any(map(_is_word, rows[i]))]
-    if not above:
-        above = _of_comments(lines, rows, first)
+    first = next((i for i, after in pairs if _is_row(row(i), row(after))), None)
+    width = 0 if first is None else len(row(first))
+    above = [i for i in plain if (first is None or i < first) and any(map(_is_word, row(i)))]
+    if not above:  # the last comment names the columns, if it is as wide as the rows
+        comments = [i for i, line in enumerate(lines[:first]) if line.strip(" \t#%")]
+        above = [i for i in comments if first is None or len(row(i)) == width > 1][-1:]
     if not above and first is None:
         return None
-    names, body = _names(rows, above, first)
-    kinds = [] if first is None else [_is_number(c) or _is_missing(c) for c in rows[first]]
+    names, body = _names(row, above, first)
+    kinds = [] if first is None else [_is_number(c) or _is_missing(c) for c in row(first)]
     fits = (
         len(names) == width > 1,
         bool(kinds) and all(kinds),
@@ -126,38 +117,25 @@ def _seen(
         -SEPARATORS.index(separator),
     )
     numbers = () if separator == "," else range(body, len(lines))
-    cells = [cell for number in numbers for cell in rows[number]]
+    cells = [cell for number in numbers for cell in row(number)]
     comma = any(map(_COMMA.fullmatch, cells)) and not any(map(_POINT.fullmatch, cells))
     return fits, Header(names, separator, comma, body)
 
 
-def _of_comments(
-    lines: Sequence[str], rows: Mapping[int, Sequence[str]], first: int | None
-) -> list[int]:
-    """The comment line that names the columns, if one does."""
-    comments = [i for i in range(len(lines) if first is None else first) if lines[i].strip(" \t#%")]
-    if first is not None:
-        comments = [i for i in comments if len(rows[i]) == len(rows[first]) > 1]
-    return comments[-1:]
-
-
 def _names(
-    rows: Mapping[int, Sequence[str]], above: Sequence[int], first: int | None
+    row: Callable[[int], list[str]], above: Sequence[int], first: int | None
 ) -> tuple[tuple[str, ...], int]:
     """Names of the columns, and the line behind them."""
     if first is None:
-        return tuple(rows[above[0]]), above[0] + 1
+        return tuple(row(above[0])), above[0] + 1
     if not above:
-        return tuple(f"column_{number + 1}" for number in range(len(rows[first]))), first
-    fitting = [i for i in above if len(rows[i]) == len(rows[first])]
-    if not fitting:
-        widest = max(above, key=lambda i: len(rows[i]))
-        return tuple(rows[widest]), widest + 1
-    line = fitting[-1]
-    if len(fitting) > 1 and _is_units(rows[line]):
-        pairs = zip(rows[fitting[-2]], rows[line], strict=True)
+        return tuple(f"column_{number + 1}" for number in range(len(row(first)))), first
+    fitting = [i for i in above if len(row(i)) == len(row(first))]
+    line = fitting[-1] if fitting else max(above, key=lambda i: len(row(i)))
+    if len(fitting) > 1 and _is_units(row(line)):
+        pairs = zip(row(fitting[-2]), row(line), strict=True)
         return tuple(_with_unit(name, unit) for name, unit in pairs), line + 1
-    return tuple(rows[line]), line + 1
+    return tuple(row(line)), line + 1
 
 
 def cells_of(line: str, separator: str) -> list[str]:

@@ -35,10 +35,8 @@ CONTEXT_PERIODS = 4.0
 class MotionPart:
     """Samples of a segment on the uniform clock, from the one with number `first` on.
 
-    Attributes:
-        signals: `q, dq, ddq, effort`, shape `(4 n, N)`.
-        weights: How much each effort counts, shape `(n, N)`; `None` if all count alike.
-        marks: The counts of `Marked` over its rows.
+    Signals are `q, dq, ddq, effort`, shape `(4 n, N)`; weights say how much each effort counts,
+    shape `(n, N)`, `None` if all count alike; marks are the counts of `Marked` over the rows.
     """
 
     segment: Segment
@@ -55,7 +53,7 @@ class Chain:
     Attributes:
         rate: Of the uniform clock [Hz].
         thinning: Samples of the clock that rows are brought to over samples that are left.
-        flagged: Whether any effort is marked, so that flags are worth carrying.
+        flagged: Whether any effort is marked.
         before: What the rows are already, in words.
     """
 

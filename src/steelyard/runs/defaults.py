@@ -16,8 +16,7 @@ LOWEST_SPEED_DECADE, HIGHEST_SPEED_DECADE = -8, 4
 class SpeedHistogram:
     """Speeds of all joints, in constant memory: logarithmic bins, 7.5 % wide.
 
-    A speed per joint, `reference`, is the edge of a bin; `highest` is the highest speed of each
-    joint; shapes `(n,)` [rad/s; m/s].
+    A speed per joint, `reference`, is the edge of a bin, beside the `highest` one; `(n,)`.
     """
 
     def __init__(self, reference: Array) -> None:
@@ -35,9 +34,7 @@ class SpeedHistogram:
         for joint, velocity in enumerate(dq):
             self.highest[joint] = max(self.highest[joint], float(np.abs(velocity).max()))
             speed = np.maximum(np.abs(velocity) / self.reference[joint], 10.0**LOWEST_SPEED_DECADE)
-            place = np.floor((np.log10(speed) - LOWEST_SPEED_DECADE) * BINS_PER_DECADE).astype(
-                np.intp
-            )
+            place = np.floor(_bin(speed)).astype(np.intp)
             np.clip(place, 0, self._count.shape[1] - 1, out=place)
             self._count[joint] += np.bincount(place, minlength=self._count.shape[1])
             bins, first = np.unique(place, return_index=True)
@@ -53,16 +50,11 @@ class SpeedHistogram:
 
     def edge_above(self, speed: Array) -> Array:
         """The lowest edges of bins that are not below `speed`, shape `(n,)`."""
-        place = np.ceil(
-            (np.log10(speed / self.reference) - LOWEST_SPEED_DECADE) * BINS_PER_DECADE - 1e-6
-        )
-        return self.reference * self._edge(place)
+        return self.reference * self._edge(np.ceil(_bin(speed / self.reference) - 1e-6))
 
     def moving(self, rest_speed: Array) -> tuple[float, float] | None:
         """First and last time at which any joint is faster than its rest speed (edges of bins)."""
-        place = np.round(
-            (np.log10(rest_speed / self.reference) - LOWEST_SPEED_DECADE) * BINS_PER_DECADE
-        )
+        place = np.round(_bin(rest_speed / self.reference))
         start = np.clip(place, 0, self._count.shape[1] - 1).astype(int)
         first = min(row[s:].min() for row, s in zip(self._first, start, strict=True))
         last = max(row[s:].max() for row, s in zip(self._last, start, strict=True))
@@ -71,6 +63,11 @@ class SpeedHistogram:
     def _edge(self, place: Array) -> Array:
         edge: Array = 10.0 ** (place / BINS_PER_DECADE + LOWEST_SPEED_DECADE)
         return edge
+
+
+def _bin(speed: Array) -> Array:
+    """The bin, counted in fractions, of a speed over the reference."""
+    return np.asarray((np.log10(speed) - LOWEST_SPEED_DECADE) * BINS_PER_DECADE)
 
 
 MATCHED_FACTOR = 10.0

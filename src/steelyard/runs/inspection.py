@@ -38,8 +38,7 @@ class Survey:
     """What the first pass found.
 
     Attributes:
-        logged_rate: Rate of the log, rounded [Hz].
-        rate: Of the uniform clock [Hz].
+        logged_rate: Rate of the log, rounded, beside that of the uniform clock [Hz].
         counts: Rows per `RowVerdict`.
         steps: Mean, standard deviation, minimum and maximum of the log's steps [s].
         resolution: Smallest step of each channel that is not zero, shape `(C,)`.
@@ -79,7 +78,7 @@ def survey(recording: Recording, processing: Processing | None = None) -> Survey
     counts = scan.counts
     logged, rate = _rates(recording, counts, tally, wanted.rate)
     resolution = np.where(np.isfinite(tally.resolution), tally.resolution, 0.0)
-    limits = tally.limits(resolution[c.effort])
+    limits = tally.extremes.limits(resolution[c.effort])
     if not wanted.leave_out_saturated:
         limits = np.full_like(limits, np.nan)
     checks = RowChecks.of_excerpt(
@@ -88,10 +87,8 @@ def survey(recording: Recording, processing: Processing | None = None) -> Survey
     even = excerpt.even(logged, checks)
     band, velocity_noise = Band(0.0, np.zeros(c.joints)), np.zeros(c.joints)
     if even.shape[1] >= SHORTEST_CHAIN:
-        velocity = even[c.dq] if c.velocities else None
-        band = motion_band(even[c.q], logged, velocity)
-        if velocity is not None:
-            velocity_noise = motion_band(velocity, logged).noise
+        band = motion_band(even[c.q], logged, even[c.dq] if c.velocities else None)
+        velocity_noise = motion_band(even[c.dq], logged).noise if c.velocities else velocity_noise
     return Survey(
         clock=clock,
         logged_rate=logged,
@@ -141,7 +138,7 @@ class _Tally:
     """Steps of the clock and of the channels, and where segments start and stop."""
 
     def __init__(self, channels: int, effort: slice) -> None:
-        self._effort, self._extremes = effort, Extremes(effort.stop - effort.start)
+        self._effort, self.extremes = effort, Extremes(effort.stop - effort.start)
         self.resolution = np.full(channels, np.inf)
         self.spans: dict[int, tuple[float, float]] = {}
         self.count, self.total = 0, 0.0
@@ -150,12 +147,13 @@ class _Tally:
 
     def add(self, piece: RowPiece) -> None:
         t, x = piece.t, piece.x
-        if self._last is not None and self._last.segment != piece.segment:
-            self._extremes.end_segment()
-        self._extremes.add(np.ascontiguousarray(x[:, self._effort].T))
-        if self._last is not None and self._last.segment == piece.segment:
-            t = np.concatenate((self._last.t, t))
-            x = np.concatenate((self._last.x, x))
+        last = self._last
+        if last is not None and last.segment != piece.segment:
+            self.extremes.end_segment()
+            last = None
+        self.extremes.add(np.ascontiguousarray(x[:, self._effort].T))
+        if last is not None:
+            t, x = np.concatenate((last.t, t)), np.concatenate((last.x, x))
         self._last = RowPiece(piece.segment, t[-1:].copy(), x[-1:].copy())
         start = self.spans.get(piece.segment, (float(t[0]), 0.0))[0]
         self.spans[piece.segment] = start, float(t[-1])
@@ -170,10 +168,6 @@ class _Tally:
         change = np.abs(np.diff(x, axis=0))
         change[change == 0.0] = np.inf
         self.resolution = np.minimum(self.resolution, change.min(axis=0))
-
-    def limits(self, resolution: Array) -> Array:
-        """Values at which efforts are cut off, see `Extremes`."""
-        return self._extremes.limits(resolution)
 
     @property
     def steps(self) -> tuple[float, float, float, float]:

@@ -20,11 +20,10 @@ from steelyard.runs.smoothing.method import Butterworth, Method
 def motion_responses(
     method: Method, cutoff: float, rate: float, joints: int
 ) -> tuple[Array, Array]:
-    """Responses of a local method to one sample; of the Butterworth low-pass for others.
+    """Responses of a local method to one position, and to one logged velocity.
 
-    Returns:
-        Position, velocity and acceleration after one position, shape `(3, n, 2 halo + 1)`, and
-        after one logged velocity, the same shape.
+    They are position, velocity and acceleration, shape `(3, n, 2 halo + 1)`; for other methods
+    those of the Butterworth low-pass.
     """
     designed = method.designed(cutoff, rate)
     if designed.halo is None:

@@ -29,7 +29,7 @@ MOST_DEVIATION = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Averaged:
-    """The mean over repetitions.
+    """The mean over R repetitions.
 
     Attributes:
         mean: Mean channels of one repetition, with context, shape `(C, P + 2 context)`.
@@ -42,11 +42,6 @@ class Averaged:
     variance: Array
     starts: Array
     apart: Array
-
-    @property
-    def count(self) -> int:
-        """Number of repetitions."""
-        return len(self.starts)
 
 
 def average_aligned(
@@ -237,9 +232,9 @@ def _mean_motion(
     variance = mean.variance[c.effort]
     return MeanMotion(
         Recording(log, plain, window),
-        Importance(0.0, rate, frozen(weights_of(variance, mean.count))),
+        Importance(0.0, rate, frozen(weights_of(variance, len(mean.starts)))),
         mean,
-        f"mean of {mean.count} repetitions of {length / rate:.4g} s, which deviate up to "
+        f"mean of {len(mean.starts)} repetitions of {length / rate:.4g} s, which deviate up to "
         f"{mean.apart.max():.2g} rad or m from it",
     )
 

@@ -29,10 +29,7 @@ PAUSE_SECONDS = 1.0
 
 @dataclass(frozen=True, eq=False)
 class StreamSample:
-    """A sample in SI units, its time from the first one; `q, dq` and `effort` as logged, `(n,)`.
-
-    The row is that logged, with the time of the sample, shape `(columns,)`.
-    """
+    """A sample in SI units, its time from the first one, with the row `(columns,)` of that time."""
 
     t: float
     q: Array
@@ -47,14 +44,11 @@ class SampleStream:
     Rows that cannot be used are left out and counted: cells that are no numbers, values that no
     sensor can have measured, times that do not rise. Where the clock is set back, time goes on.
 
-    Attributes:
-        dropped: Rows left out, by verdict.
-        restarts: How often the clock was set back.
-        start: Time of the first sample, as logged [s]; NaN before it.
+    `dropped` counts rows left out by verdict, `restarts` how often the clock was set back; `start`
+    is the time of the first sample, as logged [s]; NaN before it.
     """
 
     def __init__(self, signals: Signals, robot: Robot) -> None:
-        """Begin."""
         self.dropped: Counter[RowVerdict] = Counter()
         self.restarts = 0
         self.start = np.nan
@@ -177,11 +171,5 @@ class _Aligned:
         return replace(sample, t=sample.t - self._reach, **found)
 
     def _at(self, name: str, t: float) -> Array:
-        after = next(k for k, one in enumerate(self._kept) if one.t >= t)
-        right = self._kept[after]
-        if after == 0:
-            return np.asarray(getattr(right, name))
-        left = self._kept[after - 1]
-        share = (t - left.t) / (right.t - left.t)
-        a, b = getattr(left, name), getattr(right, name)
-        return np.asarray(a + share * (b - a))
+        times, values = [one.t for one in self._kept], [getattr(one, name) for one in self._kept]
+        return np.array([np.interp(t, times, each) for each in zip(*values, strict=True)])

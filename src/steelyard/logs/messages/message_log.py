@@ -119,7 +119,7 @@ _NOTHING = np.zeros(0)
 class MessageLog:
     """A log of messages as a table; see the module.
 
-    A value that a message lacks is NaN. A message that cannot be decoded is a row of NaN. A joint
+    A value that a message lacks is NaN, as is the row of a message that cannot be decoded. A joint
     state with none of the requested joints, as of a gripper that shares the topic, is no row.
     """
 
@@ -159,11 +159,12 @@ class MessageLog:
         self._require(columns)
         blocks: list[Array] = []
         for block in self._blocks(columns, rows, min(size, ROWS_OF_BLOCK)):
-            room = size - sum(len(b) for b in blocks)
-            blocks.append(block[:room])
-            if len(block) >= room:
-                yield np.concatenate(blocks)
-                blocks = [block[room:]] if len(block) > room else []
+            blocks.append(block)
+            over = sum(len(b) for b in blocks) - size
+            if over >= 0:
+                table = np.concatenate(blocks)
+                yield table[:size]
+                blocks = [table[size:].copy()] if over else []
         if blocks:
             yield np.concatenate(blocks)
 
@@ -216,12 +217,6 @@ class MessageLog:
         require_columns(self.path, self.columns, columns)
 
 
-def topics(path: str | Path) -> tuple[Topic, ...]:
-    """The topics of a log of messages: types, counts, times and rates."""
-    container = _container(Path(path))
-    return count_topics(container, scan_topics(container))
-
-
 def _container(path: Path) -> Container:
     """The messages in a file or folder, by what it is and not by its suffix."""
     if path.is_dir():
@@ -266,10 +261,7 @@ def _samples(
 
 def _listing(layouts: Sequence[Layout]) -> str:
     shown = [
-        f"{layout.name} ({layout.type or 'no type'}{': ' if layout.problem else ''}"
-        f"{layout.problem})"
-        for layout in layouts[:12]
+        f"{one.name} ({': '.join(filter(None, (one.type or 'no type', one.problem)))})"
+        for one in layouts[:12]
     ]
-    if len(layouts) > 12:
-        shown.append(f"and {len(layouts) - 12} more")
-    return "; ".join(shown)
+    return "; ".join(shown + [f"and {len(layouts) - 12} more"] * (len(layouts) > 12))

@@ -18,13 +18,10 @@ LARGEST_MESSAGE = 1 << 20
 
 @dataclass(frozen=True)
 class Channel:
-    """What the messages of one publisher are.
+    """What the messages of one publisher are: of a type such as `sensor_msgs/msg/JointState`.
 
-    Attributes:
-        type: Name of their type, `sensor_msgs/msg/JointState`.
-        encoding: How they were put into bytes: `cdr`, `ros1`, `json` or another name.
-        definition: The type's definition as found in the file; empty if it has none.
-        dialect: Language of the definition: `ros1msg`, `ros2msg`, `ros2idl`; empty if unknown.
+    The encoding is `cdr`, `ros1`, `json` or another name; the type's definition is as found in the
+    file, in the language `ros1msg`, `ros2msg` or `ros2idl`; both are empty if unknown.
     """
 
     topic: str
@@ -114,9 +111,8 @@ def decoder(channel: Channel) -> Decoder:
     store = _store(channel)
     _require_small(store, channel)
     name = channel.type
-    if channel.encoding == "ros1":
-        return _guarded(lambda data: store.deserialize_ros1(data, name))
-    return _guarded(lambda data: store.deserialize_cdr(data, name))
+    read = store.deserialize_ros1 if channel.encoding == "ros1" else store.deserialize_cdr
+    return _guarded(lambda data: read(data, name))
 
 
 def _guarded(decode: Decoder) -> Decoder:
@@ -175,52 +171,39 @@ def _require_small(store: "Typestore", channel: Channel) -> None:
     """Check a type before code is made for it."""
     from rosbags.interfaces import Nodetype
 
-    sizes: dict[str, int] = {}
+    known: dict[str, tuple[int, bool]] = {}
 
-    def size_of(name: str, depth: int) -> int:
+    def of_type(name: str, depth: int) -> tuple[int, bool]:
+        """How many values a type holds at least, and whether it may need no bytes at all."""
         if depth > DEEPEST_TYPE:
             raise Unreadable(f"the type '{channel.type}' contains itself")
         if name not in store.fielddefs:
             raise Unreadable(f"the definition of '{channel.type}' lacks the type '{name}'")
-        if name not in sizes:
-            fields = store.fielddefs[name][1]
-            sizes[name] = sum(size_of_field(field, depth) for _, field in fields)
-            if sizes[name] > LARGEST_TYPE:
+        if name not in known:
+            fields: Any = store.fielddefs[name][1]
+            found = {field: of_field(kind, inner, depth) for field, (kind, inner) in fields}
+            size = sum(size for size, _ in found.values())
+            if size > LARGEST_TYPE:
                 raise Unreadable(f"the type '{name}' holds more than {LARGEST_TYPE} values")
-        return sizes[name]
+            found.pop("structure_needs_at_least_one_member", None)
+            known[name] = size, all(empty for _, empty in found.values())
+        return known[name]
 
-    def size_of_field(field: Any, depth: int) -> int:
-        kind, content = field
+    def of_field(kind: Any, content: Any, depth: int) -> tuple[int, bool]:
         if kind == Nodetype.BASE:
-            return 1
+            return 1, False
         if kind == Nodetype.NAME:
-            return max(size_of(content, depth + 1), 1)
-        inner, length = content
-        size = size_of_field(inner, depth)
+            size, empty = of_type(content, depth + 1)
+            return max(size, 1), empty
+        (inner, of), length = content
+        size, empty = of_field(inner, of, depth)
         if kind == Nodetype.ARRAY:
-            return size * int(length)
-        if inner[0] == Nodetype.NAME and _is_empty(store, inner[1]):
+            return size * int(length), empty or int(length) == 0
+        if empty:
             raise Unreadable(f"the type '{channel.type}' has a sequence of nothing")
-        return 1
+        return 1, False
 
     try:
-        size_of(channel.type, 0)
+        of_type(channel.type, 0)
     except RecursionError as error:
         raise Unreadable(f"the type '{channel.type}' contains itself") from error
-
-
-def _is_empty(store: "Typestore", name: str) -> bool:
-    """Whether a type may need no bytes at all."""
-    from rosbags.interfaces import Nodetype
-
-    fields: Any = store.fielddefs[name][1]
-    for field, (kind, content) in fields:
-        if field == "structure_needs_at_least_one_member":
-            continue
-        if kind in (Nodetype.BASE, Nodetype.SEQUENCE):
-            return False
-        inner = content[0] if kind == Nodetype.ARRAY else (kind, content)
-        some = kind != Nodetype.ARRAY or int(content[1]) > 0
-        if some and (inner[0] == Nodetype.BASE or not _is_empty(store, inner[1])):
-            return False
-    return True

@@ -60,7 +60,7 @@ class Picker:
         self._count = len(wanted)
         self._joints = [name.partition("/")[::2] for name in wanted]
         self._names: Any = None
-        self._places: list[tuple[str, list[tuple[int, int]]]] = []
+        self._places: dict[str, list[tuple[int, int]]] = {}
         self._groups: dict[tuple[str, ...], list[tuple[int, str]]] = {}
         for k, name in enumerate(wanted):
             *parents, leaf = name.split("/")
@@ -88,27 +88,22 @@ class Picker:
     def _of_joints(self, message: Any, names: list[str]) -> list[float] | None:
         if names != self._names:
             self._names = list(names)
-            self._places = self._places_of(names)
+            at = {name: i for i, name in reversed(list(enumerate(names)))}
+            self._places = {}
+            for k, (quantity, name) in enumerate(self._joints):
+                i = at.get(name) if names else int(name) if name.isdecimal() else None
+                if i is not None and quantity in JOINT_QUANTITIES:
+                    self._places.setdefault(quantity, []).append((k, i))
         if not self._places:
             return None
         values = [nan] * self._count
-        for quantity, places in self._places:
+        for quantity, places in self._places.items():
             array = _child(message, quantity)
             logged = array.tolist() if isinstance(array, np.ndarray) else array or ()
             for k, i in places:
                 if i < len(logged):
                     values[k] = _field_number(logged[i])
         return values
-
-    def _places_of(self, names: list[str]) -> list[tuple[str, list[tuple[int, int]]]]:
-        """Per quantity, where the fields are in this order of joints."""
-        at = {name: i for i, name in reversed(list(enumerate(names)))}
-        places: dict[str, list[tuple[int, int]]] = {}
-        for k, (quantity, name) in enumerate(self._joints):
-            i = at.get(name) if names else int(name) if name.isdecimal() else None
-            if i is not None and quantity in JOINT_QUANTITIES:
-                places.setdefault(quantity, []).append((k, i))
-        return list(places.items())
 
 
 def _joints(message: Any) -> list[str] | None:
@@ -255,7 +250,7 @@ class _TopicScan:
 
 
 def scan_topics(container: Container) -> tuple[Layout, ...]:
-    """What the topics' first messages hold: joint states first, then by name.
+    """What the topics' first messages hold: joint states first, of most joints, then by name.
 
     Columns are the numbers of the first 100 messages of a topic. A topic of which none of these has
     a stamp other than zero is stamped by its log time.
@@ -288,27 +283,21 @@ def scan_topics(container: Container) -> tuple[Layout, ...]:
     layouts = [look.layout(name) for name, look in looks.items()]
     if sum(len(layout.fields) for layout in layouts) > MOST_COLUMNS:
         raise _too_many(container, f"{MOST_COLUMNS} numbers in its messages")
-
-    def rank(layout: Layout) -> tuple[bool, int, str]:
-        """Joint states first, those of most joints before others."""
-        return not layout.of_joints, -len(layout.fields) * layout.of_joints, layout.name
-
-    return tuple(sorted(layouts, key=rank))
+    layouts.sort(key=lambda x: (not x.of_joints, -len(x.fields) * x.of_joints, x.name))
+    return tuple(layouts)
 
 
 def count_topics(container: Container, layouts: Iterable[Layout]) -> tuple[Topic, ...]:
     """Counts and times of all topics, by a pass over all messages."""
-    counts: dict[str, int] = {}
-    spans: dict[str, tuple[float, float]] = {}
+    found: dict[str, tuple[int, float, float]] = {}
     for message in container.messages():
         name, time = message.channel.topic, seconds(message.time)
-        counts[name] = counts.get(name, 0) + 1
-        start, stop = spans.get(name, (inf, -inf))
-        spans[name] = min(start, time), max(stop, time)
+        count, start, stop = found.get(name, (0, inf, -inf))
+        found[name] = count + 1, min(start, time), max(stop, time)
     return tuple(
-        Topic(layout.name, layout.type, counts[layout.name], *spans[layout.name], layout.problem)
+        Topic(layout.name, layout.type, *found[layout.name], layout.problem)
         for layout in layouts
-        if layout.name in counts
+        if layout.name in found
     )
 
 

@@ -32,7 +32,7 @@ GAP_STEPS, GAP_SECONDS = 5.0, 0.05
 """A longer step than both (5 steps, 0.05 s) is a gap. Shorter ones, such as lost packets of a 1 kHz
 log, are bridged by the interpolation, whose error there is that of a 20 Hz log."""
 Rowed = NDArray[np.int64]
-NICE_STEPS = (1.0, 1.25, 2.0, 2.5, 4.0, 5.0, 8.0, 10.0)
+NICE_STEPS = (1.0, 1.25, 2.0, 2.5, 4.0, 5.0, 8.0, 10.0, 12.5)
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def nice_rate(mean_step: float) -> float:
     """
     rate = 1.0 / mean_step
     decade = 10.0 ** np.floor(np.log10(rate))
-    nice = min(n * decade for n in (*NICE_STEPS, 12.5) if n * decade >= 0.99 * rate)
+    nice = min(n * decade for n in NICE_STEPS if n * decade >= 0.99 * rate)
     return float(nice if nice <= 1.1 * rate else rate)
 
 
@@ -101,8 +101,7 @@ class RowScan:
 
     def __init__(self, clock: Clock, recording: Recording) -> None:
         self.counts = np.zeros(len(RowVerdict), dtype=np.int64)
-        self._clock = clock
-        self._recording = recording
+        self._clock, self._recording = clock, recording
         self._start, self._stop = recording.cut.seconds
         self._first_row: int | None = 0 if self._start == -np.inf else None
         self._before = -np.inf
@@ -163,9 +162,9 @@ class RowScan:
         )
         for run in np.split(inside, np.flatnonzero(np.diff(segment[inside])) + 1):
             if len(run):
-                whole = int(run[-1]) - int(run[0]) + 1 == len(run)
-                at = slice(int(run[0]), int(run[-1]) + 1) if whole else run
-                yield RowPiece(int(segment[run[0]]), t[at], x[at])
+                start, stop = int(run[0]), int(run[-1]) + 1
+                at = slice(start, stop) if stop - start == len(run) else run
+                yield RowPiece(int(segment[start]), t[at], x[at])
         return decided
 
     def _judge(self, t: Array, x: Array, final: bool) -> tuple[NDArray[np.uint8], Rowed, int]:
@@ -233,7 +232,7 @@ def nothing_left(recording: Recording, counts: NDArray[np.int64]) -> LogError:
     if dropped.sum() == 0:
         return no_row(recording)
     worst = RowVerdict(int(np.argmax(dropped)))
-    if worst in (RowVerdict.REPEATED, RowVerdict.BACKWARD, RowVerdict.JUMP):
+    if worst >= RowVerdict.REPEATED:
         return not_followed(recording, dropped)
     return LogError(
         f"every row of the log is invalid: {dropped[worst]} of {dropped.sum()} rows hold "
@@ -292,8 +291,7 @@ def not_followed(recording: Recording, counts: NDArray[np.int64]) -> LogError:
         return not_increasing(recording)
     return LogError(
         f"in {counts[RowVerdict.JUMP]} rows of {counts.sum()} time or positions jump farther "
-        "than a "
-        "robot can move",
+        "than a robot can move",
         where=recording.where,
         fix="check time_unit, position_unit, and whether positions are of motors (coordinates = "
         '"motor"), under [signals] of the robot file',

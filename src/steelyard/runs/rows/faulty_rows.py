@@ -40,14 +40,14 @@ class RowVerdict(IntEnum):
         return _REASONS[self]
 
 
-_REASONS = {
-    RowVerdict.KEPT: "kept",
-    RowVerdict.UNREADABLE: "a cell that is missing or not a number",
-    RowVerdict.ABSURD: "an implausible value",
-    RowVerdict.REPEATED: "a repeated time stamp",
-    RowVerdict.BACKWARD: "a time stamp before the previous one",
-    RowVerdict.JUMP: "a single jump of time or position",
-}
+_REASONS = (
+    "kept",
+    "a cell that is missing or not a number",
+    "an implausible value",
+    "a repeated time stamp",
+    "a time stamp before the previous one",
+    "a single jump of time or position",
+)
 
 
 def broken_rows(t: Array, x: Array, channels: Channels) -> NDArray[np.uint8]:
@@ -102,11 +102,8 @@ def usual_distance(x: Array) -> Array:
 
 def sensor_step(x: Array) -> Array:
     """The step of the sensor of each channel of `(C, N)`; infinite if it never changes, `(C,)`."""
-    change = np.abs(np.diff(x, axis=1))
-    steps = [
-        float(np.quantile(c[c > 0.0], SENSOR_STEP_QUANTILE)) if c.any() else np.inf for c in change
-    ]
-    return np.array(steps)
+    moves = [change[change > 0.0] for change in np.abs(np.diff(x, axis=1))]
+    return np.array([np.quantile(m, SENSOR_STEP_QUANTILE) if len(m) else np.inf for m in moves])
 
 
 def outlying(x: Array, usual: Array, threshold: float) -> NDArray[np.bool_]:
@@ -151,16 +148,13 @@ def _bent(x: Array, bend: Array) -> NDArray[np.bool_]:
     np.abs(second, out=second)
     sharp = second > bend[:, None]
     near = np.zeros(x.shape, dtype=np.bool_)
-    if sharp.any():
-        for shift in range(3):
-            near[:, shift : shift + sharp.shape[1]] |= sharp
+    for shift in range(3):
+        near[:, shift : shift + sharp.shape[1]] |= sharp
     return near
 
 
 def without_long(marks: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
     """The marks without those that stand more than `longest` in a row, shape `(C, N)`."""
-    if not marks.any():
-        return marks
     kept = marks.copy()
     for channel in np.flatnonzero(marks.any(axis=1)):
         for start, stop in stretches(marks[channel]):
@@ -172,9 +166,9 @@ def without_long(marks: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
 def usual_bend(q: Array) -> Array:
     """Second difference that each position of `(n, N)` exceeds 1 % of the time, shape `(n,)`."""
     second = np.abs(np.diff(q[:, :ROWS_FOR_USUAL], n=2, axis=1))
-    return (
-        np.quantile(second, JOLT_QUANTILE, axis=1) if second.shape[1] else np.full(len(q), np.inf)
-    )
+    if second.shape[1] == 0:
+        return np.full(len(q), np.inf)
+    return np.quantile(second, JOLT_QUANTILE, axis=1)
 
 
 def jolted(q: Array, bend: Array) -> NDArray[np.bool_]:
@@ -232,9 +226,8 @@ def _through(t: Array, values: Array, at: Array) -> Array:
     """Lagrange's polynomials through some points each, `(M, 4)`, at one other time each, `(M,)`."""
     result = np.zeros_like(at)
     for k in range(t.shape[1]):
-        others = [j for j in range(t.shape[1]) if j != k]
-        base = np.prod((at[:, None] - t[:, others]) / (t[:, [k]] - t[:, others]), axis=1)
-        result += values[:, k] * base
+        others = np.delete(t, k, axis=1)
+        result += values[:, k] * np.prod((at[:, None] - others) / (t[:, [k]] - others), axis=1)
     return result
 
 
@@ -261,26 +254,25 @@ class Extremes:
         self._squares = np.zeros(channels)
         self._changes = np.zeros(channels, dtype=np.int64)
         self._rows = 0
-        self._last: Array | None = None
+        self._last = np.zeros((channels, 0))
 
     def add(self, x: Array) -> None:
         """Take in rows of one segment that follow those before, shape `(C, N)`."""
-        whole = x if self._last is None else np.concatenate((self._last[:, None], x), axis=1)
-        change = np.diff(whole, axis=1)
+        change = np.diff(np.concatenate((self._last, x), axis=1), axis=1)
         self._squares += np.square(change).sum(axis=1)
         self._changes += np.count_nonzero(change, axis=1)
         self._rows += x.shape[1]
-        self._last = x[:, -1].copy()
+        self._last = x[:, -1:].copy()
         for (top, bottom), row in zip(self._sides, x, strict=True):
             top.add(row)
             bottom.add(-row)
 
     def end_segment(self) -> None:
         """What follows does not follow the rows before."""
-        self._last = None
-        for sides in self._sides:
-            for side in sides:
-                side.end_stay()
+        self._last = self._last[:, :0]
+        for top, bottom in self._sides:
+            top.end_stay()
+            bottom.end_stay()
 
     def limits(self, resolution: Array) -> Array:
         """Lower and upper value at which each channel is cut off, shape `(C, 2)`; NaN for none.
@@ -289,17 +281,14 @@ class Extremes:
         """
         self.end_segment()
         changes = np.maximum(self._changes, 1)
+        least = np.maximum(ROWS_OF_STAY, STAY_OVER_USUAL * (self._rows / changes))
         usual = np.sqrt(self._squares / changes)
-        repeats = self._rows / changes
-        found = np.full((len(self._sides), 2), np.nan)
-        for channel, (top, bottom) in enumerate(self._sides):
-            least = max(ROWS_OF_STAY, STAY_OVER_USUAL * repeats[channel])
-            step = max(ABRUPT_STEP * usual[channel], ABRUPT_QUANTA * resolution[channel])
-            if bottom.saturated(least, step):
-                found[channel, 0] = -bottom.level
-            if top.saturated(least, step):
-                found[channel, 1] = top.level
-        return found
+        step = np.maximum(ABRUPT_STEP * usual, ABRUPT_QUANTA * resolution)
+        found = [
+            (-bottom.limit(*known), top.limit(*known))
+            for (top, bottom), *known in zip(self._sides, least, step, strict=True)
+        ]
+        return np.array(found).reshape(-1, 2)
 
 
 class _Top:
@@ -335,9 +324,11 @@ class _Top:
             self._stays.append(self._open)
         self._open, self._before = None, np.nan
 
-    def saturated(self, least: float, step: float) -> bool:
+    def limit(self, least: float, step: float) -> float:
+        """The value, if it is stayed at for `least` rows and entered by a `step`; NaN else."""
         long = [into for length, into in self._stays if length >= least]
-        return sum(into >= step for into in long) >= max(ABRUPT_STAYS, ABRUPT_SHARE * len(long))
+        abrupt = sum(into >= step for into in long)
+        return self.level if abrupt >= max(ABRUPT_STAYS, ABRUPT_SHARE * len(long)) else np.nan
 
 
 def saturated(x: Array, limits: Array) -> NDArray[np.bool_]:
@@ -368,5 +359,4 @@ def stale_rows(q: Array, step: Array) -> NDArray[np.bool_]:
     ahead, behind = (np.abs(q[:, rows + side] - q[:, rows]) for side in (reach, -reach))
     pace = np.minimum(ahead, behind) / reach
     marks[rows[(pace > MOVED_STEPS * step[:, None]).any(axis=0)]] = True
-    kept: NDArray[np.bool_] = without_long(marks[None], LONGEST_STALE)[0]
-    return kept
+    return without_long(marks[None], LONGEST_STALE)[0]

@@ -21,11 +21,9 @@ from steelyard.runs.smoothing.filters import Bank, kaiser_lowpass
 
 @dataclass(frozen=True)
 class Interpolation:
-    """A way to values between rows.
+    """A way to values between two rows, with the rows that it needs beyond each of these.
 
-    Attributes:
-        margin: Rows needed beyond each end of the interval between two rows.
-        function: Channels `(C, N)`, known at two or more times, at other times among these.
+    The function takes channels `(C, N)`, known at two or more times, to other times among these.
     """
 
     margin: int
@@ -38,8 +36,7 @@ class Interpolation:
 
 def _linear(t: Array, x: Array, at: Array) -> Array:
     i, u = _place(t, at)
-    line: Array = x[:, i] + u * (x[:, i + 1] - x[:, i])
-    return line
+    return np.asarray(x[:, i] + u * (x[:, i + 1] - x[:, i]))
 
 
 def _worst(t: Array, x: Array, at: Array) -> Array:
@@ -51,12 +48,12 @@ def _worst(t: Array, x: Array, at: Array) -> Array:
 def _cubic(t: Array, x: Array, at: Array) -> Array:
     step = np.diff(t)
     secant = np.diff(x, axis=1) / step
-    slope = _slopes(step, secant)
+    slope = np.gradient(x, t, axis=1, edge_order=min(2, len(step)))
     i, u = _place(t, at)
     a = slope[:, i] - secant[:, i]
     b = secant[:, i] - slope[:, i + 1]
-    blend: Array = x[:, i] + u * step[i] * (secant[:, i] + (1.0 - u) * ((1.0 - u) * a + u * b))
-    return blend
+    along = secant[:, i] + (1.0 - u) * ((1.0 - u) * a + u * b)
+    return np.asarray(x[:, i] + u * step[i] * along)
 
 
 def _pchip(t: Array, x: Array, at: Array) -> Array:
@@ -87,19 +84,6 @@ def _place(t: Array, at: Array) -> tuple[np.ndarray, Array]:
     """Row before each time, and how far between that and the next one the time is, in [0, 1]."""
     i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
     return i, (at - t[i]) / (t[i + 1] - t[i])
-
-
-def _slopes(step: Array, secant: Array) -> Array:
-    """Slope at every row of the parabola through it and its neighbours, shape `(C, N)`."""
-    slope = np.empty((len(secant), len(step) + 1))
-    if len(step) == 1:
-        slope[:] = secant
-        return slope
-    before, after = step[:-1], step[1:]
-    slope[:, 1:-1] = (after * secant[:, :-1] + before * secant[:, 1:]) / (before + after)
-    slope[:, 0] = 2.0 * secant[:, 0] - slope[:, 1]
-    slope[:, -1] = 2.0 * secant[:, -1] - slope[:, -2]
-    return slope
 
 
 THINNING_SUPPRESSION = 80.0

@@ -47,10 +47,8 @@ LEAST_KALMAN_SAMPLES = 6
 class Smoothed:
     """Channels and their first two derivatives, smoothed, shape `(N, C)` each.
 
-    Attributes:
-        std: Standard deviations of the three if the model holds, shape `(3, N, C)`.
-        noise: Standard deviation of a measurement, shape `(C,)`.
-        jerk: Root of the jerk's intensity, shape `(C,)` [1/s^2.5].
+    `std` are the standard deviations of the three if the model holds, `(3, N, C)`; `noise` is that
+    of a measurement, `jerk` the root of the jerk's intensity [1/s^2.5], `(C,)`.
     """
 
     value: Array
