@@ -135,7 +135,7 @@ def mujoco_claims() -> list[Claim]:
     q = np.array([rng.uniform(c.limits.lower, c.limits.upper, 200) for c in five.coordinates])
     dq, ddq = 3.0 * rng.normal(size=(2, 2, 200))
     passive, closed = Follower(five)(q)
-    code = model.torque_code([q, dq, ddq, passive, five.nominal.ravel()], [False] * 4 + [True])
+    code = model.torque_code([q, dq, ddq, passive, five.nominal.ravel()])
     wanted = np.array(
         [
             oracle.torque(np.concatenate([q[:, k], passive[:, k]]), dq[:, k], ddq[:, k])[0]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -74,13 +75,8 @@ def wander(robot: Robot, samples: int = 400) -> Motion:
 @pytest.mark.parametrize("law", MEMORIES, ids=str)
 def test_memory_steps_as_along_a_log(tree: Robot, law: Any) -> None:
     motion = wander(tree)
-    bodies = Model(tree).bodies_only
     q, dq, ddq = motion.q.T, motion.dq.T, motion.ddq.T
-
-    def loads(tens: np.ndarray) -> np.ndarray:
-        shared = [False, False, False, False, True]
-        return bodies.torque_code([q, dq, ddq, np.empty((0, len(motion))), tens], shared)
-
+    loads = partial(Model(tree).rigid_torque, q, dq, ddq)
     channels, _ = law.remember(tree, TermSamples(q, dq, ddq, loads), None)
     state = type("State", (), {"q": q, "dq": dq, "ddq": ddq, "channels": channels})
     wanted = np.zeros_like(motion.q)

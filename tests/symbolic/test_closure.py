@@ -44,8 +44,8 @@ def test_torques_velocities_and_accelerations_are_mujocos(name: str) -> None:
     robot = CHAINS[name]()
     q, dq, ddq, passive = states(robot)
     oracle, whole = Oracle(robot), all_joints(robot, q, dq, ddq, passive)
-    code, empty = Model(robot, (RigidBody(),)).torque_code, [False] * 4 + [True]
-    torque = code([q, dq, ddq, passive, robot.nominal.ravel()], empty)
+    code = Model(robot, (RigidBody(),)).torque_code
+    torque = code([q, dq, ddq, passive, robot.nominal.ravel()])
     for k in range(q.shape[1]):
         wanted, all_dq, all_ddq = oracle.torque(whole[0][:, k], dq[:, k], ddq[:, k])
         assert oracle.gap(whole[0][:, k]) < 1e-9
@@ -80,7 +80,7 @@ def test_machine_code_and_numpy_agree(name: str) -> None:
     inputs = (*model.inputs, Input("parameters", len(values), shared=True))
     program = symbolic(lambda *x: model.torque_of(JointState(*x[:4]), x[4]), inputs)
     reference = numpy_backend.run(program, [q, dq, ddq, passive, values])
-    got = model.torque_code([q, dq, ddq, passive, values], [False] * 4 + [True])
+    got = model.torque_code([q, dq, ddq, passive, values])
     assert np.allclose(got, reference, rtol=1e-12, atol=1e-12 * np.abs(reference).max())
 
 
@@ -104,7 +104,7 @@ def test_friction_on_a_passive_joint_loads_the_motors() -> None:
     robot = five_bar()
     model = Model(robot, (Viscous(joints=tuple(c.name for c in robot.passive)),))
     q, dq, ddq, passive = states(robot)
-    torque = model.torque_code([q, dq, ddq, passive, np.array([0.3, 0.7])], [False] * 4 + [True])
+    torque = model.torque_code([q, dq, ddq, passive, np.array([0.3, 0.7])])
     _, all_dq, _ = all_joints(robot, q, dq, ddq, passive)
     taken = 0.3 * all_dq[2] ** 2 + 0.7 * all_dq[3] ** 2
     assert np.allclose((torque * dq).sum(axis=0), taken, rtol=1e-10)

@@ -73,7 +73,7 @@ def test_backends_agree(robot: Robot) -> None:
         arrays = [*(x.T for x in states(count, robot, count)), np.empty((0, count))]
         values = np.random.default_rng(count).normal(size=p)
         reference = numpy_backend.run(program, [*arrays, values])
-        fast = model.torque_code([*arrays, values], [False, False, False, False, True])
+        fast = model.torque_code([*arrays, values])
         assert np.abs(fast - reference).max() <= 1e-12 * max(1.0, np.abs(reference).max())
 
 

@@ -131,5 +131,5 @@ def test_machine_code_says_the_same() -> None:
     back = pulled_back(program, (0, 1))
     code = compiled(["test of a program pulled back"], lambda: (back, {}))
     seeds = np.random.default_rng(0).normal(size=(len(program.outputs), inputs[0].shape[1]))
-    found = code([*inputs, seeds], (False, False, True, False))
+    found = code([*inputs, seeds])
     np.testing.assert_allclose(found, run(back, [*inputs, seeds]), rtol=1e-12, atol=1e-12)

@@ -17,7 +17,7 @@ from steelyard.model.quantity import TORQUE, Quantity
 from steelyard.model.terms.memory import Scan
 from steelyard.model.torque_equations import Equations
 from steelyard.robot.robot import Robot
-from steelyard.symbolic.native.compiled import Code
+from steelyard.symbolic.native.compiled import Code, SampleCall
 from steelyard.symbolic.native.emit import MAX_ANGLE
 
 BLOCK = 2040
@@ -60,14 +60,13 @@ class CompiledQuantity:
         given = [first, *(shaped(name, x, [first.shape]) for name, x in rest)]
         rows = [np.atleast_2d(x) for x in given]
         result = np.empty((len(rows[0]), self.code.n_outputs))
-        scan, shared = self.part.scan(), [*(False for _ in names), False, True]
-        parameters = values[self.columns]
+        scan, parameters = self.part.scan(), values[self.columns]
         for start in range(0, len(result), BLOCK):
             part = slice(start, start + BLOCK)
             self.check_arguments([x[part] for x in rows])
             block = [x[part].T for x in rows]
             channels = self.channels(scan, block, None if t is None else t[part])
-            entries = self.code([*block, channels, parameters], shared)
+            entries = self.code([*block, channels, parameters])
             self.check(rows[0][part], entries.T)
             result[part] = entries.T
         return result.reshape(*first.shape[:-1], *self.quantity.shape(self.part))
@@ -121,7 +120,7 @@ def check_angles(q: Array) -> None:
         )
 
 
-_SAFE_SQUARED_ANGLE = np.float64(MAX_ANGLE**2)
+_SAFE_SQUARED_ANGLE = MAX_ANGLE**2
 """Sum of squares below which no position is too large for the machine code."""
 
 
@@ -197,22 +196,12 @@ class _Sample:
         self._channels = np.zeros(scanned.n_channels + spare)
         self._memory = np.zeros(part.n_memory + spare)
         self._stepped, self._begun = stepped, False
-        self._lanes = np.zeros((code.n_outputs, code.lanes))
-        self._outputs = np.zeros(code.n_outputs)
+        parameters = np.ascontiguousarray(values[compiled.columns])
+        inputs = [*self._rows, self._channels, *([self._memory] if stepped else []), parameters]
+        call = SampleCall(code, inputs, self._given[: count * n], _SAFE_SQUARED_ANGLE)
+        self._sample, self._call, self._outputs = call, call.call, call.result
         shape = quantity.shape(part)
         self._result = self._outputs[: math.prod(shape)].reshape(shape)
-        self._parameters = np.ascontiguousarray(values[compiled.columns])
-        inputs = [*self._rows, self._channels, *([self._memory] if stepped else [])]
-        self._addresses = np.array(
-            [
-                code.lanes,
-                *(x for array in inputs for x in (array.ctypes.data, 1)),
-                *(self._parameters.ctypes.data, 0, self._lanes.ctypes.data, code.lanes),
-                *(self._given.ctypes.data, count * n),
-                *(self._outputs.ctypes.data, code.n_outputs, _SAFE_SQUARED_ANGLE.view(np.int64)),
-            ]
-        )
-        self._place, self._call = self._addresses.ctypes.data, code.sample
 
     def __call__(self, arguments: Sequence[ArrayLike], t: Array | None) -> Array:
         for row, values in zip(self._rows, arguments, strict=True):
@@ -228,7 +217,7 @@ class _Sample:
             self._look(self._scan, t)
         if self._stepped and not self._begun:
             self._begin()
-        if not self._call(self._place) or self._pivot and not self._result[-1] > 0.0:
+        if not self._call() or self._pivot and not self._result[-1] > 0.0:
             self._compiled.check_arguments(self._rows)
             self._compiled.check(self._rows[0][None], self._result.reshape(1, -1))
         if self._stepped:

@@ -140,8 +140,7 @@ class ValuedModel(Dynamics):
         """Efforts of one block, joint-major; `q`, `dq`, `ddq` `(n, B)`, `channels` `(_, B)`."""
         channels = np.empty((0, q.shape[1])) if channels is None else channels
         code = self.model.torque_code
-        shared = [False, False, False, False, True]
-        return code([q, dq, ddq, channels, self.values.values], shared)
+        return code([q, dq, ddq, channels, self.values.values])
 
     def start(self) -> Stepper:
         """Begin to evaluate sample by sample, for controllers and streams."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.base.errors import DataError, ModelError
-from steelyard.model.equations.closed_chains import completed
+from steelyard.model.equations.closed_chains import completed, projected
 from steelyard.model.equations.forward_dynamics import accelerations
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
 from steelyard.model.equations.kinematics import frame_of, frame_outputs
@@ -160,14 +160,10 @@ def _momentum_rate(part: Equations, given: Given) -> list[Scalar]:
 
 def _followed(part: Equations, given: Given, slopes: Scalars) -> list[Scalar]:
     """Derivatives by all joints as derivatives by the independent ones, which the others follow."""
-    n = part.robot.n
-    rest: list[Scalar] = [0.0] * n
+    rest = [0.0] * part.robot.n
     _, torque_map = completed(part.robot, JointState(given["q"], rest, rest, given["channels"]))
-    totals = list(slopes[:n])
-    for slope, row in zip(slopes[n:], torque_map or (), strict=True):
-        for k, gain in enumerate(row):
-            totals[k] = totals[k] if gain is None else totals[k] + gain * slope
-    return totals
+    rows = projected(part.robot, {(j, 0): slope for j, slope in enumerate(slopes)}, torque_map)
+    return [rows[j, 0] for j in range(part.robot.n)]
 
 
 def _forward(part: Equations, given: Given) -> list[Scalar]:

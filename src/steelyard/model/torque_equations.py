@@ -184,10 +184,8 @@ class Equations:
 
     def scan(self, drop: bool = False) -> Scan:
         """Begin to compute channels along a motion, past loops that cannot close if `drop`."""
-        return Scan(self.robot, self.terms, self._rigid_torque, drop)
+        return Scan(self.robot, self.terms, self.rigid_torque, drop)
 
-    def _rigid_torque(self, q: Array, dq: Array, ddq: Array, tens: Array) -> Array:
+    def rigid_torque(self, q: Array, dq: Array, ddq: Array, tens: Array) -> Array:
         """Torques of the bodies as a tree, shape `(n_joints, N)`."""
-        channels = np.empty((0, q.shape[1]))
-        shared = [False, False, False, False, True]
-        return self.bodies_only.torque_code([q, dq, ddq, channels, tens], shared)
+        return self.bodies_only.torque_code([q, dq, ddq, np.empty((0, q.shape[1])), tens])

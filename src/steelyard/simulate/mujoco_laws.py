@@ -210,7 +210,7 @@ class LawsInUse:
             self._arguments.append(np.array([*called, memory.ctypes.data, 0, *forces]))
         self._places = [arguments.ctypes.data for arguments in self._arguments]
         self._sample, self._turn = code.sample, 0
-        self._bodies = Model(laws.robot).bodies_only
+        self._bodies = Model(laws.robot)
         self.forget()
 
     def forget(self) -> None:
@@ -252,15 +252,11 @@ class LawsInUse:
         robot = self.laws.robot
         q = self._joints(self._seen[0], self._zeros)[:, None]
         dq, ddq = (self._joints(x)[:, None] for x in self._seen[1:])
-        samples = TermSamples(q, dq, ddq, lambda tens: self._rigid(q, dq, ddq, tens))
+        samples = TermSamples(q, dq, ddq, lambda tens: self._bodies.rigid_torque(q, dq, ddq, tens))
         for k, placed in enumerate(self.laws.scanned):
             if isinstance(placed.term, StatefulTerm):
                 found, self._memories[k] = placed.term.remember(robot, samples, self._memories[k])
                 self._channels[placed.channel : placed.channel + len(found)] = found[:, 0]
-
-    def _rigid(self, q: Array, dq: Array, ddq: Array, tens: Array) -> Array:
-        shared = [False, False, False, False, True]
-        return self._bodies.torque_code([q, dq, ddq, np.empty((0, 1)), tens], shared)
 
 
 MEMORY_TIMESTEP = 1e-4

@@ -1,7 +1,7 @@
 """How large torques and masses are for a robot: what gains, friction and noise are measured by."""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -88,12 +88,7 @@ class Scales:
         q, dq, ddq = self.postures.q.T, dq.T, ddq.T
         channels = np.empty((0, q.shape[1]))
         if isinstance(term, StatefulTerm):
-            bodies = Model(self.robot).bodies_only
-
-            def loads(tens: Array) -> Array:
-                shared = [False, False, False, False, True]
-                return bodies.torque_code([q, dq, ddq, np.empty((0, q.shape[1])), tens], shared)
-
+            loads = partial(Model(self.robot).rigid_torque, q, dq, ddq)
             channels = term.remember(self.robot, TermSamples(q, dq, ddq, loads), None)[0]
         count = len(term.parameters(self.robot))
         columns = np.zeros((self.robot.n_joints, count, q.shape[1]))

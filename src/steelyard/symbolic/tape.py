@@ -4,28 +4,13 @@ What was computed before is not written again, constants are folded, and negativ
 until an addition or a subtraction absorbs them.
 """
 
-import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-from steelyard.symbolic.program import InputArray, Program, Step
+from steelyard.symbolic.program import NUMPY, InputArray, Program, Step
 
 _CURRENT: ContextVar["Tape"] = ContextVar("tape")
-_FOLDED: dict[str, Callable[..., float]] = {
-    "sqrt": math.sqrt,
-    "abs": abs,
-    "sign": lambda x: float((x > 0.0) - (x < 0.0)),
-    "sin": math.sin,
-    "cos": math.cos,
-    "exp": math.exp,
-    "tanh": math.tanh,
-    "atan": math.atan,
-    "less": lambda a, b: float(a < b),
-    "less_equal": lambda a, b: float(a <= b),
-    "minimum": min,
-    "maximum": max,
-}
 
 
 class Tape:
@@ -170,7 +155,7 @@ class Tape:
             shortened: int = getattr(self, operation)(*arguments)
             return shortened
         if all(a in self.known for a in arguments):
-            return self.constant(_FOLDED[operation](*(self.known[a] for a in arguments)))
+            return self.constant(float(NUMPY[operation](*(self.known[a] for a in arguments))))
         return self.written(operation, *arguments)
 
     def program(self, inputs: Sequence[InputArray], outputs: Sequence[int]) -> Program:

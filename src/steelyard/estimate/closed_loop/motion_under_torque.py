@@ -77,8 +77,6 @@ LONGEST_STEP = 5e-4  # longest step of the integration [s]
 STIFFEST = 4000.0  # friction's fastest braking: 2 over the longest step, of the method's 2.78 [1/s]
 LEAST_WIDTH = {"revolute": 0.005, "prismatic": 0.001}  # least turning speed [rad/s; m/s]
 
-_SHARED = [False, False, False, False, True]
-
 
 @dataclass(frozen=True, eq=False)
 class Forward:
@@ -112,7 +110,7 @@ class Forward:
         within which jumps turn `(n,)`.
         """
         lanes = np.broadcast_to(np.reshape(values, (len(values), -1)), (len(values), q.shape[1]))
-        result = self._mass([q, dq, np.zeros_like(q), lanes, widths], _SHARED)
+        result = self._mass([q, dq, np.zeros_like(q), lanes, widths])
         mass = result[: self.n**2].reshape(self.n, self.n, -1)
         return np.moveaxis(mass, 2, 0).copy(), result[self.n**2 :].T.copy()
 

@@ -22,6 +22,7 @@ from steelyard.estimate.external.observer_program import STATES, StepProgram
 from steelyard.estimate.external.residual_peaks import ContactThresholds
 from steelyard.estimate.external.rest_changes import ChangeStepper
 from steelyard.model.evaluation import check_angles
+from steelyard.symbolic.native.compiled import SampleCall
 from steelyard.symbolic.native.emit import MAX_ANGLE
 
 PER_PERIOD = 10.0  # samples that a period of the observer's bandwidth needs
@@ -52,7 +53,7 @@ def momentum_residual(momentum: Array, effort: Array, rate: float) -> Array:
     )
 
 
-SMALL = np.float64(MAX_ANGLE**2)  # sum of squares of positions that machine code can take
+SMALL = MAX_ANGLE**2  # sum of squares of positions that machine code can take
 PER_PERIOD_COVARIANCE = 4.0  # most computations of the efforts' covariance a period
 GAP = 2.0  # longest step, over the longest that the bandwidth allows, that is no gap
 FEW = 20  # steps from which on too many gaps are an error
@@ -110,23 +111,12 @@ class Observer:
         self._channels = np.zeros(program.equations.n_channels)
         self._covariance = np.zeros((n, n))
         self._values, self._variances = np.ascontiguousarray(values), expected.variances
-        self._lanes = np.zeros((code.n_outputs, code.lanes))
-        self._entries = np.zeros(code.n_outputs)
-        self._next = self._entries[: STATES * n]
         inputs = (
             self._state, self._sample, self._scalars, self._channels, self._values,
             self._covariance, self._variances,
         )  # fmt: skip
-        self._addresses = np.array(
-            [
-                code.lanes,
-                *(number for x in inputs for number in (x.ctypes.data, 0)),
-                *(self._lanes.ctypes.data, code.lanes, self._sample.ctypes.data, 3 * n),
-                *(self._entries.ctypes.data, code.n_outputs, SMALL.view(np.int64)),
-            ],
-            dtype=np.int64,
-        )
-        self._call, self._place = code.sample, self._addresses.ctypes.data
+        self._evaluation = SampleCall(code, inputs, self._sample, SMALL)
+        self._next = self._evaluation.result[: STATES * n]
 
     def step(self, t: float, q: ArrayLike, dq: ArrayLike, tau: ArrayLike) -> None:
         """Take the next sample.
@@ -169,7 +159,7 @@ class Observer:
             entries = self._columns(self._q, self._dq, self._accelerations())
             self._covariance[:] = self._noise(entries, self._dq)
             self._due = t + self._hold
-        if not self._call(self._place):
+        if not self._evaluation.call():
             check_angles(self._q)
             numbers("dq", self._dq, [(self._n,)])
             numbers("tau", self._tau, [(self._n,)])
@@ -203,12 +193,12 @@ class Observer:
     @property
     def wrench(self) -> Array:
         """Force [N] and moment [Nm] on the frame, shape `(6,)`."""
-        return self._entries[-12:-6].copy()
+        return self._evaluation.result[-12:-6].copy()
 
     @property
     def half_width(self) -> Array:
         """Half-width of the 95 % intervals of `wrench`, shape `(6,)` [N; Nm]."""
-        return np.asarray(Z95 * np.sqrt(np.maximum(self._entries[-6:], 0.0)))
+        return np.asarray(Z95 * np.sqrt(np.maximum(self._evaluation.result[-6:], 0.0)))
 
     @property
     def contact(self) -> NDArray[np.bool_]:

@@ -208,7 +208,7 @@ class InformationEvaluator:
             nothing = np.zeros((len(self.base), len(self.base)))
             return SampledInformation([], np.empty((0, q.shape[1])), step, nothing)
         inputs = [q, dq, ddq, channels, self.widths]
-        entries = self._entries(inputs, _SHARED)
+        entries = self._entries(inputs)
         gram = np.zeros((len(self.base), len(self.base)))
         for block, (rows, square, weight) in zip(self._blocks(entries), self._places, strict=True):
             if len(rows):
@@ -225,7 +225,7 @@ class InformationEvaluator:
         for seed, block, (_, square, weight) in blocks:
             seed[:] = (2.0 * seen.step * weight * slope[square]) @ block
         n = self.model.robot.n
-        slopes = self._slopes([*seen.inputs, seeds], (*_SHARED, False))
+        slopes = self._slopes([*seen.inputs, seeds])
         by_q, by_dq, by_ddq, by_channels = np.split(slopes, [n, 2 * n, 3 * n])
         if self._passive_map is not None:
             ways = self._passive_map([seen.inputs[_Q], seen.inputs[_CHANNELS]])
@@ -307,6 +307,3 @@ class InformationEvaluator:
 
         inputs = [*self.model.inputs, Input("widths", n, shared=True)]
         return softened(symbolic(rows, inputs), _DQ, _WIDTHS), sees
-
-
-_SHARED: Sequence[bool] = (False, False, False, False, True)

@@ -100,7 +100,7 @@ class EffortLimit(Constraint):
 
     def _margins(self, inputs: list[Array]) -> tuple[Array, Array]:
         """Margins of one case, `(N, 2m)`, and their derivatives, `(N, 2m, 3, n)`."""
-        found = self.bounds.code(inputs, [False, False, False, True]).T
+        found = self.bounds.code(inputs).T
         n, count = len(inputs[0]), len(self.bounds.values.outputs)
         slopes = found[:, count:].reshape(len(found), count, 3, n)
         upper = list(self.which)

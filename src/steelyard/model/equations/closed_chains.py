@@ -54,7 +54,7 @@ def _cofactor(matrix: Sequence[Scalars], row: int, column: int) -> Scalar:
         [x for k, x in enumerate(line) if k != column] for j, line in enumerate(matrix) if j != row
     ]
     value = _determinant(rest)
-    return value if (row + column) % 2 == 0 else negative(value)
+    return value if (row + column) % 2 == 0 else -value
 
 
 def _determinant(matrix: Sequence[Scalars]) -> Scalar:
@@ -96,11 +96,6 @@ def along(row: Scalars, values: Scalars) -> Scalar:
     return 0.0 if total is None else total
 
 
-def negative(scalar: Scalar) -> Scalar:
-    """The scalar with its sign changed."""
-    return -1.0 * scalar
-
-
 @dataclass(frozen=True)
 class _Hinge:
     """A joint on the way to a pin, in the frame of the last body that carries both ends."""
@@ -135,14 +130,14 @@ def completed(robot: Robot, state: JointState) -> tuple[JointState, Any]:
     torque_map: list[list[Scalar]] = [[None] * robot.n for _ in range(count)]
     for rows, joints in _blocks(equations, robot.n):
         active = [k for k in range(robot.n) if equations.depends[rows, k].any()]
-        sides = [[negative(slopes[r][k]) for r in rows] for k in active]
+        sides = [[-slopes[r][k] for r in rows] for k in active]
         columns = solved([[slopes[r][j] for j in joints] for r in rows], sides)
         for k, column in zip(active, columns, strict=True):
             for joint, value in zip(joints, column, strict=True):
                 torque_map[joint - robot.n][k] = value
     dq = [*state.dq, *(along(row, state.dq) for row in torque_map)]
     drifts = [
-        negative(_dot(_constant(direction), _drift(arms[loop][0], dq) - _drift(arms[loop][1], dq)))
+        -_dot(_constant(direction), _drift(arms[loop][0], dq) - _drift(arms[loop][1], dq))
         for loop, direction in zip(equations.loops, equations.directions, strict=True)
     ]
     ddq = [along(row, state.ddq) for row in torque_map]
@@ -162,10 +157,7 @@ def corrected(robot: Robot, q: Scalars, passive: Scalars) -> list[Scalar]:
     lacks = [first.tip - second.tip for first, second in arms]
     result = list(passive)
     for rows, joints in _blocks(equations, robot.n):
-        side = [
-            negative(_dot(_constant(equations.directions[r]), lacks[equations.loops[r]]))
-            for r in rows
-        ]
+        side = [-_dot(_constant(equations.directions[r]), lacks[equations.loops[r]]) for r in rows]
         (steps,) = solved([[slopes[r][j] for j in joints] for r in rows], [side])
         for joint, step in zip(joints, steps, strict=True):
             result[joint - robot.n] = result[joint - robot.n] + step

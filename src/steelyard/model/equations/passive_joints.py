@@ -9,7 +9,7 @@ from steelyard.model.equations.closed_chains import completed, corrected
 from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.robot.loop_closures import CLOSED, closest, gaps, loop_equations, residual
 from steelyard.robot.robot import Robot, robot_to_dict
-from steelyard.symbolic.native.compiled import Code, compiled_equations
+from steelyard.symbolic.native.compiled import Code, SampleCall, compiled_equations
 from steelyard.symbolic.program import InputArray as Input
 
 ITERATIONS = 12
@@ -220,23 +220,14 @@ class _Newton:
         code, n, count = newton_code(robot), robot.n, len(robot.passive)
         given = np.zeros(n + count + code.lanes - 1)
         self._q, self._passive = given[:n], given[n : n + count]
-        self._lanes, result = np.zeros((code.n_outputs, code.lanes)), np.zeros(code.n_outputs)
-        self._new, self._gaps = result[:count], result[count:]
-        self._addresses = np.array(
-            [
-                code.lanes,
-                *(x for array in (self._q, self._passive) for x in (array.ctypes.data, 1)),
-                *(self._lanes.ctypes.data, code.lanes, given.ctypes.data, n + count),
-                *(result.ctypes.data, len(result), np.float64(np.inf).view(np.int64)),
-            ]
-        )
-        self._place, self._call = self._addresses.ctypes.data, code.sample
+        self._sample = SampleCall(code, [self._q, self._passive], given[: n + count])
+        self._new, self._gaps = self._sample.result[:count], self._sample.result[count:]
 
     def __call__(self, q: Array, start: Array) -> Array | None:
         """Passive positions where the loops close, from a start nearby; `None` if they do not."""
         self._q[:], self._passive[:] = q, start
         for _ in range(ITERATIONS):
-            if not self._call(self._place):
+            if not self._sample.call():
                 return None
             step = _largest(self._new - self._passive)
             self._passive[:] = self._new

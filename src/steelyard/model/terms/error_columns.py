@@ -34,10 +34,8 @@ def torque_slope(
     Of a tree along `q, dq, ddq`, each `(n_joints, N)`, with ten numbers per body, `(10 n_bodies,)`;
     `move` are displacements per unit, each joint's in its own frame, `(MOVES n_bodies,)`.
     """
-    code, shared = placement_code(robot), (False, False, False, True, True)
-    ahead, behind = (
-        code([*motion, tens, sign * DISPLACEMENT_STEP * move], shared) for sign in (1.0, -1.0)
-    )
+    code = placement_code(robot)
+    ahead, behind = (code([*motion, tens, sign * DISPLACEMENT_STEP * move]) for sign in (1.0, -1.0))
     return np.asarray((ahead - behind) / (2.0 * DISPLACEMENT_STEP))
 
 

@@ -249,8 +249,9 @@ class CandidateTerms(StatefulTerm):
     def warm_up(self, robot: Robot) -> Array:
         """That of the longest memory."""
         longest = self.longest
-        stateful = isinstance(longest, StatefulTerm)
-        return longest.warm_up(robot) if stateful else super().warm_up(robot)
+        if isinstance(longest, StatefulTerm):
+            return longest.warm_up(robot)
+        return super().warm_up(robot)
 
     def remember(self, robot: Robot, samples: TermSamples, memory: Any) -> tuple[Array, Any]:
         """All candidates' columns along the motion."""

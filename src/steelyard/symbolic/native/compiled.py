@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -24,34 +24,72 @@ class Code:
     """
 
     about: dict[str, Any]
-    n_inputs: int
+    shared: tuple[bool, ...]
     n_outputs: int
     lanes: int
     raw: Any
     fused: Any
     sample: Any
 
-    def __call__(self, inputs: Sequence[Array], shared: Sequence[bool] | None = None) -> Array:
+    def __call__(self, inputs: Sequence[Array]) -> Array:
         """Evaluate at any number of samples: shape `(n_outputs, N)`.
 
-        Per array `(entries, N)`, or `(entries,)` where all samples share it, as `shared` says.
+        Per array `(entries, N)`, or `(entries,)` where all samples share it.
         """
-        flags = shared or [False] * len(inputs)
-        n_samples = next(x.shape[1] for x, one in zip(inputs, flags, strict=True) if not one)
+        n_samples = next(x.shape[1] for x, one in zip(inputs, self.shared, strict=True) if not one)
         padded = -(-n_samples // self.lanes) * self.lanes
         arrays = [
             np.ascontiguousarray(x) if one else _padded(x, padded)
-            for x, one in zip(inputs, flags, strict=True)
+            for x, one in zip(inputs, self.shared, strict=True)
         ]
         result = np.empty((self.n_outputs, padded))
         if n_samples:
             arguments = [
                 number
-                for x, one in zip(arrays, flags, strict=True)
+                for x, one in zip(arrays, self.shared, strict=True)
                 for number in (x.ctypes.data, 0 if one else padded)
             ]
             self.raw(padded, *arguments, result.ctypes.data, padded)
         return result[:, :n_samples]
+
+
+class SampleCall:
+    """The code at one sample, on arrays that stay where they are; see `native_loops.sample`.
+
+    `call()` writes the outputs to `result`. It returns whether the sum of squares of the numbers
+    `given` is below the limit, and all outputs are finite. Arrays that samples do not share are
+    followed by as many spare numbers as the code has lanes beyond the first.
+    """
+
+    def __init__(
+        self, code: Code, inputs: Sequence[Array], given: Array, limit: float = np.inf
+    ) -> None:
+        self.result = np.zeros(code.n_outputs)
+        lanes = np.zeros((code.n_outputs, code.lanes))
+        addresses = np.array(
+            [
+                code.lanes,
+                *(x for array in inputs for x in (array.ctypes.data, 1)),
+                *(lanes.ctypes.data, code.lanes, given.ctypes.data, len(given)),
+                *(self.result.ctypes.data, code.n_outputs, np.float64(limit).view(np.int64)),
+            ]
+        )
+        self.call: Callable[[], int] = partial(code.sample, addresses.ctypes.data)
+        self._kept = (*inputs, given, lanes, addresses)
+
+
+def machine_code(
+    description: Any, write: Callable[[], tuple[str, dict[str, Any]]]
+) -> tuple[dict[str, Any], bytes]:
+    """Machine code of LLVM code and what is stated about it, from the cache where possible."""
+    facts = [ENGINE, machine.version(), machine.host(), machine.lanes()]
+    key = cache.key_of([*facts, description])
+    entry = cache.load(key)
+    if entry is None:
+        text, about = write()
+        entry = about, machine.compile_code(text)
+        cache.store(key, *entry)
+    return entry
 
 
 def compiled(description: Any, build: Callable[[], tuple[Program, dict[str, Any]]]) -> Code:
@@ -60,28 +98,24 @@ def compiled(description: Any, build: Callable[[], tuple[Program, dict[str, Any]
     That is everything the program depends on, as JSON; its hash names the cache entry. `build`
     makes the program and states about it what callers need, if the cache has no sound entry.
     """
-    lanes = machine.lanes()
-    key = cache.key_of([ENGINE, machine.version(), machine.host(), lanes, description])
-    entry = cache.load(key)
-    if entry is None:
+
+    def write() -> tuple[str, dict[str, Any]]:
         program, about = build()
-        about = {
-            **about,
-            "n_inputs": len(program.inputs),
+        facts = {
+            "shared": [array.shared for array in program.inputs],
             "n_outputs": len(program.outputs),
             "n_operations": program.n_operations,
         }
-        code = machine.compile_code(_module(program, lanes))
-        cache.store(key, about, code)
-    else:
-        about, code = entry
+        return _module(program, machine.lanes()), {**about, **facts}
+
+    about, code = machine_code(description, write)
     library = machine.Library(code, ["program", "fused", "sample"], loops().module)
-    n_inputs = int(about["n_inputs"])
+    n_inputs = len(about["shared"])
     return Code(
         about=about,
-        n_inputs=n_inputs,
+        shared=tuple(about["shared"]),
         n_outputs=int(about["n_outputs"]),
-        lanes=lanes,
+        lanes=machine.lanes(),
         raw=library.function("program", 2 * n_inputs + 3),
         fused=library.function("fused", 2 * n_inputs + 9),
         sample=library.function("sample", 1, answers=True),
@@ -117,19 +151,9 @@ class CompiledLoops:
 def loops() -> CompiledLoops:
     """The small loops for this machine."""
     lanes = machine.lanes()
-    key = cache.key_of([ENGINE, machine.version(), machine.host(), lanes, "loops"])
-    entry = cache.load(key)
-    if entry is None:
-        pieces = (
-            native_loops.gram(lanes),
-            native_loops.absolute_sums(lanes),
-            native_loops.decimating_fir(lanes),
-            native_loops.recurrence(),
-        )
-        code = machine.compile_code(_joined(*pieces))
-        cache.store(key, {}, code)
-    else:
-        code = entry[1]
+    writers = native_loops.gram, native_loops.absolute_sums, native_loops.decimating_fir
+    pieces = (*(writer(lanes) for writer in writers), native_loops.recurrence())
+    code = machine_code("loops", lambda: (_joined(*pieces), {}))[1]
     library = machine.Library(code, ["gram", "absolute", "fir", "recurrence"])
     return CompiledLoops(
         lanes=lanes,

@@ -27,11 +27,9 @@ from typing import Any
 import numpy as np
 
 from steelyard.base.arrays import Array
-from steelyard.symbolic.native import cache as stored
 from steelyard.symbolic.native import machine
+from steelyard.symbolic.native.compiled import machine_code
 
-ENGINE = 2
-"""Raised whenever the loops change their meaning."""
 KEPT = 11
 """Numbers kept per sample: predicted state (3), its covariance (6), innovation, its variance."""
 PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -74,13 +72,7 @@ def smoothed(kept: Array, steps: Array) -> tuple[Array, Array]:
 
 @cache
 def _loops() -> tuple[Any, Any]:
-    key = stored.key_of([ENGINE, machine.version(), machine.host(), "kalman"])
-    entry = stored.load(key)
-    if entry is None:
-        code = machine.compile_code(_forward() + _backward())
-        stored.store(key, {}, code)
-    else:
-        code = entry[1]
+    code = machine_code("kalman", lambda: (_forward() + _backward(), {}))[1]
     library = machine.Library(code, ["kalman_forward", "kalman_backward"])
     return library.function("kalman_forward", 5), library.function("kalman_backward", 4)
 

@@ -254,7 +254,7 @@ def _observed(identified: IdentifiedModel, quantity: Quantity, block: Block) -> 
     compiled = identified.model.compiled(quantity)
     channels = np.empty((0, len(block.t))) if block.channels is None else block.channels
     values = identified.valued.values.values[compiled.columns]
-    entries = compiled.code((block.q, block.dq, block.ddq, channels, values), [False] * 4 + [True])
+    entries = compiled.code((block.q, block.dq, block.ddq, channels, values))
     return Observed.of(entries.T, identified.robot.n)
 
 
