@@ -1,6 +1,6 @@
 """Read-only arrays, and parameters that carry their names and units."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from math import isfinite
 from typing import Any
@@ -35,6 +35,12 @@ def finite_json(value: Any) -> Any:
     if isinstance(value, float):
         return float(value) if isfinite(value) else None
     return value
+
+
+def records(**columns: Iterable[Any]) -> list[dict[str, Any]]:
+    """Rows of equally long columns by name, numbers of arrays as those of Python."""
+    values = [x.tolist() if isinstance(x, np.ndarray) else x for x in columns.values()]
+    return [dict(zip(columns, row, strict=True)) for row in zip(*values, strict=True)]
 
 
 def set_fields(value: object, **contents: object) -> None:

@@ -16,8 +16,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from steelyard.base.arrays import Array, Parameters, finite_json, frozen
+from steelyard.base.arrays import Array, Parameters, finite_json, frozen, records
 from steelyard.base.errors import DataError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.estimate import Estimate, Estimator
@@ -49,24 +50,17 @@ class Bootstrap:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values, without the draws."""
-        lower, upper = self.interval()
-        return {
-            "draws": len(self.draws),
-            "failed": self.failed,
-            "windows": self.windows,
-            "parameters": [
-                {"name": n, "unit": u, "value": v, "std": s, "lower95": a, "upper95": b}
-                for n, u, v, s, a, b in zip(
-                    self.parameters.names,
-                    self.parameters.units,
-                    self.parameters.values.tolist(),
-                    self.std.tolist(),
-                    lower.tolist(),
-                    upper.tolist(),
-                    strict=True,
-                )
-            ],
-        }
+        (lower, upper), own = self.interval(), self.parameters
+        rows = records(
+            name=own.names,
+            unit=own.units,
+            value=own.values,
+            std=self.std,
+            lower95=lower,
+            upper95=upper,
+        )
+        known = {"draws": len(self.draws), "failed": self.failed, "windows": self.windows}
+        return {**known, "parameters": rows}
 
 
 def bootstrap(
@@ -127,27 +121,24 @@ class RepeatedEstimates:
                 where="repeated estimations",
                 fix="give two or more",
             )
-        units = {
-            name: unit
-            for estimate in estimates.values()
-            for name, unit in zip(estimate.parameters.names, estimate.parameters.units, strict=True)
-        }
-        values = [estimate.parameters.as_dict() for estimate in estimates.values()]
+        every = [estimate.parameters for estimate in estimates.values()]
+        units = {n: u for own in every for n, u in zip(own.names, own.units, strict=True)}
         stated = [
             dict(zip(estimate.parameters.names, estimate.std.tolist(), strict=True))
             for estimate in estimates.values()
         ]
-        tables = [
+        values, spread = (
             frozen([[row.get(name, np.nan) for name in units] for row in numbers])
-            for numbers in (values, stated)
-        ]
-        names, texts = tuple(units), tuple(units.values())
-        return cls(tuple(estimates), names, texts, tables[0], tables[1], population)
+            for numbers in ([own.as_dict() for own in every], stated)
+        )
+        return cls(
+            tuple(estimates), tuple(units), tuple(units.values()), values, spread, population
+        )
 
     @property
-    def count(self) -> Array:
+    def count(self) -> NDArray[np.intp]:
         """Number of estimations that identify each parameter, shape `(p,)`."""
-        return np.asarray(np.isfinite(self.values).sum(axis=0), dtype=np.float64)
+        return np.asarray(np.isfinite(self.values).sum(axis=0))
 
     @property
     def mean(self) -> Array:
@@ -181,24 +172,17 @@ class RepeatedEstimates:
 
     def rows(self) -> list[dict[str, Any]]:
         """One row per parameter, `None` where there is no number; `values` by estimation."""
-        columns = {
-            "mean": self.mean,
-            "std": self.std,
-            "relative_percent": self.relative_percent,
-            "stated_std": self.stated_std,
-        }
-        return [
-            {
-                "name": name,
-                "unit": unit,
-                "count": int(count),
-                **{key: finite_json(column[k]) for key, column in columns.items()},
-                "values": finite_json(self.values[:, k]),
-            }
-            for k, (name, unit, count) in enumerate(
-                zip(self.names, self.units, self.count, strict=True)
-            )
-        ]
+        rows = records(
+            name=self.names,
+            unit=self.units,
+            count=self.count,
+            mean=self.mean,
+            std=self.std,
+            relative_percent=self.relative_percent,
+            stated_std=self.stated_std,
+            values=self.values.T,
+        )
+        return [finite_json(row) for row in rows]
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
@@ -253,6 +237,10 @@ class Sensitivity:
         shift: Array = np.abs(variation.values - self.parameters.values) / known
         return shift
 
+    def median_shift(self, variation: Variation) -> float | None:
+        """Median of `shift` over the parameters; `None` of a fit that failed."""
+        return None if variation.values is None else float(np.median(self.shift(variation)))
+
     def to_dict(self) -> dict[str, Any]:
         """As JSON values."""
         return {
@@ -263,15 +251,10 @@ class Sensitivity:
                     "matched_cutoff": v.matched,
                     "identification_percent": v.fitted,
                     "validation_percent": v.unseen,
-                    "median_shift_in_std": (
-                        None if v.values is None else float(np.median(self.shift(v)))
-                    ),
+                    "median_shift_in_std": self.median_shift(v),
                     "failed": v.failed or None,
                 }
                 for v in self.rows
             ],
-            "parameters": [
-                {"name": name, "largest_shift_in_std": float(spread)}
-                for name, spread in zip(self.parameters.names, self.spread, strict=True)
-            ],
+            "parameters": records(name=self.parameters.names, largest_shift_in_std=self.spread),
         }

@@ -88,53 +88,65 @@ PRIOR, KNOWLEDGE = "[prior]", "[[knowledge]]"  # tables that say what is known b
 WEIGHTS = "[estimation] weights"  # how joints weigh, for estimators that are to be had either way
 
 
-def _with_known(estimator: Estimator[Information], context: Context) -> Estimator[Information]:
-    """The estimator without the columns whose values prior constraints give."""
-    fixed = fixed_values(context.regressor.base, context.knowledge).values
-    return WithKnownValues(estimator, fixed) if fixed else estimator
+Making = Callable[[Context], Estimator[Any]]
 
 
-def _consistent(context: Context, kind: type[Consistent] = Consistent) -> Consistent:
+def _least_squares(kind: type[OrdinaryLeastSquares | WeightedLeastSquares]) -> Making:
+    """Least squares without the columns whose values prior constraints give."""
+
+    def make(context: Context) -> Estimator[Information]:
+        estimator = kind(per_run=context.per_run)
+        fixed = fixed_values(context.regressor.base, context.knowledge).values
+        return WithKnownValues(estimator, fixed) if fixed else estimator
+
+    return make
+
+
+def _consistent(context: Context, kind: type[Consistent] = Consistent, **more: Any) -> Consistent:
     base, own = context.regressor.base, context.per_run
-    return kind(base, context.knowledge, per_run=own, equal=context.equal)
+    return kind(base, context.knowledge, per_run=own, equal=context.equal, **more)
 
 
-def _reweighted(context: Context, loss: Weigh) -> Reweighted:
-    return Reweighted(loss, WeightedLeastSquares(per_run=context.per_run))
+def _reweighted(loss: Weigh) -> Making:
+    return lambda c: Reweighted(loss, WeightedLeastSquares(per_run=c.per_run))
 
+
+def _simulating(name: str, about: str, kind: Callable[..., Estimator[Any]]) -> Offer:
+    def make(context: Context) -> Estimator[Any]:
+        return kind(progress=context.progress)
+
+    return Offer(name, about, "experiment", make, slow=True, per_run=False)
+
+
+ALL_KNOWN = (PRIOR, KNOWLEDGE, WEIGHTS)
 
 ESTIMATORS: tuple[Offer, ...] = (
-    Offer(
-        "OLS",
-        "ordinary least squares",
-        "information",
-        lambda c: _with_known(OrdinaryLeastSquares(per_run=c.per_run), c),
-    ),
+    Offer("OLS", "ordinary least squares", "information", _least_squares(OrdinaryLeastSquares)),
     Offer(
         "WLS",
         "least squares, joints weighted by their noise",
         "information",
-        lambda c: _with_known(WeightedLeastSquares(per_run=c.per_run), c),
+        _least_squares(WeightedLeastSquares),
     ),
     Offer(
         "consistent",
         "valid inertias, entropic distance to the prior",
         "information",
         _consistent,
-        uses=(PRIOR, KNOWLEDGE, WEIGHTS),
+        uses=ALL_KNOWN,
     ),
     Offer(
         "pullback",
         "valid inertias, quadratic distance to the prior",
         "information",
-        lambda c: replace(_consistent(c), form=Pullback()),
-        uses=(PRIOR, KNOWLEDGE, WEIGHTS),
+        lambda c: _consistent(c, form=Pullback()),
+        uses=ALL_KNOWN,
     ),
     Offer(
         "SDP",
         "valid inertias without prior: effect of the constraints alone",
         "information",
-        lambda c: replace(_consistent(c), form=Free()),
+        lambda c: _consistent(c, form=Free()),
         uses=(KNOWLEDGE, WEIGHTS),
     ),
     Offer(
@@ -168,13 +180,13 @@ ESTIMATORS: tuple[Offer, ...] = (
         "Huber",
         "least squares with lower weights for large residuals",
         "samples",
-        lambda c: _reweighted(c, Huber()),
+        _reweighted(Huber()),
     ),
     Offer(
         "Tukey",
         "least squares with zero weight for large residuals",
         "samples",
-        lambda c: _reweighted(c, Tukey()),
+        _reweighted(Tukey()),
     ),
     Offer(
         "ML",
@@ -193,40 +205,14 @@ ESTIMATORS: tuple[Offer, ...] = (
         "the consistent estimate by Gauss-Newton in log-Cholesky coordinates",
         "information",
         lambda c: _consistent(c, LogCholesky),
-        uses=(PRIOR, KNOWLEDGE, WEIGHTS),
+        uses=ALL_KNOWN,
     ),
-    Offer(
-        "IV",
-        "instruments from the simulated closed loop",
-        "experiment",
-        lambda c: InstrumentalVariables(progress=c.progress),
-        slow=True,
-        per_run=False,
+    _simulating("IV", "instruments from the simulated closed loop", InstrumentalVariables),
+    _simulating("DIDIM", "simulated against measured torques", Didim),
+    _simulating(
+        "CLOE", "simulated against measured torques, with true sensitivities", ClosedLoopOutputError
     ),
-    Offer(
-        "DIDIM",
-        "simulated against measured torques",
-        "experiment",
-        lambda c: Didim(progress=c.progress),
-        slow=True,
-        per_run=False,
-    ),
-    Offer(
-        "CLOE",
-        "simulated against measured torques, with true sensitivities",
-        "experiment",
-        lambda c: ClosedLoopOutputError(progress=c.progress),
-        slow=True,
-        per_run=False,
-    ),
-    Offer(
-        "EKF",
-        "extended Kalman filter over the parameters",
-        "experiment",
-        lambda c: KalmanParameters(progress=c.progress),
-        slow=True,
-        per_run=False,
-    ),
+    _simulating("EKF", "extended Kalman filter over the parameters", KalmanParameters),
 )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
+from steelyard.base.arrays import records
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.estimate.identified_parameters import (
@@ -29,7 +30,7 @@ from steelyard.report.words import count, first_names, rounded_to_uncertainty, s
 AT_BOUND = 0.01  # distance in standard deviations that is taken for rounding
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ParameterRow:
     """One base parameter; its fields are the columns of `parameters.csv`."""
 
@@ -37,14 +38,14 @@ class ParameterRow:
     group: str  # the base parameter in full
     value: float | None  # estimated value; `None` where the data do not identify it
     unit: str
-    std: float | None  # standard deviation; `None` without an estimate, as the next three
-    lower95: float | None  # lower end of the 95 % interval
-    upper95: float | None  # upper end of the 95 % interval
-    relative_std_percent: float | None  # standard deviation relative to the value [%]
+    std: float | None = None  # standard deviation; `None` without an estimate, as the next three
+    lower95: float | None = None  # lower end of the 95 % interval
+    upper95: float | None = None  # upper end of the 95 % interval
+    relative_std_percent: float | None = None  # standard deviation relative to the value [%]
     status: ParameterStatus
     remark: str  # what else the status says: the step of a removal, inseparable parameters
     symbol: str
-    from_data_percent: float | None  # share that comes from the data [%]; `None` without a prior
+    from_data_percent: float | None = None  # share from the data [%]; `None` without a prior
     nominal: float | None  # value in the robot's file; `None` if unknown
 
 
@@ -64,29 +65,23 @@ def parameter_rows(identified: IdentifiedModel) -> tuple[ParameterRow, ...]:
         learned = (100.0 * estimate.learned).tolist()
     numbers = (estimate.parameters.values.tolist(), estimate.std.tolist(), learned)
     estimated = dict(zip(estimate.parameters.names, zip(*numbers, strict=True), strict=True))
-    found = {}
-    for name in status:
+    found = []
+    order = [name for name in groups if name in status]
+    for name in (*order, *(name for name in status if name not in groups)):
         row = ParameterRow(
             name=name,
             group=groups.get(name, name),
             value=0.0 if status[name] == "removed" else None,
             unit=units.get(name, ""),
-            std=None,
-            lower95=None,
-            upper95=None,
-            relative_std_percent=None,
             status=status[name],
             remark=remarks.get(name, ""),
             symbol=symbol.get(name, name),
-            from_data_percent=None,
             nominal=nominal.get(name),
         )
         if name in estimated:
             row = _estimated(row, *estimated[name], bounds.get(row.group, ()))
-        found[name] = row
-    order = [name for name in groups if name in found]
-    order += [name for name in found if name not in groups]
-    return tuple(found[name] for name in order)
+        found.append(row)
+    return tuple(found)
 
 
 def nominal_values(identified: IdentifiedModel) -> dict[str, float]:
@@ -188,15 +183,10 @@ class ParametersSection(Section, name="parameters", title="Parameters", template
         """The parameters that the data see, the names of the others, and the conditioning."""
         estimate = content.identified.estimate
         known, status = estimate.parameters, statuses(content.identified)
-        values = zip(
-            known.names, known.units, known.values.tolist(), estimate.std.tolist(), strict=True
-        )
+        rows = records(name=known.names, unit=known.units, value=known.values, std=estimate.std)
         return {
             "n_base_parameters": len(content.identified.base),
-            "parameters": [
-                {"name": n, "unit": u, "value": v, "std": s, "status": status[n]}
-                for n, u, v, s in values
-            ],
+            "parameters": [{**row, "status": status[row["name"]]} for row in rows],
             "terms": [description_of(term) for term in content.identified.model.terms],
             "not_seen": [blind.name for blind in estimate.blind],
             "removed": [vars(one) for one in estimate.removed],

@@ -148,14 +148,14 @@ def _fits_table(found: Sensitivity) -> PlainTable:
     """One row per fit."""
     rows = []
     for v in found.rows:
-        shift = "" if v.values is None else significant(float(np.median(found.shift(v))))
+        shift = found.median_shift(v)
         cells = (
             f"x {v.factor:g}",
             f"{v.motion:g} Hz",
             f"{v.matched:g} Hz",
             v.failed or _percent(v.fitted),
             _percent(v.unseen),
-            shift,
+            "" if shift is None else significant(shift),
         )
         rows.append(Row(cells, v is found.result))
     return PlainTable(
