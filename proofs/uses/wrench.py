@@ -32,8 +32,7 @@ from steelyard.base.files import write_table
 from steelyard.base.motion import Motion
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.simulate.external_loads import AppliedWrench
-from steelyard.uses.wrench.external_wrench import MethodName
-from steelyard.uses.wrench.wrench_page import ExternalWrench
+from steelyard.uses.wrench.external_wrench import ExternalWrench, MethodName
 
 SEEDS = (0, 1, 2)
 SINGULAR = 100.0

@@ -15,7 +15,7 @@ from moving import cycles
 from steelyard.base.errors import OutputError
 from steelyard.base.motion import Motion
 from steelyard.export.code import fmu
-from steelyard.export.code.fmi2_code import NOT_OFFERED
+from steelyard.export.code.fmu import NOT_OFFERED
 from steelyard.export.code.model_code import write_code
 from steelyard.model.laws.presliding import Dahl
 from steelyard.model.laws.register import DEFAULT_TERMS

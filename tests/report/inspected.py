@@ -12,8 +12,8 @@ from steelyard.uses.health.health import Health
 from steelyard.uses.health.health_changes import QUANTITIES, Series, changes_of
 from steelyard.uses.payload.payload_changes import SlidingMass
 from steelyard.uses.payload.payload_events import Carried, Kind, PayloadEvent, PayloadEvents
+from steelyard.uses.wrench.external_wrench import ExternalWrench
 from steelyard.uses.wrench.wrench_along_run import WrenchEstimate
-from steelyard.uses.wrench.wrench_page import ExternalWrench
 
 JOINTS = ("shoulder_lift_joint", "a_joint_with_a_name_that_is_rather_long")
 

@@ -9,7 +9,9 @@ from steelyard.simulate.sensors import Sensors, TrueRun
 def run(n: int, ticks: int = 40_001) -> TrueRun:
     t = np.arange(ticks) * 1e-3
     wave = np.sin(t[:, None] * np.linspace(0.3, 0.9, n))
-    return TrueRun(t, wave, 2.0 * wave, 10.0 * wave)
+    none = 0.0 * wave
+    effort = 10.0 * wave
+    return TrueRun(t, wave, 2.0 * wave, effort, none, none, np.zeros((3, 0, 0)), None)
 
 
 def read(sensors: Sensors, robot: Robot, seed: int = 0) -> dict[str, np.ndarray]:

@@ -103,9 +103,9 @@ def test_unusable_wrenches_are_refused(arm: Robot, tmp_path: Path) -> None:
 
 
 def test_a_wrench_on_the_base_is_refused(arm: Robot) -> None:
+    from steelyard.estimate.external.observer_program import moved_frame
     from steelyard.robot.robot import Frame
-    from steelyard.simulate.plant import moving_frame
 
     fixed = arm.changed(frames=(*arm.frames, Frame("table", -1, np.eye(3), np.zeros(3))))
     with pytest.raises(ModelError, match="fixed to the base"):
-        moving_frame(fixed, "table")
+        moved_frame(fixed, "table")

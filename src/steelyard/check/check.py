@@ -1,6 +1,5 @@
 """What is wrong with logs, or with the robot file: what `steelyard check` does."""
 
-import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -240,6 +239,7 @@ class CheckResult(Result):
     """
 
     content: CheckContent
+    page_name, json_name = "check.html", "check.json"
     fixed: CorrectedFile | None = None
 
     @property
@@ -254,12 +254,6 @@ class CheckResult(Result):
     def report(self) -> str:
         """The report as one self-contained HTML page."""
         return render_check(self.content)
-
-    def write(self, folder: Path) -> None:
-        """Write `check.html` and `check.json`."""
-        (folder / "check.html").write_text(self.report(), encoding="utf-8")
-        text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
-        (folder / "check.json").write_text(f"{text}\n", encoding="utf-8")
 
     def to_dict(self) -> dict[str, Any]:
         """The findings as JSON values, as `steelyard check --json` prints them."""

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
-ROBOT_SUFFIXES = (".toml", ".urdf", ".xacro", ".xml", ".mjcf")
-"""Endings of robot files and robot models; no log has them."""
+ROBOT_SUFFIXES = (".toml", ".urdf", ".xacro", ".xml", ".mjcf")  # no log has them
 
 FIRST_ARGUMENTS = {"robot": ("robot file", "ROBOT"), "model": ("model", "MODEL")}
 """Parameters that stand before the logs, with their name and placeholder."""

@@ -61,8 +61,7 @@ METAVARS = {
 }
 """What stands for a value in the help text, by the parameter's name."""
 
-SHORT = {"output": ("-o",), "verbose": ("-v",)}
-"""Short names of options."""
+SHORT = {"output": ("-o",), "verbose": ("-v",)}  # short names of options
 
 
 def from_function(

@@ -25,19 +25,13 @@ EXTRA_PACKAGES = {
 
 @dataclass(frozen=True)
 class Line:
-    """One thing that was examined.
-
-    Attributes:
-        ok: Whether commands work with it.
-        fix: What to do if they do not, or what would add to them; empty if nothing.
-        optional: Whether it is not there, and only some commands use it.
-    """
+    """One thing that was examined."""
 
     name: str
     says: str
-    ok: bool = True
-    fix: str = ""
-    optional: bool = False
+    ok: bool = True  # whether commands work with it
+    fix: str = ""  # what to do if they do not, or what would add to them; empty if nothing
+    optional: bool = False  # whether it is not there, and only some commands use it
 
 
 @from_function()

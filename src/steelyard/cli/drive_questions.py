@@ -83,8 +83,7 @@ def coupled(text: str, moving: Sequence[Coordinate]) -> tuple[int, int, float]:
 
 
 T = TypeVar("T")
-Ask = Callable[[str, str], str]
-"""Question and default to the answer."""
+Ask = Callable[[str, str], str]  # question and default to the answer
 
 GRAVITY_ACCELERATION = 9.81
 MOUNTINGS = {"upright": None, "ceiling": (0.0, 0.0, GRAVITY_ACCELERATION)}
@@ -197,19 +196,12 @@ def _answered(ask: Ask, question: str, default: str, read: Callable[[str], T]) -
 
 @dataclass(frozen=True)
 class Stated:
-    """The texts of the options; `None` or empty where they are not given.
+    """The texts of the options; `None` or empty where they are not given."""
 
-    Attributes:
-        ratios: Turns of each motor per turn of its joint.
-        coupling: Motor, joint and ratio of motors that turn with a second joint.
-        gains: Nm (N) at the joint per A.
-        zeros: Joint positions where the log says zero [rad; m], or with `deg` behind a number.
-    """
-
-    ratios: str | None = None
-    coupling: Sequence[str] = ()
-    gains: str | None = None
-    zeros: str | None = None
+    ratios: str | None = None  # turns of each motor per turn of its joint
+    coupling: Sequence[str] = ()  # motor, joint and ratio of motors that turn with a second joint
+    gains: str | None = None  # nm (N) at the joint per A
+    zeros: str | None = None  # where the log says zero [rad; m], or with `deg` behind a number
 
     def gears(self, guess: Guess, moving: Sequence[Coordinate]) -> Gears | None:
         """The gears, where they are stated."""

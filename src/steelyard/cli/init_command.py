@@ -21,11 +21,8 @@ if TYPE_CHECKING:
     from steelyard.runs.named_logs import LogArgument
 
 
-INCOMPLETE = 1
-"""Exit code where the robot file is written, but has to be completed before it is of use."""
-
-_NAMED = 6
-"""Locked joints that are named; the robot file lists all."""
+INCOMPLETE = 1  # exit code where the robot file has to be completed before it is of use
+_NAMED = 6  # locked joints that are named; the robot file lists all
 
 
 @from_function(
@@ -197,11 +194,7 @@ def _locked(draft: "Draft") -> list[str]:
 
 
 def show(
-    draft: "Draft",
-    known: "Known",
-    notes: Sequence[str],
-    named: Sequence[str],
-    parts: "ProposedCut",
+    draft: "Draft", known: "Known", notes: Sequence[str], named: Sequence[str], parts: "ProposedCut"
 ) -> None:
     """Print what is written, what was guessed, and what is left to do.
 

@@ -10,12 +10,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from steelyard.cli import interrupt
-from steelyard.cli.command import (
-    LogArgument,
-    optional_folder,
-    print_json,
-    progress_bar,
-)
+from steelyard.cli.command import LogArgument, optional_folder, print_json, progress_bar
 from steelyard.cli.derived_command import DerivedCommand, from_function
 
 if TYPE_CHECKING:
@@ -200,10 +195,7 @@ def info(logs: list[str], as_json: bool = False) -> None:
 @log.command(cls=DerivedCommand)
 @from_function(output={"metavar": "OUTPUT"}, columns={"metavar": "NAME..."})
 def convert(
-    source: LogArgument,
-    output: Path,
-    columns: list[str] | None = None,
-    as_json: bool = False,
+    source: LogArgument, output: Path, columns: list[str] | None = None, as_json: bool = False
 ) -> None:
     """Convert a log, or a part of it, to another format; no number is changed.
 

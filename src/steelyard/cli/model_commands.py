@@ -123,8 +123,7 @@ FORMATS: dict[Kind, tuple[str, str]] = {
 """What is written, in words, and the usual ending of its name."""
 
 ENDINGS = {".mjcf": "mjcf"} | {end: kind for kind, (_, end) in FORMATS.items() if end[0] == "."}
-FEW_DATA_SHARE = 0.5
-"""Share of a link's mass from the data below which the terminal names the link."""
+FEW_DATA_SHARE = 0.5  # share of a link's mass from the data below which the terminal names the link
 
 
 @from_function(

@@ -19,15 +19,11 @@ if TYPE_CHECKING:
     from steelyard.excite.search.parallel_search import SearchBudget
 
 
-UNPROVEN = 1
-"""Exit code where a limit or a constraint is not proven."""
-
-UNCOVERED = 3
-"""Exit code where all that was looked at is proven, but not everything was looked at."""
+UNPROVEN = 1  # exit code where a limit or a constraint is not proven
+UNCOVERED = 3  # exit code where all that was looked at is proven, but not everything was looked at
 
 
-EXITS = {"good": 0, "fair": UNCOVERED, "poor": UNPROVEN}
-"""Exit code by how good the certificate is."""
+EXITS = {"good": 0, "fair": UNCOVERED, "poor": UNPROVEN}  # exit code by how good the certificate is
 
 
 @from_function(
@@ -129,8 +125,7 @@ def _ending(progress: "Progress") -> "Progress":
     return watch
 
 
-THIS_MACHINE = "127.0.0.1"
-"""This machine alone."""
+THIS_MACHINE = "127.0.0.1"  # this machine alone
 
 
 @from_function(
@@ -139,11 +134,7 @@ THIS_MACHINE = "127.0.0.1"
     speed={"min": 0.01, "max": 100.0},
 )
 def replay(
-    robot: str,
-    trajectory: Path,
-    port: int = 8080,
-    host: str = THIS_MACHINE,
-    speed: float = 1.0,
+    robot: str, trajectory: Path, port: int = 8080, host: str = THIS_MACHINE, speed: float = 1.0
 ) -> None:
     r"""Animate a motion of a robot in the browser, until Ctrl-C.
 

@@ -125,11 +125,8 @@ def track(
     typer.echo(file_lines(folder, page="tracking.html", JSON="tracking.json"))
 
 
-DESIGN_SEARCHES = 2
-"""Searches after which the design of the motion ends, on a busy machine as well."""
-
-DESIGN_TIME = 120.0
-"""Seconds after which it ends in any case."""
+DESIGN_SEARCHES = 2  # searches after which the design of the motion ends, on a busy machine as well
+DESIGN_TIME = 120.0  # seconds after which it ends in any case
 
 
 @from_function()

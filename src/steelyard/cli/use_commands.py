@@ -6,13 +6,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from steelyard.cli.command import (
-    LOG_HELP,
-    ReportFolder,
-    optional_folder,
-    print_json,
-    reported,
-)
+from steelyard.cli.command import LOG_HELP, ReportFolder, optional_folder, print_json, reported
 from steelyard.cli.derived_command import from_function
 
 if TYPE_CHECKING:
@@ -20,7 +14,7 @@ if TYPE_CHECKING:
     from steelyard.uses.contact.contact_page import Contacts
     from steelyard.uses.control.feedforward_torques import FeedforwardTorques
     from steelyard.uses.health.health import Health
-    from steelyard.uses.wrench.wrench_page import ExternalWrench
+    from steelyard.uses.wrench.external_wrench import ExternalWrench
 
 XYZ = {"type": tuple[float, float, float] | None, "metavar": "X Y Z"}
 
@@ -53,11 +47,13 @@ def payload(
     """
     from rich.console import Console
 
+    from steelyard.base.errors import DataError
     from steelyard.base.files import whole_folder, write_json
     from steelyard.cli import interrupt
     from steelyard.cli.command import progress_bar
+    from steelyard.estimate.identified import load_model
     from steelyard.estimate.payload.payload_estimate import PayloadEstimate
-    from steelyard.uses.payload.payload import known_of, payload_inputs
+    from steelyard.uses.payload.payload import events_of_logs
     from steelyard.uses.payload.payload_events import events_dict
     from steelyard.uses.payload.payload_page import (
         event_lines,
@@ -65,19 +61,29 @@ def payload(
         render_payload_events,
     )
 
-    given = dict(call.keywords)
-    gain = given.pop("gain_uncertainty")
-    known = {name: given.pop(name) for name in ("mass", "com", "box", "cylinder", "sphere")}
-    task = payload_inputs(**{"unloaded": (), **given}, known=known_of(**known))
-    folder = optional_folder(output)
+    given, folder = call.keywords, optional_folder(output)
+    common = ("model", "logs", "frame", "gain_uncertainty")
+    if when and any(value for name, value in given.items() if name not in common):
+        raise DataError(
+            "events are found with the model alone",
+            where="--unloaded" if given.get("unloaded") else "--mass, --com, --box, ...",
+            fix="leave these out with --when, or weigh without --when",
+        )
+    identified = load_model(given["model"])
     with progress_bar() as progress:
-        found = (task.events if when else task.done)(gain, progress)
+        found = (
+            events_of_logs(
+                identified, given["logs"], given["frame"], given["gain_uncertainty"], progress
+            )
+            if when
+            else call(model=identified, progress=progress)
+        )
     result = found.to_dict() if isinstance(found, PayloadEstimate) else events_dict(found)
     if folder is not None:
         with whole_folder(folder) as part:
             write_json(part / "payload.json", result)
             if not isinstance(found, PayloadEstimate):
-                page = render_payload_events(found, task.identified.robot.name)
+                page = render_payload_events(found, identified.robot.name)
                 (part / "report.html").write_text(page, encoding="utf-8")
             interrupt.too_late()
     if as_json:
@@ -104,9 +110,7 @@ def contact(call: "partial[Contacts]", output: ReportFolder = None, as_json: boo
 
 @from_function("steelyard:external_wrench")
 def wrench(
-    call: "partial[ExternalWrench]",
-    output: Path | None = None,
-    as_json: bool = False,
+    call: "partial[ExternalWrench]", output: Path | None = None, as_json: bool = False
 ) -> None:
     """Estimate force and moment on a frame along a log, without a force sensor.
 

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from functools import partial
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,11 +23,8 @@ if TYPE_CHECKING:
     from steelyard.uses.watch.watcher import StreamEvent
 
 
-POLL = 0.01
-"""Pause while there is nothing new [s]."""
-
-REDRAW_PERIOD = 0.1
-"""Least time between two states of the terminal's line [s]."""
+POLL = 0.01  # pause while there is nothing new [s]
+REDRAW_PERIOD = 0.1  # least time between two states of the terminal's line [s]
 
 
 @from_function(
@@ -60,8 +58,9 @@ def watch(
     """
     from steelyard.base.errors import DataError
     from steelyard.logs.streams import STANDARD_INPUT, rows_of
-    from steelyard.uses.watch.stream_output import StreamFiles, state_line
+    from steelyard.uses.watch.stream_output import StreamFiles, event_line, record_of, state_line
     from steelyard.uses.watch.watch import watch_rows
+    from steelyard.uses.watch.watcher import StreamEstimate
 
     if source == STANDARD_INPUT and timeout is not None:
         raise DataError(
@@ -74,68 +73,48 @@ def watch(
         begun = call(progress=progress)
     frame, every = call.keywords["frame"], call.keywords["every"]
     watcher, joints = begun.watcher, begun.model.robot.joint_names
-    line = _StateLine()
-    printer = _Printer(line, as_json, estimates=every is not None)
-    arrival = _Arrival(timeout, lambda: line.draw(state_line(watcher)))
+    terminal = _Terminal()
+    arrival = _Arrival(timeout, lambda: terminal.draw(state_line(watcher)))
     arriving = rows_of(source, watcher.samples.columns, arrival.waiting, _read)
+
+    def reported(event: "StreamEvent") -> None:
+        if every is not None or not isinstance(event, StreamEstimate):
+            terminal.say(json.dumps(record_of(event)) if as_json else event_line(event))
+
     with ExitStack() as stack:
         files = None
         if folder is not None:
             files = stack.enter_context(StreamFiles.opened(folder, joints, frame is not None))
-        printer.start(begun)
+        terminal.say(*([json.dumps(begun.to_dict())] if as_json else begun.notes))
         stack.enter_context(interrupt.quietly())
         try:
             watch_rows(
                 watcher,
                 arrival.noted(arriving),
-                printer.event,
+                reported,
                 files,
                 source=source,
                 stopped=interrupt.stop_requested,
             )
         finally:
             if watcher.started:
-                printer.summary(begun)
+                terminal.say(*_summary(begun, as_json))
                 if folder is not None and not as_json:
-                    printer.texts(f"written  {folder}")
-            line.clear()
+                    terminal.say(f"written  {folder}")
+            terminal.clear()
         if watcher.observer.steps:
             interrupt.answered()
 
 
-class _Printer:
-    """Prints what a stream reports, in lines or as JSON, over the terminal's line of the state."""
+def _summary(begun: "WatchStart", as_json: bool) -> "Iterable[str]":
+    """The end of the stream."""
+    from steelyard.uses.watch.stream_output import summary_lines
 
-    def __init__(self, line: "_StateLine", as_json: bool, *, estimates: bool) -> None:
-        self._line, self._as_json, self._estimates = line, as_json, estimates
-
-    def texts(self, *texts: str) -> None:
-        """Lines."""
-        self._line.clear()
-        for text in texts:
-            typer.echo(text)
-
-    def start(self, begun: "WatchStart") -> None:
-        """What the watcher rests on."""
-        self.texts(*((json.dumps(begun.to_dict()),) if self._as_json else begun.notes))
-
-    def event(self, event: "StreamEvent") -> None:
-        """An event as it comes; estimates only if they are requested."""
-        from steelyard.uses.watch.stream_output import event_line, record_of
-        from steelyard.uses.watch.watcher import StreamEstimate
-
-        if self._estimates or not isinstance(event, StreamEstimate):
-            self.texts(json.dumps(record_of(event)) if self._as_json else event_line(event))
-
-    def summary(self, begun: "WatchStart") -> None:
-        """The end of the stream."""
-        from steelyard.uses.watch.stream_output import summary_lines, summary_record
-
-        found, robot = begun.watcher.summary, begun.model.robot
-        if self._as_json:
-            self.texts(json.dumps(summary_record(found)))
-        else:
-            self.texts(*summary_lines(found, robot.joint_names, robot.effort_units))
+    found, robot = begun.watcher.summary, begun.model.robot
+    if not as_json:
+        return summary_lines(found, robot.joint_names, robot.effort_units)
+    least = found["least_mass_kg"]
+    return [json.dumps({**found, "least_mass_kg": None if least == inf else least})]
 
 
 class _Arrival:
@@ -162,8 +141,8 @@ class _Arrival:
         return True
 
 
-class _StateLine:
-    """A line on the terminal's standard error that is written again and again; none elsewhere."""
+class _Terminal:
+    """Lines, and on a terminal's standard error one that is written again and again."""
 
     def __init__(self) -> None:
         self._on, self._drawn = sys.stderr.isatty(), -1.0
@@ -181,6 +160,12 @@ class _StateLine:
         if self._on and self._drawn >= 0.0:
             sys.stderr.write("\r\x1b[2K")
             sys.stderr.flush()
+
+    def say(self, *texts: str) -> None:
+        """Print lines over it."""
+        self.clear()
+        for text in texts:
+            typer.echo(text)
 
 
 def _read() -> bytes:

@@ -10,30 +10,21 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.report.page import packed, rounded, script_json
 
-Traced = dict[str, Any]
-"""One trace of a figure, as JSON values."""
+Traced = dict[str, Any]  # one trace of a figure, as JSON values
 
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure.
+    """One figure."""
 
-    Attributes:
-        title: Its heading; empty for none.
-        label: What it shows, for people who do not see it.
-        layout: More of Plotly's layout.
-        caption: Words beside the title.
-        height: [px]; that of the style sheet if `None`.
-    """
-
-    title: str
-    label: str
+    title: str  # its heading; empty for none
+    label: str  # what it shows, for people who do not see it
     x: str
     y: str
     traces: Sequence[Traced]
-    layout: Mapping[str, Any] = field(default_factory=dict)
-    caption: str = ""
-    height: int | None = None
+    layout: Mapping[str, Any] = field(default_factory=dict)  # more of Plotly's layout
+    caption: str = ""  # words beside the title
+    height: int | None = None  # [px]; that of the style sheet if `None`
 
     @property
     def json(self) -> str:
@@ -45,18 +36,12 @@ class Figure:
 
 @dataclass(frozen=True)
 class Group:
-    """Figures that stand beside each other, folded under a name if they have one.
-
-    Attributes:
-        name: What folds them; empty if they are always open.
-        caption: Words beside the name.
-        columns: `three` for narrow figures, `one` for wide ones, else empty.
-    """
+    """Figures that stand beside each other, folded under a name if they have one."""
 
     figures: Sequence[Figure]
-    name: str = ""
-    caption: str = ""
-    columns: str = ""
+    name: str = ""  # what folds them; empty if they are always open
+    caption: str = ""  # words beside the name
+    columns: str = ""  # `three` for narrow figures, `one` for wide ones, else empty
 
 
 @dataclass(frozen=True)

@@ -29,8 +29,7 @@ PLOTLY = Path(__file__).parent / "plotly" / "plotly.min.js.gz"
 `tools/update_plotly.py` replaces it."""
 
 
-PICTURE = 'class="picture'
-"""What marks a picture in the page."""
+PICTURE = 'class="picture'  # what marks a picture in the page
 
 
 @cache
@@ -105,11 +104,8 @@ def rounded(value: float, digits: int = 6) -> float | None:
     return float(f"{value:.{digits}g}") if np.isfinite(value) else None
 
 
-Numbers = Mapping[str, Any]
-"""Everything a section's template shows, by name."""
-
-LabelledValues = Sequence[tuple[str, str]]
-"""Labels and values, ready to be read."""
+Numbers = Mapping[str, Any]  # everything a section's template shows, by name
+LabelledValues = Sequence[tuple[str, str]]  # labels and values, ready to be read
 
 EMPTY: Numbers = {"words": "", "tables": (), "folded": "", "legend": (), "groups": (), "note": ""}
 """What stands for numbers of figures and tables that a section does not have."""
@@ -121,31 +117,23 @@ class PageContent:
 
     Attributes:
         qualities: Per run its name and, labelled, what was found in its log.
-        notes: What was assumed or is doubtful, for people to read.
-        details: What else was decided on the way, such as cut-offs and corrected rows.
-        settings: What the results depend on, labelled.
     """
 
     title: str
     robot: str
     qualities: tuple[tuple[str, LabelledValues], ...] = ()
-    notes: tuple[str, ...] = ()
-    details: tuple[str, ...] = ()
-    settings: LabelledValues = ()
+    notes: tuple[str, ...] = ()  # what was assumed or is doubtful, for people to read
+    details: tuple[str, ...] = ()  # what else was decided, such as cut-offs and corrected rows
+    settings: LabelledValues = ()  # what the results depend on, labelled
 
 
 class Section(ABC):
-    """One section of a page, over the content of the page.
-
-    Attributes:
-        template: What shows its numbers.
-        folded: Whether the page shows its heading alone, until a click opens it.
-    """
+    """One section of a page, over the content of the page."""
 
     name: ClassVar[str]
     title: ClassVar[str]
-    template: ClassVar[str]
-    folded: ClassVar[bool] = False
+    template: ClassVar[str]  # what shows its numbers
+    folded: ClassVar[bool] = False  # whether the page shows its heading alone until a click
 
     def __init_subclass__(cls, **given: Any) -> None:
         """The attributes of a section are the keywords of its class."""
@@ -195,15 +183,10 @@ class TableSection(Section, template="tables.html"):
 
 
 class ValueSection(TableSection):
-    """Plain tables of one value of the content, which are left out where it is `None`.
+    """Plain tables of one value of the content, which are left out where it is `None`."""
 
-    Attributes:
-        value: The attribute of the content.
-        field: The value's field of `--json`; empty if it has the same name.
-    """
-
-    value: ClassVar[str]
-    field: ClassVar[str] = ""
+    value: ClassVar[str]  # the attribute of the content
+    field: ClassVar[str] = ""  # the value's field of `--json`; empty if it has the same name
 
     @abstractmethod
     def tables_of(self, found: Any, content: Any) -> Sequence[PlainTable]:

@@ -1,6 +1,7 @@
 """What the results of all jobs have in common: a page, a text, files, and a view in notebooks."""
 
 import io
+import json
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
@@ -11,14 +12,13 @@ from rich.console import Console
 from rich.text import Text
 
 from steelyard.base.errors import require
-from steelyard.base.files import whole_folder, write_json
+from steelyard.base.files import whole_folder
 
 if TYPE_CHECKING:
     from polars import DataFrame
 
 
-TEXT_WIDTH = 120
-"""Columns of the text that `print` shows."""
+TEXT_WIDTH = 120  # columns of the text that `print` shows
 
 
 class Result(ABC):
@@ -40,7 +40,8 @@ class Result(ABC):
         """Write the result's files into a folder that is there: page, and numbers where named."""
         (folder / self.page_name).write_text(self.report(), encoding="utf-8")
         if self.json_name:
-            write_json(folder / self.json_name, self.to_dict())
+            text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
+            (folder / self.json_name).write_text(f"{text}\n", encoding="utf-8")
 
     @abstractmethod
     def show(self, console: Console) -> None:

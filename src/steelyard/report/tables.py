@@ -8,47 +8,30 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
-COLUMNS_OF_DENSE_TABLE = 7
-"""Columns from which on a table is set smaller, so that it fits on a screen."""
-
-LETTERS_OF_LONG_NAME = 30
-"""Letters of a name or of words in a cell that are more than a narrow column takes."""
+COLUMNS_OF_DENSE_TABLE = 7  # from which on a table is set smaller, to fit on a screen
+LETTERS_OF_LONG_NAME = 30  # more than a narrow column takes in a cell
 
 
 @dataclass(frozen=True)
 class Row:
-    """Cells, ready to be read; the first one names the row.
+    """Cells, ready to be read; the first one names the row."""
 
-    Attributes:
-        cells: One per column.
-        marked: Whether the row stands out.
-        total: Whether it sums the rows above up: it stays last where the others are sorted.
-    """
-
-    cells: Sequence[str]
-    marked: bool = False
-    total: bool = False
+    cells: Sequence[str]  # one per column
+    marked: bool = False  # whether the row stands out
+    total: bool = False  # whether it sums up the rows above: it stays last where others are sorted
 
 
 @dataclass(frozen=True)
 class PlainTable:
-    """One table.
+    """One table."""
 
-    Attributes:
-        caption: Heading above it; empty for none.
-        headings: One per column.
-        text: Columns that hold words, not numbers.
-        note: What the terminal says below it, in the place of `words`.
-        folded: Summary on the page that opens the table; empty shows the table at once.
-    """
-
-    caption: str
+    caption: str  # heading above it; empty for none
     words: str
-    headings: Sequence[str]
+    headings: Sequence[str]  # one per column
     rows: Sequence[Row]
-    text: Sequence[int] = (0,)
-    note: str = ""
-    folded: str = ""
+    text: Sequence[int] = (0,)  # columns that hold words, not numbers
+    note: str = ""  # what the terminal says below it, in the place of `words`
+    folded: str = ""  # summary on the page that opens the table; empty shows the table at once
 
     @property
     def dense(self) -> bool:

@@ -5,38 +5,25 @@ from collections.abc import Sequence
 from math import floor, isfinite, log10
 from typing import Literal
 
-Level = Literal["good", "fair", "poor", "none"]
-"""How good something is; `none` if there is nothing to judge by."""
+Level = Literal["good", "fair", "poor", "none"]  # `none` if there is nothing to judge by
 
 COLOURS: dict[Level, str] = {"good": "green", "fair": "yellow", "poor": "red", "none": "default"}
-"""Colours of levels in a terminal."""
 
-NONE = "–"
-"""Stands where there is no number."""
-
-LEAST_SHARE_PERCENT = 0.1
-"""Share [%] below which it is called none."""
-
-MOST_RELATIVE_PERCENT = 1000.0
-"""Relative standard deviation [%] beyond which it is not printed."""
+NONE = "–"  # stands where there is no number
+LEAST_SHARE_PERCENT = 0.1  # share [%] below which it is called none
+MOST_RELATIVE_PERCENT = 1000.0  # relative standard deviation [%] beyond which it is not printed
 
 UNIT = re.compile(
     r"(?<=\d) (?=(?:%|°|Hz|kHz|bit|s|ms|µs|min|h|N|Nm|kN|A|mA|V|W|kg|g|m|mm|rad|N ?m)(?![\w]))"
 )
 """The space between a number and its unit."""
 
-INTERVAL = re.compile(r" (?=±)|(?<=±) ")
-"""The spaces between a number and its interval."""
-
-EXPONENT = re.compile(r"(?<=\de-)(?=\d)")
-"""The place in a number like 1e-06 where a browser would end a line."""
-
-SEAM = re.compile(r"(?<=_)|(?<=[A-Za-z]\.)(?=[A-Za-z])")
-"""Where a long name may be broken."""
+INTERVAL = re.compile(r" (?=±)|(?<=±) ")  # the spaces between a number and its interval
+EXPONENT = re.compile(r"(?<=\de-)(?=\d)")  # where a browser would break a number like 1e-06
+SEAM = re.compile(r"(?<=_)|(?<=[A-Za-z]\.)(?=[A-Za-z])")  # where a long name may be broken
 
 
-ROUND_OFF_OF_ZERO = 1e-13
-"""Size up to which a number is the rounding of a zero, whatever its unit."""
+ROUND_OFF_OF_ZERO = 1e-13  # size up to which a number is the rounding of a zero, whatever its unit
 
 
 def significant(value: float | None, digits: int = 3) -> str:

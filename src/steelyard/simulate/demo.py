@@ -21,8 +21,7 @@ from steelyard.robot.file.robot_file import load_robot
 from steelyard.simulate.truth import Truth, random_truth
 from steelyard.simulate.virtual_robot import VirtualRobot, customary_sensors
 
-LARGEST_LIMIT_SHARE = 0.9
-"""Share of the limits that a random motion uses, where the table leaves room for it."""
+LARGEST_LIMIT_SHARE = 0.9  # of the limits that a random motion uses, where the table has room
 
 _URDF = "demo_arm.urdf"
 _ROBOT_FILE = """\

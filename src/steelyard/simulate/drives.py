@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from math import exp, inf, pi
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.base.errors import ModelError
@@ -13,7 +12,7 @@ from steelyard.base.motion import Motion
 from steelyard.robot.robot import Robot
 
 
-@dataclass(frozen=True, eq=False, init=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Drives:
     """Encoders that the controller reads and torque loops that it commands; perfect by default.
 
@@ -22,29 +21,17 @@ class Drives:
             `(n,)` [rad; m]; 0 is perfect.
         speed_filter: Time constant of the low-pass behind the differences of these positions [s],
             which are then the velocities that the controller sees; `None` for true velocities.
-        delay: Age of the values that the controller sees [s], rounded to whole ticks.
-        lag: Time constant of the first-order response of the torque [s].
-        limits: Largest torque of each joint [Nm; N].
     """
 
-    resolution: Array
-    speed_filter: float | None
-    delay: float
-    lag: float
-    limits: Array
+    resolution: Array | float = 0.0
+    speed_filter: float | None = None
+    delay: float = 0.0  # age of the values that the controller sees [s], rounded to whole ticks
+    lag: float = 0.0  # time constant of the first-order response of the torque [s]
+    limits: Array | float = inf  # largest torque of each joint [Nm; N]
 
-    def __init__(
-        self,
-        *,
-        resolution: ArrayLike = 0.0,
-        speed_filter: float | None = None,
-        delay: float = 0.0,
-        lag: float = 0.0,
-        limits: ArrayLike = inf,
-    ) -> None:
-        set_fields(self, resolution=frozen(resolution), limits=frozen(limits))
-        set_fields(self, speed_filter=speed_filter, delay=float(delay), lag=float(lag))
-        times = (self.delay, self.lag, 0.0 if speed_filter is None else speed_filter)
+    def __post_init__(self) -> None:
+        set_fields(self, resolution=frozen(self.resolution), limits=frozen(self.limits))
+        times = (self.delay, self.lag, self.speed_filter or 0.0)
         if min(times) < 0.0 or not np.all(self.resolution >= 0.0) or not np.all(self.limits > 0.0):
             raise ModelError(
                 "a time or an encoder's step is negative, or a limit of torque is not above zero",
@@ -80,11 +67,11 @@ def customary_drives(robot: Robot, lag: float = 0.002) -> Drives:
     """
     steps = {"revolute": 2.0 * pi / 2**20, "prismatic": 1e-6}
     return Drives(
-        resolution=[steps[c.kind] for c in robot.coordinates],
+        resolution=np.array([steps[c.kind] for c in robot.coordinates]),
         speed_filter=1e-3,
         delay=1e-3,
         lag=lag,
-        limits=[c.limits.effort or inf for c in robot.coordinates],
+        limits=np.array([c.limits.effort or inf for c in robot.coordinates]),
     )
 
 
@@ -107,7 +94,7 @@ class DrivesInUse:
         seen = self._rounded(q)
         self._seen, self._speed = seen, np.zeros_like(q)
         self._queue = deque([(seen, self._speed)] * late)
-        self._perfect = not (late or drives.resolution.any() or drives.speed_filter is not None)
+        self._perfect = not (late or np.any(drives.resolution) or drives.speed_filter is not None)
 
     def sense(self, q: Array, dq: Array) -> tuple[Array, Array]:
         """Positions and velocities that the controller sees at a tick, each `(n,)`."""

@@ -8,28 +8,22 @@ import numpy as np
 
 from steelyard.base.arrays import Array, frozen, set_fields
 from steelyard.base.errors import DataError, LogError, ModelError
+from steelyard.estimate.external.observer_program import moved_frame
 from steelyard.logs.formats import open_log
 from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Robot
 
-_STEEL = 7800.0
-"""Density [kg/m³]."""
+_STEEL = 7800.0  # density [kg/m³]
 
 
 @dataclass(frozen=True)
 class Payload:
-    """A body that is fixed to a frame of the robot between two times.
+    """A body that is fixed to a frame of the robot between two times."""
 
-    Attributes:
-        inertia: Its ten numbers, about the frame's origin and along its axes.
-        attach: When it is taken [s], from the start of the log.
-        release: When it is let go [s].
-    """
-
-    inertia: Inertia
+    inertia: Inertia  # its ten numbers, about the frame's origin and along its axes
     frame: str
-    attach: float = 0.0
-    release: float = float("inf")
+    attach: float = 0.0  # when it is taken [s], from the start of the log
+    release: float = float("inf")  # when it is let go [s]
 
     def __post_init__(self) -> None:
         flaw = self.inertia.flaw()
@@ -57,24 +51,13 @@ class Payload:
 
     def added(self, robot: Robot, inertial: Array) -> Array:
         """The bodies' ten numbers, `(n_bodies, 10)`, with the payload on them."""
-        frames = {f.name: (f.body, f.rotation, f.position) for f in robot.frames}
-        own = {b.name: (k, np.eye(3), np.zeros(3)) for k, b in enumerate(robot.bodies)}
-        places = {**own, **frames}
-        body, rotation, position = places.get(self.frame, (-1, np.eye(3), np.zeros(3)))
-        if body < 0:
-            moving = [name for name, place in places.items() if place[0] >= 0]
-            raise ModelError(
-                f"the payload hangs on '{self.frame}', which is no moving frame of the robot",
-                where=f"robot '{robot.name}'",
-                fix=f"use one of {', '.join(moving)}",
-            )
+        frame = moved_frame(robot, self.frame)
         loaded = inertial.copy()
-        loaded[body] += self.inertia.moved(rotation, position).ten
+        loaded[frame.body] += self.inertia.moved(frame.rotation, frame.position).ten
         return loaded
 
 
-WRENCH_COLUMNS = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")
-"""Force and torque, in files and in logs."""
+WRENCH_COLUMNS = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")  # in files and in logs
 
 Axes = Literal["base", "frame"]
 
@@ -84,16 +67,14 @@ class AppliedWrench:
     """Forces and torques that act on a robot at the origin of a frame.
 
     Attributes:
-        t: Times from the start of the log, increasing, shape `(K,)` [s].
         values: Force and torque from each time until the next one, shape `(K, 6)` [N, Nm]; zero
             before the first time, the last row stays.
-        axes: Whether they are along the axes of the base or of the frame.
     """
 
     frame: str
-    t: Array
+    t: Array  # times from the start of the log, increasing, shape `(K,)` [s]
     values: Array
-    axes: Axes = "base"
+    axes: Axes = "base"  # whether they are along the axes of the base or of the frame
 
     def __post_init__(self) -> None:
         set_fields(self, t=frozen(self.t, (None,)), values=frozen(self.values, (len(self.t), 6)))

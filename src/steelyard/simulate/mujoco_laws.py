@@ -5,7 +5,7 @@ joints and the applied torques, steps the memory of friction, and gives the forc
 jump at zero speed are softened, see `kernel.program.smoothing`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -30,36 +30,23 @@ VELOCITY, WIDTHS = 1, 7
 
 @dataclass(frozen=True)
 class PlacedTerm:
-    """A term with its place in the program's inputs.
-
-    Attributes:
-        first: Its first parameter.
-        memory: How its memory steps; `None` without.
-        at: First row of its memory: positions along its axes, then states.
-        channel: Its first channel among those of laws that are stepped by their own scan.
-    """
+    """A term with its place in the program's inputs."""
 
     term: Term
-    first: int
-    memory: Presliding | None
-    at: int
-    channel: int
+    first: int  # its first parameter
+    memory: Presliding | None  # how its memory steps; `None` without
+    at: int  # first row of its memory: positions along its axes, then states
+    channel: int  # its first channel among those of laws that are stepped by their own scan
 
 
 @dataclass(frozen=True, eq=False)
 class Laws:
-    """Terms of a robot, ready to be evaluated at every step.
-
-    Attributes:
-        terms: The terms; neither bodies nor rotor inertia.
-        values: Their parameters.
-        widths: Speeds over which jumps at zero speed are spread, per joint of the robot.
-    """
+    """Terms of a robot, ready to be evaluated at every step."""
 
     robot: Robot
-    terms: tuple[Term, ...]
-    values: Array
-    widths: Array
+    terms: tuple[Term, ...]  # the terms; neither bodies nor rotor inertia
+    values: Array  # their parameters
+    widths: Array  # speeds over which jumps at zero speed are spread, per joint of the robot
     model: MujocoModel
 
     @cached_property
@@ -259,8 +246,7 @@ class LawsInUse:
                 self._channels[placed.channel : placed.channel + len(found)] = found[:, 0]
 
 
-MEMORY_TIMESTEP = 1e-4
-"""Coarsest step where friction has memory [s]."""
+MEMORY_TIMESTEP = 1e-4  # coarsest step where friction has memory [s]
 
 _FINEST_SHARE = 1.0 / 16.0
 _STABILITY_POSTURES = 24
@@ -288,15 +274,15 @@ def stable_timestep(laws: Laws) -> float:
                 where="truth of the virtual robot",
                 fix="give the links beyond this joint a mass, or the joint a rotor inertia",
             )
-    probe = _Probe(laws)
+    slopes = _slopes(laws)
     damping = stiffness = 0.0
     for q, mass in zip(postures, masses, strict=True):
         for speed in (0.0, 1.0, 1e3):
             dq = speed * laws.widths * rng.uniform(-1.0, 1.0, robot.n_joints)
             states = rng.choice([-1.0, 0.0, 1.0], laws.n_memory)
             slow, stiff = (
-                float(np.abs(np.linalg.eigvals(np.linalg.solve(mass, slopes))).max())
-                for slopes in probe.slopes(q, dq, states)
+                float(np.abs(np.linalg.eigvals(np.linalg.solve(mass, slope))).max())
+                for slope in slopes(q, dq, states)
             )
             damping, stiffness = max(damping, slow), max(stiffness, stiff)
     coarsest = MEMORY_TIMESTEP if laws.n_memory or laws.n_channels else TIMESTEP
@@ -313,31 +299,31 @@ def stable_timestep(laws: Laws) -> float:
     return timestep
 
 
-class _Probe:
-    """Slopes of the laws by small differences, through the code that the plant runs."""
+def _slopes(laws: Laws) -> Callable[[Array, Array, Array], tuple[Array, Array]]:
+    """Damping and stiffness of all joints `(n_joints, n_joints)`, at positions, speeds, memory.
 
-    def __init__(self, laws: Laws) -> None:
-        self._laws, count = laws, len(laws.model.offset)
-        self._q, self._dq = np.zeros(count), np.zeros(count)
-        self._used = LawsInUse(laws, self._q, self._dq, np.zeros(count))
+    By small differences, through the code that the plant runs.
+    """
+    model, joints = laws.model, laws.robot.n_joints
+    x, v = np.zeros((2, len(model.offset)))
+    used = LawsInUse(laws, x, v, np.zeros(len(x)))
 
-    def slopes(self, q: Array, dq: Array, states: Array) -> tuple[Array, Array]:
-        """Damping and stiffness of all joints, each `(n_joints, n_joints)`."""
-        joints = self._laws.robot.n_joints
-        base = self._braking(q, dq, q, states)
-        slow, stiff = np.empty((2, joints, joints))
-        for j, width in enumerate(self._laws.widths):
-            turn = np.zeros(joints)
-            turn[j] = 1e-3 * width
-            slow[:, j] = (self._braking(q, dq + turn, q, states) - base) / turn[j]
-            turn[j] = 1e-8
-            stiff[:, j] = (self._braking(q + turn, dq, q, states) - base) / turn[j]
-        return slow, stiff
-
-    def _braking(self, q: Array, dq: Array, before: Array, states: Array) -> Array:
-        model, used = self._laws.model, self._used
-        self._q[:], self._dq[:] = model.map @ q + model.offset, model.map @ dq
+    def braking(q: Array, dq: Array, before: Array, states: Array) -> Array:
+        x[:], v[:] = model.map @ q + model.offset, model.map @ dq
         used.remember(before, states)
-        result = np.zeros(len(model.offset))
+        result = np.zeros(len(x))
         result[used.dofs] = -used.step()
         return np.asarray(model.map.T @ result)
+
+    def slopes(q: Array, dq: Array, states: Array) -> tuple[Array, Array]:
+        base = braking(q, dq, q, states)
+        slow, stiff = np.empty((2, joints, joints))
+        for j, width in enumerate(laws.widths):
+            turn = np.zeros(joints)
+            turn[j] = 1e-3 * width
+            slow[:, j] = (braking(q, dq + turn, q, states) - base) / turn[j]
+            turn[j] = 1e-8
+            stiff[:, j] = (braking(q + turn, dq, q, states) - base) / turn[j]
+        return slow, stiff
+
+    return slopes

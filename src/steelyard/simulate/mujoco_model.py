@@ -23,14 +23,9 @@ from steelyard.base.errors import ModelError
 from steelyard.robot.rigid_body import Inertia
 from steelyard.robot.robot import Body, LoopClosure, Robot
 
-LEAST_INERTIA = 1e-12
-"""What a massless body gets, in kg and kg m²: MuJoCo refuses a moving body without inertia."""
-
-TIMESTEP = 1.25e-4
-"""Default step of the integration [s]."""
-
-ADVANCE = mujoco.mj_step
-"""One step of the integration of a compiled model, under `data.qfrc_applied`."""
+LEAST_INERTIA = 1e-12  # of a massless body [kg; kg m²]: MuJoCo refuses moving bodies without
+TIMESTEP = 1.25e-4  # default step of the integration [s]
+ADVANCE = mujoco.mj_step  # one step of the integration of a model, under `data.qfrc_applied`
 
 
 class Brake(NamedTuple):
@@ -53,19 +48,12 @@ class Rotor(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MujocoModel:
-    """A compiled MuJoCo model and the map between its joints and those of the robot.
+    """A compiled MuJoCo model and the map between its joints and those of the robot."""
 
-    Attributes:
-        compiled: The `mujoco.MjModel`.
-        map: `G`, shape `(n_bodies, n_joints)`, positions of MuJoCo's joints per joint.
-        offset: Positions of MuJoCo's joints at joint positions zero, shape `(n_bodies,)`.
-        carriers: Per joint MuJoCo's joint of the first body that it moves.
-    """
-
-    compiled: Any
-    map: Array
-    offset: Array
-    carriers: tuple[int, ...]
+    compiled: Any  # the `mujoco.MjModel`
+    map: Array  # `G`, shape `(n_bodies, n_joints)`, positions of MuJoCo's joints per joint
+    offset: Array  # positions of MuJoCo's joints at joint positions zero, shape `(n_bodies,)`
+    carriers: tuple[int, ...]  # per joint MuJoCo's joint of the first body that it moves
 
 
 def build(
@@ -268,12 +256,7 @@ def _stiffest(timestep: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 def _brake(
-    spec: Any,
-    robot: Robot,
-    number: int,
-    brake: Brake,
-    carriers: Sequence[int],
-    timestep: float,
+    spec: Any, robot: Robot, number: int, brake: Brake, carriers: Sequence[int], timestep: float
 ) -> None:
     """Add Coulomb friction along a tendon of the joints that it brakes."""
     tendon = spec.add_tendon(name=f"brake {number}", frictionloss=brake.level)
@@ -308,16 +291,11 @@ def _slopes(robot: Robot, row: Sequence[float], carriers: Sequence[int]) -> dict
 def _check_chain(robot: Robot, bodies: Iterable[int]) -> None:
     """Raise unless the bodies carry each other: MuJoCo couples inertia along chains only."""
     last, *before = sorted(bodies, reverse=True)
-    carried, body = set(), last
-    while body >= 0:
-        carried.add(body)
-        body = robot.bodies[body].parent
-    for other in before:
-        if other not in carried:
-            names = robot.bodies[other].joint, robot.bodies[last].joint
-            raise ModelError(
-                f"a rotor turns with joints '{names[0]}' and '{names[1]}' of different branches",
-                where=f"robot '{robot.name}'",
-                fix="the virtual robot couples rotors along one chain of joints only: put the "
-                "rotor inertia on the joints",
-            )
+    for other in set(before).difference(robot.carriers(last)):
+        names = robot.bodies[other].joint, robot.bodies[last].joint
+        raise ModelError(
+            f"a rotor turns with joints '{names[0]}' and '{names[1]}' of different branches",
+            where=f"robot '{robot.name}'",
+            fix="the virtual robot couples rotors along one chain of joints only: put the "
+            "rotor inertia on the joints",
+        )

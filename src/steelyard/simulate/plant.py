@@ -5,7 +5,6 @@ from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError, ModelError
-from steelyard.model.equations.kinematics import frame_of
 from steelyard.robot.robot import Frame, Robot
 from steelyard.simulate.external_loads import Payload
 from steelyard.simulate.mujoco_laws import Laws, LawsInUse, stable_timestep
@@ -21,8 +20,7 @@ from steelyard.simulate.mujoco_model import (
 from steelyard.simulate.scales import closed
 from steelyard.simulate.truth import Truth
 
-_UNREACHED_SIZE = 1e4
-"""Size of positions and of velocities, as vectors, that no robot reaches."""
+_UNREACHED_SIZE = 1e4  # size of positions and of velocities, as vectors, that no robot reaches
 
 
 class MujocoPlant:
@@ -90,7 +88,7 @@ class MujocoPlant:
         """Let a wrench act at a frame's origin until the next call.
 
         Args:
-            frame: A frame of a moving body, see `moving_frame`.
+            frame: A frame of a moving body, see `moved_frame`.
             wrench: Force and torque, shape `(6,)` [N, Nm].
             in_base: Whether it is along the axes of the base, not of the frame.
 
@@ -139,18 +137,6 @@ class MujocoPlant:
                 fix="give smaller torques, or a true robot with more inertia",
             )
         return q, dq
-
-
-def moving_frame(robot: Robot, name: str) -> Frame:
-    """The frame of that name, on a body that moves."""
-    frame = frame_of(robot, name)
-    if frame.body < 0:
-        raise ModelError(
-            f"frame '{name}' is fixed to the base: a wrench there moves nothing",
-            where=f"robot '{robot.name}'",
-            fix="name a frame of a moving link",
-        )
-    return frame
 
 
 def _check_robot(robot: Robot, truth: Truth) -> None:

@@ -25,15 +25,10 @@ _FASTEST_FACTOR = 2.0
 
 @dataclass(frozen=True, eq=False)
 class ScalePostures:
-    """Random postures within the limits, loops closed.
+    """Random postures within the limits, loops closed."""
 
-    Attributes:
-        q: All joints, shape `(K, n_joints)`.
-        full: All joints' velocities per independent ones, shape `(K, n_joints, n)`.
-    """
-
-    q: Array
-    full: Array
+    q: Array  # all joints, shape `(K, n_joints)`
+    full: Array  # all joints' velocities per independent ones, shape `(K, n_joints, n)`
 
     def all_joints(self, rates: Array) -> Array:
         """Velocities of all joints, `(K, n_joints)`, from independent ones, `(K, n)`."""
@@ -46,19 +41,13 @@ class ScalePostures:
 
 @dataclass(frozen=True, eq=False)
 class Scales:
-    """Sizes of a robot's joints at random states within half of its limits.
-
-    Attributes:
-        torque: Typical torque of the bodies on each joint, shape `(n_joints,)` [Nm; N].
-        inertia: Typical inertia that each joint moves, shape `(n_joints,)` [kg m²; kg].
-        masses: Mass matrices of all joints, shape `(K, n_joints, n_joints)`.
-    """
+    """Sizes of a robot's joints at random states within half of its limits."""
 
     robot: Robot
     postures: ScalePostures
-    torque: Array
-    inertia: Array
-    masses: Array
+    torque: Array  # typical torque of the bodies on each joint, shape `(n_joints,)` [Nm; N]
+    inertia: Array  # typical inertia that each joint moves, shape `(n_joints,)` [kg m²; kg]
+    masses: Array  # mass matrices of all joints, shape `(K, n_joints, n_joints)`
 
     def inertia_along(self, axis: Axis) -> float:
         """Inertia that a rotor along a coordinate is measured by: the least of its joints'."""

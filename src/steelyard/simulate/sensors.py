@@ -1,7 +1,7 @@
 """What a log shows of what happened: sampling, noise, clock, and the names of its columns."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,8 +13,9 @@ from steelyard.robot.file.signals import ROW, Signals
 from steelyard.robot.robot import Robot
 from steelyard.simulate.external_loads import WRENCH_COLUMNS
 
-CONTROL_RATE = 1000.0
-"""Ticks of the joint controller per second [1/s]."""
+CONTROL_RATE = 1000.0  # ticks of the joint controller per second [1/s]
+
+ERRORS = ("resolution", "position_noise", "velocity_noise", "torque_noise", "wrench_noise")
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,36 +25,20 @@ class TrueRun:
     Attributes:
         tau: Joint torques, shape `(N, n)`: the mean of the torque held before and after the tick,
             which is the torque at that time without the half-tick delay of the hold.
-        motor_side: The part of it that rotors and friction of motors take, shape `(N, n)`; zero if
-            not given.
-        gravity: The part of it that holds the bodies against gravity, without payload, likewise.
-        commanded: Desired positions and velocities and commanded torques, shape `(3, N, n)`; empty
-            if not given.
-        wrench: Outside force and torque on a frame along its axes, shape `(N, 6)` [N, Nm];
-            `None` if there is none.
     """
 
     t: Array
     q: Array
     dq: Array
     tau: Array
-    motor_side: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    gravity: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    commanded: Array = field(default_factory=lambda: np.zeros((3, 0, 0)))
-    wrench: Array | None = None
+    motor_side: Array  # the part of it that rotors and friction of motors take, shape `(N, n)`
+    gravity: Array  # the part of it that holds the bodies, without payload, shape `(N, n)`
+    commanded: Array  # desired positions and velocities and commanded torques, shape `(3, N, n)`
+    wrench: Array | None  # outside, on a frame along its axes, shape `(N, 6)` [N, Nm]
 
     def __post_init__(self) -> None:
-        set_fields(
-            self, t=frozen(self.t, (None,)), commanded=frozen(self.commanded, (3, None, None))
-        )
-        for name in ("q", "dq", "tau"):
-            set_fields(self, **{name: frozen(getattr(self, name), (len(self.t), None))})
-        for name in ("motor_side", "gravity"):
-            given = getattr(self, name)
-            part = given if np.size(given) else np.zeros_like(self.tau)
-            set_fields(self, **{name: frozen(part, self.tau.shape)})
-        if self.wrench is not None:
-            set_fields(self, wrench=frozen(self.wrench, (len(self.t), 6)))
+        given = {name: x for name, x in vars(self).items() if x is not None}
+        set_fields(self, **{name: frozen(x) for name, x in given.items()})
 
     def effort(self, kind: EffortKind) -> Array:
         """The effort that a sensor of a kind feels, as joint torques, shape `(N, n)`."""
@@ -69,7 +54,6 @@ class Reading:
     """What sensors say of a run, of the joints and in SI units; rows of the log.
 
     Attributes:
-        commanded: As of `TrueRun`.
         wrench: What a force and torque sensor says, shape `(N, 6)` [N, Nm]; `None` without one.
     """
 
@@ -77,7 +61,7 @@ class Reading:
     q: Array
     dq: Array
     effort: Array
-    commanded: Array
+    commanded: Array  # as of `TrueRun`
     wrench: Array | None
 
     def further(self, robot: Robot) -> dict[str, Array]:
@@ -97,78 +81,50 @@ class Reading:
         return columns
 
 
-@dataclass(frozen=True, eq=False, init=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Sensors:
     """How a run is logged. Per-joint values are a number for all joints or shape `(n,)`.
 
     `dataclasses.replace` changes some of it.
 
     Attributes:
-        rate: Rows per second; divides the controller's 1000.
-        resolution: Step of the encoders [rad; m]; 0 is perfect.
-        position_noise: Standard deviation of white noise before the encoder's step [rad; m].
-        velocity_noise: Standard deviation of white noise on velocities [rad/s; m/s].
-        torque_noise: Standard deviation of white noise on torques [Nm; N].
         clock_jitter: Standard deviation of each time stamp [s]; a stamp is never wrong by more than
             0.45 of the distance of two rows, so time always advances.
         wrench_noise: Standard deviation of white noise on an outside wrench, one for all or shape
             `(6,)` [N, Nm].
-        commanded: Whether the log has columns of the desired motion and the commanded torques.
-        velocity: Whether the log has velocity columns.
         gains: Torque per ampere [Nm/A; N/A]; given, the log has motor currents and no torques,
             unless a robot file says what it has.
         effort: Kind of effort that is logged; motor torques go through the robot's transmission.
     """
 
-    rate: float
-    resolution: Array
-    position_noise: Array
-    velocity_noise: Array
-    torque_noise: Array
-    clock_jitter: float
-    wrench_noise: Array
-    commanded: bool
-    velocity: bool
-    gains: Array | None
-    effort: EffortKind
+    rate: float = 250.0  # rows per second; divides the controller's 1000
+    resolution: Array | float = 0.0  # step of the encoders [rad; m]; 0 is perfect
+    position_noise: Array | float = 0.0  # standard deviation of white noise [rad; m]
+    velocity_noise: Array | float = 0.0  # standard deviation of white noise [rad/s; m/s]
+    torque_noise: Array | float = 0.0  # standard deviation of white noise on torques [Nm; N]
+    clock_jitter: float = 0.0
+    wrench_noise: Array | float = 0.0
+    commanded: bool = False  # whether the log has the desired motion and commanded torques
+    velocity: bool = True  # whether the log has velocity columns
+    gains: Array | None = None
+    effort: EffortKind = "joint_torque"
 
-    def __init__(
-        self,
-        *,
-        rate: float = 250.0,
-        resolution: ArrayLike = 0.0,
-        position_noise: ArrayLike = 0.0,
-        velocity_noise: ArrayLike = 0.0,
-        torque_noise: ArrayLike = 0.0,
-        clock_jitter: float = 0.0,
-        wrench_noise: ArrayLike = 0.0,
-        commanded: bool = False,
-        velocity: bool = True,
-        gains: ArrayLike | None = None,
-        effort: EffortKind = "joint_torque",
-    ) -> None:
-        every = CONTROL_RATE / rate if rate > 0.0 else 0.0
+    def __post_init__(self) -> None:
+        every = CONTROL_RATE / self.rate if self.rate > 0.0 else 0.0
         if every < 1.0 or abs(every - round(every)) > 1e-9:
             raise DataError(
-                f"a log cannot have {rate:g} rows a second",
+                f"a log cannot have {self.rate:g} rows a second",
                 where=f"sensors of the virtual robot, controlled at {CONTROL_RATE:g} Hz",
                 fix="take a rate that divides it: 1000, 500, 250, 200, 125, 100, ...",
             )
-        sizes = {
-            "resolution": frozen(resolution),
-            "position_noise": frozen(position_noise),
-            "velocity_noise": frozen(velocity_noise),
-            "torque_noise": frozen(torque_noise),
-            "wrench_noise": frozen(wrench_noise),
-        }
-        for name, values in {**sizes, "clock_jitter": frozen(clock_jitter)}.items():
-            if not np.all(values >= 0.0):
+        for name in (*ERRORS, "clock_jitter"):
+            if not np.all(np.asarray(getattr(self, name)) >= 0.0):
                 raise ValueError(f"{name} is negative")
-        known = None if gains is None else frozen(gains)
-        set_fields(self, rate=float(rate), clock_jitter=float(clock_jitter), **sizes)
-        set_fields(self, commanded=commanded, velocity=velocity, gains=known, effort=effort)
-        if self.gains is not None and not np.all(self.gains):
-            raise ValueError("a gain is zero")
+        set_fields(self, **{name: frozen(getattr(self, name)) for name in ERRORS})
+        if self.gains is not None:
+            set_fields(self, gains=frozen(self.gains))
+            if not np.all(self.gains):
+                raise ValueError("a gain is zero")
 
     def measure(
         self, run: TrueRun, rng: np.random.Generator, kind: EffortKind | None = None
@@ -220,7 +176,7 @@ class Sensors:
         return {f"motor_tau{j + 1}_Nm": column for j, column in enumerate(motors)}
 
 
-def _stepped(q: Array, resolution: Array) -> Array:
+def _stepped(q: Array, resolution: Array | float) -> Array:
     """Positions rounded to the encoders' steps."""
     step = np.broadcast_to(resolution, q.shape)
     safe = np.where(step > 0.0, step, 1.0)
@@ -228,11 +184,7 @@ def _stepped(q: Array, resolution: Array) -> Array:
 
 
 def as_declared(
-    reading: Reading,
-    signals: Signals,
-    *,
-    velocity: bool = True,
-    gains: ArrayLike | None = None,
+    reading: Reading, signals: Signals, *, velocity: bool = True, gains: ArrayLike | None = None
 ) -> dict[str, Array]:
     """The columns of a log under the names, in the units and on the side that a file declares.
 

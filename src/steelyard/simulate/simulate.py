@@ -32,14 +32,9 @@ from steelyard.simulate.virtual_robot import (
 from steelyard.uses.control.joint_control import PD, Control, control_of
 from steelyard.uses.control.model_torques import refuse_other_robot, refuse_unknown_gains
 
-RANDOM_PERIOD = 10.0
-"""Length of a random motion [s], if none is given."""
-
-RANDOM_GAINS = (5.0, 15.0)
-"""Least and largest drive gain of a robot whose truth has none [Nm/A; N/A]."""
-
-_LONGEST_RUN = 24.0 * 3600.0
-"""Robot time that a run may take [s]."""
+RANDOM_PERIOD = 10.0  # length of a random motion [s], if none is given
+RANDOM_GAINS = (5.0, 15.0)  # least and greatest, of a robot whose truth has none [Nm/A; N/A]
+_LONGEST_RUN = 24.0 * 3600.0  # robot time that a run may take [s]
 
 _REPEATABLE_ENDS = (("position", "", 1e-9), ("speed", "/s", 1e-6))
 """What must be the same at both ends of a motion to be repeated, its unit, how closely."""
@@ -47,26 +42,15 @@ _REPEATABLE_ENDS = (("position", "", 1e-9), ("speed", "/s", 1e-6))
 
 @dataclass(frozen=True)
 class SimulatedRun:
-    """A simulated run.
-
-    Attributes:
-        seconds: Length of the motion that was repeated or slowed [s].
-    """
+    """A simulated run."""
 
     files: SimulatedFiles
     notes: tuple[str, ...]
-    seconds: float
+    seconds: float  # length of the motion that was repeated or slowed [s]
 
 
 @checked(
-    period=0.5,
-    periods=1,
-    noise=0,
-    payload_mass=1e-3,
-    attach=0,
-    release=0,
-    friction_drift=0,
-    seed=0,
+    period=0.5, periods=1, noise=0, payload_mass=1e-3, attach=0, release=0, friction_drift=0, seed=0
 )
 def simulate(
     robot: str | Path | LoadedRobot,

@@ -1,6 +1,5 @@
 """A simulated robot under control with and without a model: what `steelyard track` does."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -35,24 +34,17 @@ from steelyard.uses.control.model_torques import (
     remarks_on_torques,
 )
 
-SECONDS_AFTER = 0.2
-"""Time behind the end of the motion that counts too [s]."""
+SECONDS_AFTER = 0.2  # time behind the end of the motion that counts too [s]
 
 
 @dataclass(frozen=True, eq=False)
 class TrackedRun:
-    """One run under one controller.
-
-    Attributes:
-        error: Desired minus true positions, shape `(N, n)` [rad; m].
-        tool: True positions of the tool, shape `(N, 3)` [m].
-        deviation: Distance of the tool from where it should be, shape `(N,)` [m].
-    """
+    """One run under one controller."""
 
     name: str
-    error: Array
-    tool: Array
-    deviation: Array
+    error: Array  # desired minus true positions, shape `(N, n)` [rad; m]
+    tool: Array  # true positions of the tool, shape `(N, 3)` [m]
+    deviation: Array  # distance of the tool from where it should be, shape `(N,)` [m]
 
     def __post_init__(self) -> None:
         tool, deviation = frozen(self.tool), frozen(self.deviation)
@@ -81,20 +73,14 @@ class TrackedRun:
 
 @dataclass(frozen=True, eq=False)
 class Tracking:
-    """A motion run under several controllers.
-
-    Attributes:
-        t: Time from the start of the motion, shape `(N,)` [s].
-        desired: Desired positions of the tool, shape `(N, 3)` [m].
-        random_truth: Whether the robot has random true parameters near the nominal ones.
-    """
+    """A motion run under several controllers."""
 
     robot: Robot
     frame: Frame
-    t: Array
-    desired: Array
+    t: Array  # time from the start of the motion, shape `(N,)` [s]
+    desired: Array  # desired positions of the tool, shape `(N, 3)` [m]
     runs: tuple[TrackedRun, ...]
-    random_truth: bool = False
+    random_truth: bool = False  # whether the robot has random true parameters near the nominal ones
 
     @property
     def reference(self) -> TrackedRun:
@@ -162,6 +148,7 @@ class TrackingComparison(Result):
     """A motion run under control with and without a model."""
 
     content: TrackingContent
+    page_name, json_name = "tracking.html", "tracking.json"
 
     @property
     def tracking(self) -> Tracking:
@@ -171,12 +158,6 @@ class TrackingComparison(Result):
     def report(self) -> str:
         """The report as one self-contained HTML page."""
         return render_sections(TRACK_SECTIONS, self.content, "simulated")
-
-    def write(self, folder: Path) -> None:
-        """Write `tracking.html` and `tracking.json`."""
-        (folder / "tracking.html").write_text(self.report(), encoding="utf-8")
-        text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
-        (folder / "tracking.json").write_text(f"{text}\n", encoding="utf-8")
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as JSON values, as `steelyard track --json` prints them."""

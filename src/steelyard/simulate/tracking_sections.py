@@ -148,14 +148,9 @@ def _mm(metres: float) -> str:
 
 
 DESIRED_COLOUR = "--ink"
-RUN_COLOURS = ("--vermillion", "--blue", "--green", "--purple")
-"""Of the runs, the one without a model first."""
-
-PATH_POINTS = 4000
-"""Points of a path."""
-
-ENLARGED_SHARE = 0.05
-"""Share of the path's width that the largest deviation is drawn with."""
+RUN_COLOURS = ("--vermillion", "--blue", "--green", "--purple")  # without a model first
+PATH_POINTS = 4000  # points of a path
+ENLARGED_SHARE = 0.05  # share of the path's width that the largest deviation is drawn with
 
 
 class ToolPathSection(FigureSection, name="tool-path", title="Path of the tool"):
@@ -225,11 +220,8 @@ def _path_figure(
     return Figure(title, label, names[0], names[1], traces, layout, caption, 460)
 
 
-ERROR_LINE_POINTS = 1500
-"""Most points of a line."""
-
-ERROR_POINTS_BUDGET = 120_000
-"""Points of all lines together."""
+ERROR_LINE_POINTS = 1500  # most points of a line
+ERROR_POINTS_BUDGET = 120_000  # points of all lines together
 
 
 class ErrorsOverTimeSection(FigureSection, name="errors-over-time", title="Errors over time"):

@@ -35,13 +35,12 @@ class Truth:
     """A virtual robot's model and its values.
 
     Attributes:
-        values: All standard parameters of the model, in its order.
         smoothing: Speed over which laws that jump at zero speed turn, but for Coulomb friction by
             the plain sign, per joint of `robot.joints`, shape `(n_joints,)` [rad/s; m/s].
     """
 
     model: Model
-    values: Parameters
+    values: Parameters  # all standard parameters of the model, in its order
     smoothing: Array
 
     def __post_init__(self) -> None:

@@ -15,6 +15,7 @@ from steelyard.base.files import whole_folder, write_json, write_table
 from steelyard.base.motion import Motion, Trajectory, run
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.closed_loop.motion_under_torque import Controller, joint_inertia, tuned_pd
+from steelyard.estimate.external.observer_program import moved_frame
 from steelyard.excite.trajectories.trajectory import ExactTrajectory
 from steelyard.excite.trajectories.trajectory_files import write_motion
 from steelyard.model.laws.rigid_body import RigidBody
@@ -24,7 +25,7 @@ from steelyard.robot.robot import Robot
 from steelyard.simulate.drives import Drives, DrivesInUse
 from steelyard.simulate.external_loads import AppliedWrench, Payload
 from steelyard.simulate.mujoco_model import build
-from steelyard.simulate.plant import MujocoPlant, moving_frame
+from steelyard.simulate.plant import MujocoPlant
 from steelyard.simulate.scales import closed, typical_masses, typical_torque
 from steelyard.simulate.sensors import CONTROL_RATE, Sensors, TrueRun, as_declared
 from steelyard.simulate.truth import Truth
@@ -32,8 +33,7 @@ from steelyard.uses.control.joint_control import PD, Control, ControlTask
 
 _TICK = 1.0 / CONTROL_RATE
 _SETTLING = 0.5
-_PHASE = 0.25
-"""Phase that dead time may take at the natural frequency of a joint's error [rad]."""
+_PHASE = 0.25  # phase that dead time may take at the natural frequency of a joint's error [rad]
 
 _TICKS_PER_EVENT = 250
 _TICKS_PER_CLOSURE = 20
@@ -77,7 +77,7 @@ class VirtualRobot:
         self._plant = MujocoPlant(robot, truth, payload)
         self.control: Control = PD() if control is None else control
         self.drives, self.wrench = Drives() if drives is None else drives, wrench
-        self._frame = None if wrench is None else moving_frame(robot, wrench.frame)
+        self._frame = None if wrench is None else moved_frame(robot, wrench.frame)
         self._masses = typical_masses(robot, self._plant.model)
         self.tuned: Controller = tuned_pd(self._masses)
         self._noise = np.random.default_rng(seed)
@@ -266,7 +266,7 @@ def customary_sensors(robot: Robot, truth: Truth, noise: float = 1.0) -> Sensors
     torque = typical_torque(robot, build(robot, truth.inertial, truth.rotors))
     steps = {"revolute": 2.0 * pi / 2**17, "prismatic": 1e-5}
     return Sensors(
-        resolution=[noise * steps[c.kind] for c in robot.coordinates],
+        resolution=noise * np.array([steps[c.kind] for c in robot.coordinates]),
         velocity_noise=noise * 1e-3,
         torque_noise=noise * 0.01 * torque,
         wrench_noise=noise * np.repeat([0.2, 0.01], 3),

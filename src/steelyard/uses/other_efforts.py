@@ -10,30 +10,16 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.estimate.scores.residuals import ResidualTrace
 
-ABSENT = 0.6
-"""Share of a predicted part of the efforts that must be lacking for it to count as absent."""
+ABSENT = 0.6  # least share of a predicted part of the efforts that an absent part lacks
+EXPLAINED = 0.5  # share of the squared residual that its absence must explain
+LEAST_PART_STD = 2.0  # root mean square of a part that matters, in standard deviations
+REVERSED = 1.5  # lacking share from which on a part has the opposite sign rather than being absent
 
-EXPLAINED = 0.5
-"""Share of the squared residual that its absence must explain."""
+OPPOSITE = 0.2  # relative distance from minus the predicted effort that a reversed sign has
 
-LEAST_PART_STD = 2.0
-"""Root mean square of the part in standard deviations of the residual from which on it matters."""
-
-REVERSED = 1.5
-"""Share that is lacking from which on a part has the opposite sign, rather than being absent."""
-
-OPPOSITE = 0.2
-"""Relative difference from minus the predicted effort of a joint up to which its sign counts as
-reversed."""
-
-REVERSED_SIGN_SHARE = 0.9
-"""Share of the variance of a joint's residual that a reversed sign must explain."""
-
-CONSTANT = 1e-9
-"""Relative change up to which an effort never changes."""
-
-CHECKED = ("gravity", "friction")
-"""Parts of a trace, by name."""
+REVERSED_SIGN_SHARE = 0.9  # share of a joint's residual variance that a reversed sign explains
+CONSTANT = 1e-9  # relative change up to which an effort never changes
+CHECKED = ("gravity", "friction")  # parts of a trace, by name
 
 FIXES = (
     "the efforts seem to be gravity-compensated: log measured efforts instead, in the form that "
@@ -43,14 +29,12 @@ FIXES = (
 )
 """What to do where efforts lack one of these parts."""
 
-PARTLY = 0.9
-"""Share up to which gravity may be lacking because positions, or the mounting, are others."""
+PARTLY = 0.9  # share up to which gravity may be lacking by other positions or mounting
 
 OTHER_POSTURE = (
     "; or zeros of joint positions or the mounting differ from those of the fit: steelyard check "
     "names them"
 )
-"""What else to look at there."""
 
 SIGN_FIX = (
     "give efforts the sign that they had when the model was identified, or identify a model from "
@@ -67,18 +51,14 @@ OPPOSITES = (
 )
 """What is wrong, and what to do, where efforts contain the opposite of one of these parts."""
 
-LEAST_EXPLAINED = 0.25
-"""Share of the squared efforts of a log that the model of its robot explains, at least."""
-
-LEAST_FITTED = 0.9
-"""That with a payload and friction that were fitted to the log."""
+LEAST_EXPLAINED = 0.25  # least share of a log's squared efforts that its robot's model explains
+LEAST_FITTED = 0.9  # that with a payload and friction that were fitted to the log
 
 LARGE_RESIDUAL = 5.0
 """Root mean square of the residual in standard deviations up to which it is never refused: friction
 of a robot at rest is as large."""
 
-PUSHES = 1.5
-"""The same in standard deviations of efforts that are expected from outside."""
+PUSHES = 1.5  # the same in standard deviations of efforts that are expected from outside
 
 
 def refuse_other_efforts(

@@ -222,7 +222,6 @@ def load_case(
     loaded: Sequence[Information],
     *,
     first_deviates: bool,
-    drifts: bool = True,
     zero: Collection[str] = (),
 ) -> LoadCase:
     """Put runs without and with one payload together; see `combined`.
@@ -238,7 +237,6 @@ def load_case(
         runs,
         [None] * len(unloaded) + [0] * len(loaded),
         [deviating.index(k) if k in deviating else None for k in range(len(runs))],
-        drifts=drifts,
         zero=zero,
     )
 
@@ -251,7 +249,6 @@ def combined(
     loads: Sequence[int | None],
     days: Sequence[int | None],
     *,
-    drifts: bool = True,
     zero: Collection[str] = (),
 ) -> LoadCase:
     """Put runs, or parts of one, together.
@@ -264,7 +261,7 @@ def combined(
     layout = runs[0].layout
     arm = [k for k, name in enumerate(layout.columns) if name not in zero]
     names, units = ([some[k] for k in arm] for some in (layout.columns, layout.units))
-    n_arm, drift = len(arm), drifting(model, names) if drifts else ()
+    n_arm, drift = len(arm), drifting(model, names)
     n_days, n_loads = (len({k for k in some if k is not None}) for some in (days, loads))
     n_loads = max(n_loads, 1)
     place = {name: k for k, name in enumerate(base.base_names)}

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from textwrap import wrap
 
-from steelyard.export.code.c_observer import observer_code
-from steelyard.export.code.c_state import closing_code, memory_code
+from steelyard.export.code.c_state import closing_code, memory_code, observer_code
 from steelyard.export.code.functions import Controller, Function
 from steelyard.robot.robot import Coordinate
 from steelyard.symbolic.source_code import CFunction, Precision, c_function, c_literal
 
-_SIGNS = str.maketrans({"²": "^2", "³": "^3", "√": "sqrt "})
-"""Signs of units."""
+_SIGNS = str.maketrans({"²": "^2", "³": "^3", "√": "sqrt "})  # signs of units
 
 
 def identifier(text: str, otherwise: str) -> str:
@@ -55,8 +53,7 @@ def commented(text: str) -> str:
     return " ".join(plain.split())
 
 
-COMMENT_WIDTH = 94
-"""Columns of text in comments."""
+COMMENT_WIDTH = 94  # columns of text in comments
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +92,7 @@ class CCode:
         """Declarations and definitions of functions that go from sample to sample."""
         name, real, robot = self.name, self.precision, self.controller.model.robot
         texts = (
+            self._parameters(),
             closing_code(name, real, robot),
             memory_code(name, real, robot, self.controller.n_memory),
             observer_code(name, real, self.controller),
@@ -126,7 +124,6 @@ class CCode:
             "",
             *self._joint_numbers(),
             *declared,
-            *self._parameters_declared(),
             *(declared for declared, _ in self._of_samples),
             "#ifdef __cplusplus",
             "}",
@@ -149,7 +146,6 @@ class CCode:
             "#include <math.h>",
             "",
             *functions,
-            *self._parameters_defined(),
             *(defined for _, defined in self._of_samples),
         )
         return "\n".join(parts).rstrip("\n") + "\n"
@@ -184,31 +180,20 @@ class CCode:
             "",
         ]
 
-    def _parameters_declared(self) -> list[str]:
+    def _parameters(self) -> tuple[str, str]:
+        """The function of base parameters: its declaration and definition."""
         if "regressor" not in self.functions:
-            return []
-        known = self.controller.parameters
+            return "", ""
+        known, real = self.controller.parameters, self.precision
+        head = f"void {self.name}_parameters({real} values[{len(known)}])"
         rows = zip(known.names, known.units, known.values, strict=True)
         lines = [f"  {k} {name} = {x:.9g} {unit}" for k, (name, unit, x) in enumerate(rows)]
-        return [
-            f"#define {self.name.upper()}_PARAMETERS {len(known)}",
-            "",
-            comment(["Base parameters in the order of the regressor's columns:", *lines]),
-            f"void {self.name}_parameters({self.precision} values[{len(known)}]);",
-            "",
-        ]
-
-    def _parameters_defined(self) -> list[str]:
-        if "regressor" not in self.functions:
-            return []
-        values = self.controller.parameters.values
-        return [
-            f"void {self.name}_parameters({self.precision} values[{len(values)}])",
-            "{",
-            *(f"    values[{k}] = {c_literal(x, self.precision)};" for k, x in enumerate(values)),
-            "}",
-            "",
-        ]
+        words = ["Base parameters in the order of the regressor's columns:", *lines]
+        declared = (
+            f"#define {self.name.upper()}_PARAMETERS {len(known)}\n\n{comment(words)}\n{head};\n"
+        )
+        values = (f"    values[{k}] = {c_literal(x, real)};\n" for k, x in enumerate(known.values))
+        return declared, f"{head}\n{{\n{''.join(values)}}}\n"
 
 
 def joint_lines(coordinates: Sequence[Coordinate]) -> list[str]:

@@ -12,8 +12,7 @@ from steelyard.model.equations.passive_joints import passive_positions, random_p
 from steelyard.symbolic.program import run
 from steelyard.symbolic.source_code import c_literal
 
-Arrays = Mapping[str, Array]
-"""Arguments and results by name, each of shape `(entries, N)`."""
+Arrays = Mapping[str, Array]  # arguments and results by name, each of shape `(entries, N)`
 
 
 def _random_states(controller: Controller, count: int) -> Arrays:
@@ -98,11 +97,8 @@ def _short(x: Array) -> Array:
 
 STATES, SAMPLES = 6, 24
 
-TESTED_BANDWIDTH = 8.0
-"""Of the observer that is tested [Hz]."""
-
-TOLERANCE = {"double": 1e-10, "float": 1e-4}
-"""Largest error that passes, relative to one plus the value's size."""
+TESTED_BANDWIDTH = 8.0  # of the observer that is tested [Hz]
+TOLERANCE = {"double": 1e-10, "float": 1e-4}  # passes, relative to one plus the value's size
 
 
 def self_test(code: CCode) -> str:

@@ -85,17 +85,12 @@ Outputs = tuple[tuple[str, tuple[int, ...]], ...]
 
 @dataclass(frozen=True)
 class FunctionSpec:
-    """A function that can be exported.
+    """A function that can be exported."""
 
-    Attributes:
-        quantity: What it computes; `None` for the regressor of base parameters.
-        meaning: What the result is, with units.
-    """
-
-    quantity: Quantity | None
+    quantity: Quantity | None  # what it computes; `None` for the regressor of base parameters
     arguments: tuple[str, ...]
     output: str
-    meaning: str
+    meaning: str  # what the result is, with units
 
 
 EFFORT_UNIT_WORDS = "[Nm; N]"
@@ -142,19 +137,13 @@ OF_ALL_TERMS = ("torque", "friction", "regressor", "forward_dynamics")
 
 @dataclass(frozen=True, eq=False)
 class Function:
-    """A function of the joints' state.
-
-    Attributes:
-        program: Inputs are arrays among `q`, `passive`, `dq`, `ddq`, `tau` and `memory`.
-        outputs: Names and shapes of its results, in the order of the program's outputs.
-        public: Whether others call it.
-    """
+    """A function of the joints' state."""
 
     name: str
-    program: Program
-    outputs: Outputs
+    program: Program  # inputs are arrays among `q`, `passive`, `dq`, `ddq`, `tau` and `memory`
+    outputs: Outputs  # names and shapes of its results, in the order of the program's outputs
     meaning: str
-    public: bool = True
+    public: bool = True  # whether others call it
 
     @property
     def sizes(self) -> tuple[tuple[str, int], ...]:
@@ -162,8 +151,7 @@ class Function:
         return tuple((name, int(np.prod(shape))) for name, shape in self.outputs)
 
 
-OBSERVER = "observer"
-"""Name that `--function` takes for the observer of external efforts."""
+OBSERVER = "observer"  # name that `--function` takes for the observer of external efforts
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,19 +164,13 @@ class ObserverNumbers:
 
 @dataclass(frozen=True, eq=False)
 class Controller:
-    """A model with its numbers, for controllers.
-
-    Attributes:
-        names: Names of the functions that are wanted, of `FUNCTIONS`.
-        frames: Names of the frames whose poses and Jacobians are wanted.
-        observer: Numbers of the observer of external efforts; `None` if it is not wanted.
-    """
+    """A model with its numbers, for controllers."""
 
     model: Model
     values: Parameters
-    names: tuple[str, ...] = USUAL_FUNCTIONS
-    frames: tuple[str, ...] = ()
-    observer: ObserverNumbers | None = None
+    names: tuple[str, ...] = USUAL_FUNCTIONS  # functions that are wanted, of `FUNCTIONS`
+    frames: tuple[str, ...] = ()  # names of the frames whose poses and Jacobians are wanted
+    observer: ObserverNumbers | None = None  # `None` if it is not wanted
 
     @cached_property
     def equations(self) -> Equations:

@@ -150,19 +150,13 @@ FOLDER_FORMATS: dict[CodeFormat, Callable[[CCode], dict[str, str]]] = {
 
 @dataclass(frozen=True, eq=False)
 class WrittenCode:
-    """What was written.
-
-    Attributes:
-        renamed: Names of joints and the robot whose identifier differs from the name.
-        absent: Functions that are wanted but need the memory of friction.
-        stack: Bytes of local variables of the function with most of them; C only.
-    """
+    """What was written."""
 
     controller: Controller
     files: tuple[str, ...]
-    renamed: dict[str, str]
-    absent: tuple[str, ...]
-    stack: int | None = None
+    renamed: dict[str, str]  # names of joints and the robot whose identifier differs from the name
+    absent: tuple[str, ...]  # functions that are wanted but need the memory of friction
+    stack: int | None = None  # bytes of local variables of the function with most of them; C only
 
     @property
     def functions(self) -> tuple[str, ...]:

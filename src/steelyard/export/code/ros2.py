@@ -11,11 +11,8 @@ from steelyard.export.code.c_code import CCode, commented, joint_list
 from steelyard.export.code.c_files import self_test
 from steelyard.export.code.functions import Function
 
-ROS2_FUNCTIONS = ("torque", "gravity", "bias", "friction", "mass")
-"""Functions of the C code that the package calls."""
-
-LARGEST_CLOSURE_ERROR = 1e-6
-"""Closure error [m] above which the chains of a robot are open."""
+ROS2_FUNCTIONS = ("torque", "gravity", "bias", "friction", "mass")  # that the package calls
+LARGEST_CLOSURE_ERROR = 1e-6  # closure error [m] above which the chains of a robot are open
 
 
 def ros2_files(code: CCode) -> dict[str, str]:

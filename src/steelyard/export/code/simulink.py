@@ -2,10 +2,9 @@
 
 from steelyard.export.code.c_code import CCode, commented, joint_list
 from steelyard.export.code.c_files import self_test
-from steelyard.export.code.fmi2_code import evaluation, fields
+from steelyard.export.code.fmu import evaluation, fields
 
-LONGEST_NAME = 63
-"""Characters of names in MATLAB."""
+LONGEST_NAME = 63  # characters of names in MATLAB
 
 
 def simulink_files(code: CCode) -> dict[str, str]:

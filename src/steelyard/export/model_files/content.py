@@ -27,11 +27,8 @@ from steelyard.robot.robot import Robot
 Format = Literal["urdf", "mjcf"]
 FORMAT_NAMES: dict[Format, str] = {"urdf": "URDF", "mjcf": "MJCF"}
 
-FLAT_MASS = 1e-13
-"""A body is none if its mass is spread this little in a direction, of its inertia."""
-
-GRAVITY = (0.0, 0.0, -9.81)
-"""What readers of a URDF take for granted, in the base frame [m/s²]."""
+FLAT_MASS = 1e-13  # a body is none if its mass is spread this little in a direction, of its inertia
+GRAVITY = (0.0, 0.0, -9.81)  # what readers of a URDF take for granted, in the base frame [m/s²]
 
 SUPPORTED: dict[Format, tuple[AxisPartKind, ...]] = {
     "urdf": ("dry", "viscous"),
@@ -53,21 +50,14 @@ class Sum(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Content:
-    """What a file of one format holds of a model.
-
-    Attributes:
-        joints: What acts along each of `robot.joints`.
-        sums: What acts along sums of joints.
-        pulls: Springs between links.
-        unsupported: What the format does not support, one sentence each.
-    """
+    """What a file of one format holds of a model."""
 
     robot: Robot
     inertias: tuple[Inertia, ...]
-    joints: tuple[Effects, ...]
-    sums: tuple[Sum, ...]
-    pulls: tuple[Pull, ...]
-    unsupported: tuple[str, ...]
+    joints: tuple[Effects, ...]  # what acts along each of `robot.joints`
+    sums: tuple[Sum, ...]  # what acts along sums of joints
+    pulls: tuple[Pull, ...]  # springs between links
+    unsupported: tuple[str, ...]  # what the format does not support, one sentence each
 
 
 def content_of(identified: IdentifiedModel, form: Format) -> Content:
@@ -218,11 +208,7 @@ def _chain(robot: Robot, joints: Iterable[int]) -> bool:
     """Whether the joints carry each other: MuJoCo couples inertia along chains only."""
     carriers = carriers_of(robot)
     bodies = {carriers[j] for j in joints}
-    carried, body = set(), max(bodies)
-    while body >= 0:
-        carried.add(body)
-        body = robot.bodies[body].parent
-    return bodies <= carried
+    return bodies.issubset(robot.carriers(max(bodies)))
 
 
 def _unit(axis: Axis, kind: AxisPartKind) -> str:

@@ -21,39 +21,28 @@ from steelyard.robot.robot import Robot
 FRICTION_KINDS: tuple[AxisPartKind, ...] = ("dry", "viscous", "quadratic", "cubic")
 """By power of speed."""
 
-NEGLIGIBLE = 1e-6
-"""Friction up to the greatest speed that is zero, relative to the greatest of the curve."""
-
-FRICTION_ROUNDING = 1e-9
-"""Friction this little is a solver's rounding, and zero [Nm; N]."""
-
-FITTED = np.linspace(0.0, 1.0, 201)[1:]
-"""Speeds of a fit, over the greatest."""
+NEGLIGIBLE = 1e-6  # share of the greatest friction up to the greatest speed that is zero
+FRICTION_ROUNDING = 1e-9  # friction this little is a solver's rounding, and zero [Nm; N]
+FITTED = np.linspace(0.0, 1.0, 201)[1:]  # speeds of a fit, over the greatest
 
 COMPARED = np.concatenate([np.geomspace(1e-4, 5e-3, 30), np.linspace(5e-3, 1.0, 1000)])
 """Speeds at which a fit is compared with the curve, over the greatest."""
 
-UNKNOWN_SPEED = 1.0
-"""Greatest speed where neither logs nor limits give one [rad/s; m/s]."""
-
-Force = Callable[[Array], Array]
-"""Friction at speeds above zero."""
+UNKNOWN_SPEED = 1.0  # greatest speed where neither logs nor limits give one [rad/s; m/s]
+Force = Callable[[Array], Array]  # friction at speeds above zero
 
 
 class Supported(NamedTuple):
     """What a format supports of the friction along a coordinate.
 
     Attributes:
-        effects: Coefficients by kind, above zero.
-        fit: Whether they are a fit.
         largest: Largest difference to the friction of the model up to the greatest speed [Nm; N].
-        rms: Root mean square of the difference over these speeds [Nm; N].
     """
 
-    effects: dict[AxisPartKind, float]
-    fit: bool = False
+    effects: dict[AxisPartKind, float]  # coefficients by kind, above zero
+    fit: bool = False  # whether they are a fit
     largest: float = 0.0
-    rms: float = 0.0
+    rms: float = 0.0  # root mean square of the difference over these speeds [Nm; N]
 
 
 def supported_friction(
@@ -135,8 +124,7 @@ POWERS: dict[AxisPartKind, tuple[str, int]] = {
 }
 """Words, and with which power of `c` it acts on a joint `q` if it acts along `c q`."""
 
-Row = tuple[float, ...]
-"""Coefficients of a coordinate, one per joint of `robot.joints`."""
+Row = tuple[float, ...]  # coefficients of a coordinate, one per joint of `robot.joints`
 
 
 def merged(

@@ -15,19 +15,16 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.export.model_files.content import Content, Effects, base_of, carriers_of
 from steelyard.export.model_files.urdf import frames_of, limit, number, numbers, rounded
+from steelyard.model.equations.kinematics import frame_of
 from steelyard.model.terms.model_files import AxisPartKind
 from steelyard.robot.rigid_body import turn
-from steelyard.robot.robot import Frame, Robot
+from steelyard.robot.robot import Robot
 
-TIMESTEP = 1e-3
-"""Step of the integration [s]."""
-
-STIFF = "0.005 1"
-"""Time constant [s] and damping ratio with which equalities pull together."""
+TIMESTEP = 1e-3  # step of the integration [s]
+STIFF = "0.005 1"  # time constant [s] and damping ratio with which equalities pull together
 
 PLAIN_ATTRIBUTES: dict[AxisPartKind, str] = {"rotor": "armature", "dry": "frictionloss"}
-POLYNOMIAL: tuple[AxisPartKind, ...] = ("viscous", "quadratic", "cubic")
-"""What the one to three numbers of `damping` are."""
+POLYNOMIAL: tuple[AxisPartKind, ...] = ("viscous", "quadratic", "cubic")  # numbers of `damping`
 
 WORLD = "world"
 FULL_INERTIA = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -101,23 +98,10 @@ def _pose(element: ET.Element, position: Array, rotation: Array) -> None:
     if np.any(position):
         element.set("pos", numbers(position))
     if not np.array_equal(rotation, np.eye(3)):
-        element.set("quat", numbers(quaternion(rotation)))
+        from scipy.spatial.transform import Rotation
 
-
-def quaternion(rotation: Array) -> Array:
-    """The unit quaternion `w, x, y, z` of a rotation, `w` not negative, shape `(4,)`.
-
-    The eigenvector of the largest eigenvalue of the symmetric matrix that belongs to it, which is
-    as exact for half turns as for small ones.
-    """
-    r = rotation
-    skew = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
-    matrix = np.empty((4, 4))
-    matrix[0, 0] = np.trace(r)
-    matrix[0, 1:] = matrix[1:, 0] = skew
-    matrix[1:, 1:] = r + r.T - np.trace(r) * np.eye(3)
-    vector = np.linalg.eigh(matrix)[1][:, -1]
-    return np.asarray(vector * (1.0 if vector[0] >= 0.0 else -1.0))
+        turned = Rotation.from_matrix(rotation)
+        element.set("quat", numbers(turned.as_quat(canonical=True, scalar_first=True)))
 
 
 def _effects(element: ET.Element, effects: Effects, free: str) -> None:
@@ -157,18 +141,10 @@ def _tendons(root: ET.Element, content: Content, bodies: Sequence[ET.Element]) -
             springlength=number(pull.preload / pull.stiffness),
         )
         for end, (link, point) in enumerate(zip(pull.links, pull.points, strict=True), start=1):
-            frame = _frame(robot, link)
+            frame = frame_of(robot, link)
             name = f"{pull.name} end {end}"
             _site(bodies[frame.body + 1], name, frame.rotation @ point + frame.position)
             ET.SubElement(tendon, "site", site=name)
-
-
-def _frame(robot: Robot, link: str) -> Frame:
-    """Where a link is on the body that carries it."""
-    own = [body.name for body in robot.bodies]
-    return next((frame for frame in robot.frames if frame.name == link), None) or Frame(
-        link, own.index(link), np.eye(3), np.zeros(3)
-    )
 
 
 def _site(body: ET.Element, name: str, position: Array, rotation: Array | None = None) -> None:

@@ -21,8 +21,7 @@ from steelyard.robot.mechanism import Mechanism
 from steelyard.robot.rigid_body import INERTIAL_NAMES
 from steelyard.robot.robot import Body, Robot
 
-LEAST_DATA_SHARE = 0.005
-"""Share of a parameter that comes from the data below which they do not show it."""
+LEAST_DATA_SHARE = 0.005  # share from the data below which they do not show a parameter
 
 
 def _impossible_kept(content: Content, original: Path) -> tuple[str, ...]:
@@ -37,8 +36,7 @@ def _impossible_kept(content: Content, original: Path) -> tuple[str, ...]:
     )
 
 
-REREAD_TOLERANCE = 1e-9
-"""How far numbers may move by being written and read again, relative to the largest."""
+REREAD_TOLERANCE = 1e-9  # how far numbers may move by being reread, relative to the largest
 
 MERGED = "Links fixed to a moving link, directly or by locked joints, are lumped into that link."
 
@@ -49,22 +47,15 @@ KEPT = "Links that were not identified and are not physically consistent in the 
 
 @dataclass(frozen=True)
 class Exported:
-    """The text of a model file.
-
-    Attributes:
-        unsupported: What of the model the format does not support, one sentence each.
-        mass_shares: Per link the share of its mass that comes from the data, 0 to 1.
-        unseen: Parameters that the data did not see.
-        impossible: Links that keep what the original says, and cannot exist as it says.
-    """
+    """The text of a model file."""
 
     text: str
     form: Format
-    unsupported: tuple[str, ...]
+    unsupported: tuple[str, ...]  # what of the model the format does not support, one sentence each
     content: Content
-    mass_shares: dict[str, float]
-    unseen: tuple[str, ...]
-    impossible: tuple[str, ...] = ()
+    mass_shares: dict[str, float]  # per link the share of its mass that comes from the data, 0 to 1
+    unseen: tuple[str, ...]  # parameters that the data did not see
+    impossible: tuple[str, ...] = ()  # links that cannot exist as the original says, and are kept
 
 
 def exported(

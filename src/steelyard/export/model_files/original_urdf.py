@@ -28,21 +28,14 @@ _TAG = re.compile(rb"<(?:[^<>\"']|\"[^\"]*\"|'[^']*')*>")
 
 @dataclass
 class Span:
-    """An element and its bytes.
-
-    Attributes:
-        start: First byte of the opening tag.
-        inside: First byte after the opening tag.
-        stop: First byte after the element.
-        children: Elements inside, in order.
-    """
+    """An element and its bytes."""
 
     tag: str
     attributes: dict[str, str]
-    start: int
-    inside: int
-    stop: int = 0
-    children: list["Span"] = field(default_factory=list)
+    start: int  # first byte of the opening tag
+    inside: int  # first byte after the opening tag
+    stop: int = 0  # first byte after the element
+    children: list["Span"] = field(default_factory=list)  # elements inside, in order
 
     def all(self, tag: str) -> list["Span"]:
         """Children of that tag."""

@@ -22,11 +22,8 @@ from steelyard.export.model_files.content import (
 from steelyard.robot.rigid_body import Inertia, six_numbers
 from steelyard.robot.robot import Body, Frame, Limits, Robot
 
-SOLVER_ROUNDING = 1e-14
-"""What a solver leaves of zero, relative to the body it is of."""
-
-UNLIMITED = 1e9
-"""Written where a format wants a limit and none is known."""
+SOLVER_ROUNDING = 1e-14  # what a solver leaves of zero, relative to the body it is of
+UNLIMITED = 1e9  # written where a format wants a limit and none is known
 
 
 def number(value: float) -> str:

@@ -120,6 +120,7 @@ class EstimatorComparison(Result):
     page_name, json_name = "compare.html", "compare.json"
 
     content: ComparisonContent  # what the page shows
+    page_name, json_name = "compare.html", "compare.json"
 
     @property
     def comparison(self) -> Comparison:

@@ -65,6 +65,7 @@ class ComparedModels(Result):
     page_name, json_name = "models.html", "models.json"
 
     content: ModelsContent  # what the page shows
+    page_name, json_name = "models.html", "models.json"
 
     @property
     def comparison(self) -> ModelComparison:

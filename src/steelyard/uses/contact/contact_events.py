@@ -19,21 +19,13 @@ from steelyard.estimate.external.rest_changes import ONSET
 from steelyard.estimate.scores.residuals import ResidualTrace
 from steelyard.robot.robot import Robot
 
-RELEASE = 0.5
-"""A contact ends where the residual falls below that share of the threshold that it exceeded."""
-
-LEAST_TIME_APART = 0.5
-"""Least time between two events [s]."""
+RELEASE = 0.5  # a contact ends below that share of the threshold that was exceeded
+LEAST_TIME_APART = 0.5  # least time between two events [s]
 
 
-CALIBRATION_STRETCHES = 4
-"""Stretches that a single calibration run is compared in."""
-
-EXPECTED_EXCEEDANCES = 0.02
-"""Exceedances expected in all calibration runs together at the thresholds of contact."""
-
-SUSPECT_MARGIN = 1.0
-"""Time beside a suspected contact that is left out with it [s]."""
+CALIBRATION_STRETCHES = 4  # stretches that a single calibration run is compared in
+EXPECTED_EXCEEDANCES = 0.02  # of thresholds of contact, in all calibration runs together
+SUSPECT_MARGIN = 1.0  # time beside a suspected contact that is left out with it [s]
 
 
 @dataclass(frozen=True)
@@ -43,35 +35,25 @@ class JointLoad:
     Attributes:
         peak: Largest residual, measured minus predicted effort, or largest change of it at rest:
             that which exceeds its threshold more.
-        sigmas: Its size in standard deviations of the residual of the fit.
-        ratio: Of its size to the threshold.
     """
 
     joint: str
     unit: str
     peak: float
-    sigmas: float
-    ratio: float
+    sigmas: float  # its size in standard deviations of the residual of the fit
+    ratio: float  # of its size to the threshold
     change: bool
 
 
 @dataclass(frozen=True)
 class ContactEvent:
-    """A stretch in which residuals exceed their thresholds.
+    """A stretch in which residuals exceed their thresholds."""
 
-    Attributes:
-        start: When a threshold was exceeded first, from the log's start [s].
-        end: When the last joint was released [s].
-        known: When it can be known [s]: changes at rest are decided a little later than they begin.
-        joints: Joints that exceed their thresholds, the clearest first.
-        links: Links that the contact may be on: those that all these joints carry.
-    """
-
-    start: float
-    end: float
-    known: float
-    joints: tuple[JointLoad, ...]
-    links: tuple[str, ...]
+    start: float  # when a threshold was exceeded first, from the log's start [s]
+    end: float  # when the last joint was released [s]
+    known: float  # when it can be known [s]: changes at rest are decided a little later
+    joints: tuple[JointLoad, ...]  # joints that exceed their thresholds, the clearest first
+    links: tuple[str, ...]  # links that the contact may be on: those that all these joints carry
 
     @property
     def place(self) -> str:
@@ -100,14 +82,10 @@ def place_of(links: Sequence[str]) -> str:
 
 @dataclass(frozen=True)
 class ContactStart:
-    """A residual exceeds its threshold, and none did just before.
-
-    Attributes:
-        known: When that is known [s]: a change at rest is decided a little later.
-    """
+    """A residual exceeds its threshold, and none did just before."""
 
     time: float
-    known: float
+    known: float  # when that is known [s]: a change at rest is decided a little later
     joint: JointLoad
     links: tuple[str, ...]
 
@@ -117,8 +95,7 @@ class ContactStart:
         return place_of(self.links)
 
 
-CHANGE_TEST = 1
-"""Row of changes at rest in the tests of a sample, below that of the residual itself."""
+CHANGE_TEST = 1  # row of changes at rest in the tests of a sample, below the residual's
 
 
 class ContactStream:
@@ -235,14 +212,11 @@ def contacts_in(
 
 def links_carried_by(robot: Robot, joints: Sequence[int]) -> tuple[str, ...]:
     """Links that all of some joints carry, parents before children."""
-    carried: list[set[int]] = []
-    for body in robot.bodies:
-        before = carried[body.parent] if body.parent >= 0 else set()
-        carried.append(before | {body.coordinate})
     return tuple(
         body.name
-        for body, by in zip(robot.bodies, carried, strict=True)
-        if by.issuperset(joints) and not body.massless
+        for k, body in enumerate(robot.bodies)
+        if {robot.bodies[one].coordinate for one in robot.carriers(k)}.issuperset(joints)
+        and not body.massless
     )
 
 

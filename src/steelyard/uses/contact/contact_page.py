@@ -26,49 +26,34 @@ if TYPE_CHECKING:
     from steelyard.uses.contact.contact_events import ContactEvent, SuspectedContact
 
 
-MOST_POINTS_OF_RESIDUAL = 4000
-"""Points of a line, at most; every one is the largest of those that it stands for."""
+MOST_POINTS_OF_RESIDUAL = 4000  # of a line; every one is the largest of those that it stands for
 
 EVENT_HEADINGS = (
     "start [s]", "length [s]", "largest at", "residual", "size", "link", "× threshold", "joints",
 )  # fmt: skip
-"""Columns of the table of events."""
 
-TERMINAL_COLUMNS = (0, 1, 2, 3, 4, 5)
-"""Those for which a terminal has room."""
+TERMINAL_COLUMNS = (0, 1, 2, 3, 4, 5)  # those for which a terminal has room
 
 THRESHOLD_HEADINGS = ("joint", "unit", RANGES[0], "change", *RANGES[1:])
-"""Columns of the table of thresholds."""
 
-LEAST_LASTING_SHARE = 0.5
-"""Share of the log from which on events mean that something lasting is wrong."""
+LEAST_LASTING_SHARE = 0.5  # share of the log from which on events mean that something lasts
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Contacts(Result):
-    """Contacts in a log.
-
-    Attributes:
-        thresholds: Residuals that a contact must exceed; small, and evaluable sample by sample.
-        events: The contacts, in the order of time.
-        sigma: Standard deviation of the residuals of the fit, shape `(n,)` [Nm; N].
-        source: What the thresholds were calibrated on.
-        carried: A payload that explains lasting residuals, for people to read; `None` without.
-        suspected: Stretches of the calibration that contain contact.
-        wanted: False alarms per hour that were asked for; `None` if the default was used.
-    """
+    """Contacts in a log."""
 
     robot: str
     joints: Sequence[str]
     units: Sequence[str]
     trace: ResidualTrace
-    thresholds: ContactThresholds
-    events: tuple[ContactEvent, ...]
-    sigma: Array
-    source: str
-    carried: str | None
-    suspected: tuple[SuspectedContact, ...]
-    wanted: float | None
+    thresholds: ContactThresholds  # to be exceeded by a contact; evaluable sample by sample
+    events: tuple[ContactEvent, ...]  # the contacts, in the order of time
+    sigma: Array  # standard deviation of the residuals of the fit, shape `(n,)` [Nm; N]
+    source: str  # what the thresholds were calibrated on
+    carried: str | None  # a payload that explains lasting residuals, for people to read
+    suspected: tuple[SuspectedContact, ...]  # stretches of the calibration that contain contact
+    wanted: float | None  # false alarms per hour that were asked for; `None` for the default
     fitted: bool
     notes: tuple[str, ...]
     details: tuple[str, ...]

@@ -25,8 +25,7 @@ from steelyard.uses.control.model_torques import (
     remarks_on_torques,
 )
 
-FEEDFORWARD_RATE = 250.0
-"""Rows a second of the table, if none is given."""
+FEEDFORWARD_RATE = 250.0  # rows a second of the table, if none is given
 FEWEST_ROWS, LEAST_NOISE = 20, 1.0
 """Rows of a table from which on noise is sought, and the least RMS of its accelerations that
 matters [rad/s²; m/s²]."""
@@ -37,16 +36,14 @@ class FeedforwardTorques:
     """Torques along a motion.
 
     Attributes:
-        torque: Shape `(N, n)` [Nm; N].
-        notes: What the torques leave out.
         warnings: What speaks against commanding them: torques beyond the limits of their joints,
             accelerations that are noise, angles far beyond the limits; and what to do.
     """
 
     joints: tuple[Coordinate, ...]
     motion: Motion
-    torque: Array
-    notes: tuple[str, ...] = ()
+    torque: Array  # shape `(N, n)` [Nm; N]
+    notes: tuple[str, ...] = ()  # what the torques leave out
     warnings: tuple[str, ...] = ()
 
     def __repr__(self) -> str:

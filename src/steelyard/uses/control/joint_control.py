@@ -14,8 +14,7 @@ from steelyard.model.model import ValuedModel
 from steelyard.model.quantity import TORQUE
 from steelyard.uses.control.model_torques import SIGN_SMOOTHING, feedforward_torque, friction_torque
 
-BANDWIDTH = 20.0
-"""Natural frequency of the error of a joint under default gains [Hz]."""
+BANDWIDTH = 20.0  # natural frequency of the error of a joint under default gains [Hz]
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,22 +22,20 @@ class ControlTask:
     """What a controller is to do, and what it knows of its robot without an identified model.
 
     Attributes:
-        motion: Desired motion at every tick, `N` samples of `n` joints.
         compared: The same as late as measured values are: what the loop would see on the desired
             motion, so that delay alone is no error.
         inertia: Mean inertia of each joint over its postures, shape `(n,)` [kg m²; kg]; gains
             are multiplied with it.
         fastest: Natural frequency up to which joint gains are stable [rad/s]: coupling of the
             joints, lag and delay of the drives are counted.
-        limits: Largest torque of each joint, shape `(n,)` [Nm; N].
     """
 
-    motion: Motion
+    motion: Motion  # desired motion at every tick, `N` samples of `n` joints
     compared: Motion
     tick: float
     inertia: Array
     fastest: float
-    limits: Array
+    limits: Array  # largest torque of each joint, shape `(n,)` [Nm; N]
 
     def __post_init__(self) -> None:
         shape = (self.motion.n_joints,)
@@ -53,15 +50,10 @@ another."""
 
 
 class Control(Protocol):
-    """A kind of controller with its gains.
+    """A kind of controller with its gains."""
 
-    Attributes:
-        kind: Its name in options.
-        needs_model: Whether it computes with a model of the robot.
-    """
-
-    kind: ClassVar[str]
-    needs_model: ClassVar[bool]
+    kind: ClassVar[str]  # its name in options
+    needs_model: ClassVar[bool]  # whether it computes with a model of the robot
 
     def start(self, task: ControlTask) -> ControlLoop:
         """A loop at its first tick."""
@@ -77,13 +69,12 @@ class PD:
     Attributes:
         kp: Stiffness per inertia [1/s²]; if `None` that of 20 Hz, or lower where the joints are
             coupled strongly.
-        kd: Damping per inertia [1/s]; critical damping if `None`.
     """
 
     kind: ClassVar[str] = "pd"
     needs_model: ClassVar[bool] = False
     kp: float | None = None
-    kd: float | None = None
+    kd: float | None = None  # damping per inertia [1/s]; critical damping if `None`
 
     def start(self, task: ControlTask) -> ControlLoop:
         """A loop at its first tick; it has no state."""
@@ -103,25 +94,18 @@ def natural_frequency(kp: float | None, task: ControlTask) -> float:
     return min(2.0 * pi * BANDWIDTH, task.fastest) if kp is None else sqrt(kp)
 
 
-_INTEGRAL_FREQUENCY_SHARE = 0.2
-"""Share of the natural frequency at which the default integral gain acts."""
+_INTEGRAL_FREQUENCY_SHARE = 0.2  # of the natural frequency, at which the default integral gain acts
 
 
 @dataclass(frozen=True)
 class PID:
-    r"""$\tau_j = m_j (k_p e_j + k_d \dot e_j + k_i \int e_j\,dt)$, the integral within the limits.
-
-    Attributes:
-        kp: Stiffness per inertia [1/s²], as of `PD`.
-        kd: Damping per inertia [1/s], as of `PD`.
-        ki: Integral gain per inertia [1/s³]; a fifth of the natural frequency times `kp` if `None`.
-    """
+    r"""$\tau_j = m_j (k_p e_j + k_d \dot e_j + k_i \int e_j\,dt)$, the integral within limits."""
 
     kind: ClassVar[str] = "pid"
     needs_model: ClassVar[bool] = False
-    kp: float | None = None
-    kd: float | None = None
-    ki: float | None = None
+    kp: float | None = None  # stiffness per inertia [1/s²], as of `PD`
+    kd: float | None = None  # damping per inertia [1/s], as of `PD`
+    ki: float | None = None  # per inertia [1/s³]; if `None`, a fifth of `kp` times its root
 
     def start(self, task: ControlTask) -> ControlLoop:
         """A loop at its first tick; its state is the integral part of the torque."""
@@ -149,17 +133,15 @@ class Cascade:
     $e = w - \dot q$; the integral part stays within the limits of the torque.
 
     Attributes:
-        kv: Gain of the position loop [1/s].
         ks: Gain of the speed loop per inertia [1/s]; 150, or lower where the joints are
             coupled strongly, if `None`.
-        tn: Integral time of the speed loop [s].
     """
 
     kind: ClassVar[str] = "cascade"
     needs_model: ClassVar[bool] = False
-    kv: float = POSITION_GAIN
+    kv: float = POSITION_GAIN  # gain of the position loop [1/s]
     ks: float | None = None
-    tn: float = INTEGRAL_TIME
+    tn: float = INTEGRAL_TIME  # integral time of the speed loop [s]
 
     def start(self, task: ControlTask) -> ControlLoop:
         """A loop at its first tick; its state is the integral part of the torque."""
@@ -177,17 +159,13 @@ class Cascade:
 
 @dataclass(frozen=True, eq=False)
 class TorqueFeedforward:
-    """A controller, and torques of a model along the desired motion.
-
-    Attributes:
-        smoothing: Speed within which friction by the plain sign turns [rad/s; m/s].
-    """
+    """A controller, and torques of a model along the desired motion."""
 
     kind: ClassVar[str] = "feedforward"
     needs_model: ClassVar[bool] = True
     inner: Control
     model: ValuedModel
-    smoothing: float = SIGN_SMOOTHING
+    smoothing: float = SIGN_SMOOTHING  # speed in which the sign of friction turns [rad/s; m/s]
 
     def start(self, task: ControlTask) -> ControlLoop:
         """A loop at its first tick."""
@@ -199,10 +177,8 @@ class TorqueFeedforward:
 FRICTIONLESS = replace(
     TORQUE, name="torque without friction", enters=lambda term: term.cause != "friction"
 )
-"""Torque of everything but friction."""
 
-MOST_POSTURES = 2000
-"""Postures of a motion at which the mass matrix is examined."""
+MOST_POSTURES = 2000  # postures of a motion at which the mass matrix is examined
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,10 +189,6 @@ class ComputedTorque:
     centrifugal torque, gravity, springs. Friction is that of the desired velocity, because that of
     the measured one chatters; the law as printed in [WangC] has none.
 
-    Attributes:
-        kp: Stiffness per inertia [1/s²].
-        kv: Damping per inertia [1/s].
-
     Raises:
         ModelError: The mass matrix of the model is not positive definite along the motion.
     """
@@ -224,8 +196,8 @@ class ComputedTorque:
     kind: ClassVar[str] = "computed_torque"
     needs_model: ClassVar[bool] = True
     model: ValuedModel
-    kp: float = 400.0
-    kv: float = 40.0
+    kp: float = 400.0  # stiffness per inertia [1/s²]
+    kv: float = 40.0  # damping per inertia [1/s]
     friction: bool = True
 
     def start(self, task: ControlTask) -> ControlLoop:

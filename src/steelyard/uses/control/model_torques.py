@@ -22,8 +22,7 @@ from steelyard.model.torque_equations import Equations
 from steelyard.robot.robot import Robot
 from steelyard.symbolic.program import Program, softened
 
-SIGN_SMOOTHING = 1e-3
-"""Speed within which friction by the plain sign turns [rad/s; m/s]."""
+SIGN_SMOOTHING = 1e-3  # speed within which friction by the plain sign turns [rad/s; m/s]
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,21 +42,16 @@ from steelyard.uses.health.health_changes import (
 from steelyard.uses.other_efforts import refuse_other_efforts
 from steelyard.uses.payload.payload_of_runs import payload_words, unknown_payload
 
-QUANTITY_HEADINGS = ("dry", "viscous", "offset", "effort scale")
-"""The quantities, as short as columns need them."""
+QUANTITY_HEADINGS = ("dry", "viscous", "offset", "effort scale")  # as short as columns need
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Health(Result):
-    """Friction, offsets and effort scales of a robot over windows and logs.
-
-    Attributes:
-        logs: Names of the logs, in the order of time.
-    """
+    """Friction, offsets and effort scales of a robot over windows and logs."""
 
     robot: str
     joints: Sequence[str]
-    logs: tuple[str, ...]
+    logs: tuple[str, ...]  # names of the logs, in the order of time
     series: tuple[Series, ...]
     changes: tuple[HealthChange, ...]
     warnings: tuple[str, ...]

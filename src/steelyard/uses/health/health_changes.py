@@ -36,14 +36,9 @@ QUANTITIES: tuple[HealthQuantity, ...] = (
     "effort scale",
 )
 
-LEAST_WINDOW = 10.0
-"""Least length of a window [s]."""
-
-MOST_WINDOWS_OF_LOG = 32
-"""Windows of a log at most, of `LEAST_WINDOW` or more."""
-
-DETERMINED = 1e-8
-"""Least eigenvalue of a window's normal matrix, columns of unit length, that is used."""
+LEAST_WINDOW = 10.0  # least length of a window [s]
+MOST_WINDOWS_OF_LOG = 32  # windows of a log at most, of `LEAST_WINDOW` or more
+DETERMINED = 1e-8  # least eigenvalue of a window's unit-length normal matrix that is used
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,27 +46,20 @@ class Series:
     """A quantity of one joint over windows.
 
     Attributes:
-        unit: `""` for a relative change, else `Nm` or `N`.
-        log: Number of the log of each window, rising, shape `(w,)`.
-        t: Middle of each window from the log's start, shape `(w,)` [s].
-        value: Change from the model, shape `(w,)`.
-        std: Its standard deviation by the window's residuals, shape `(w,)`.
         single: The same from a single sample, shape `(w,)`: what residuals that another motion
             explains may change.
-        scale: What a change is compared with in `MATTERS`.
-        known: Standard deviation of the model's own value.
     """
 
     joint: str
     quantity: HealthQuantity
-    unit: str
-    log: Array
-    t: Array
-    value: Array
-    std: Array
+    unit: str  # `""` for a relative change, else `Nm` or `N`
+    log: Array  # number of the log of each window, rising, shape `(w,)`
+    t: Array  # middle of each window from the log's start, shape `(w,)` [s]
+    value: Array  # change from the model, shape `(w,)`
+    std: Array  # its standard deviation by the window's residuals, shape `(w,)`
     single: Array
-    scale: float
-    known: float
+    scale: float  # what a change is compared with in `MATTERS`
+    known: float  # standard deviation of the model's own value
 
     def by_log(self) -> Iterator[tuple[int, Array, Array, Array]]:
         """Number of each log, and times, values and standard deviations of its windows."""
@@ -172,35 +160,24 @@ def _relative_std(identified: IdentifiedModel, seen: Sequence[str], parts: Array
 
 Shape = Literal["settles", "steps within", "steps", "drifts", "differs"]
 
-FALSE_DRIFT_LEVEL = 0.01
-"""Probability of any false claim of drift in a robot without."""
+FALSE_DRIFT_LEVEL = 0.01  # probability of any false claim of drift in a robot without
 
 LEAST_CHANGE = {"dry friction": 0.1, "viscous friction": 0.1, "offset": 0.1, "effort scale": 0.02}
 """Least change that is called a drift: of friction and scale relative, of an offset relative to the
 joint's friction."""
 
-LEAST_WINDOWS_OF_CHANGE = 6
-"""Windows of a log that a change within it needs."""
+LEAST_WINDOWS_OF_CHANGE = 6  # windows of a log that a change within it needs
+SETTLING = np.geomspace(0.05, 2.0, 12)  # time constants that are compared, over a log's length
+SETTLING_TIMES_COMPARED = 4.0  # independent ones among them: a fourfold penalty for choosing one
+ENOUGH_LOGS = 4  # logs whose scatter shows how far a model errs with other motions
 
-SETTLING = np.geomspace(0.05, 2.0, 12)
-"""Time constants that are compared, over the length of the log."""
+OTHER_MOTION = (
+    0.5  # share of a log's residual that parameters take up with other motion, of fewer logs
+)
 
-SETTLING_TIMES_COMPARED = 4.0
-"""Independent time constants among them: a fourfold penalty for choosing one."""
+UNKNOWN_SCATTER = 4.0  # scatter of windows over their variances that is assumed of few windows
 
-ENOUGH_LOGS = 4
-"""Logs whose scatter shows how far a model errs with other motions."""
-
-OTHER_MOTION = 0.5
-"""Share of a log's residual that parameters may take up with another motion, where fewer logs are
-given."""
-
-UNKNOWN_SCATTER = 4.0
-"""Scatter of windows over their variances that is assumed of few windows."""
-
-CLEAR_HALF_WIDTHS = 3.0
-"""Half-widths from which on a large change is reported even where windows are too few for
-significance."""
+CLEAR_HALF_WIDTHS = 3.0  # half-widths of a large change that is reported of too few windows, too
 
 
 @dataclass(frozen=True)
@@ -208,29 +185,20 @@ class HealthChange:
     """A change of a quantity.
 
     Attributes:
-        shape: `settles` and `steps within` a log, `steps` and `drifts` over logs, `differs` from
-            the model.
-        size: Change; relative, or in the unit of the effort.
-        half_width: Of its 95 % interval.
-        unit: `""` for a relative change, else `Nm` or `N`.
-        logs: Names of the first and last log that it concerns.
-        time: Time constant or time of the step within a log [s]; `None` over logs.
-        p: Probability that chance alone does that in any of the tests.
-        matters: Whether it is significant, and large enough to be called a drift.
         unproven: Whether it is large and excludes zero by `CLEAR_HALF_WIDTHS` half-widths, but is
             not significant: windows are too few.
     """
 
     joint: str
     quantity: HealthQuantity
-    shape: Shape
-    size: float
-    half_width: float
-    unit: str
-    logs: tuple[str, str]
-    time: float | None
-    p: float
-    matters: bool
+    shape: Shape  # `settles` and `steps within` a log, `steps` and `drifts` over logs, or `differs`
+    size: float  # change; relative, or in the unit of the effort
+    half_width: float  # of its 95 % interval
+    unit: str  # `""` for a relative change, else `Nm` or `N`
+    logs: tuple[str, str]  # names of the first and last log that it concerns
+    time: float | None  # time constant or time of the step within a log [s]; `None` over logs
+    p: float  # probability that chance alone does that in any of the tests
+    matters: bool  # whether it is significant, and large enough to be called a drift
     unproven: bool
 
     @property

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,95 +20,18 @@ from steelyard.estimate.payload.payload_estimate import PayloadEstimate
 from steelyard.estimate.scores.residuals import residual_cutoff, residual_trace
 from steelyard.identify.run_notes import dropped
 from steelyard.identify.scores import fitted_before, runs_for
-from steelyard.runs.named_logs import (
-    LogArgument,
-    log_files,
-    paths_of,
-    refuse_overlaps,
-)
+from steelyard.runs.named_logs import LogArgument, log_files, paths_of, refuse_overlaps
 from steelyard.runs.run import Run
 from steelyard.uses.other_efforts import refuse_without
 from steelyard.uses.payload.payload_body import PayloadKnowledge, SolidShape
 from steelyard.uses.payload.payload_events import PayloadEvents, find_payload_events
-from steelyard.uses.payload.payload_of_runs import NOTHING_KNOWN
 from steelyard.uses.payload.payload_of_runs import identify_payload as payload_of_informations
 
 
-@dataclass(frozen=True, eq=False)
-class PayloadTask:
-    """Logs with a payload and without, and the model; checked before they are read."""
-
-    identified: IdentifiedModel
-    loaded: list[LogArgument]
-    unloaded: list[LogArgument]
-    frame: str | None
-    known: PayloadKnowledge = NOTHING_KNOWN
-
-    def done(self, gain_uncertainty: float | None, progress: Progress) -> PayloadEstimate:
-        """The estimate, with the model's cut-off frequencies."""
-        identified, count = self.identified, len(self.loaded)
-        runs = self._runs([*self.loaded, *self.unloaded], progress)
-        regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
-        rests = has_memory(identified.model.terms)
-        of_runs = [
-            gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in runs
-        ]
-        found = payload_of_informations(
-            identified,
-            of_runs[:count],
-            self.frame,
-            unloaded=of_runs[count:],
-            gain=gain_uncertainty,
-            known=self.known,
-        )
-        compared = (
-            f"the model was identified from {log.path.name}: compared with itself it has no payload"
-            for log in self.loaded
-            if not self.unloaded and fitted_before(identified, log)
-        )
-        return replace(found, notes=(*found.notes, *dropped(identified.model, runs), *compared))
-
-    def events(
-        self, gain_uncertainty: float | None, progress: Progress
-    ) -> tuple[PayloadEvents, ...]:
-        """When the payload changes along each log with it."""
-        if self.unloaded or self.known != NOTHING_KNOWN:
-            raise DataError(
-                "events are found with the model alone",
-                where="--unloaded" if self.unloaded else "--mass, --com, --box, ...",
-                fix="leave these out with --when, or weigh without --when",
-            )
-        identified, found = self.identified, []
-        regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
-        rests = has_memory(identified.model.terms)
-        for run in self._runs(self.loaded, progress):
-            samples = gather_samples(
-                regressor, run, rests=rests, threads=threads, progress=progress
-            )
-            found.append(
-                find_payload_events(identified, samples, self.frame, gain=gain_uncertainty)
-            )
-        return tuple(found)
-
-    def _runs(self, logs: Sequence[LogArgument], progress: Progress) -> tuple[Run, ...]:
-        """Runs whose efforts contain gravity and friction as those of the model."""
-        identified = self.identified
-        runs = runs_for(identified, logs, progress, at_rest=False)
-        cutoff, sigma = residual_cutoff(identified, runs), np.asarray(identified.estimate.sigma)
-        for run in runs:
-            refuse_without(residual_trace(identified, run, cutoff), sigma, identified.joints)
-        return runs
-
-
-def payload_inputs(
-    model: str | Path | IdentifiedModel,
-    logs: str | Path | Iterable[str | Path],
-    frame: str | None,
-    unloaded: str | Path | Iterable[str | Path],
-    known: PayloadKnowledge,
-) -> PayloadTask:
-    """The model and the logs; the arguments and errors are those of `identify_payload`."""
-    identified = load_model(model)
+def _logs(
+    identified: IdentifiedModel, logs: Sequence[str], unloaded: Sequence[str], frame: str | None
+) -> tuple[list[LogArgument], list[LogArgument]]:
+    """Logs with a payload and without, refused where that is possible before reading."""
     carrier(identified.model.robot, frame)
     if identified.signals.effort_kind == "gravity_compensated_torque":
         raise DataError(
@@ -117,9 +40,38 @@ def payload_inputs(
             where=f"robot '{identified.model.robot.name}', [signals.effort] kind",
             fix="log efforts with gravity (currents or joint torques), and identify from these",
         )
-    with_it, without = log_files(paths_of(logs, least=1)), log_files(paths_of(unloaded))
+    with_it, without = log_files(logs), log_files(unloaded)
     refuse_overlaps([*with_it, *without], [])
-    return PayloadTask(identified, with_it, without, frame, known)
+    return with_it, without
+
+
+def _runs(
+    identified: IdentifiedModel, logs: Sequence[LogArgument], progress: Progress
+) -> tuple[Run, ...]:
+    """Runs whose efforts contain gravity and friction as those of the model."""
+    runs = runs_for(identified, logs, progress, at_rest=False)
+    cutoff, sigma = residual_cutoff(identified, runs), np.asarray(identified.estimate.sigma)
+    for run in runs:
+        refuse_without(residual_trace(identified, run, cutoff), sigma, identified.joints)
+    return runs
+
+
+def events_of_logs(
+    model: str | Path | IdentifiedModel,
+    logs: str | Path | Iterable[str | Path],
+    frame: str | None,
+    gain_uncertainty: float | None,
+    progress: Progress,
+) -> tuple[PayloadEvents, ...]:
+    """When the payload changes along each log; the arguments are those of `payload_events`."""
+    identified, found = load_model(model), []
+    files, _ = _logs(identified, paths_of(logs, least=1), [], frame)
+    regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
+    rests = has_memory(identified.model.terms)
+    for run in _runs(identified, files, progress):
+        samples = gather_samples(regressor, run, rests=rests, threads=threads, progress=progress)
+        found.append(find_payload_events(identified, samples, frame, gain=gain_uncertainty))
+    return tuple(found)
 
 
 def known_of(
@@ -191,8 +143,28 @@ def identify_payload(
         >>> abs(carried.mass) < 0.1
         True
     """
-    known = known_of(mass, com, box, cylinder, sphere)
-    return payload_inputs(model, logs, frame, unloaded, known).done(gain_uncertainty, progress)
+    known, identified = known_of(mass, com, box, cylinder, sphere), load_model(model)
+    loaded, without = _logs(identified, paths_of(logs, least=1), paths_of(unloaded), frame)
+    runs = _runs(identified, [*loaded, *without], progress)
+    regressor, threads = base_regressor(identified.model), os.cpu_count() or 1
+    rests = has_memory(identified.model.terms)
+    of_runs = [
+        gather(regressor, run, rests=rests, threads=threads, progress=progress) for run in runs
+    ]
+    found = payload_of_informations(
+        identified,
+        of_runs[: len(loaded)],
+        frame,
+        unloaded=of_runs[len(loaded) :],
+        gain=gain_uncertainty,
+        known=known,
+    )
+    compared = (
+        f"the model was identified from {log.path.name}: compared with itself it has no payload"
+        for log in loaded
+        if not without and fitted_before(identified, log)
+    )
+    return replace(found, notes=(*found.notes, *dropped(identified.model, runs), *compared))
 
 
 @checked(gain_uncertainty=0.0)
@@ -221,5 +193,4 @@ def payload_events(
         >>> payload_events("arm-model", "other.csv").events
         ()
     """
-    task = payload_inputs(model, log, frame, (), NOTHING_KNOWN)
-    return task.events(gain_uncertainty, progress)[0]
+    return events_of_logs(model, log, frame, gain_uncertainty, progress)[0]

@@ -24,50 +24,28 @@ from steelyard.estimate.payload.load_case import SEEN, covariance_of
 from steelyard.estimate.prior.prior import of_spread
 from steelyard.robot.rigid_body import Inertia
 
-DENSITY = 1000.0
-"""Of the ball whose second moments stand in for smaller ones where no body fits [kg/m³]."""
-
-LARGEST = 25.0
-"""Largest second moment per mass that stands in for a shape [m²]: that of a rod of 17 m."""
-
-LOOSE = 0.05
-"""Weight of what stands in: moments 20 times as large cost as much as one standard deviation."""
-
-STATED = 0.3
-"""Relative standard deviation of second moments of a stated shape: density is rarely uniform."""
-
-KNOWN_MASS, KNOWN_COM = 1e-3, 1e-3
-"""Standard deviation of a known mass, relative, and of a known centre [m]."""
-
-TOO_FAR = 3.0
-"""Standard deviations beyond which the data contradict what is known."""
-
-SHARPEST = 1e4
-"""Inverse of the least standard deviation that counts, in sizes of the shape."""
-
-UNSEEN = 1e-12
-"""Relative size below which a number is rounding."""
+DENSITY = 1000.0  # of the ball whose second moments replace smaller ones where no body fits [kg/m³]
+LARGEST = 25.0  # second moment per mass that stands in for a shape [m²]: a rod of 17 m
+LOOSE = 0.05  # weight of what stands in: moments 20 times as large cost one standard deviation
+STATED = 0.3  # relative standard deviation of a shape's moments: density is rarely uniform
+KNOWN_MASS, KNOWN_COM = 1e-3, 1e-3  # standard deviations: of a mass relative, of a centre [m]
+TOO_FAR = 3.0  # standard deviations beyond which the data contradict what is known
+SHARPEST = 1e4  # inverse of the least standard deviation that counts, in sizes of the shape
+UNSEEN = 1e-12  # relative size below which a number is rounding
 
 ROUNDS = 10
-CONVERGED = 1e-5
-"""Change of the centre [m] at which its second moments have converged."""
-
-FORM = Entropic()
-"""Keeps bodies possible, and what hardly anything determines near what stands in for a shape."""
+CONVERGED = 1e-5  # change of the centre [m] at which its second moments have converged
+FORM = Entropic()  # keeps bodies possible, and what is hardly determined near the stand-in
 
 Vector = tuple[float, ...]
 
 
 @dataclass(frozen=True)
 class SolidShape:
-    """A solid of uniform density along the axes of the payload's frame, wherever its centre is.
-
-    Attributes:
-        moments: Second moments about the centre per mass, along x, y and z [m²].
-    """
+    """A solid of uniform density along the axes of the payload's frame, wherever its centre is."""
 
     words: str
-    moments: Vector
+    moments: Vector  # second moments about the centre per mass, along x, y and z [m²]
 
     @classmethod
     def box(cls, size: Vector) -> "SolidShape":
@@ -91,15 +69,10 @@ class SolidShape:
 
 @dataclass(frozen=True)
 class PayloadKnowledge:
-    """What is known of a payload beside the logs.
+    """What is known of a payload beside the logs."""
 
-    Attributes:
-        mass: [kg].
-        com: Centre of mass in the payload's frame [m].
-    """
-
-    mass: float | None = None
-    com: Vector | None = None
+    mass: float | None = None  # [kg]
+    com: Vector | None = None  # centre of mass in the payload's frame [m]
     shape: SolidShape | None = None
 
     def __post_init__(self) -> None:

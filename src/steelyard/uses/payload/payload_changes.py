@@ -22,35 +22,22 @@ from numpy.typing import NDArray
 from steelyard.base.arrays import Array
 from steelyard.estimate.estimate import Z95
 
-CHANGE_STEP = 0.1
-"""Length of the windows that are added up [s]."""
-
-CHANGE_SPAN = 3.0
-"""Length of the sliding window on each side [s], of samples that count."""
-
-FALSE_EVENTS_PER_HOUR = 0.1
-"""False events per hour that the threshold allows."""
+CHANGE_STEP = 0.1  # length of the windows that are added up [s]
+CHANGE_SPAN = 3.0  # length of the sliding window on each side [s], of samples that count
+FALSE_EVENTS_PER_HOUR = 0.1  # false events per hour that the threshold allows
 
 FIRST, LEVELS = (0.1, 0.25), (0.5, 0.9, 0.99)
 """Quantiles of the statistic that are compared with those of normal, white residuals: of the whole
 log, and of what is left of it beside the changes that this gives beyond doubt."""
 
-DOUBTLESS_CHANGE = 3.0
-"""Squares over the threshold from which on a change is no residual of the model."""
+DOUBTLESS_CHANGE = 3.0  # squares over the threshold from which on no residual makes a change
 
 Places = NDArray[np.integer[Any]]
 
-LEAST_WINDOWS_OF_LOG = 3
-"""Windows of the span that a log must have for a change to be sought."""
-
-OUTLYING_WINDOW = 5.0
-"""Squares left in a window over their median from which on it weighs less."""
-
-LEAST_TIME_OF_CHANGES = 0.5
-"""Least time between two changes [s], of samples that count."""
-
-IMPROVING_PASSES = 5
-"""Passes in which times of changes are improved with those of their neighbours."""
+LEAST_WINDOWS_OF_LOG = 3  # windows of the span that a log must have for a change to be sought
+OUTLYING_WINDOW = 5.0  # squares left in a window over their median from which on it weighs less
+LEAST_TIME_OF_CHANGES = 0.5  # least time between two changes [s], of samples that count
+IMPROVING_PASSES = 5  # passes in which times of changes are improved with those of their neighbours
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,36 +45,25 @@ class SlidingMass:
     """A payload's mass in a window of `CHANGE_SPAN` around each time, without friction of the day.
 
     Attributes:
-        t: Middle of the windows, shape `(w,)` [s].
-        mass: Likewise [kg].
         half_width: Half-width of the 95 % interval, residuals as they are along the log, likewise;
             that of a single window, without the errors of model and gains.
     """
 
-    t: Array
-    mass: Array
+    t: Array  # middle of the windows, shape `(w,)` [s]
+    mass: Array  # likewise [kg]
     half_width: Array
 
 
 @dataclass(frozen=True, eq=False)
 class PayloadWindows:
-    """What short windows of a run say about a payload, friction of the day taken out.
+    """What short windows of a run say about a payload, friction of the day taken out."""
 
-    Attributes:
-        starts: Of the windows that have samples, shape `(w,)` [s].
-        stops: Likewise.
-        matrix: Information about the payload's ten numbers, shape `(w, 10, 10)`.
-        vector: Shape `(w, 10)`.
-        square: Squares of the efforts less the model's, shape `(w,)`.
-        prior: Weak information about any payload, shape `(10, 10)`.
-    """
-
-    starts: Array
-    stops: Array
-    matrix: Array
-    vector: Array
-    square: Array
-    prior: Array
+    starts: Array  # of the windows that have samples, shape `(w,)` [s]
+    stops: Array  # likewise
+    matrix: Array  # information about the payload's ten numbers, shape `(w, 10, 10)`
+    vector: Array  # shape `(w, 10)`
+    square: Array  # squares of the efforts less the model's, shape `(w,)`
+    prior: Array  # weak information about any payload, shape `(10, 10)`
 
     def damped(self) -> "PayloadWindows":
         """The same with single windows that no payload around them explains weighing less."""
@@ -167,18 +143,12 @@ class PayloadWindows:
 
 @dataclass(frozen=True)
 class PayloadChange:
-    """A change of the payload.
+    """A change of the payload."""
 
-    Attributes:
-        time: When [s].
-        earliest: Start of the 95 % interval of the time [s].
-        ratio: Squares that it explains over the threshold.
-    """
-
-    time: float
-    earliest: float
+    time: float  # when [s]
+    earliest: float  # start of the 95 % interval of the time [s]
     latest: float
-    ratio: float
+    ratio: float  # squares that it explains over the threshold
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,14 +158,12 @@ class PayloadChanges:
     Attributes:
         least_mass: Change by a mass at the frame's origin that half of the places of the log show;
             infinite if none does [kg].
-        inflation: How many times larger the statistic is than by normal, white residuals.
-        threshold: Squares that a change has to explain.
     """
 
     changes: tuple[PayloadChange, ...]
     least_mass: float
-    inflation: float
-    threshold: float
+    inflation: float  # how many times larger the statistic is than by normal, white residuals
+    threshold: float  # squares that a change has to explain
     sliding: SlidingMass
 
 

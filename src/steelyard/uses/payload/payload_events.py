@@ -36,11 +36,8 @@ from steelyard.uses.payload.payload_of_runs import (
     weighed,
 )
 
-CERTAIN_MASS_STD = 3.0
-"""Standard deviations of a mass, or of its change, from which on it counts."""
-
-LARGEST_PAYLOAD_SHARE = 0.1
-"""Mass that a payload may have, over that of the moving links."""
+CERTAIN_MASS_STD = 3.0  # standard deviations of a mass, or of its change, from which on it counts
+LARGEST_PAYLOAD_SHARE = 0.1  # mass that a payload may have, over that of the moving links
 
 Kind = Literal["picked up", "put down"]
 
@@ -56,24 +53,15 @@ class Carried:
 
 @dataclass(frozen=True)
 class PayloadEvent:
-    """A change of what is carried.
-
-    Attributes:
-        time: When [s] from the start of the log; the middle of a pause in which it happens.
-        earliest: Start of that interval [s].
-        latest: Its end.
-        mass: By how much the mass changes [kg].
-        mass_half_width: Half-width of its 95 % interval.
-        ratio: Squares that it explains over the threshold.
-    """
+    """A change of what is carried."""
 
     kind: Kind
-    time: float
-    earliest: float
-    latest: float
-    mass: float
-    mass_half_width: float
-    ratio: float
+    time: float  # when [s] from the start of the log; the middle of a pause in which it happens
+    earliest: float  # start of that interval [s]
+    latest: float  # its end
+    mass: float  # by how much the mass changes [kg]
+    mass_half_width: float  # half-width of its 95 % interval
+    ratio: float  # squares that it explains over the threshold
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,28 +69,22 @@ class PayloadEvents:
     """All changes of what a robot carries along a run.
 
     Attributes:
-        body: The link that carries them.
-        alarms_per_hour: False events that the threshold allows.
-        inflation: How many times larger the statistic is than by normal, white residuals.
-        least_mass: Change by a mass at the frame's origin that half of the log would show [kg].
         conclusive: Whether changes are found, or one by as much as a payload may have
             (`LARGEST_PAYLOAD_SHARE`) would be.
-        notes: What was taken for granted, for people to read.
-        unexplained: What the model does not explain with any payload; empty if there is nothing.
     """
 
     run: str
     frame: str
-    body: str
+    body: str  # the link that carries them
     events: tuple[PayloadEvent, ...]
     carried: tuple[Carried, ...]
-    alarms_per_hour: float
-    inflation: float
-    least_mass: float
+    alarms_per_hour: float  # false events that the threshold allows
+    inflation: float  # how many times larger the statistic is than by normal, white residuals
+    least_mass: float  # change by a mass at the frame's origin that half of the log would show [kg]
     conclusive: bool
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # what was taken for granted, for people to read
     sliding: SlidingMass
-    unexplained: str = ""
+    unexplained: str = ""  # what no payload explains; empty if there is nothing
 
     def __str__(self) -> str:
         events = (
@@ -149,18 +131,17 @@ def find_payload_events(
     samples: FilteredSamples,
     frame: str | None = None,
     *,
-    drift: float = FRICTION_DRIFT,
     gain: float | None = None,
 ) -> PayloadEvents:
     """Find when a payload changes along one run, and weigh what is carried between.
 
-    Efforts are as logged; `drift` and `gain` are as of `identify_payload`.
+    Efforts are as logged; `gain` is as of `identify_payload`.
     """
-    share = gain_share(identified, gain, drift)
+    share = gain_share(identified, gain)
     carries = carrier(identified.model.robot, frame)
     samples = samples.scaled(identified.signals.gains, identified.model.robot.effort_units)
-    found = _changes(identified, samples, carries, drift)
-    weigher = _Weigher(identified, samples, carries, drift, share)
+    found = _changes(identified, samples, carries)
+    weigher = _Weigher(identified, samples, carries, share)
     changes = list(found.changes)
     while True:
         stretches = weigher.stretches(changes)
@@ -225,7 +206,6 @@ class _Weigher:
     identified: IdentifiedModel
     samples: FilteredSamples
     carries: Frame
-    drift: float
     gain: float
 
     def stretches(self, changes: list[PayloadChange]) -> list[Window]:
@@ -271,24 +251,22 @@ class _Weigher:
             [self.samples.during([window]).information() for window in stretches],
             loads,
             [0] * len(stretches),
-            drifts=self.drift > 0.0,
             zero={one.name for one in model.estimate.removed},
         )
-        fit = fitted_case(model, case, False, self.drift)
+        fit = fitted_case(model, case, False)
         refuse_unexplained_case(model, case, fit)
         return [
             None
             if load is None
             else weighed(
-                model, case, fit, case.payloads[load], self.carries, False, self.drift,
-                self.gain, NOTHING_KNOWN,
+                model, case, fit, case.payloads[load], self.carries, False, self.gain, NOTHING_KNOWN
             )
             for load in loads
-        ]  # fmt: skip
+        ]
 
 
 def _changes(
-    identified: IdentifiedModel, samples: FilteredSamples, carries: Frame, drift: float
+    identified: IdentifiedModel, samples: FilteredSamples, carries: Frame
 ) -> PayloadChanges:
     """Where the statistic exceeds its threshold.
 
@@ -298,7 +276,7 @@ def _changes(
     columns, model = samples.layout.columns, identified.model
     known = identified.estimate.parameters.as_dict()
     values = np.array([known.get(name, 0.0) for name in columns])
-    moving = list(drifting(model, columns)) if drift > 0.0 else []
+    moving = list(drifting(model, columns))
     place = {name: k for k, name in enumerate(identified.base.base_names)}
     lift = payload_lift(model.robot, identified.base, carries)[[place[name] for name in columns]]
     transform = np.hstack([np.eye(len(columns))[:, moving], lift])
@@ -327,7 +305,7 @@ def _changes(
             "or weigh without --when",
         )
     starts = np.asarray(float(samples.t[0]) + CHANGE_STEP * np.flatnonzero(full))
-    deviations, most = drift * np.abs(values[moving]), _largest_payload(identified)
+    deviations, most = FRICTION_DRIFT * np.abs(values[moving]), _largest_payload(identified)
     return changes_of(payload_windows(starts, starts + CHANGE_STEP, grams[full], deviations, most))
 
 

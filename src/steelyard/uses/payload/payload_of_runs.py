@@ -46,32 +46,25 @@ from steelyard.uses.payload.payload_body import (
     refuse_contradiction,
 )
 
-FRICTION_DRIFT = 0.5
-"""Drift of friction and offset from run to run, relative to the effort they make in each joint."""
-
-GAIN_RELATIVE_STD = 0.02
-"""Relative standard deviation of the gains of motors' efforts that are given without one."""
+FRICTION_DRIFT = 0.5  # of friction and offset from run to run, over the effort they make in a joint
+GAIN_RELATIVE_STD = 0.02  # relative standard deviation of motors' gains given without one
 
 
-FREEDOM = 2.0
-"""Expected squares of scores below which they are too few."""
+FREEDOM = 2.0  # expected squares of scores below which they are too few
 
-ROUND_OFF = float(np.finfo(np.float64).eps)
-"""Variance of residuals over the greatest mean square of efforts that sums of squares resolve."""
+ROUND_OFF = float(
+    np.finfo(np.float64).eps
+)  # of squared residuals, over the greatest squared effort
 
 UNEXPLAINED, NOTABLE = 2.5, 0.05
 """Residual over that of the model's own logs, and over the effort, from which on a joint's efforts
 are not explained: 2.0 at most in the loaded logs of a UR10e, on days without fitted logs."""
 
-LEAST_SIGMA = 1e-3
-"""Residual of the model's own logs, over the effort, that a log is compared with at least."""
-
-KNOWN = 1e-6
-"""Standard deviation of an arm's parameter that was not estimated, of its size or of 1 SI unit."""
+LEAST_SIGMA = 1e-3  # least residual of the model's logs, over the effort, to compare with
+KNOWN = 1e-6  # standard deviation of what was not estimated, of its size or of 1 SI unit
 
 ROUNDS = 50
-TOLERANCE = 1e-6
-"""Relative change of the rows' variances at which they have converged."""
+TOLERANCE = 1e-6  # relative change of the rows' variances at which they have converged
 
 
 NOTHING_KNOWN = PayloadKnowledge()
@@ -92,18 +85,15 @@ def identify_payload(
     frame: str | None = None,
     *,
     unloaded: Sequence[Information] = (),
-    drift: float = FRICTION_DRIFT,
     gain: float | None = None,
     known: PayloadKnowledge = NOTHING_KNOWN,
 ) -> PayloadEstimate:
     """Weigh what a robot carries: a physically consistent body.
 
     The model's covariance says how far its parameters may move; with unloaded runs they are found
-    from the runs alone. Efforts are as logged. `drift` is the standard deviation of each run's
-    friction and offset, relative to the effort that they make together in a joint; with 0 they are
-    those of the model. `gain` is the relative standard deviation of each gain of the efforts; if
-    `None`, `GAIN_RELATIVE_STD` where efforts are currents, or nothing beside scales that were
-    identified with the model.
+    from the runs alone. Efforts are as logged. `gain` is the relative standard deviation of each
+    gain of the efforts; if `None`, `GAIN_RELATIVE_STD` where efforts are currents, or nothing
+    beside scales that were identified with the model.
     """
     if not loaded:
         raise DataError(
@@ -111,7 +101,7 @@ def identify_payload(
             where="identification of a payload",
             fix="give at least one log of the loaded robot",
         )
-    share = gain_share(identified, gain, drift)
+    share = gain_share(identified, gain)
     refuse_foreign(identified.model, (*unloaded, *loaded))
     carries = carrier(identified.model.robot, frame)
     gains, units = identified.signals.gains, identified.model.robot.effort_units
@@ -122,14 +112,12 @@ def identify_payload(
         [run.scaled(gains, units) for run in unloaded],
         [run.scaled(gains, units) for run in loaded],
         first_deviates=True,
-        drifts=drift > 0.0,
         zero={one.name for one in identified.estimate.removed},
     )
-    fit = fitted_case(identified, case, bool(unloaded), drift)
+    fit = fitted_case(identified, case, bool(unloaded))
     if not unloaded:
         refuse_unexplained_case(identified, case, fit)
-    columns = case.payload
-    return weighed(identified, case, fit, columns, carries, bool(unloaded), drift, share, known)
+    return weighed(identified, case, fit, case.payload, carries, bool(unloaded), share, known)
 
 
 def refuse_unexplained_case(identified: IdentifiedModel, case: LoadCase, fit: CaseFit) -> None:
@@ -147,20 +135,14 @@ def refuse_unexplained_case(identified: IdentifiedModel, case: LoadCase, fit: Ca
     refuse_unexplained(residual, measured, runs, LEAST_FITTED, " with any payload")
 
 
-def gain_share(identified: IdentifiedModel, stated: float | None, drift: float) -> float:
-    """Relative standard deviation of each gain, checked with that of friction.
+def gain_share(identified: IdentifiedModel, stated: float | None) -> float:
+    """Relative standard deviation of each gain.
 
     Efforts of motors are currents times a constant, whatever their unit.
     """
     of_motors = identified.signals.effort_kind in MOTOR_KINDS
     usual = GAIN_RELATIVE_STD if of_motors and identified.effort_scales is None else 0.0
     gain = usual if stated is None else stated
-    if not drift >= 0.0:
-        raise DataError(
-            f"the drift of friction is {drift:g}",
-            where="identification of a payload",
-            fix="give 0 for the model's friction, or a relative change such as 0.5",
-        )
     if not 0.0 <= gain < 1.0:
         raise DataError(
             f"the relative uncertainty of the drive gains is {gain:g}",
@@ -170,11 +152,8 @@ def gain_share(identified: IdentifiedModel, stated: float | None, drift: float) 
     return gain
 
 
-CERTAIN_PAYLOAD_STD = 3.0
-"""Standard deviations of its mass from which on there is one."""
-
-LEAST_PAYLOAD_SHARE = 0.02
-"""Least mass that is reported, over that of the moving links."""
+CERTAIN_PAYLOAD_STD = 3.0  # standard deviations of its mass from which on there is one
+LEAST_PAYLOAD_SHARE = 0.02  # least mass that is reported, over that of the moving links
 
 
 def unknown_payload(identified: IdentifiedModel, run: Information) -> PayloadEstimate | None:
@@ -199,9 +178,7 @@ def payload_words(found: PayloadEstimate, run: str) -> str:
     )
 
 
-def fitted_case(
-    identified: IdentifiedModel, case: LoadCase, jointly: bool, drift: float
-) -> CaseFit:
+def fitted_case(identified: IdentifiedModel, case: LoadCase, jointly: bool) -> CaseFit:
     """Arm, friction of the runs and payloads together, without physical constraints.
 
     Weighted least squares with prior knowledge, of the arm unless it is found from the runs alone
@@ -212,7 +189,7 @@ def fitted_case(
     values, known = _knowledge(identified, case)
     if not jointly:
         mean[: case.n_arm], precision[: case.n_arm, : case.n_arm] = values, known
-    allowed = drift * _friction(identified, case, values)
+    allowed = FRICTION_DRIFT * _friction(identified, case, values)
     for run in case.deviations:
         precision[run, run] = 1.0 / np.square(allowed)
     counts = information.n_samples
@@ -245,7 +222,6 @@ def weighed(
     columns: tuple[int, ...],
     carries: Frame,
     jointly: bool,
-    drift: float,
     gain: float,
     known: PayloadKnowledge,
 ) -> PayloadEstimate:
@@ -276,9 +252,8 @@ def weighed(
             "arm and payload are identified together from the unloaded and loaded runs"
             if jointly
             else "the arm's parameters are the model's, within its uncertainty",
-            f"friction and offsets are estimated per run, within {100.0 * drift:g} % of the model's"
-            if drift
-            else "friction and offset are those of the model",
+            "friction and offsets are estimated per run, within "
+            f"{100.0 * FRICTION_DRIFT:g} % of the model's",
             _scale_note(gain, of_scales, body.covariance),
         ),
         body.chi_squared,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import floor, isfinite, log10
+from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +12,7 @@ from rich.text import Text
 from steelyard.report.figures import Figure, Group, Key, area, evenly, line
 from steelyard.report.page import figures, inspected_page, notes
 from steelyard.report.tables import PlainTable, Row, light_table
+from steelyard.report.words import rounded_to_uncertainty
 from steelyard.uses.payload.payload_changes import CHANGE_SPAN
 
 if TYPE_CHECKING:
@@ -27,8 +28,7 @@ def rounded_mass(value: float, half: float) -> tuple[str, str]:
     """A value and its half-width, to two digits of the half-width; the latter empty without."""
     if not (isfinite(value) and isfinite(half)):
         return "not identifiable", ""
-    digits = min(12, max(0, 1 - floor(log10(half)))) if half > 0.0 else 6
-    return f"{value:.{digits}f}", f"{half:.{digits}f}"
+    return rounded_to_uncertainty(value, half), rounded_to_uncertainty(half, half)
 
 
 def mass_with_interval(value: float, half: float) -> str:
@@ -50,8 +50,7 @@ def counted_changes(found: PayloadEvents) -> str:
     )
 
 
-MOST_POINTS_OF_MASS = 3000
-"""Points of a line, at most."""
+MOST_POINTS_OF_MASS = 3000  # points of a line, at most
 
 
 def render_payload_events(found: Sequence[PayloadEvents], robot: str) -> str:

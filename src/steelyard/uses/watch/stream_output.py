@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from math import isfinite, isinf, isnan
+from math import isinf, isnan
 from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
@@ -20,7 +20,7 @@ from steelyard.uses.watch.watcher import StreamEstimate, StreamNote
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from steelyard.uses.watch.watcher import StreamEvent, StreamSummary, Watcher
+    from steelyard.uses.watch.watcher import StreamEvent, Watcher
 
 
 def record_of(event: StreamEvent) -> dict[str, Any]:
@@ -90,26 +90,6 @@ def _load(load: JointLoad) -> str:
     return f"{load.joint} {signed(load.peak)} {load.unit}{change}, {ratio} × threshold"
 
 
-def summary_record(summary: StreamSummary) -> dict[str, Any]:
-    """A summary as JSON values."""
-    least, carried = summary.least_mass, summary.carried or (None, None)
-    return {
-        "event": "summary",
-        "duration_s": summary.duration,
-        "samples": summary.samples,
-        "dropped_rows": summary.dropped,
-        "gaps": summary.gaps,
-        "contacts": summary.contacts,
-        "payload_changes": summary.payload_changes,
-        "largest_torque": list(summary.largest),
-        "payload_not_sought": summary.payload,
-        "carried_kg": carried[0],
-        "carried_half_width_kg": carried[1],
-        "least_mass_kg": None if least is None or not isfinite(least) else least,
-        "doubt": summary.doubt or None,
-    }
-
-
 def state_line(watcher: Watcher) -> str:
     """What a watcher sees now, for a line that is written again and again."""
     if not watcher.observer.steps:
@@ -131,37 +111,38 @@ def state_line(watcher: Watcher) -> str:
 
 
 def summary_lines(
-    summary: StreamSummary, joints: Sequence[str], units: Sequence[str]
+    summary: Mapping[str, Any], joints: Sequence[str], units: Sequence[str]
 ) -> Iterator[str]:
-    """The end of a stream."""
-    rate = summary.samples / summary.duration if summary.duration else 0.0
+    """The end of a stream, see `Watcher.summary`."""
+    duration, samples, least = (summary[x] for x in ("duration_s", "samples", "least_mass_kg"))
     yield (
-        f"{summary.duration:.1f} s, {_counted(summary.samples, 'sample')} ({rate:.0f} a second): "
-        f"{_counted(summary.contacts, 'contact')}, "
-        f"{_counted(summary.payload_changes, 'change')} of the payload"
+        f"{duration:.1f} s, {_counted(samples, 'sample')} "
+        f"({samples / duration if duration else 0.0:.0f} a second): "
+        f"{_counted(summary['contacts'], 'contact')}, "
+        f"{_counted(summary['payload_changes'], 'change')} of the payload"
     )
-    largest = zip(joints, summary.largest, units, strict=True)
+    largest = zip(joints, summary["largest_torque"], units, strict=True)
     sizes = ", ".join(f"{joint} {significant(size)} {unit}" for joint, size, unit in largest)
     yield f"largest external torque: {sizes}"
-    if summary.doubt:
-        yield summary.doubt
-    if summary.dropped:
-        rows = ", ".join(f"{count} for {why}" for why, count in summary.dropped.items())
+    if summary["doubt"]:
+        yield summary["doubt"]
+    if summary["dropped_rows"]:
+        rows = ", ".join(f"{count} for {why}" for why, count in summary["dropped_rows"].items())
         yield f"rows left out: {rows}"
-    if summary.gaps:
-        yield f"pauses after which the observer restarted: {summary.gaps}"
-    if summary.carried is not None:
-        yield f"payload at the last search: {mass_with_interval(*summary.carried)} kg"
-    if summary.least_mass is not None:
+    if summary["gaps"]:
+        yield f"pauses after which the observer restarted: {summary['gaps']}"
+    if summary["carried_kg"] is not None:
+        mass = mass_with_interval(summary["carried_kg"], summary["carried_half_width_kg"])
+        yield f"payload at the last search: {mass} kg"
+    if least is not None:
         yield (
             "no change of the payload would have been seen: too little motion"
-            if isinf(summary.least_mass)
+            if isinf(least)
             else "smallest change of the payload's mass that would be detected: "
-            f"{summary.least_mass:.2g} kg (for a mass at the frame's origin, in half of the "
-            "searches)"
+            f"{least:.2g} kg (for a mass at the frame's origin, in half of the searches)"
         )
-    if summary.payload:
-        yield f"the last search for changes of the payload was not possible: {summary.payload}"
+    if failed := summary["payload_not_sought"]:
+        yield f"the last search for changes of the payload was not possible: {failed}"
 
 
 def _counted(count: int, what: str) -> str:
@@ -171,10 +152,8 @@ def _counted(count: int, what: str) -> str:
 EVENT_COLUMNS = (
     "event", "time_s", "end_s", "what", "value", "half_width", "unit", "over_threshold", "place",
 )  # fmt: skip
-"""Columns of the table of events."""
 
-WRENCH_COLUMNS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
-"""Entries of a wrench."""
+WRENCH_COLUMNS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")  # entries of a wrench
 
 
 def event_row(event: ContactEvent | PayloadEvent | StreamNote) -> dict[str, str | float]:

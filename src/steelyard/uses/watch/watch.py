@@ -11,21 +11,13 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, LogError
 from steelyard.base.progress import Progress, report_progress, silent
 from steelyard.estimate.external.observer import PER_PERIOD
-from steelyard.estimate.external.residual_peaks import (
-    HOLD,
-    SETTLED,
-    ContactThresholds,
-)
+from steelyard.estimate.external.residual_peaks import HOLD, SETTLED, ContactThresholds
 from steelyard.estimate.friction.mixes import has_memory
 from steelyard.estimate.identified import IdentifiedModel, load_model
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.information.samples import gather_samples
 from steelyard.estimate.payload.load_case import carrier
-from steelyard.estimate.scores.residuals import (
-    FORGOTTEN,
-    ResidualTrace,
-    greatest,
-)
+from steelyard.estimate.scores.residuals import FORGOTTEN, ResidualTrace, greatest
 from steelyard.identify.scores import fitted_before, processing_of
 from steelyard.logs.contents import windowed
 from steelyard.logs.formats import open_log
@@ -42,13 +34,7 @@ from steelyard.uses.contact.contact import (
 )
 from steelyard.uses.payload.payload_events import PayloadEvents, find_payload_events
 from steelyard.uses.watch.stream_output import StreamFiles
-from steelyard.uses.watch.watcher import (
-    PayloadStream,
-    StreamEvent,
-    Watcher,
-    rests_of,
-    velocity_of,
-)
+from steelyard.uses.watch.watcher import PayloadStream, StreamEvent, Watcher, rests_of, velocity_of
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ reported once.
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -24,11 +25,8 @@ from steelyard.uses.contact.contact_events import ContactEvent, ContactStart, Co
 from steelyard.uses.other_efforts import LARGE_RESIDUAL, LEAST_EXPLAINED
 from steelyard.uses.payload.payload_events import PayloadEvent, PayloadEvents
 
-DOUBT_SHARE = 0.5
-"""Share of the time from which on residuals beyond their thresholds mean that something lasts."""
-
-LEAST_DOUBT_TIME = 5.0
-"""Time of samples, or of residuals beyond their thresholds, from which on it is said [s]."""
+DOUBT_SHARE = 0.5  # share of the time with residuals beyond thresholds that means something lasts
+LEAST_DOUBT_TIME = 5.0  # least time of samples, or beyond thresholds, until it is said [s]
 
 LIKELIER = "other efforts, units or signs, a payload or another tool are likelier than contact"
 
@@ -72,17 +70,10 @@ class Doubt:
             )
 
 
-SEARCH_PERIOD = 2.0
-"""Time between two searches [s]."""
-
-SEARCHED_SPAN = 40.0
-"""Latest samples that are searched [s]."""
-
-FIRST_SEARCH = 10.0
-"""Time of samples before the first search [s]."""
-
-SAME_EVENT_TIME = 3.0
-"""Difference of the times of one event in two searches, at most [s]."""
+SEARCH_PERIOD = 2.0  # time between two searches [s]
+SEARCHED_SPAN = 40.0  # latest samples that are searched [s]
+FIRST_SEARCH = 10.0  # time of samples before the first search [s]
+SAME_EVENT_TIME = 3.0  # difference of the times of one event in two searches, at most [s]
 
 Detect = Callable[[Array], PayloadEvents]
 """Finds the events of consecutive rows as logged; times count from the first one."""
@@ -90,16 +81,11 @@ Detect = Callable[[Array], PayloadEvents]
 
 @dataclass(frozen=True, eq=False)
 class PayloadState:
-    """What is carried at the end of a search.
+    """What is carried at the end of a search."""
 
-    Attributes:
-        mass: Its mass, zero if nothing is carried [kg].
-        least_mass: Smallest change of the mass that would be seen, infinite if none would [kg].
-    """
-
-    mass: float
+    mass: float  # its mass, zero if nothing is carried [kg]
     half_width: float
-    least_mass: float
+    least_mass: float  # smallest change of the mass that would be seen, infinite if none would [kg]
 
 
 class PayloadStream:
@@ -175,26 +161,18 @@ LEAST_CONTACT_PERIODS = 0.05
 """Part of the period of the observer's bandwidth for which a residual exceeds its threshold in a
 contact: a force makes it exceed for longer, a velocity that jumps for a single sample does not."""
 
-LEAST_USED_SHARE = 0.01
-"""Share of the samples that must follow another one without a pause."""
+LEAST_USED_SHARE = 0.01  # share of the samples that must follow another one without a pause
 
 
 @dataclass(frozen=True, eq=False)
 class StreamEstimate:
-    """External efforts at a sample.
-
-    Attributes:
-        torque: Of each joint, shape `(n,)` [Nm; N].
-        half_width: Half-widths of the 95 % intervals, likewise.
-        wrench: Force [N] and moment [Nm] on the frame, shape `(6,)`; `None` without a frame.
-        wrench_half_width: Likewise.
-    """
+    """External efforts at a sample."""
 
     time: float
-    torque: Array
-    half_width: Array
-    wrench: Array | None
-    wrench_half_width: Array | None
+    torque: Array  # of each joint, shape `(n,)` [Nm; N]
+    half_width: Array  # half-widths of the 95 % intervals, likewise
+    wrench: Array | None  # force [N] and moment [Nm] on the frame, `(6,)`; `None` without
+    wrench_half_width: Array | None  # likewise
 
 
 @dataclass(frozen=True)
@@ -207,35 +185,6 @@ class StreamNote:
 
 StreamEvent = ContactStart | ContactEvent | PayloadEvent | StreamEstimate | StreamNote
 """What a stream reports, in the order in which it becomes known."""
-
-
-@dataclass(frozen=True)
-class StreamSummary:
-    """What was seen of a stream.
-
-    Attributes:
-        duration: Time from the first to the last sample [s].
-        gaps: Pauses after which the observer began anew.
-        largest: Largest external effort of each joint by size [Nm; N].
-        payload: Why the last search for changes of the payload was not possible; empty if it was.
-        doubt: Why residuals may be no contact; empty without doubt.
-        least_mass: Change of the payload's mass that half of the searches would have seen,
-            infinite if they would have seen none [kg]; `None` without a search.
-        carried: Mass of the payload at the last search and half-width of its 95 % interval [kg];
-            `None` if there was none, or no search.
-    """
-
-    duration: float
-    samples: int
-    dropped: dict[str, int]
-    gaps: int
-    contacts: int
-    payload_changes: int
-    largest: tuple[float, ...]
-    payload: str
-    doubt: str
-    least_mass: float | None = None
-    carried: tuple[float, float] | None = None
 
 
 def rests_of(identified: IdentifiedModel) -> Array:
@@ -315,25 +264,32 @@ class Watcher:
             yield self._contact.ended()
 
     @property
-    def summary(self) -> StreamSummary:
-        """What was seen so far."""
+    def summary(self) -> dict[str, Any]:
+        """What was seen so far, as JSON values but for a `least_mass_kg` that may be infinite.
+
+        `payload_not_sought` says why the last search for changes of the payload was not possible;
+        `least_mass_kg` is the change of its mass that half of the searches would have seen.
+        """
         failed, state, least = "", None, None
         if self.payload is not None:
             state, least = self.payload.state, self.payload.least_mass
             failed = self.payload.failed or ("" if self.payload.searches else "too few samples")
-        return StreamSummary(
-            duration=self.time,
-            samples=self.observer.steps,
-            dropped={verdict.reason: count for verdict, count in self.samples.dropped.items()},
-            gaps=max(self.observer.gaps - 1, 0),
-            contacts=self._counts["contact"],
-            payload_changes=self._counts["payload"],
-            largest=tuple(self._largest.tolist()),
-            payload=failed,
-            doubt=self._doubt.text,
-            least_mass=least,
-            carried=None if state is None or not state.mass else (state.mass, state.half_width),
-        )
+        carried = state if state is not None and state.mass else None
+        return {
+            "event": "summary",
+            "duration_s": self.time,
+            "samples": self.observer.steps,
+            "dropped_rows": {one.reason: count for one, count in self.samples.dropped.items()},
+            "gaps": max(self.observer.gaps - 1, 0),
+            "contacts": self._counts["contact"],
+            "payload_changes": self._counts["payload"],
+            "largest_torque": self._largest.tolist(),
+            "payload_not_sought": failed,
+            "carried_kg": carried and carried.mass,
+            "carried_half_width_kg": carried and carried.half_width,
+            "least_mass_kg": least,
+            "doubt": self._doubt.text or None,
+        }
 
     @property
     def started(self) -> bool:

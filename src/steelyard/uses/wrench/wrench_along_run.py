@@ -53,8 +53,7 @@ COMPONENTS = (
 
 KINDS = ("force along", "moment about")
 
-MINOR_COMPONENT = 0.3
-"""Share of a direction's largest component below which another one is not named."""
+MINOR_COMPONENT = 0.3  # share of a direction's largest component below which one is not named
 
 
 def unobservable_directions(learned: Array, expected: Expected) -> tuple[Array, ...]:
@@ -98,8 +97,7 @@ SIMULTANEOUS = 2.795
 """Half-width of 95 % intervals of three components at once, over their standard deviation: the root
 of the 95 % quantile of a chi-square variable with three degrees of freedom."""
 
-EQUAL_RATES_TOLERANCE = 1e-6
-"""Relative difference up to which rates are one."""
+EQUAL_RATES_TOLERANCE = 1e-6  # relative difference up to which rates are one
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,16 +107,10 @@ class WrenchEstimate:
     The wrench is what the surroundings exert on the robot, its moment about the frame's origin.
 
     Attributes:
-        bandwidth: Of the low-pass of the efforts [Hz].
-        t: Time from the log's start [s].
         force_half_width: Half-width of 95 % intervals of the force along its own direction, shape
             `(N,)` [N]; simultaneous ones, as the direction is estimated too [Scheffe1959].
-        torque: External efforts, shape `(N, n)` [Nm; N].
-        torque_half_width: Half-width of 95 % intervals of efforts that nothing external makes.
         least_data_share: Share of the expected variance that efforts remove, along the direction
             in which they remove least, 0 to 1, shape `(N,)`.
-        learned: See `learned_of`, shape `(N, 6, 6)`.
-        condition: Condition number of the Jacobian, shape `(N,)`.
     """
 
     run: str
@@ -127,18 +119,18 @@ class WrenchEstimate:
     residual: ResidualKind
     method: str
     expected: Expected
-    bandwidth: float
+    bandwidth: float  # of the low-pass of the efforts [Hz]
     joints: tuple[str, ...]
     units: tuple[str, ...]
-    t: Array
+    t: Array  # time from the log's start [s]
     wrench: Array
     half_width: Array
     force_half_width: Array
-    torque: Array
-    torque_half_width: Array
+    torque: Array  # external efforts, shape `(N, n)` [Nm; N]
+    torque_half_width: Array  # half-width of 95 % intervals of efforts that nothing external makes
     least_data_share: Array
-    learned: Array
-    condition: Array
+    learned: Array  # see `learned_of`, shape `(N, 6, 6)`
+    condition: Array  # condition number of the Jacobian, shape `(N,)`
 
     @property
     def force(self) -> Array:
@@ -186,8 +178,7 @@ WHITE_NOISE_SHARE = 0.5
 """Share of the fit's residual variance that is noise. Slow residuals are given all of it too, with
 what left-out motion and the dead zone add: on a UR10e on other days most of it is slow."""
 
-LONGEST_STRETCH = 120.0
-"""Longest stretch along which the errors of the model's parameters are the same [s]."""
+LONGEST_STRETCH = 120.0  # longest stretch along which the model's errors are the same [s]
 
 
 def external_efforts(

@@ -26,37 +26,21 @@ from steelyard.estimate.external.effort_to_wrench import (
     learned_of,
 )
 
-DURATION = 1.0
-"""Expected duration of a push [s]."""
-
-RESIDUAL_CORRELATION_TIME = 0.4
-"""Correlation time of slow residuals [s]; residuals of a UR10e on other days have it."""
-
-LEAST_WRENCH_VARIANCE, MOST_WRENCH_VARIANCE = 1e-4, 1.0
-"""Limits of the variance of wrenches over the expected one."""
-
-ROUNDS = 4
-"""Rounds of the estimate of the wrench's size."""
-
-OBSERVABLE = 0.5
-"""Least share from data of the expected variance along an observable direction."""
-
-NEGLIGIBLE = 0.01
-"""Effect of a combination of parameters on efforts, over their noise, that is left out."""
+DURATION = 1.0  # expected duration of a push [s]
+RESIDUAL_CORRELATION_TIME = 0.4  # of slow residuals [s], as on a UR10e on other days
+LEAST_WRENCH_VARIANCE, MOST_WRENCH_VARIANCE = 1e-4, 1.0  # over the expected variance
+ROUNDS = 4  # rounds of the estimate of the wrench's size
+OBSERVABLE = 0.5  # least share from data of the expected variance along an observable direction
+NEGLIGIBLE = 0.01  # effect of parameters on efforts, over their noise, that is left out
 
 
 @dataclass(frozen=True)
 class Smoothed:
-    """Wrenches over time, with errors of the model estimated from the same log.
-
-    Attributes:
-        expected: The size of wrenches, to begin with.
-        duration: How long a push lasts, usually [s].
-    """
+    """Wrenches over time, with errors of the model estimated from the same log."""
 
     name: ClassVar[str] = "smoothed"
-    expected: Expected = Expected()
-    duration: float = DURATION
+    expected: Expected = Expected()  # the size of wrenches, to begin with
+    duration: float = DURATION  # how long a push lasts, usually [s]
 
     def __post_init__(self) -> None:
         if not 0.0 < self.duration < np.inf:
@@ -121,15 +105,10 @@ class Smoothed:
 
 @dataclass(frozen=True, eq=False)
 class _Smoother:
-    """Kalman smoother of a stationary process, on several columns of data with the same gains.
+    """Kalman smoother of a stationary process, on several columns of data with the same gains."""
 
-    Attributes:
-        keeps: What is left of each state after a step, shape `(m,)`.
-        before: Covariance of the states without data, shape `(m, m)`.
-    """
-
-    keeps: Array
-    before: Array
+    keeps: Array  # what is left of each state after a step, shape `(m,)`
+    before: Array  # covariance of the states without data, shape `(m, m)`
 
     def __call__(self, data: Array, loads: Array, noise: Array) -> tuple[Array, Array, Array]:
         """Smooth.
