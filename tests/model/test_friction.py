@@ -12,11 +12,10 @@ from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.coupled import Coupled
 from steelyard.model.laws.directional import DirectionalCoulomb, DirectionalViscous
-from steelyard.model.laws.directional_stribeck import DirectionalStribeck
 from steelyard.model.laws.powers import Cubic, Quadratic, Root
 from steelyard.model.laws.presliding import Dahl, LuGre, MaxwellSlip
 from steelyard.model.laws.register import term_of
-from steelyard.model.laws.stribeck import Stribeck
+from steelyard.model.laws.stribeck import DirectionalStribeck, Stribeck
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.model import Model
 from steelyard.model.terms.term import Term

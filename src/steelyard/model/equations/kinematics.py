@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.base.arrays import Array, frozen
-from steelyard.base.errors import ModelError, advice
-from steelyard.model.equations.closed_chains import completed
+from steelyard.base.errors import ModelError, named
+from steelyard.model.equations.closed_chains import completed, projected
 from steelyard.model.equations.inverse_dynamics import (
     JointState,
     Matrix,
@@ -124,13 +124,7 @@ def last_frame(robot: Robot) -> str:
 def frame_of(robot: Robot, name: str) -> Frame:
     """The frame of that name: of a moving link, or of one that is fixed to a link or the base."""
     frames = {frame.name: frame for frame in (*body_frames(robot)[1:], *robot.frames)}
-    if name not in frames:
-        raise ModelError(
-            f"there is no frame '{name}'",
-            where=f"robot '{robot.name}'",
-            fix=advice(name, frames, "frames"),
-        )
-    return frames[name]
+    return named(name, frames, "frame", "frames", f"robot '{robot.name}'")
 
 
 def frame_kinematics(robot: Robot, frame: str | Frame) -> FrameKinematics:
@@ -148,11 +142,15 @@ def frame_outputs(robot: Robot, frame: Frame, q: Scalars, passive: Scalars) -> l
     position, slopes = carried_point(robot, positions, frame.body, frame.position)
     rotation, axes = _turned(robot, positions, frame)
     outputs = [*position, *rotation.ravel()]
+    torque_map = None
     if max([*slopes, *axes], default=-1) >= robot.n:
         rest = [0.0] * robot.n
         _, torque_map = completed(robot, JointState(q, rest, rest, passive))
-        slopes, axes = (_followed(x, torque_map, robot.n) for x in (slopes, axes))
-    return [*outputs, *_rows(slopes, robot.n), *_rows(axes, robot.n)]
+    for columns in (slopes, axes):
+        entries = {(j, k): x for j, column in columns.items() for k, x in enumerate(column)}
+        found = projected(robot, entries, torque_map)
+        outputs += [found.get((j, k), 0.0) for k in range(3) for j in range(robot.n)]
+    return outputs
 
 
 def points_on(robot: Robot, carriers: Sequence[int], places: ArrayLike) -> Points:
@@ -237,16 +235,6 @@ def _turned(robot: Robot, q: Scalars, frame: Frame) -> tuple[Matrix, dict[int, V
         turned, _ = _placement(link, link.ratio * q[link.coordinate] + link.offset)
         rotation = rotation @ turned
     return rotation @ _constant(frame.rotation), axes
-
-
-def _followed(columns: dict[int, Vector], torque_map: Any, n: int) -> dict[int, Vector]:
-    """Columns of all joints as columns of the independent ones, which the others follow."""
-    totals = {joint: column for joint, column in columns.items() if joint < n}
-    for joint in (joint for joint in columns if joint >= n):
-        for k, gain in enumerate(torque_map[joint - n]):
-            if gain is not None:
-                totals[k] = _times(columns[joint], gain) + totals.get(k, 0.0)
-    return totals
 
 
 def _rows(columns: dict[int, Vector], n: int) -> list[Scalar]:

@@ -6,7 +6,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from steelyard.base.errors import ModelError
 from steelyard.model.equations.inverse_dynamics import JointState, Scalars
 from steelyard.model.terms.axes import (
     DEFAULT_SHAPE,
@@ -17,6 +16,7 @@ from steelyard.model.terms.axes import (
     per_axis,
     refuse_negative,
     refuse_shape,
+    unfit,
 )
 from steelyard.model.terms.model_files import Placed, Values, under
 from steelyard.model.terms.term import ActsOnAxes, Cause, Dissipation, Role
@@ -51,10 +51,9 @@ class Coulomb(ActsOnAxes):
         refuse_negative(self.law, threshold=self.threshold, smoothing=self.smoothing)
         refuse_shape(self.law, self.shape, self.smoothing)
         if not is_zero(self.threshold) and not is_zero(self.smoothing):
-            raise ModelError(
+            raise unfit(
                 f"Coulomb friction with threshold {self.threshold} and smoothing {self.smoothing}",
-                where="list of terms",
-                fix="give one of the two, as a positive speed, or none for the plain sign",
+                "give one of the two, as a positive speed, or none for the plain sign",
             )
 
     @property

@@ -16,6 +16,7 @@ from steelyard.model.terms.axes import (
     refuse_negative,
     refuse_unknown,
     spread,
+    unfit,
 )
 from steelyard.model.terms.model_files import Place, left_out
 from steelyard.model.terms.term import Cause, Columns, Dissipation, Term
@@ -55,10 +56,9 @@ class Coupled(Term):
         if not self.pairs:
             raise _no_pair("no pairs")
         if self.kind == "viscous" and not is_zero(self.smoothing):
-            raise ModelError(
+            raise unfit(
                 "viscous coupled friction has no smoothing",
-                where="list of terms",
-                fix='leave out `smoothing`, or give kind = "coulomb"',
+                'leave out `smoothing`, or give kind = "coulomb"',
             )
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
@@ -121,8 +121,7 @@ def _pair(given: Mapping[str, str] | Sequence[Any]) -> Pair:
 
 
 def _no_pair(what: str) -> ModelError:
-    return ModelError(
+    return unfit(
         f"coupled friction with {what}",
-        where="list of terms",
-        fix='name two joints or motors per pair: pairs = [{from = "hip", to = "knee"}]',
+        'name two joints or motors per pair: pairs = [{from = "hip", to = "knee"}]',
     )

@@ -9,6 +9,7 @@ import numpy as np
 from steelyard.base.arrays import Array, Parameter
 from steelyard.base.errors import ModelError, advice
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, carried_point
+from steelyard.model.terms.axes import unfit
 from steelyard.model.terms.model_files import Placed, Pull, Values
 from steelyard.model.terms.term import Cause, Columns, Dissipation, Term
 from steelyard.robot.robot import Robot
@@ -111,12 +112,12 @@ def _on_body(robot: Robot, link: str, point: tuple[float, ...]) -> tuple[int, An
     if link in bodies:
         return bodies.index(link), np.array(point)
     known = dict.fromkeys([*(frame.name for frame in robot.frames), *bodies])
-    raise ModelError(
+    raise unfit(
         f"a gravity compensator is fixed to link '{link}', which the robot does not have",
-        where=f"robot '{robot.name}', list of terms",
-        fix=advice(link, known, "links"),
+        advice(link, known, "links"),
+        robot,
     )
 
 
 def _unusable(what: str) -> ModelError:
-    return ModelError(f"a gravity compensator {what}", where="list of terms", fix=EXAMPLE)
+    return unfit(f"a gravity compensator {what}", EXAMPLE)

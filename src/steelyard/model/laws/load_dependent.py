@@ -9,12 +9,12 @@ import numpy as np
 from typing_extensions import Self
 
 from steelyard.base.arrays import Array
-from steelyard.base.errors import ModelError, advice
+from steelyard.base.errors import advice
 from steelyard.model.equations.closed_chains import completed, projected
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
 from steelyard.model.laws.presliding import OneState
 from steelyard.model.laws.rigid_body import RigidBody
-from steelyard.model.terms.axes import Axes
+from steelyard.model.terms.axes import Axes, unfit
 from steelyard.model.terms.memory import RigidTorque
 from steelyard.model.terms.model_files import Place, left_out
 from steelyard.model.terms.term import Dissipation
@@ -58,10 +58,9 @@ class LoadDependent(OneState):
         """The same law with another reference model; parameters of other laws do not matter."""
         bodies = {n: float(v) for n, v in values.items() if n.split(".")[0] in INERTIAL_NAMES}
         if not bodies:
-            raise ModelError(
+            raise unfit(
                 "the reference of load-dependent friction names no number of a body",
-                where="list of terms",
-                fix='list "rigid_body" among the terms, or give standard parameters by name: '
+                'list "rigid_body" among the terms, or give standard parameters by name: '
                 '{"m.forearm": 3.2, ...}',
             )
         return replace(self, reference=tuple(bodies.items()))
@@ -81,20 +80,20 @@ class LoadDependent(OneState):
         """Ten numbers per body of the reference, shape `(10 n_bodies,)`."""
         if not self.reference:
             if not robot.nominal.any():
-                raise ModelError(
+                raise unfit(
                     "load-dependent friction needs a reference model, but no body has a mass",
-                    where=f"robot '{robot.name}', list of terms",
-                    fix="give the robot's links masses, or the term a `reference` from an "
+                    "give the robot's links masses, or the term a `reference` from an "
                     "earlier result",
+                    robot,
                 )
             return robot.nominal.ravel()
         names = [p.name for p in RigidBody().parameters(robot)]
         values = dict(self.reference)
         if strange := [name for name in values if name not in names]:
-            raise ModelError(
+            raise unfit(
                 f"the reference of load-dependent friction names '{strange[0]}'",
-                where=f"robot '{robot.name}', list of terms",
-                fix=advice(strange[0], names, "numbers of bodies"),
+                advice(strange[0], names, "numbers of bodies"),
+                robot,
             )
         return RigidBody.numbers_of(robot, values)
 
@@ -106,10 +105,9 @@ def _numbers(reference: Any) -> tuple[tuple[str, float], ...]:
     except (TypeError, ValueError):
         values = None
     if values is None or not all(isfinite(x) for _, x in values):
-        raise ModelError(
+        raise unfit(
             f"load-dependent friction has reference = {reference!r}",
-            where="list of terms",
-            fix='give finite numbers of bodies by name: reference = {"m.forearm" = 3.2}',
+            'give finite numbers of bodies by name: reference = {"m.forearm" = 3.2}',
         )
     return values
 

@@ -13,7 +13,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from steelyard.base.arrays import Array, Parameter
-from steelyard.base.errors import ModelError
 from steelyard.model.equations.inverse_dynamics import JointState, Scalar, Scalars
 from steelyard.model.terms.axes import (
     Axes,
@@ -22,6 +21,7 @@ from steelyard.model.terms.axes import (
     each,
     per_axis,
     refuse_not_positive,
+    unfit,
 )
 from steelyard.model.terms.memory import Presliding, RigidTorque, StateStep, relaxed
 from steelyard.model.terms.model_files import Place, full_sliding
@@ -93,10 +93,9 @@ class MaxwellSlip(Presliding):
 
     def __post_init__(self) -> None:
         if not _are_lengths(self.lengths):
-            raise ModelError(
+            raise unfit(
                 f"Maxwell slip with lengths {self.lengths!r}",
-                where="list of terms",
-                fix="give one length above zero per element: lengths = [3e-4, 1e-3]",
+                "give one length above zero per element: lengths = [3e-4, 1e-3]",
             )
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
@@ -161,10 +160,9 @@ class LuGre(Presliding):
         )
         ratios = self.breakaway if isinstance(self.breakaway, tuple) else (self.breakaway,)
         if min(ratios, default=1.0) < 1.0:
-            raise ModelError(
+            raise unfit(
                 f"LuGre friction breaks away at {min(ratios):g} times its Coulomb friction",
-                where="list of terms",
-                fix="give `breakaway` as a ratio of at least 1, one for all or a list",
+                "give `breakaway` as a ratio of at least 1, one for all or a list",
             )
 
     def n_channels(self, robot: Robot) -> int:

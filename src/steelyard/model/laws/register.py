@@ -11,7 +11,6 @@ from steelyard.model.equations.inverse_dynamics import JointState
 from steelyard.model.laws.coulomb import Coulomb
 from steelyard.model.laws.coupled import Coupled
 from steelyard.model.laws.directional import DirectionalCoulomb, DirectionalViscous
-from steelyard.model.laws.directional_stribeck import DirectionalStribeck
 from steelyard.model.laws.gravity_compensator import GravityCompensator
 from steelyard.model.laws.load_dependent import LoadDependent
 from steelyard.model.laws.offset import Offset
@@ -20,7 +19,7 @@ from steelyard.model.laws.presliding import Dahl, LuGre, MaxwellSlip
 from steelyard.model.laws.rigid_body import RigidBody
 from steelyard.model.laws.rotor_inertia import RotorInertia
 from steelyard.model.laws.spring import Spring
-from steelyard.model.laws.stribeck import Stribeck
+from steelyard.model.laws.stribeck import DirectionalStribeck, Stribeck
 from steelyard.model.laws.viscous import Viscous
 from steelyard.model.terms.axes import Find, finds_of, is_search, search_of
 from steelyard.model.terms.memory import Presliding

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from steelyard.base.arrays import Parameter
-from steelyard.base.errors import ModelError
 from steelyard.model.equations.inverse_dynamics import JointState, Scalars
-from steelyard.model.terms.axes import Axes, each
+from steelyard.model.terms.axes import Axes, each, unfit
 from steelyard.model.terms.model_files import AxisPart, Placed, Values, under
 from steelyard.model.terms.term import ActsOnAxes, Cause, Dissipation
 from steelyard.robot.robot import Robot
@@ -34,10 +33,9 @@ class Spring(ActsOnAxes):
         numbers = self.free if isinstance(self.free, tuple) else (self.free,)
         known = all(isinstance(x, float | int) and abs(x) < float("inf") for x in numbers)
         if self.free != "unknown" and not known:
-            raise ModelError(
+            raise unfit(
                 f"term 'spring' has free = {self.free!r}",
-                where="list of terms",
-                fix="give the position where the spring is free [rad; m], one for all or a list, "
+                "give the position where the spring is free [rad; m], one for all or a list, "
                 'or free = "unknown"',
             )
 
@@ -70,9 +68,8 @@ class Spring(ActsOnAxes):
         if not isinstance(self.free, tuple):
             return (float(self.free),) * len(axes)
         if len(self.free) != len(axes):
-            raise ModelError(
+            raise unfit(
                 f"term 'spring' has {len(self.free)} free positions for {len(axes)} coordinates",
-                where="list of terms",
-                fix="give one position for all, or a list with one per coordinate",
+                "give one position for all, or a list with one per coordinate",
             )
         return self.free

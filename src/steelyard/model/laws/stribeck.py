@@ -11,6 +11,7 @@ from steelyard.model.terms.axes import (
     DEFAULT_SHAPE,
     Axes,
     Field,
+    directional,
     directions,
     per_axis,
     refuse_negative,
@@ -68,3 +69,23 @@ class Stribeck(ActsOnAxes):
         scales = per_axis(self.speed, axes, self.law)
         relative = [axis.of(dq) / scale for axis, scale in zip(axes, scales, strict=True)]
         return [np.exp(-(np.abs(x) if self.exponent == 1 else x * x)) for x in relative]
+
+
+@dataclass(frozen=True)
+class DirectionalStribeck(Stribeck):
+    r"""Stribeck friction of its own in each direction.
+
+    $$ f = \bigl(f_+ s_+(v) + f_- s_-(v)\bigr)\,e^{-|v/v_s|^\beta}, \qquad s_\pm = (s \pm |s|)/2 $$
+
+    To be added to `directional_coulomb`, or to `coulomb` and `offset`. Its fields are those of
+    `Stribeck`.
+    """
+
+    law: ClassVar[str] = "directional_stribeck"
+    units: ClassVar[Mapping[str, str]] = {"_forward": "{effort}", "_backward": "{effort}"}
+
+    def efforts(self, axes: Axes, state: JointState) -> Scalars:
+        """The direction of motion, its positive and its negative part, fading with speed."""
+        sense = directions(axes, state.dq, self.smoothing, self.law, self.shape)
+        fading = self.fading(axes, state.dq)
+        return [s * x for s, x in zip(directional(sense), fading * 2, strict=True)]

@@ -124,20 +124,24 @@ def directional(values: Scalars) -> list[Scalar]:
 def per_axis(values: float | tuple[float, ...], axes: Axes, law: str) -> list[float]:
     """One positive value of a field for every axis, from one for all or a list."""
     if isinstance(values, Find):
-        raise ModelError(
+        raise unfit(
             f"a nonlinear parameter of term '{law}' is not estimated yet",
-            where="list of terms",
-            fix="estimate it from logs first, with `steelyard identify` or `find_fields`, or give "
+            "estimate it from logs first, with `steelyard identify` or `find_fields`, or give "
             "a number",
         )
     given = values if isinstance(values, tuple) else (values,) * len(axes)
     if len(given) != len(axes) or not all(value > 0.0 for value in given):
-        raise ModelError(
+        raise unfit(
             f"term '{law}' has {values} for {len(axes)} coordinates",
-            where="list of terms",
-            fix="give one value above zero for all, or a list with one per coordinate",
+            "give one value above zero for all, or a list with one per coordinate",
         )
     return list(given)
+
+
+def unfit(wrong: str, fix: str, robot: Robot | None = None) -> ModelError:
+    """What is wrong with a term, by itself or of a robot."""
+    place = "list of terms" if robot is None else f"robot '{robot.name}', list of terms"
+    return ModelError(wrong, where=place, fix=fix)
 
 
 def named_axis(robot: Robot, name: str) -> Axis:
@@ -156,10 +160,9 @@ def _listed(names: Any, what: str) -> tuple[str, ...]:
         or (names is not None and not listed)
         or not all(isinstance(name, str) for name in listed)
     ):
-        raise ModelError(
+        raise unfit(
             f"a term acts on {what} = {names!r}",
-            where="list of terms",
-            fix=f'list names: {what} = ["...", "..."], or leave `{what}` out',
+            f'list names: {what} = ["...", "..."], or leave `{what}` out',
         )
     return tuple(listed)
 
@@ -172,10 +175,9 @@ def _sums(along: Any) -> Along:
     with suppress(TypeError, ValueError):
         sums = tuple((str(n), tuple((str(j), float(c)) for j, c in p)) for n, p in along)
     if not sums or not all(isfinite(c) for _, parts in sums for _, c in parts):
-        raise ModelError(
+        raise unfit(
             f"a term acts along {along!r}",
-            where="list of terms",
-            fix="give every coordinate the joints it is made of: "
+            "give every coordinate the joints it is made of: "
             "along = {wrist = {joint_5 = 1.0, joint_6 = 1.0}}",
         )
     return sums
@@ -184,10 +186,10 @@ def _sums(along: Any) -> Along:
 def _joint(robot: Robot, name: str) -> Axis:
     names = [c.name for c in robot.joints]
     if name not in names:
-        raise ModelError(
+        raise unfit(
             f"a term acts on joint '{name}', which is not identified",
-            where=f"robot '{robot.name}', list of terms",
-            fix=f"use names of {', '.join(names)}",
+            f"use names of {', '.join(names)}",
+            robot,
         )
     k = names.index(name)
     return Axis(name, tuple(float(j == k) for j in range(len(names))), robot.joints[k].kind)
@@ -196,12 +198,12 @@ def _joint(robot: Robot, name: str) -> Axis:
 def _motor(robot: Robot, name: str) -> Axis:
     gears = robot.transmission
     if gears is None or name not in gears.motors:
-        raise ModelError(
+        raise unfit(
             f"a term acts on motor '{name}', which the robot does not have",
-            where=f"robot '{robot.name}', list of terms",
-            fix="give the robot a [robot.transmission]"
+            "give the robot a [robot.transmission]"
             if gears is None
             else f"use names of {', '.join(gears.motors)}",
+            robot,
         )
     row = gears.matrix[gears.motors.index(name)].tolist()
     return Axis(name, (*row, *(0.0 for _ in robot.passive)), "revolute")
@@ -223,11 +225,11 @@ def _combined(robot: Robot, name: str, parts: tuple[tuple[str, float], ...]) -> 
     elif beyond := [c for c in total if c and not least <= abs(c) <= most]:
         wrong = f"coordinate '{name}' has a coefficient of {beyond[0]:g}"
     if wrong is not None:
-        raise ModelError(
+        raise unfit(
             wrong,
-            where=f"robot '{robot.name}', list of terms",
-            fix=f"combine joints of one kind, with coefficients of sizes from {least:g} to "
+            f"combine joints of one kind, with coefficients of sizes from {least:g} to "
             f"{most:g}: {{wrist = {{joint_5 = 1.0, joint_6 = 1.0}}}}",
+            robot,
         )
     return Axis(name, tuple(total), kinds.pop())
 
@@ -274,10 +276,9 @@ def refuse_shape(law: str, shape: str, smoothing: Field) -> None:
     """The name of a smooth law goes with a speed within which it turns."""
     refuse_unknown(law, "shape", shape, tuple(SHAPES))
     if is_zero(smoothing) and shape != DEFAULT_SHAPE:
-        raise ModelError(
+        raise unfit(
             f"term '{law}' has shape = {shape!r}, but its direction is the plain sign",
-            where="list of terms",
-            fix="give `smoothing`, the speed within which it turns, or leave out `shape`",
+            "give `smoothing`, the speed within which it turns, or leave out `shape`",
         )
 
 
@@ -288,10 +289,9 @@ def refuse_negative(law: str, **fields: Any) -> None:
             if isinstance(number, Find):
                 continue
             if not isinstance(number, float | int) or not 0.0 <= number < float("inf"):
-                raise ModelError(
+                raise unfit(
                     f"term '{law}' has {name} = {number!r}",
-                    where="list of terms",
-                    fix=f"give '{name}' as a positive number, one for all or a list with one per "
+                    f"give '{name}' as a positive number, one for all or a list with one per "
                     "coordinate",
                 )
 
@@ -301,20 +301,18 @@ def refuse_not_positive(law: str, **fields: Any) -> None:
     refuse_negative(law, **fields)
     for name, value in fields.items():
         if 0.0 in (value if isinstance(value, tuple) else (value,)):
-            raise ModelError(
+            raise unfit(
                 f"term '{law}' has {name} = {value!r}",
-                where="list of terms",
-                fix=f"give '{name}' above zero; to leave the effect out, leave out the term",
+                f"give '{name}' above zero; to leave the effect out, leave out the term",
             )
 
 
 def refuse_unknown(law: str, name: str, value: Any, known: Sequence[Any]) -> None:
     """A field with a choice has one of its values."""
     if value not in known:
-        raise ModelError(
+        raise unfit(
             f"term '{law}' has {name} = {value!r}",
-            where="list of terms",
-            fix=f"give '{name}' one of {', '.join(repr(x) for x in known)}",
+            f"give '{name}' one of {', '.join(repr(x) for x in known)}",
         )
 
 
@@ -335,10 +333,9 @@ class Find:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.lower < self.upper < float("inf"):
-            raise ModelError(
+            raise unfit(
                 f"a nonlinear parameter is to be estimated between {self.lower} and {self.upper}",
-                where="list of terms",
-                fix="give two numbers above zero, the smaller one first: {find = [0.001, 1.0]}",
+                "give two numbers above zero, the smaller one first: {find = [0.001, 1.0]}",
             )
 
     @property
