@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -24,8 +25,6 @@ from steelyard.runs.processing import Processing
 from steelyard.runs.recording import Channels, LoggedSamples, Recording
 from steelyard.runs.rows.clock import rows_between
 from steelyard.runs.run import Run
-
-AXES = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,16 +64,16 @@ class Knowledge:
             return of(self.steady, q, dq, ddq)
         still, free = np.zeros_like(q), self.under(np.zeros(3))
         result, rest = of(free, q, dq, ddq), of(free, q, still, still)
-        for axis, part in zip(AXES, gravity, strict=True):
-            if part != 0.0:
-                result = result + part * (of(self.under(axis), q, still, still) - rest)
+        for axis in np.flatnonzero(gravity):
+            turned = self.under(np.eye(3)[axis])
+            result = result + gravity[axis] * (of(turned, q, still, still) - rest)
         return result
 
     def pulls(self, q: Array) -> Array:
         """Joint efforts that hold against gravity 1 m/s² along x, y and z, shape `(3, n, N)`."""
         still = np.zeros_like(q)
         rest = self._of(self.under(np.zeros(3)), q, still, still)
-        return np.array([self._of(self.under(axis), q, still, still) - rest for axis in AXES])
+        return np.array([self._of(self.under(x), q, still, still) - rest for x in np.eye(3)])
 
     def friction(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Friction and offset of the reference along a motion, shape `(n, N)`."""
@@ -156,21 +155,18 @@ class Evidence:
         return self.recording.channels
 
     @cached_property
-    def window(self) -> tuple[int, int]:
+    def window(self) -> RowRange:
         """Start and stop of the rows that are looked at one by one; the log may end before."""
-        start, stop = self._cut_rows()
-        return start, start + EXCERPT_ROWS if stop is None else min(stop, start + EXCERPT_ROWS)
-
-    def _cut_rows(self) -> RowRange:
-        """The cut in rows."""
         cut = self.recording.cut
-        if not np.isfinite(cut.seconds).any():
-            return cut.rows
-        try:
-            start, stop = rows_between(self.recording, cut.seconds, EXCERPT_ROWS)
-        except LogError:
-            return cut.rows
-        return (start, stop) if stop - start >= FEWEST_WINDOW_ROWS else cut.rows
+        start, stop = cut.rows
+        if np.isfinite(cut.seconds).any():
+            try:
+                within = rows_between(self.recording, cut.seconds, EXCERPT_ROWS)
+                if within[1] - within[0] >= FEWEST_WINDOW_ROWS:
+                    start, stop = within
+            except LogError:
+                pass
+        return start, start + EXCERPT_ROWS if stop is None else min(stop, start + EXCERPT_ROWS)
 
     @cached_property
     def rows(self) -> tuple[Array, Array]:
@@ -218,9 +214,8 @@ class Case:
 
     @cached_property
     def knowledge(self) -> Knowledge | None:
-        """What is known of the robot; a reference of other joints is not used."""
-        of_others = self.reference and self.reference.model.robot.joint_names != self.joints
-        return knowledge_of(None if of_others else self.reference, self.loaded.robot)
+        """What is known of the robot."""
+        return knowledge_of(self.reference, self.loaded.robot)
 
     def listed(self, joints: Sequence[int]) -> str:
         """Names of joints in a sentence, given by number; of three or more that are all, none."""
@@ -229,40 +224,43 @@ class Case:
         return ", ".join(self.joints[j] for j in joints)
 
 
+CaseType = TypeVar("CaseType")
+
+
 @dataclass(frozen=True)
-class CaseCheck:
-    """One thing that may be wrong with logs."""
+class CaseCheck(Generic[CaseType]):
+    """One thing that may be wrong with logs, or with a fitted model."""
 
     name: str  # one word or two, as users see it: `clock`
-    question: str  # the question in a few words: "Is the clock regular?"
     # the findings, without the check's name; none where it does not apply
-    look: Callable[[Case], Iterable[Finding]]
-    quick: bool  # whether `identify` runs it before the fit
+    look: Callable[[CaseType], Iterable[Finding]]
+    question: str = ""  # the question in a few words: "Is the clock regular?"
+    quick: bool = False  # whether `identify` runs it before the fit
 
-    def __call__(self, case: Case) -> tuple[Finding, ...]:
+    def __call__(self, case: CaseType) -> tuple[Finding, ...]:
         """One finding per log, or one for all logs together."""
         return tuple(found.by(self.name) for found in self.look(case))
 
 
 def case_check(
     name: str, question: str, *, quick: bool = True
-) -> Callable[[Callable[[Case], Iterable[Finding]]], CaseCheck]:
+) -> Callable[[Callable[[Case], Iterable[Finding]]], CaseCheck[Case]]:
     """The check that a function makes of all logs together."""
-    return lambda look: CaseCheck(name, question, look, quick)
+    return lambda look: CaseCheck(name, look, question, quick)
 
 
 def log_check(
     name: str,
     question: str,
     logs: Callable[[Case], Iterable[Evidence]] = lambda case: case.logs,
-) -> Callable[[Callable[[Case, Evidence], Finding | None]], CaseCheck]:
+) -> Callable[[Callable[[Case, Evidence], Finding | None]], CaseCheck[Case]]:
     """The quick check that a function makes of one log after the other; `None` for no finding."""
 
-    def check(look: Callable[[Case, Evidence], Finding | None]) -> CaseCheck:
+    def check(look: Callable[[Case, Evidence], Finding | None]) -> CaseCheck[Case]:
         def found(case: Case) -> Iterable[Finding]:
             pairs = ((evidence, look(case, evidence)) for evidence in logs(case))
             return (replace(one, log=evidence.name) for evidence, one in pairs if one is not None)
 
-        return CaseCheck(name, question, found, True)
+        return CaseCheck(name, found, question, quick=True)
 
     return check

@@ -1,6 +1,6 @@
 """What is wrong with logs, or with the robot file: what `steelyard check` does."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,13 +17,7 @@ from steelyard.check import examine
 from steelyard.check.examine import Diagnosis
 from steelyard.check.finding import Edit, Finding, Severity
 from steelyard.check.findings_page import CheckContent, render_check
-from steelyard.check.findings_text import (
-    check_headline,
-    diagnosis_dict,
-    edit_dict,
-    place_of_finding,
-    tally,
-)
+from steelyard.check.findings_text import check_headline, diagnosis_dict, edit_dict, tally
 from steelyard.check.findings_text import print_findings as show_findings
 from steelyard.check.subject import Subject, diagnosed, refuse_foreign, subject_of
 from steelyard.estimate.estimators import method_of
@@ -51,12 +45,6 @@ class AppliedEdit:
     def line(self) -> str:
         """Table and key, and the new value."""
         return " ".join(lines_of([self.edit]).split("\n"))
-
-    @property
-    def cause(self) -> str:
-        """What was found."""
-        where = f", {place_of_finding(self.finding)}" if place_of_finding(self.finding) else ""
-        return f"{self.finding.check}{where}: {self.finding.says}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,29 +133,36 @@ def correct_robot_file(
             break
         anew = {change.edit.path for change in proposed}
         changes = [c for c in changes if c.edit.path not in anew] + proposed
-        new = _loaded(new, edited(text, [change.edit for change in proposed]), target)
+        try:
+            new = new.changed(edited(text, [change.edit for change in proposed]), target)
+        except ModelError as error:
+            raise ModelError(
+                f"the findings give no valid robot file: {error.wrong}",
+                where=error.where,
+                fix=f"change the file by hand, as the check without --fix says; {error.fix}",
+            ) from None
         diagnosis = diagnosed(new, files, reference, progress, quick=quick)
-    worse = sorted(_wrong(diagnosis) & {f.check for f in first.findings if _fine(f)})
-    lines = "; ".join(c.line for c in changes)
-    if changes and (worse or _wrong(diagnosis) == _wrong(first) != set()):
-        names = ", ".join(worse or sorted(_wrong(first)))
-        return CorrectedFile(subject, (), first, (f"with {lines} the check finds {names} wrong",))
-    before, after = _confirmed(first), _confirmed(diagnosis)
-    if any(c.finding.severity < Severity.WRONG for c in changes) and len(after) < len(before):
-        names = ", ".join(sorted(before - after))
-        why = f"with {lines} the check can no longer confirm what was ok before: {names}"
+    wrong, before = (_with(d, lambda f: f.severity == Severity.WRONG) for d in (diagnosis, first))
+    worse = sorted(wrong & _with(first, _fine))
+    why, lines = "", "; ".join(c.line for c in changes)
+    if changes and (worse or wrong == before != set()):
+        names = ", ".join(worse or sorted(before))
+        why = f"with {lines} the check finds {names} wrong"
+    elif any(c.finding.severity < Severity.WRONG for c in changes):
+        # checks that are answered, in all logs, and not doubtful
+        after, sure = (
+            _with(d, lambda f: True) - _with(d, lambda f: not _fine(f)) for d in (diagnosis, first)
+        )
+        if len(after) < len(sure):
+            names = ", ".join(sorted(sure - after))
+            why = f"with {lines} the check can no longer confirm what was ok before: {names}"
+    if why:
         return CorrectedFile(subject, (), first, (why,))
     return CorrectedFile(new, tuple(changes), diagnosis, () if changes else _unwritten(first))
 
 
-def _wrong(diagnosis: Diagnosis) -> set[str]:
-    return {f.check for f in diagnosis.findings if f.severity == Severity.WRONG}
-
-
-def _confirmed(diagnosis: Diagnosis) -> set[str]:
-    """Checks that are answered, in all logs, and not doubtful."""
-    every = {f.check for f in diagnosis.findings}
-    return every - {f.check for f in diagnosis.findings if not _fine(f)}
+def _with(diagnosis: Diagnosis, holds: Callable[[Finding], bool]) -> set[str]:
+    return {f.check for f in diagnosis.findings if holds(f)}
 
 
 def _fine(finding: Finding) -> bool:
@@ -190,34 +185,22 @@ def _unwritten(diagnosis: Diagnosis) -> tuple[str, ...]:
     return tuple(reasons.values())
 
 
-def _loaded(subject: Subject, text: str, target: Path) -> Subject:
-    try:
-        return subject.changed(text, target)
-    except ModelError as error:
-        raise ModelError(
-            f"the findings give no valid robot file: {error.wrong}",
-            where=error.where,
-            fix=f"change the file by hand, as the check without --fix says; {error.fix}",
-        ) from None
-
-
 def _proposed(diagnosis: Diagnosis, changes: Sequence[AppliedEdit]) -> list[AppliedEdit]:
     """The edits of keys not changed before, refined, or taken out again; with the worst finding."""
     before = {change.edit.path for change in changes} - {REFINED_KEY}
-    found = []
-    for edit in diagnosis.edits:
-        if edit.path not in before or edit.value is None:
-            asking = [
-                f
-                for f in diagnosis.findings
-                if f.fix and edit.path in (e.path for e in f.fix.edits)
-            ]
-            found.append(AppliedEdit(edit, max(asking, key=lambda finding: finding.severity)))
-    return found
+    worst = {
+        edit.path: finding
+        for finding in sorted(reversed(diagnosis.findings), key=lambda f: f.severity)
+        for edit in (finding.fix.edits if finding.fix else ())
+    }
+    return [
+        AppliedEdit(edit, worst[edit.path])
+        for edit in diagnosis.edits
+        if edit.path not in before or edit.value is None
+    ]
 
 
 def _moved(subject: Subject, target: Path) -> str:
-    """The text with the path of its model as seen from the new file's folder."""
     here, there = subject.path.absolute().parent, target.absolute().parent
     if here == there:
         return subject.text
@@ -285,10 +268,11 @@ class CheckResult(Result):
         console.print(Text(f"{path} differs:", style="bold"))
         for change in self.fixed.changes:
             console.print(Text(f"  {change.line}", style="cyan"), soft_wrap=True)
-            console.print(Padding(Text(change.cause, style="dim"), (0, 0, 0, 4)))
-        console.print()
-        console.print(Text(f"Checked again with {path}:", style="bold"))
-        console.print()
+            found = change.finding
+            where = f", {found.place}" if found.place else ""
+            cause = Text(f"{found.check}{where}: {found.says}", style="dim")
+            console.print(Padding(cause, (0, 0, 0, 4)))
+        console.print(Text(f"\nChecked again with {path}:\n", style="bold"))
         show_findings(self.fixed.diagnosis, console, fine=False)
 
 

@@ -1,6 +1,6 @@
 """All checks in the order in which they are run and shown, put to a case."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from steelyard.base.progress import report_progress
@@ -40,9 +40,7 @@ from steelyard.check.signals.sensor_limits import (
 from steelyard.check.signals.time_stamps import clock_check, out_of_order
 from steelyard.check.signals.velocity import velocity_check
 
-Check = CaseCheck | HypothesisCheck
-"""What has a name, a question, says whether it is quick, and gives findings on a case."""
-
+Check = CaseCheck[Case] | HypothesisCheck  # has a name, a question, `quick`, and gives findings
 OF_SIGNALS: tuple[Check, ...] = (
     clock_check,
     corrupt_rows_check,
@@ -58,7 +56,6 @@ OF_SIGNALS: tuple[Check, ...] = (
     velocity_check,
 )
 """Checks of the signals by themselves; those that differentiate know the unit of time."""
-
 OF_MOTION: tuple[Check, ...] = (
     JOINT_ORDER,
     POSITION_SIGN,
@@ -78,14 +75,10 @@ OF_MOTION: tuple[Check, ...] = (
     identifiability_check,
 )
 """Checks that compare efforts with a model: by velocities and accelerations, in true seconds."""
-
 CHECKS = (*OF_SIGNALS, *OF_MOTION)
-
 BASIC_CHECKS = (JOINT_ORDER, POSITION_SIGN, EFFORT_SIGN, EFFORT_UNIT, EFFORT_KIND, MOUNTING)
 """Checks without whose answers nobody knows whether the robot file describes the log."""
-
 SEVERAL_OPEN = 3  # basic questions from which on a large misfit that leaves them open is doubtful
-
 DECIDING_CHECKS = (JOINT_ORDER.name, transmission_check.name, GAIN.name, PAYLOAD.name)
 """Checks of facts that decide which model is identified; `SEVERAL_OPEN` open: no log is ok."""
 
@@ -137,14 +130,11 @@ class Diagnosis:
 
 
 MOTION_CHECKS_NAME = "efforts"  # the checks of `OF_MOTION` together, where they are not made
-OTHER_CHECKS_NAME = "other checks"
-"""All checks but that of the clock together, where they are not made."""
+OTHER_CHECKS_NAME = "other checks"  # all checks but that of the clock, where they are not made
 ORDER_FIRST = "not run: the rows must be in the order of time"
-PREMISE_CHECKS = (clock_check.name, position_check.name)
-"""Checks without which accelerations are unknown: where one is wrong, `OF_MOTION` is not asked."""
+PREMISE_CHECKS = (clock_check.name, position_check.name)  # without them accelerations are unknown
 NOT_RUN = "the checks that compare efforts with a model are not run: correct the {} first"
-CORRECTED_BY_FIX = ", or --fix corrects it and checks again"
-"""How that is done where a line of the robot file corrects what is wrong."""
+CORRECTED_BY_FIX = ", or --fix corrects it and checks again"  # by a line of the file
 
 
 def examine(case: Case, *, quick: bool = False, checks: Sequence[Check] | None = None) -> Diagnosis:
@@ -159,49 +149,37 @@ def examine(case: Case, *, quick: bool = False, checks: Sequence[Check] | None =
         Stopped: The case's `progress` requested a stop.
     """
     selected = [s for s in (CHECKS if checks is None else checks) if s.quick or not quick]
-    clock = [check for check in selected if check is clock_check]
-    first = [check for check in selected if check not in OF_MOTION and check not in clock]
-    rest = [check for check in selected if check in OF_MOTION]
-    findings = _asked(case, clock, 0, len(selected))
-    if clock:
-        case, disordered = _in_order(case)
-        findings += disordered
+    selected.sort(key=lambda check: (check in OF_MOTION, check is not clock_check))
+    findings: list[Finding] = []
+    motion = False
+    for number, check in enumerate(selected):
+        if check in OF_MOTION and not motion:
+            motion = True
+            case, found = _without(case, MOTION_CHECKS_NAME, _not_run(case, findings))
+            findings += found
         if not case.logs:
-            return Diagnosis(edits_that_serve_all_logs(findings))
-    findings += _asked(case, first, len(clock), len(selected))
-    skipped = list(_not_run(case, findings)) if rest else []
-    if skipped:
-        names = {finding.log for finding in skipped}
-        case = replace(case, logs=tuple(e for e in case.logs if e.name not in names))
-    findings += skipped
-    if case.logs:
-        findings += _asked(case, rest, len(clock) + len(first), len(selected))
+            break
+        report_progress(case.progress, f"checking: {check.name}", number, len(selected))
+        findings += check(case)
+        if check is clock_check:
+            disordered = {log.name: ORDER_FIRST for log in case.logs if out_of_order(case, log)}
+            case, found = _without(case, OTHER_CHECKS_NAME, disordered)
+            findings += found
     return Diagnosis(edits_that_serve_all_logs(findings))
 
 
-def _in_order(case: Case) -> tuple[Case, list[Finding]]:
-    """The case without logs whose rows are not in the order of time, and a finding for each."""
-    left = tuple(evidence for evidence in case.logs if not out_of_order(case, evidence))
-    names = [evidence.name for evidence in case.logs if evidence not in left]
-    found = [
-        Finding(OTHER_CHECKS_NAME, n, Severity.OK, ORDER_FIRST, "", answered=False) for n in names
-    ]
-    return (replace(case, logs=left) if names else case), found
+def _without(case: Case, check: str, reasons: Mapping[str, str]) -> tuple[Case, list[Finding]]:
+    """The case without some logs, and an open finding for each of them."""
+    left = tuple(log for log in case.logs if log.name not in reasons)
+    found = [Finding.ok(says, answered=False, log=log).by(check) for log, says in reasons.items()]
+    return (replace(case, logs=left) if reasons else case), found
 
 
-def _asked(case: Case, checks: Sequence[Check], done: int, of: int) -> list[Finding]:
-    """What some checks find, of which others were made before."""
-    findings: list[Finding] = []
-    for number, check in enumerate(checks, done):
-        report_progress(case.progress, f"checking: {check.name}", number, of)
-        findings += check(case)
-    return findings
-
-
-def _not_run(case: Case, findings: Sequence[Finding]) -> Iterator[Finding]:
-    """That checks are not made, for every log whose clock, positions or efforts are others."""
+def _not_run(case: Case, findings: Sequence[Finding]) -> dict[str, str]:
+    """Why checks are not made, for every log whose clock, positions or efforts are others."""
     wrong = [f for f in findings if f.check in PREMISE_CHECKS and f.severity == Severity.WRONG]
     targets = [f for f in findings if f.check == set_points_check.name and f.severity]
+    reasons = {}
     for evidence in case.logs:
         mine = [f for f in wrong if f.log in ("", evidence.name)]
         if measured_instead(evidence):
@@ -209,5 +187,5 @@ def _not_run(case: Case, findings: Sequence[Finding]) -> Iterator[Finding]:
         if mine:
             edits = all(f.fix is not None and f.fix.edits for f in mine)
             names = " and the ".join(dict.fromkeys(f.check for f in mine))
-            says = NOT_RUN.format(names) + CORRECTED_BY_FIX * edits
-            yield Finding(MOTION_CHECKS_NAME, evidence.name, Severity.OK, says, "", answered=False)
+            reasons[evidence.name] = NOT_RUN.format(names) + CORRECTED_BY_FIX * edits
+    return reasons

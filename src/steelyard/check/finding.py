@@ -1,5 +1,6 @@
 """What a check found: a severity, evidence with a picture, and an edit of the robot file."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
@@ -9,6 +10,8 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 
+MOST_NAMED_JOINTS = 3  # most joints that a place names
+OPEN_WORD = "open"  # the word for a question that could not be answered
 LEAST_PRINTED_PERCENT = 0.01  # least share that is printed [%]
 
 
@@ -148,6 +151,19 @@ class Finding:
     def by(self, check: str) -> Self:
         """The finding of a check."""
         return replace(self, check=check)
+
+    @property
+    def word(self) -> str:
+        """The severity, or that the question is open."""
+        return OPEN_WORD if not self.severity and not self.answered else self.severity.word
+
+    @property
+    def place(self) -> str:
+        """The log and the few joints that it is about, unless its sentence names these."""
+        few = self.joints if len(self.joints) <= MOST_NAMED_JOINTS else ()
+        if all(re.search(rf"(?<!\w){re.escape(joint)}(?!\w)", self.says) for joint in few):
+            few = ()
+        return ": ".join(part for part in (self.log, ", ".join(few)) if part)
 
 
 def percent_of(share: float) -> str:

@@ -9,17 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from steelyard.check.finding import OPEN_WORD
 from steelyard.check.findings_text import (
     LEVEL_OF_SEVERITY,
-    OPEN_WORD,
     Group,
     check_headline,
     edit_lines,
     fixes,
     groups,
-    place_of_finding,
     tally,
-    word_of,
 )
 from steelyard.report.figures import thin
 from steelyard.report.page import Numbers, Shown, fill, packed, page_of, script_json
@@ -31,12 +29,8 @@ if TYPE_CHECKING:
 
 
 MOST_POINTS_OF_EVIDENCE_LINE = 2000  # most points of one line
-
-MOST_POINTS_OF_CHECK_PAGE = 200_000
-"""Points of all pictures of a page together; those behind it are left out."""
-
-LEAST_NUMBER_IN_DOUBLE_PRECISION = 1e5
-"""Numbers from here on, such as times that are dates, are drawn in double precision."""
+MOST_POINTS_OF_CHECK_PAGE = 200_000  # points of all pictures; those behind are left out
+LEAST_NUMBER_IN_DOUBLE_PRECISION = 1e5  # numbers from here on, such as dates, need it
 
 
 def findings_of(
@@ -72,9 +66,9 @@ def _finding_numbers(finding: Finding, *, drawn: bool) -> dict[str, Any]:
     fix = finding.fix if finding.severity else None
     return {
         "check": finding.check,
-        "place": place_of_finding(finding),
-        "level": LEVEL_OF_SEVERITY.get(word_of(finding), OPEN_WORD),
-        "word": word_of(finding),
+        "place": finding.place,
+        "level": LEVEL_OF_SEVERITY.get(finding.word, OPEN_WORD),
+        "word": finding.word,
         "says": finding.says,
         "figure": finding.figure,
         "hypotheses": finding.hypotheses,
@@ -176,7 +170,7 @@ def _rows_of_group(group: Group) -> list[dict[str, str]]:
             "check": group.check,
             "place": f"{finding.log or 'all logs'} (and {count - 1} more)"
             if alike
-            else place_of_finding(finding),
+            else finding.place,
             "says": finding.says,
             "figure": finding.figure,
         }

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
+from steelyard.base.arrays import json_values
+from steelyard.check.finding import OPEN_WORD
 from steelyard.report.words import COLOURS, Level, count
 
 if TYPE_CHECKING:
@@ -19,12 +20,7 @@ if TYPE_CHECKING:
     from steelyard.check.finding import Edit, Finding, Fix, Severity
 
 
-MOST_NAMED_JOINTS = 3  # most joints that a place names
-
-OPEN_WORD = "open"  # the word for a question that could not be answered
-
 FINDING_WORDS = ("wrong", "doubtful", OPEN_WORD, "ok")  # what a check finds, the worst first
-
 LEVEL_OF_SEVERITY: dict[str, Level] = {"ok": "good", "doubtful": "fair", "wrong": "poor"}
 
 
@@ -39,7 +35,7 @@ class Group:
     @property
     def word(self) -> str:
         """The severity, or that the question is open."""
-        return word_of(self.findings[0])
+        return self.findings[0].word
 
     @property
     def level(self) -> Level:
@@ -64,11 +60,6 @@ def groups(diagnosis: Diagnosis) -> tuple[Group, ...]:
         key = finding.severity, finding.check, finding.answered
         found.setdefault(key, []).append(finding)
     return tuple(Group(name, word, tuple(some)) for (word, name, _), some in found.items())
-
-
-def word_of(finding: Finding) -> str:
-    """The severity, or that the question is open."""
-    return OPEN_WORD if not finding.severity and not finding.answered else finding.severity.word
 
 
 def check_headline(diagnosis: Diagnosis) -> str:
@@ -103,7 +94,7 @@ def words_of(diagnosis: Diagnosis) -> dict[str, str]:
     """The worst word that each check found in any log."""
     found: dict[str, str] = {}
     for finding in diagnosis.findings:
-        words = (word_of(finding), found.get(finding.check, FINDING_WORDS[-1]))
+        words = (finding.word, found.get(finding.check, FINDING_WORDS[-1]))
         found[finding.check] = min(words, key=FINDING_WORDS.index)
     return found
 
@@ -132,32 +123,9 @@ def edit_lines(edits: tuple[Edit, ...]) -> str:
     return lines_of(edits)
 
 
-def place_of_finding(finding: Finding) -> str:
-    """The log and the few joints that a finding is about, unless its sentence names these."""
-    few = finding.joints if len(finding.joints) <= MOST_NAMED_JOINTS else ()
-    if all(re.search(rf"(?<!\w){re.escape(joint)}(?!\w)", finding.says) for joint in few):
-        few = ()
-    return ": ".join(part for part in (finding.log, ", ".join(few)) if part)
-
-
 def finding_dict(finding: Finding) -> dict[str, Any]:
     """As JSON values; without the picture."""
-    fix = None
-    if finding.fix is not None:
-        edits = finding.fix.edits
-        fix = {
-            "says": finding.fix.says,
-            "edits": [edit_dict(edit) for edit in edits],
-            "lines": edit_lines(edits),
-        }
-    hypotheses = [
-        {
-            "says": one.says,
-            "misfit_percent": one.misfit if isfinite(one.misfit) else None,
-            "log_likelihood": one.log_likelihood if isfinite(one.log_likelihood) else None,
-        }
-        for one in finding.hypotheses
-    ]
+    fix = finding.fix
     return {
         "check": finding.check,
         "log": finding.log,
@@ -166,16 +134,26 @@ def finding_dict(finding: Finding) -> dict[str, Any]:
         "figure": finding.figure,
         "answered": finding.answered,
         "joints": list(finding.joints),
-        "fix": fix,
-        "hypotheses": hypotheses,
+        "fix": fix
+        and {
+            "says": fix.says,
+            "edits": [edit_dict(edit) for edit in fix.edits],
+            "lines": edit_lines(fix.edits),
+        },
+        "hypotheses": [
+            {
+                "says": one.says,
+                "misfit_percent": one.misfit if isfinite(one.misfit) else None,
+                "log_likelihood": one.log_likelihood if isfinite(one.log_likelihood) else None,
+            }
+            for one in finding.hypotheses
+        ],
     }
 
 
 def edit_dict(edit: Edit) -> dict[str, Any]:
     """As JSON values."""
-    from steelyard.robot.file.toml_edits import plain
-
-    return {"path": list(edit.path), "value": plain(edit.value)}
+    return {"path": list(edit.path), "value": json_values(edit.value)}
 
 
 def diagnosis_dict(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -188,15 +166,12 @@ def diagnosis_dict(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 MOST_SHOWN_FINDINGS = 3  # findings of one check and severity that are shown one by one
-
 PAYLOAD_CHECK = "payload"  # the check whose masses a fitted model corrects
-
 MASS_ERROR_NOTE = (
     "; this mass contains the errors of the model file's masses: if a line with ! names another "
     "one for this log, that is more accurate, as it is by the identified model"
 )
 """What a note says of such a mass."""
-
 MOST_NAMED_LOGS = 4  # logs that are named after them
 
 
@@ -232,14 +207,11 @@ def print_notes(diagnosis: Diagnosis) -> tuple[str, ...]:
     """The findings that are not ok, one sentence per check."""
     sentences = []
     for group in (group for group in groups(diagnosis) if group.severity):
-        first, more, where = group.findings[0], _others(group, 1), ""
-        if place_of_finding(first):
-            where = f"{place_of_finding(first)}: "
-        sentences.append(
-            f"check, {group.check}: {where}{first.says} ({first.figure})"
-            + (MASS_ERROR_NOTE if group.check == PAYLOAD_CHECK and first.nominal else "")
-            + (f"; {more}" if more else "")
-        )
+        first, more = group.findings[0], _others(group, 1)
+        where = f"{first.place}: " if first.place else ""
+        note = MASS_ERROR_NOTE if group.check == PAYLOAD_CHECK and first.nominal else ""
+        says = f"check, {group.check}: {where}{first.says} ({first.figure}){note}"
+        sentences.append(f"{says}; {more}" if more else says)
     return tuple(sentences)
 
 
@@ -259,59 +231,60 @@ def _table(shown: Sequence[Group], verbose: bool) -> Table:
         table.add_row(word, count(len(passed), "check"), names)
         before = passed[0].severity
     for group in (group for group in shown if group not in passed):
-        alike = _open_alike(shown, group)
-        if alike and alike[0] is not group:
+        # questions that are open for the same reason have one row
+        alike = [g for g in shown if g.word == OPEN_WORD and _first_says(g) == _first_says(group)]
+        if group in alike[1:]:
             continue
         if before not in (None, group.severity):
             table.add_row()
         before = group.severity
         style = f"bold {COLOURS[group.level]}" if group.word != OPEN_WORD else "dim"
-        word = Text(group.word, style=style)
         name, found = Text(group.check), _found(group)
         if not verbose and group.word == "ok":
             found = Text(_brief(group))
-        if len(alike) > 1:
+        if group in alike and len(alike) > 1:
             name = Text(count(len(alike), "check"))
             found = Text(", ".join(g.check for g in alike) + ": ").append_text(found)
-        table.add_row(word, name, found)
+        table.add_row(Text(group.word, style=style), name, found)
     return table
+
+
+def _first_says(group: Group) -> str:
+    return group.findings[0].says
 
 
 def _brief(group: Group) -> str:
     """What findings say in brief, each with its log if several do; empty if none does."""
     said = [finding for finding in group.findings if finding.brief]
     if len(group.findings) == 1:
-        return "".join(finding.brief for finding in said)
+        return group.findings[0].brief
     briefs = [f"{f.log}: {f.brief}" for f in said[:MOST_SHOWN_FINDINGS]]
     more = len(said) - MOST_SHOWN_FINDINGS
     return "; ".join([*briefs, *[f"and {more} more logs"] * (more > 0)])
-
-
-def _open_alike(shown: Sequence[Group], group: Group) -> list[Group]:
-    """The open questions that are open for the same reason."""
-    says = group.findings[0].says
-    if group.word != OPEN_WORD:
-        return []
-    return [g for g in shown if g.word == OPEN_WORD and g.findings[0].says == says]
 
 
 def _found(group: Group) -> Text:
     """What one row says; of many that are ok the first speaks."""
     from rich.text import Text
 
-    first, others = group.findings[0], {finding.log for finding in group.findings[1:]}
     if not group.severity:
-        return Text.assemble((_speaks(group, first, others - {first.log}), "dim"), first.says)
+        return Text.assemble((_speaks(group), "dim"), _first_says(group))
     shown = []
     for one, *same in by_edits(group.findings[:MOST_SHOWN_FINDINGS]):
-        alike = ", ".join(f"{place_of_finding(other)} ({other.figure})" for other in same)
-        shown += [_one(one), *([Text(f"the same in {alike}")] if same else [])]
+        place = [(f"{one.place}: ", "bold")] if one.place else []
+        figure = [(f"\n{one.figure}", "dim")] if one.figure else []
+        shown.append(Text.assemble(*place, one.says, *figure))
+        if same:
+            alike = ", ".join(f"{other.place} ({other.figure})" for other in same)
+            shown.append(Text(f"the same in {alike}"))
     rest = _others(group, MOST_SHOWN_FINDINGS)
     return Text("\n").join([*shown, Text(rest, style="dim")] if rest else shown)
 
 
-def _speaks(group: Group, first: Finding, others: set[str]) -> str:
+def _speaks(group: Group) -> str:
     """Which logs a sentence is about that stands for findings of several."""
+    first = group.findings[0]
+    others = {finding.log for finding in group.findings[1:]} - {first.log}
     if not others:
         return ""
     logs = count(len(others - {""}) + bool(first.log), "log")
@@ -324,20 +297,10 @@ def _speaks(group: Group, first: Finding, others: set[str]) -> str:
     return f"{every}; the first, {first.log or 'all logs together'}: "
 
 
-def _one(finding: Finding) -> Text:
-    from rich.text import Text
-
-    parts = [(f"{place_of_finding(finding)}: ", "bold")] if place_of_finding(finding) else []
-    figure = [(f"\n{finding.figure}", "dim")] if finding.figure else []
-    return Text.assemble(*parts, finding.says, *figure)
-
-
 def _others(group: Group, shown: int) -> str:
-    """The logs of the findings that are not shown."""
     rest = [finding.log or "all logs" for finding in group.findings[shown:]]
     if not rest:
         return ""
     more = len(rest) - MOST_NAMED_LOGS
-    return f"and {len(rest)} more: {', '.join(rest[:MOST_NAMED_LOGS])}" + (
-        f" and {more} others" if more > 0 else ""
-    )
+    named = f"and {len(rest)} more: {', '.join(rest[:MOST_NAMED_LOGS])}"
+    return f"{named} and {more} others" if more > 0 else named

@@ -7,7 +7,7 @@ import numpy as np
 from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError
 from steelyard.check.case import Evidence
-from steelyard.check.decision.gain_sources import ControllerGains, gains_of_logs
+from steelyard.check.decision.gain_sources import gains_of_logs
 from steelyard.check.hypotheses.excerpt import Excerpt, excerpt_of
 from steelyard.estimate.friction.mixes import joint_motions, lacking
 from steelyard.logs.formats import open_log
@@ -33,14 +33,10 @@ def refuse_other_columns(
     """
     section = guess.section
     listed = [section.position, section.velocity or (), section.effort.columns]
-    wanted = [
-        name
-        for names in listed
-        for name in (expanded(names, moving) if isinstance(names, str) else names)
-    ]
+    each = [expanded(names, moving) if isinstance(names, str) else names for names in listed]
     for log in logs[1:]:
-        missing = [name for name in wanted if name not in open_log(log.path).columns]
-        if missing:
+        columns = open_log(log.path).columns
+        if missing := [name for names in each for name in names if name not in columns]:
             raise LogError(
                 f"the log lacks columns of the first log: {', '.join(missing)}",
                 where=str(log.path),
@@ -62,15 +58,16 @@ def known_from_logs(
     evidence = [Evidence(recording_of(log, signals), Processing(), log.text) for log in logs]
     excerpts = [x for e in evidence if (x := excerpt_of(e.recording, e.processing)) is not None]
     auto, friction = _friction(excerpts, signals, moving)
-    gains = gains_of_logs(evidence, len(moving)) if needs_gains(guess) else None
-    unknown = needs_gains(guess) and gains is None
-    return Known(
-        gains=() if gains is None else tuple(gains.entries),
-        gains_source="" if gains is None else _source(gains, moving),
-        reference=_heaviest(loaded, moving, excerpts, signals) if unknown else 0,
-        auto=auto,
-        friction=friction,
+    found = gains_of_logs(evidence, len(moving)) if needs_gains(guess) else None
+    if found is None:
+        reference = _heaviest(loaded, moving, excerpts, signals) if needs_gains(guess) else 0
+        return Known(reference=reference, auto=auto, friction=friction)
+    source = (
+        f"the controller's target torque over its target current ({found.columns[0]} over "
+        f"{found.columns[1]}, ..., friction fitted beside it; 95 %): "
+        f"{found.words([c.name for c in moving])}"
     )
+    return Known(gains=tuple(found.entries), gains_source=source, auto=auto, friction=friction)
 
 
 def _signals(guess: Guess, moving: Sequence[Coordinate], gears: Gears | None) -> Signals:
@@ -126,12 +123,3 @@ def _heaviest(
     places = [robot.joint_names.index(c.name) for c in moving]
     q[:, places] = np.concatenate([_joints(x.z, signals) for x in excerpts], axis=1).T
     return int(np.argmax(nominal.gravity(q)[:, places].std(axis=0)))
-
-
-def _source(gains: ControllerGains, moving: Sequence[Coordinate]) -> str:
-    """Where gains of the controller come from, with their intervals."""
-    return (
-        f"the controller's target torque over its target current ({gains.columns[0]} over "
-        f"{gains.columns[1]}, ..., friction fitted beside it; 95 %): "
-        f"{gains.words([c.name for c in moving])}"
-    )

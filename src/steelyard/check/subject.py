@@ -12,7 +12,7 @@ from steelyard.base.progress import Progress, report_progress
 from steelyard.check.case import Case, Evidence
 from steelyard.check.examine import Diagnosis, examine
 from steelyard.check.finding import Edit, Finding, Fix, Severity
-from steelyard.check.findings_text import by_edits, edit_lines, place_of_finding, print_notes
+from steelyard.check.findings_text import by_edits, edit_lines, print_notes
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.logs.log import parse_log_argument
 from steelyard.model.laws.register import term_of
@@ -167,12 +167,9 @@ def _with_needed_edits(finding: Finding, data: Mapping[str, Any]) -> Finding:
 
 
 def _given(data: Any, path: Sequence[str]) -> bool:
-    """Whether a robot file has a key."""
-    for name in path:
-        if not isinstance(data, Mapping) or name not in data:
-            return False
-        data = data[name]
-    return True
+    if not path:
+        return True
+    return isinstance(data, Mapping) and path[0] in data and _given(data[path[0]], path[1:])
 
 
 def refuse_foreign(reference: IdentifiedModel, loaded: LoadedRobot, where: str) -> None:
@@ -223,20 +220,17 @@ def refusal(diagnosis: Diagnosis, robot: str) -> DataError | None:
     wrong = [f for f in diagnosis.findings if f.severity == Severity.WRONG]
     if not wrong:
         return None
-    places = [
-        f"{place_of_finding(f)} ({f.figure})" if place_of_finding(f) else f.figure for f in wrong
-    ]
-    edits = Diagnosis(tuple(wrong)).edits
+    places = [f"{f.place} ({f.figure})" if f.place else f.figure for f in wrong]
     advice = "; ".join(dict.fromkeys(f.fix.says for f in wrong if f.fix)) or "examine the log"
-    if edits:
+    command = f"`steelyard check {robot} LOG..."
+    if edits := Diagnosis(tuple(wrong)).edits:
         lines = indent(edit_lines(edits), "    ")
-        advice += f":\n\n{lines}\n\n  `steelyard check {robot} LOG... --fix` writes a robot file "
-        advice += "with these lines; "
+        advice += f":\n\n{lines}\n\n  {command} --fix` writes a robot file with these lines"
     else:
-        advice += f"; `steelyard check {robot} LOG...` shows the evidence; "
+        advice += f"; {command}` shows the evidence"
     return DataError(
         f"failed check, {', '.join(dict.fromkeys(f.check for f in wrong))}: "
         + "; ".join(dict.fromkeys(alike[0].says for alike in by_edits(wrong))),
         where="; ".join(dict.fromkeys(places)),
-        fix=f"{advice}--no-check continues anyway",
+        fix=f"{advice}; --no-check continues anyway",
     )

@@ -245,7 +245,6 @@ def agreement_sentence(decision: LogVerdict, what: str) -> str:
 
 
 def _unclear(reading: Reading, clear: str) -> str:
-    """Why nothing explains a log."""
     bodies = bodies_that_explain(reading)
     if bodies is not None:
         much = _percent(bodies.percent)
@@ -261,13 +260,11 @@ def _unclear(reading: Reading, clear: str) -> str:
 
 
 def _winners(case: Case) -> list[tuple[Evidence, LogVerdict, Judged]]:
-    """What is wrong with each log."""
     judged = [(log, judge_log(case, log)) for log in case.logs]
     return [(log, decision, w) for log, decision in judged if decision for w in decision.winners]
 
 
 def _signs_of_friction(case: Case, found: Findings) -> Findings:
-    """Without masses, what friction determines."""
     return (friction_signs(case) if case.knowledge is None else ()) or found
 
 

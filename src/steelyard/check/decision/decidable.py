@@ -40,11 +40,9 @@ from steelyard.check.hypotheses.surroundings import NEAR_AXIS_ANGLE, payload_fit
 from steelyard.estimate.estimate import Z95
 
 SHOWN_ALTERNATIVES = 3  # alternatives that are named
-
 NOTICED_ZERO_RISE = 8.0
 """Rise of the log-likelihood by a zero offset from which on zeros are not called those of the
 reference: by chance less than once in a thousand logs, and on logs of a UR10e up to 4.4."""
-
 UNKNOWN_GAINS = {
     "gain": 'undecided: unknown gains (gain = "identify") are not compared with the model file',
     "payload": 'undecided: unknown gains (gain = "identify") would have a similar effect',
@@ -196,7 +194,6 @@ def _times(reading: Reading) -> list[str]:
 
 
 def _alternatives(reading: Reading, cause: str) -> Iterator[Hypothesis]:
-    """The alternatives of a question."""
     names, n = reading.likelihood.names, len(reading.effort)
     every = tuple(range(n))
     if cause == "position sign":

@@ -55,8 +55,7 @@ def spread_of(reading: Reading) -> float:
 
 
 FITTED_DIGITS = 4  # significant digits of fitted numbers
-WHOLE_RATIO_DISTANCE = 0.01
-"""Relative distance up to which a gear ratio is taken for a whole number."""
+WHOLE_RATIO_DISTANCE = 0.01  # relative distance up to which a gear ratio is a whole number
 EFFORT_KEY = ("signals", "effort")
 
 
@@ -95,7 +94,6 @@ def zero_edits(reading: Reading) -> tuple[Edit, ...]:
 
 
 def _effort(cause: str, after: Reading, loaded: LoadedRobot) -> tuple[Edit, ...]:
-    """Kind, unit and gain of the efforts."""
     before, s = after.likelihood.declared, after.likelihood.signals
     if np.any(after.ratios != 1.0):
         return _ratios(after, loaded)
@@ -209,8 +207,7 @@ def _velocity_correlations(t: Array, dq: Array, reading: Reading) -> Array:
     return np.asarray(derived @ logged.T / np.maximum(size, 1e-300))
 
 
-CLOSE_MISFIT_FACTOR = 1.05
-"""Typical misfit over that of the winner up to which the edits do what they should."""
+CLOSE_MISFIT_FACTOR = 1.05  # misfit over the winner's up to which edits do what they should
 ROUNDING_SLACK = 0.5  # and what rounding may add [%]
 
 

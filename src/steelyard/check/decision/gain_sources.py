@@ -37,8 +37,7 @@ TORQUE_WORDS = frozenset("tau torque torques moment moments".split())
 CURRENT_WORDS = frozenset("current currents curr i".split())
 FRICTION_KNOTS = 24  # speeds between which friction is linear
 INTERVAL_PARTS = 12  # parts of the time for intervals
-NARROW_INTERVAL = 0.05
-"""Half-width of a gain's 95 % interval, over the gain, up to which it is written."""
+NARROW_INTERVAL = 0.05  # half-width of a gain's 95 % interval over it, to be written
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +225,6 @@ def _of_controller(case: Case, gains: ControllerGains) -> Fix:
 
 
 def _listed_sources(case: Case, *, sure: bool) -> str:
-    """The ways to gains, in order."""
     source = case.loaded.sources[0].path.name if case.loaded.sources else "ROBOT"
     robot = source if source.endswith(".toml") else "ROBOT.toml"
     log = case.logs[0].log.path.name if len(case.logs) == 1 else "LOG..."
@@ -248,7 +246,6 @@ SOURCES_OF_GAINS = (
     "enter the gains of {} before identifying (data sheet: torque constant times gear ratio), or "
     "give `steelyard identify` a log that carries a known mass (--loaded LOG --payload-mass KG)"
 )
-
 DOUBTFUL_GAIN_FACTOR, WRONG_GAIN_FACTOR = 1.15, 1.4
 """Factor from a controller's own gain from which on a declared one is doubtful, and wrong."""
 

@@ -28,7 +28,7 @@ from steelyard.check.decision.edits import zero_edits
 from steelyard.check.decision.ranking import DECISIVE_GAIN
 from steelyard.check.decision.verdict import CLEAN, STRIKING, judge_log
 from steelyard.check.finding import ComparedHypothesis, Edit, Finding, Fix
-from steelyard.check.fitted.causes import WORTH_A_SEARCH, LeftOutGain, LeftOutParts
+from steelyard.check.fitted.causes import WORTH_A_SEARCH, LeftOutGain, left_out_logs
 from steelyard.check.fitted.fitted_case import (
     RankedCauses,
     can_be_ranked,
@@ -51,8 +51,7 @@ from steelyard.robot.file.signals import Signals
 from steelyard.robot.robot import Robot
 from steelyard.runs.run import Run
 
-CLEAR_OFFSET = 4.0
-"""Standard deviations from what is given at which a zero offset is written as a number."""
+CLEAR_OFFSET = 4.0  # standard deviations from what is given from which on an offset is written
 
 
 def estimated_offsets(model: Model, runs: Sequence[Run]) -> ZeroOffsets | None:
@@ -90,52 +89,41 @@ def offset_line(offsets: ZeroOffsets, chosen: NDArray[np.bool_]) -> Fix:
     return Fix(says, (Edit(("signals", "position_offset"), values),))
 
 
-TurnedJoints = tuple[tuple[int, float], ...]
-"""Joints by their indices, and by how much each is turned [rad]."""
-
+TurnedJoints = tuple[tuple[int, float], ...]  # joints, and by how much each is turned [rad]
 TRIED_TURNS = (0.5 * np.pi, -0.5 * np.pi, np.pi)  # offsets of a joint that are tried [rad]
-
 CLEAR_TURN_FALL = 40.0
 r"""Fall of $-2 \log L$ that another turned joint must be worth: by chance one of 18 turns is worth
 15 once in a hundred fits, and residuals that are alike for longer than the filter count more."""
-
-NO_TURN_EFFECT = 1e-3
-"""Change of it up to which the zero of a joint has no effect: as about the direction of gravity."""
-
+NO_TURN_EFFECT = 1e-3  # change of it up to which a zero has no effect: as about gravity
 OTHER_ZEROS = "joint zeros other than those of the model file: "
 IF_CONFIRMED = (
     "if the robot's zeros confirm it; otherwise the origin or the axis of the next joint is turned "
     "by as much in the model file: correct it there"
 )
 """What else has the effect of a turned zero, for people to read."""
-
-MOST_TURN_SAMPLES = 20_000
-"""Samples that are looked at: every turn of every joint is a pass over them."""
+MOST_TURN_SAMPLES = 20_000  # samples looked at: every turn of every joint is a pass over them
 
 
 def turned_zeros(model: Model, sigma: Array, runs: Sequence[Run]) -> Finding | None:
     """Quarter turns of joints that explain residuals and predict left-out motion better.
 
-    Args:
-        model: The fitted model, an open chain.
-        sigma: Standard deviations of the fit's residuals, shape `(n,)`.
-        runs: The fitted runs.
+    Of a fitted model of an open chain; `sigma` has the standard deviations of its residuals,
+    shape `(n,)`.
     """
     some, regressor = first_parts_of_runs(runs, MOST_TURN_SAMPLES), base_regressor(model)
-    start = _given_offsets(some[0].recording.signals)
+    start, own = _given_offsets(some[0].recording.signals), base_parameters(model).base_names
     try:
         turned = _search_turns(regressor, some, start)
         if not turned:
             return None
         found = _turned_by(start, turned)
-        parts = [
-            LeftOutParts.of(model, regressor, sigma, with_offsets(some, offsets))
+        (left_out, (plain,)), (_, (errors,)) = (
+            left_out_logs(model, regressor, sigma, with_offsets(some, offsets), [own])
             for offsets in (start, found)
-        ]
-        plain, errors = (part.errors(base_parameters(model).base_names) for part in parts)
-        gain = LeftOutGain.of(plain, errors, parts[0].left_out, WORTH_A_SEARCH)
+        )
     except DataError:
         return None
+    gain = LeftOutGain.of(plain, errors, left_out, WORTH_A_SEARCH)
     if not gain.confirmed:
         return None
     values = [round(value, 4) for value in found.tolist()]
@@ -275,8 +263,7 @@ def _zeros_by_derivatives(
     )
 
 
-TURNED_MISFIT_FALL = 2.0
-"""Factor by which the misfit must fall: on logs of five sound robots it falls by 1.02."""
+TURNED_MISFIT_FALL = 2.0  # factor by which the misfit must fall: on five sound robots by 1.02
 
 
 def quarter_turns(case: Case) -> Iterator[Finding]:

@@ -32,22 +32,18 @@ from steelyard.check.hypotheses.position_columns import (
 from steelyard.check.hypotheses.surroundings import world_hypotheses
 from steelyard.check.signals.overview import cached_per_log
 from steelyard.estimate.identified import IdentifiedModel
+from steelyard.robot.file.signals import Signals
 
-BAD_JOINT_MISFIT = {True: 0.12, False: 0.5}
-"""Misfit of a joint from which on a reading is bad, with a reference and without."""
+BAD_JOINT_MISFIT = {True: 0.12, False: 0.5}  # of a joint, with a reference and without
 EXPECTED_MISFIT_FACTOR = 3.0  # the same over what the reference's own residuals come to
 HOPELESS_MISFIT = 0.9
-LOOSE_MISFIT = 15.0
-"""Typical misfit [%] from which on efforts are read in other ways, though no joint is bad."""
+LOOSE_MISFIT = 15.0  # typical misfit [%] from which on efforts are read in other ways anyway
 DECISIVE_GAIN = 20.0  # log-likelihood that a winner must gain for what it leaves to be looked at
-FITTING_MISFIT = 8.0
-"""Typical misfit [%] up to which free gains leave no doubt about what is declared."""
+FITTING_MISFIT = 8.0  # typical misfit [%] up to which free gains leave no doubt
 READINGS = ("joint order", "position sign", "effort sign", "effort unit", "mounting")
 """Causes that free gains hide."""
-SUSPECT_GAIN = 10.0
-"""What a hypothesis must gain for the others to be looked at where the reading is fine."""
-CAUSES_OF_OTHER_CHECKS = ("position unit", "clock")
-"""Causes that other checks report; what they leave is looked at once they are corrected."""
+SUSPECT_GAIN = 10.0  # gain for which others are looked at where the reading is fine
+CAUSES_OF_OTHER_CHECKS = ("position unit", "clock")  # what they leave is for later
 COMPARING_PHASE = "comparing explanations: order, signs, units, gains, mounting"
 """The phase of the work that the checks share."""
 FAULT_ROUNDS = 3  # faults that are looked for, one after the other
@@ -77,15 +73,14 @@ class Ranking:
 @cached_per_log
 def ranking(case: Case, evidence: Evidence) -> Ranking | None:
     """The ranking of one log; `None` without motion, or if nothing is known of the robot."""
-    signals = evidence.recording.signals
-    knowledge, gains = case.knowledge, _gains(case, evidence)
-    if knowledge is None or gains is None:
+    signals, knowledge = evidence.recording.signals, case.knowledge
+    if knowledge is None:
         return None
     cutoff = None if case.reference is None else case.reference.cutoffs.matched
     excerpt = excerpt_of(evidence.recording, evidence.processing, cutoff)
     if excerpt is None:
         return None
-    scales = _scales(case, evidence)
+    gains, scales = _gains(case, signals), _scales(case, signals)
     likelihood = likelihood_of(excerpt, signals, knowledge, case.loaded.robot, gains, scales)
     if any(signals.unknown_gains) and not knowledge.identified:
         likelihood = _with_free_gains(likelihood, _others(likelihood, case.reference))
@@ -105,32 +100,28 @@ def ranking(case: Case, evidence: Evidence) -> Ranking | None:
     return Ranking(first, tuple(rounds)) if np.any(first.score.counts > 0.0) else None
 
 
-def _gains(case: Case, evidence: Evidence) -> Array | None:
+def _gains(case: Case, signals: Signals) -> Array:
     """Gains of the efforts; those to be identified are the reference's, without one 1."""
-    signals = evidence.recording.signals
-    gains = np.array(signals.gains)
-    if not any(signals.unknown_gains) or case.reference is None:
-        return gains
-    if case.reference.model.robot.joint_names != case.joints:
-        return None
-    return np.where(signals.unknown_gains, case.reference.signals.gains, gains)
+    if case.reference is None:
+        return np.array(signals.gains)
+    return np.where(signals.unknown_gains or False, case.reference.signals.gains, signals.gains)
 
 
-def _scales(case: Case, evidence: Evidence) -> Array | float:
+def _scales(case: Case, signals: Signals) -> Array | float:
     """Logged effort over what the gains say, as the reference found it of sensors of this kind.
 
     1 where the gains are those of the reference, which contain its scales.
     """
-    reference, signals = case.reference, evidence.recording.signals
+    reference = case.reference
     if reference is None or reference.effort_scales is None:
         return 1.0
-    kinds = (reference.signals.effort_kind, reference.signals.effort_units)
-    same = kinds == (signals.effort_kind, signals.effort_units)
-    alike = same and reference.model.robot.joint_names == case.joints
-    included = alike and np.allclose(signals.gains, reference.signals.gains, equal_nan=True)
+    its = reference.signals
+    if (its.effort_kind, its.effort_units) != (signals.effort_kind, signals.effort_units):
+        return 1.0
+    included = np.allclose(signals.gains, its.gains, equal_nan=True)
     values = 1.0 if included else reference.effort_scales.values
     # gains that are to be identified are the reference's, which count its scales
-    return np.where(signals.unknown_gains or False, 1.0, values) if alike else 1.0
+    return np.where(signals.unknown_gains or False, 1.0, values)
 
 
 def _with_free_gains(likelihood: Likelihood, others: tuple[OtherEffort, ...]) -> Likelihood:
@@ -167,7 +158,6 @@ def _as_declared(likelihood: Likelihood) -> Hypothesis:
 
 
 def _with_best_gains(reading: Reading, which: NDArray[np.bool_]) -> Likelihood:
-    """The log with those gains of some joints at which a reading agrees best."""
     log = reading.likelihood
     return replace(log, gains=log.gains * np.where(which, best_factors(reading), 1.0))
 
@@ -177,16 +167,15 @@ def _others(likelihood: Likelihood, reference: IdentifiedModel | None) -> tuple[
     units, gains = likelihood.signals.effort_units, likelihood.gains
     found = []
     if "A" in units:
-        scale = np.asarray(likelihood.declared.effort_scale)
-        found.append(
-            OtherEffort("efforts are joint torques", "joint_torque", 1.0 / (gains * scale))
-        )
+        torques = 1.0 / (gains * np.asarray(likelihood.declared.effort_scale))
+        found.append(OtherEffort("efforts are joint torques", "joint_torque", torques))
     elif reference is not None and "A" in reference.signals.effort_units:
-        currents = reference.signals.gains / gains
-        found.append(OtherEffort("efforts are motor currents in A", "motor_current", currents))
-        found.append(
-            OtherEffort("efforts are motor currents in mA", "motor_current", 1e-3 * currents)
-        )
+        for unit, scale in (("A", 1.0), ("mA", 1e-3)):
+            says, currents = (
+                f"efforts are motor currents in {unit}",
+                reference.signals.gains / gains,
+            )
+            found.append(OtherEffort(says, "motor_current", scale * currents))
     limits = np.array([c.limits.effort for c in likelihood.knowledge.robot.coordinates])
     if np.isfinite(limits).all() and np.all(limits > 0.0) and likelihood.signals.effort_map is None:
         says = "efforts are percents of the joints' limits"

@@ -22,11 +22,8 @@ from steelyard.robot.robot import Transmission
 COMPARE_RATIOS = Fix(
     "compare ratios, their signs and coupling in [robot.transmission] with the data sheet"
 )
-
-
 COUPLED, WITH = "other couplings of ", " with the joint before"
 """Words around the motors whose other couplings fit about as well."""
-
 ENTER_COUPLING = Fix(
     "Enter coupling from the data sheet (coupling = [] if there is none), or move single joints: "
     "a motor that turns beside its own joint's is coupled. Errors with and without a coupling are "

@@ -45,11 +45,7 @@ from steelyard.check.hypotheses.likelihood import (
     Reading,
 )
 from steelyard.check.hypotheses.nuisance import MISFIT_FLOOR
-from steelyard.check.hypotheses.surroundings import (
-    axis_near,
-    delay_hypotheses,
-    mounting_hypotheses,
-)
+from steelyard.check.hypotheses.surroundings import axis_near, delay_hypotheses, mounting_hypotheses
 from steelyard.check.signals.overview import cached_per_log
 
 SUPPORT_MARGIN, SUPPORT_FALL = 60.0, 2.0
@@ -58,18 +54,13 @@ joint must fall, for the data to contradict what is declared."""
 VERDICT_MARGIN = {True: 20.0, False: SUPPORT_MARGIN}
 """Log-likelihood by which an explanation must beat the declared reading, with and without a
 reference."""
-VERDICT_FALL = {True: 2.0, False: 2.5}
-"""Factor by which some joint's misfit must fall with a reference; without, the typical one."""
-ROUGH_MISFIT = 25.0
-"""Misfit [%] that an explanation by a nominal model, or by bodies of the log's own, may leave."""
-POOR_BODIES_MISFIT = 10.0
-"""Misfit of bodies of the log's own [%] from which on other orders and signs are tried."""
+VERDICT_FALL = {True: 2.0, False: 2.5}  # fall of some joint's misfit, without of the typical one
+ROUGH_MISFIT = 25.0  # misfit [%] that a nominal model, or the log's own bodies, may leave
+POOR_BODIES_MISFIT = 10.0  # misfit of own bodies [%] from which on orders and signs are tried
 FAIR_BODIES_MISFIT = 5.0  # the same from which on other directions of gravity are tried
-OF_JOINTS = ("effort sign", "position sign")
-"""Causes that show in the joints they are about, however well the others agree."""
+OF_JOINTS = ("effort sign", "position sign")  # causes that show in their joints alone
 HUGE_GAIN = 20.0  # factor on one joint's effort beyond which a rough model is no excuse either
-HEAVIEST_FACTOR = 6.0
-"""Factor by which all efforts may be off a nominal model's before its links are no excuse."""
+HEAVIEST_FACTOR = 6.0  # on all efforts, before the links of a nominal model are no excuse
 STRIKING, CLEAN = 200.0, 12.0
 """Log-likelihood gained, and misfit left [%], of an explanation by a nominal model that counts
 although the declared reading is not bad in itself."""
@@ -81,12 +72,10 @@ LATE_MARGIN = 12.0  # sharper log-likelihood that a delay must gain
 LATE_FALL = 1.2
 """The fall that it needs: friction that only the robot file's own terms describe looks like a
 little delay, and what bodies of the log's own leave hardly falls with it."""
-UNCONCERNED_CHANGE = 0.1
-"""Relative change of a joint's misfit up to which a direction of gravity does not concern it."""
+UNCONCERNED_CHANGE = 0.1  # relative, of a joint's misfit that gravity does not concern
 THOUSAND_TOLERANCE = 2.5
 """Factor up to which links may differ from a model file's, and gains from the declared ones, for
 efforts to be in a unit that is a thousand times the declared one, or a thousandth of it."""
-
 Judged = tuple[Hypothesis, Severity]
 
 
@@ -224,7 +213,6 @@ def _link(
 
 
 def _fall_of_joints(before: Hypothesis, winner: Hypothesis) -> float:
-    """Factor by which the misfit of the joints that an explanation is about falls."""
     joints = list(winner.joints)
     worst = float(np.max(winner.misfits[joints], initial=0.0))
     if not joints or worst > 0.01 * ROUGH_MISFIT:
@@ -239,7 +227,6 @@ def least_mass(knowledge: Knowledge) -> float:
 
 
 def _heavy(hypothesis: Hypothesis) -> bool:
-    """Whether a payload is heavy enough to be one."""
     ten, knowledge = hypothesis.reading.payload, hypothesis.reading.knowledge
     return ten is not None and bool(
         ten[0] > max(least_mass(knowledge), SURE_MASS * hypothesis.spread)
@@ -433,7 +420,6 @@ def _parts(best: Hypothesis) -> Iterator[Hypothesis]:
 
 
 def _order_of(reading: Reading) -> str:
-    """The order of the columns in a few words."""
     if reading.position == reading.likelihood.declared.position:
         return f"efforts in the order {', '.join(str(k + 1) for k in reading.effort)}"
     names = reading.likelihood.names

@@ -43,13 +43,9 @@ from steelyard.model.terms.error_columns import EffortReadingErrors, GeometryErr
 from steelyard.model.terms.term import Term
 from steelyard.runs.run import Run
 
-NEW_COLUMN_SHARE = 1e-6
-"""Part of a column, squared and relative, that the model's columns must leave for it to count."""
-
+NEW_COLUMN_SHARE = 1e-6  # squared part of a column that the model's must leave for it to count
 GEOMETRY = ("position", "axis")
-
 COMPLEXITY = 0.02  # share of its effect that each further column of a cause costs in the ranking
-
 FRICTION: tuple[tuple[str, Term], ...] = (
     ("Stribeck friction (term stribeck)", Stribeck(speed=0.1)),
     ("friction nonlinear in speed (term quadratic)", Quadratic()),
@@ -127,7 +123,6 @@ def causes(
 
 
 def _weights(sigma: Array) -> Array:
-    """Weights of rows; zero where nothing was fitted."""
     return np.where(sigma > 0.0, 1.0 / np.square(np.where(sigma > 0.0, sigma, 1.0)), 0.0)
 
 
@@ -180,9 +175,7 @@ def _groups(model: Model, names: Sequence[str]) -> list[tuple[str, str, str, tup
     return [g for g in groups if g[3] and set(names).issuperset(g[3])]
 
 
-WORTH_A_TERM = 0.05
-"""Least relative reduction of the error on left-out motion that is worth another term."""
-
+WORTH_A_TERM = 0.05  # least relative fall of the error on left-out motion worth another term
 WORTH_A_SEARCH = 0.2
 """The same of an error of the geometry or of an effort, which people have to look for on the robot:
 its columns stand for other effects as well, and reduce the error of a sound Panda by up to 14 %."""
@@ -196,9 +189,7 @@ class LeftOutGain:
     # together, mean over parts [%]
     before: float
     after: float  # the same with it [%]
-    confirmed: (
-        bool  # whether it falls by more than is worth it, and than chance explains over parts
-    )
+    confirmed: bool  # whether it falls by more than is worth it, and than chance explains
     left_out: str  # what is left out in turn, `run` or `segment`
 
     @classmethod
@@ -215,59 +206,41 @@ class LeftOutGain:
         """Both errors."""
         return f"{self.before:.2g} %, with it {self.after:.2g} %"
 
-    @property
-    def change(self) -> str:
-        """The difference relative to the error without it."""
-        more = 100.0 * (self.after / self.before - 1.0)
-        return f"{abs(more):.0f} % {'larger' if more >= 0.0 else 'smaller'} with it"
 
+def left_out_logs(
+    model: Model,
+    regressor: Regressor,
+    sigma: Array,
+    runs: Sequence[Run],
+    sets: Sequence[Sequence[str]],
+) -> tuple[str, list[Array]]:
+    """What is left out in turn, and logarithms of the errors on each part by sets of columns.
 
-@dataclass(frozen=True, eq=False)
-class LeftOutParts:
-    """Fitted runs, where joints move, in parts that are left out in turn."""
+    Of runs where joints move, by a regressor of the model's columns, or more; `sigma` has the
+    standard deviations of the fit's residuals, shape `(n,)`.
 
-    information: Information  # one window per part
-    left_out: str  # what a part is, `run` or `segment`
-    weights: Array  # one per effort row, those of the fit
-    per_run: tuple[str, ...]  # columns whose parameters every run has for itself
+    Raises:
+        DataError: The runs, or the parts beside one, are too short for a fit.
+    """
+    divided = folding(runs)
+    gathered = information_from(runs, longest=divided.longest)(regressor)
+    found, per_run = per_fold(gathered, divided.parts(gathered)), own_columns(model)
 
-    @classmethod
-    def of(
-        cls, model: Model, regressor: Regressor, sigma: Array, runs: Sequence[Run]
-    ) -> "LeftOutParts":
-        """Parts of runs, with the columns of a regressor of the model, or more.
-
-        `sigma` has the standard deviations of the fit's residuals, shape `(n,)`.
-
-        Raises:
-            DataError: They are too short.
-        """
-        divided = folding(runs)
-        gathered = information_from(runs, longest=divided.longest)(regressor)
-        found = per_fold(gathered, divided.parts(gathered))
-        return cls(found, divided.left_out, _weights(sigma), own_columns(model))
-
-    def errors(self, names: Sequence[str]) -> Array:
-        """Logarithm of the error on each part, by the columns of these names, shape `(parts,)`.
-
-        Raises:
-            DataError: The other parts are too few for a fit.
-        """
-        some = self.information.select(names)
-        each = [some.of([k]).effort_squares() for k in range(len(some.windows))]
-        return logarithms(left_out_errors(some, some, self._values), np.array(each))
-
-    def _values(self, information: Information) -> Array:
-        """Values of columns by least squares with the weights of the fit.
-
-        Parameters of single runs have their mean over runs, as a new run is expected to have.
-        """
-        solution = solve(Runs.of(information, self.per_run), self.weights)
+    def values_of(information: Information) -> Array:
+        # parameters of single runs have their mean over runs, as a new run is expected to have
+        solution = solve(Runs.of(information, per_run), _weights(sigma))
         values = solution.values.copy()
         each = [dict(zip(x.columns, x.values, strict=True)) for x in solution.locals]
         for column in {column for one in each for column in one}:
             values[column] = np.mean([one[column] for one in each if column in one])
         return values
+
+    errors = []
+    for names in sets:
+        some = found.select(names)
+        each = [some.of([k]).effort_squares() for k in range(len(some.windows))]
+        errors.append(logarithms(left_out_errors(some, some, values_of), np.array(each)))
+    return divided.left_out, errors
 
 
 def left_out_gains(
@@ -279,14 +252,14 @@ def left_out_gains(
     shape `(n,)`.
     """
     own = base_parameters(model).base_names
+    sets = [own, *((*own, *cause.names) for cause in found)]
     try:
-        parts = LeftOutParts.of(model, wide, sigma, runs)
-        plain, *wider = (parts.errors((*own, *more)) for more in ((), *(c.names for c in found)))
+        left_out, (plain, *wider) = left_out_logs(model, wide, sigma, runs, sets)
     except DataError:
         return ()
     return tuple(
         LeftOutGain.of(
-            plain, errors, parts.left_out, WORTH_A_TERM if cause.of_friction else WORTH_A_SEARCH
+            plain, errors, left_out, WORTH_A_TERM if cause.of_friction else WORTH_A_SEARCH
         )
         for errors, cause in zip(wider, found, strict=True)
     )

@@ -89,7 +89,6 @@ class _Row:
 
     @property
     def enough(self) -> bool:
-        """Whether it says enough of a change."""
         return self.freedom >= LEAST_ROW_FREEDOM and self.left > 0.0
 
 
@@ -242,13 +241,11 @@ def _drift_of_row(
 LEAST_LOAD_SHARE, LEAST_OFFSET_SHARE = 0.5, 0.93
 """Least share of the squared residual that a change explains. In sound logs of nine real robots at
 most 0.14 (those shorter than 8 s aside) and 0.43; friction that falls by 60 % has up to 0.78."""
-LEAST_CHANGE_RISE = {"load": 200.0, "offset": 100.0}
-"""Least rise of the squared residual over noise; at most 92 in those logs, both."""
+LEAST_CHANGE_RISE = {"load": 200.0, "offset": 100.0}  # over noise; at most 92 in those logs
 LEAST_DRIFT_SHARE, DRIFT_RISES, LEAST_DRIFT = 0.3, 100.0, 0.05
 """Least share of a joint's squared residual that a drift of its scale explains, least rise, and
 least change; in sound logs of ten real robots the rise is at most 44."""
-LARGEST_PRINTED_CHANGE = 3.0
-"""Relative change beyond which the number says no more than that it is large."""
+LARGEST_PRINTED_CHANGE = 3.0  # relative change beyond which it is only called larger
 SURE_CHANGE = 5.0  # standard deviations that a load or a step must have
 
 
@@ -324,7 +321,6 @@ def _runs(case: FittedCase) -> Iterator[Information]:
 
 
 def _sure_drift(drift: ChangeWithinRun) -> bool:
-    """Whether a scale drifts, without changing its sign."""
     large = abs(drift.value) > LEAST_DRIFT and drift.value > -1.0
     return large and drift.certain(LEAST_DRIFT_SHARE, DRIFT_RISES)
 

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from steelyard.check.case import CaseCheck
 from steelyard.check.finding import Finding
 from steelyard.check.fitted.causes import (
     GEOMETRY,
@@ -31,25 +32,17 @@ from steelyard.estimate.scores.score import RunScore
 from steelyard.model.model import Model
 from steelyard.runs.run import Run
 
-JOINT_ABOVE_NOISE = 1.5
-"""Residual over noise from which on a joint is counted among those that are above it."""
-
+JOINT_ABOVE_NOISE = 1.5  # residual over noise from which on a joint is counted as above it
 NAMED_CAUSE_SHARE = 0.2  # share of what noise does not explain from which on a cause is named
-
 MOST_NAMED_CAUSES = 3  # most causes that are named
-
 CLEAR_OVER_FRICTION = 1.5
 """How many times more than a lack of friction an error of the geometry or of an effort must
 explain to be blamed: on five real robots friction explains more than any such error."""
-
 LEAST_CHI_SQUARE, CHI_SQUARE_PER_COLUMN = 25.0, 3.0
 """Chi square that it must explain, and more per column, over the factor by which the estimate
 scatters more than by white residuals: a single column reaches 25 by noise once in a million."""
-
 NEXT_CAUSE_RANK = 0.8  # rank over the first's from which on another error is named beside it
-
-MOST_RUNS, MOST_SAMPLES = 20, 200_000
-"""Runs and samples that are looked at: more make no cause clearer, but take time."""
+MOST_RUNS, MOST_SAMPLES = 20, 200_000  # looked at: more make no cause clearer
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,28 +102,25 @@ def _blamed(found: Sequence[Cause], inflation: float) -> tuple[Cause, ...]:
     """Errors of geometry or efforts that explain much more than a lack of friction, best first."""
     terms = max((cause.rank for cause in found if cause.of_friction), default=0.0)
     others = [cause for cause in found if not cause.of_friction]
-    if not others:
+    if not others or others[0].rank < CLEAR_OVER_FRICTION * terms:
         return ()
-    first = others[0]
-    enough = LEAST_CHI_SQUARE + CHI_SQUARE_PER_COLUMN * first.columns
-    if first.chi2 / inflation < enough or first.rank < CLEAR_OVER_FRICTION * terms:
+    enough = LEAST_CHI_SQUARE + CHI_SQUARE_PER_COLUMN * others[0].columns
+    if others[0].chi2 / inflation < enough:
         return ()
-    return tuple(cause for cause in others if cause.rank >= NEXT_CAUSE_RANK * first.rank)[
-        :MOST_NAMED_CAUSES
-    ]
+    near = [cause for cause in others if cause.rank >= NEXT_CAUSE_RANK * others[0].rank]
+    return tuple(near[:MOST_NAMED_CAUSES])
 
 
 def worst_residual_words(beside: ResidualNoise) -> str:
     """The worst joint's residual in measurement noise."""
-    if not np.isfinite(beside.ratios).any():
+    ratios = beside.ratios
+    if not np.isfinite(ratios).any():
         return "residuals are not noise"
-    worst = int(np.nanargmax(beside.ratios))
-    above, known = (
-        int(np.sum(test)) for test in (beside.ratios > JOINT_ABOVE_NOISE, beside.ratios > 0.0)
-    )
+    above, known = int(np.sum(ratios > JOINT_ABOVE_NOISE)), int(np.sum(ratios > 0.0))
     return (
         f"residuals are up to {largest_residual(beside)} x the measurement noise (worst joint: "
-        f"{beside.joints[worst]}; {above} of {known} joints above {JOINT_ABOVE_NOISE:g} x)"
+        f"{beside.joints[int(np.nanargmax(ratios))]}; {above} of {known} joints above "
+        f"{JOINT_ABOVE_NOISE:g} x)"
     )
 
 
@@ -179,22 +169,11 @@ class FittedCase:
         return tuple(zip(ranked.likely, gains or (None,) * len(ranked.likely), strict=True))
 
 
-@dataclass(frozen=True)
-class PostFitCheck:
-    """One check of a fitted model."""
-
-    name: str  # of the check, as it is printed
-    # findings without its name; those that are doubtful or wrong lower the verdict. A finding's
-    # `says` is one sentence for the headline, its `figure` the evidence
-    look: Callable[[FittedCase], Iterable[Finding]]
-
-    def __call__(self, case: FittedCase) -> tuple[Finding, ...]:
-        """Findings, the most severe first."""
-        return tuple(found.by(self.name) for found in self.look(case))
+PostFitCheck = CaseCheck[FittedCase]
 
 
 def post_fit_check(
     name: str,
 ) -> Callable[[Callable[[FittedCase], Iterable[Finding]]], PostFitCheck]:
-    """The check that a function makes of a fitted model."""
-    return lambda look: PostFitCheck(name, look)
+    """The check that a function makes of a fitted model: those not ok lower the verdict."""
+    return lambda look: CaseCheck(name, look)

@@ -18,17 +18,15 @@ from steelyard.estimate.estimate import Estimate
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
-from steelyard.estimate.scores.score import JointScore, RunScore
 from steelyard.model.laws.register import law_of
 from steelyard.model.laws.rotor_inertia import RotorInertia
 
 SIGNIFICANT_ROTOR = 4.0  # rotor inertia over its standard deviation from which on it is significant
-
-SIGNIFICANT_ROTOR_SHARE = 0.5
-"""Share of significant rotor inertias from which on torques contain those of the rotors."""
-
+SIGNIFICANT_ROTOR_SHARE = 0.5  # from which on torques contain those of the rotors
 LINK_SIDE_INSTEAD = 'kind = "link_torque" without rotor_inertia'
 """How a robot file describes sensors on the link side."""
+SEPARABLE_ROTORS = "rotor inertias (those separable from link inertias)"
+"""What `rotors_of` are, for people: there may be fewer than joints."""
 
 
 @case_check("gear side", "Do torques contain those of the rotors?", quick=False)
@@ -47,11 +45,18 @@ def gear_side_check(case: Case) -> Iterable[Finding]:
         estimate = WeightedLeastSquares()(gather(base_regressor(model), found[1]))
     except SteelyardError:
         return ()
-    return (_gear_side_finding(estimate),)
-
-
-SEPARABLE_ROTORS = "rotor inertias (those separable from link inertias)"
-"""What `rotors_of` are, for people: there may be fewer than joints."""
+    rotors = rotors_of(estimate)
+    values = zip(estimate.parameters.names, estimate.parameters.values, estimate.std, strict=True)
+    sure = sum(value > SIGNIFICANT_ROTOR * std for of, value, std in values if of in rotors)
+    figure = f"{sure} of {len(rotors)} {SEPARABLE_ROTORS} are significantly positive"
+    if rotors and sure >= SIGNIFICANT_ROTOR_SHARE * len(rotors):
+        return (Finding.ok(f"torques contain those of the rotors: {figure}", figure),)
+    says = (
+        f"undecided: {figure}; if the sensors are on the link side (Franka, KUKA iiwa, Kinova "
+        f"Gen3), use {LINK_SIDE_INSTEAD} in [model] terms"
+    )
+    fix = Fix(f"if sensors are on the link side, use {LINK_SIDE_INSTEAD}")
+    return (Finding.ok(says, figure, fix=None if sure or not rotors else fix, answered=False),)
 
 
 def rotors_of(estimate: Estimate) -> tuple[str, ...]:
@@ -59,28 +64,7 @@ def rotors_of(estimate: Estimate) -> tuple[str, ...]:
     return tuple(name for name in estimate.parameters.names if law_of(name) is RotorInertia)
 
 
-def _gear_side_finding(estimate: Estimate) -> Finding:
-    rotors = rotors_of(estimate)
-    values = zip(estimate.parameters.names, estimate.parameters.values, estimate.std, strict=True)
-    sure = sum(value > SIGNIFICANT_ROTOR * std for of, value, std in values if of in rotors)
-    figure = f"{sure} of {len(rotors)} {SEPARABLE_ROTORS} are significantly positive"
-    if rotors and sure >= SIGNIFICANT_ROTOR_SHARE * len(rotors):
-        return Finding.ok(f"torques contain those of the rotors: {figure}", figure)
-    says = (
-        f"undecided: {figure}; if the sensors are on the link side (Franka, KUKA iiwa, Kinova "
-        f"Gen3), use {LINK_SIDE_INSTEAD} in [model] terms"
-    )
-    fix = (
-        None
-        if sure or not rotors
-        else Fix(f"if sensors are on the link side, use {LINK_SIDE_INSTEAD}")
-    )
-    return Finding.ok(says, figure, fix=fix, answered=False)
-
-
-ZERO_ROTOR_SHARE = 0.5
-"""Share of rotor inertias at zero from which on the side of the gears is doubtful."""
-
+ZERO_ROTOR_SHARE = 0.5  # of rotor inertias at zero, for the side of gears to be doubtful
 FEWEST_ZERO_ROTORS = 2  # rotor inertias at zero from which on it is
 
 
@@ -91,13 +75,13 @@ def rotors_at_zero_check(case: FittedCase) -> Iterable[Finding]:
     zero, every = rotors_at_zero(identified.estimate, identified.signals.effort_kind)
     if not case.fitted or not zero:
         return ()
+    are = f"{len(zero)} of {every} {SEPARABLE_ROTORS} are zero:"
     says = (
-        f"{len(zero)} of {every} {SEPARABLE_ROTORS} are zero: torques may be those of sensors "
-        "on the link side, which do not contain the rotors'"
+        f"{are} torques may be those of sensors on the link side, which do not contain the rotors'"
     )
     joints = tuple(name.partition(".")[2] for name in zero)
     fix = Fix(f"If so, use {LINK_SIDE_INSTEAD} in [model] terms")
-    brief = f"{len(zero)} of {every} {SEPARABLE_ROTORS} are zero: are the sensors on the link side?"
+    brief = f"{are} are the sensors on the link side?"
     return (Finding.ok(says, "", joints, fix, headline=True, brief=brief),)
 
 
@@ -112,9 +96,7 @@ def rotors_at_zero(estimate: Estimate, effort_kind: str) -> tuple[tuple[str, ...
 
 
 WORSE_THAN_NOMINAL = 1.2  # RMSE over the nominal model's from which on a joint is named
-
-LOADED_JOINT_SHARE = 0.25
-"""Effort of a joint over the largest of its unit, root mean square, from which on it has load."""
+LOADED_JOINT_SHARE = 0.25  # RMS effort over the largest of its unit of a joint with load
 
 
 @post_fit_check("nominal model")
@@ -129,32 +111,23 @@ def below_nominal_check(case: FittedCase) -> Iterable[Finding]:
             f"on the link side; try {LINK_SIDE_INSTEAD} first"
         )
     for score in case.unseen_scores or case.fitted_scores:
-        worse = _joints_below_nominal(score)
-        if not worse:
-            continue
-        words = ", ".join(
-            f"{j.joint} (RMSE {j.rmse:.2g} {j.unit}, nominal model {j.prior_rmse:.2g})"
-            for j in worse
-        )
-        yield Finding.doubtful(
-            f"larger prediction error than the nominal model of the robot file: {words}",
-            "",
-            tuple(joint.joint for joint in worse),
-            fix,
-            brief=f"worse than the nominal model: {words}. {fix.says}",
-            log=score.run,
-        )
-
-
-def _joints_below_nominal(score: RunScore) -> tuple[JointScore, ...]:
-    """Joints with load whose RMSE is above that of the nominal model."""
-    most: dict[str, float] = {}
-    for joint in score.joints:
-        most[joint.unit] = max(most.get(joint.unit, 0.0), joint.predict_zero)
-    return tuple(
-        joint
-        for joint in score.joints
-        if joint.prior_rmse is not None
-        and joint.predict_zero >= LOADED_JOINT_SHARE * most[joint.unit]
-        and joint.rmse > WORSE_THAN_NOMINAL * joint.prior_rmse
-    )
+        most: dict[str, float] = {}
+        for joint in score.joints:
+            most[joint.unit] = max(most.get(joint.unit, 0.0), joint.predict_zero)
+        worse = {
+            j.joint: f"{j.joint} (RMSE {j.rmse:.2g} {j.unit}, nominal model {j.prior_rmse:.2g})"
+            for j in score.joints
+            if j.prior_rmse is not None
+            and j.predict_zero >= LOADED_JOINT_SHARE * most[j.unit]
+            and j.rmse > WORSE_THAN_NOMINAL * j.prior_rmse
+        }
+        if worse:
+            words = ", ".join(worse.values())
+            yield Finding.doubtful(
+                f"larger prediction error than the nominal model of the robot file: {words}",
+                "",
+                tuple(worse),
+                fix,
+                brief=f"worse than the nominal model: {words}. {fix.says}",
+                log=score.run,
+            )

@@ -10,7 +10,6 @@ is $1 / (1 + \mu)$. At $\mu = 1$ a gear locks itself, as the drive need not hold
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,8 +25,7 @@ from steelyard.robot.robot import Robot
 
 TUNGSTEN_DENSITY = 19_300.0  # density [kg/m³]
 SLENDER_LINK = 0.5  # thickness of a link over its length
-SHORTEST, LEAST_LENGTH = 0.3, 0.2
-"""Least length of a link, relative to the arm's reach, and in metres."""
+SHORTEST, LEAST_LENGTH = 0.3, 0.2  # least length of a link, of the arm's reach and [m]
 TOTAL_MASS_FACTOR = 10.0  # factor between the arm's mass and that of the model file
 SURE_BOUND = 2.0  # standard deviations that an estimate must be beyond a bound
 DISSIPATIVE_LAWS = (Coulomb.law, Viscous.law)  # friction that would drive if it were negative
@@ -77,9 +75,10 @@ def _masses(identified: IdentifiedModel) -> Iterator[str]:
         return
     masses = standard.parameters.values[places]
     covariance = standard.covariance[np.ix_(places, places)]
-    for body, mass, variance in zip(robot.bodies, masses, np.diag(covariance), strict=True):
-        most = heaviest(robot, robot.bodies.index(body))
-        if mass - SURE_BOUND * np.sqrt(max(variance, 0.0)) > most:
+    stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    for index, (body, mass, std) in enumerate(zip(robot.bodies, masses, stds, strict=True)):
+        most = heaviest(robot, index)
+        if mass - SURE_BOUND * std > most:
             yield (
                 f"link '{body.name}' of {mass:.4g} kg would be denser than tungsten "
                 f"(at most {most:.3g} kg for its size)"
@@ -105,38 +104,21 @@ def heaviest(robot: Robot, index: int) -> float:
 
 def _driving(identified: IdentifiedModel) -> Iterator[str]:
     """Joints whose friction least squares finds below zero, both laws for certain."""
-    plain, joints = (
-        (*identified.reference, identified.estimate)[0],
-        identified.model.robot.joint_names,
-    )
+    plain = (*identified.reference, identified.estimate)[0]
     below = plain.parameters.values < -SURE_BOUND * plain.std
     negative = {name for name, is_so in zip(plain.parameters.names, below, strict=True) if is_so}
+    joints = identified.model.robot.joint_names
     driving = [j for j in joints if negative.issuperset(f"{law}.{j}" for law in DISSIPATIVE_LAWS)]
     if driving:
-        all_of_them = len(driving) == len(joints)
-        who = "all joints" if all_of_them else ", ".join(f"'{joint}'" for joint in driving)
-        its = "efforts have" if all_of_them else "its effort, or its position, has"
+        every = len(driving) == len(joints)
+        who = "all joints" if every else ", ".join(f"'{joint}'" for joint in driving)
+        its = "efforts have" if every else "its effort, or its position, has"
         yield f"estimated friction of {who} is negative: {its} the wrong sign"
 
 
 CAUSES_OF_LOAD_FRICTION = (
     "a gain or gear ratio is wrong, a term is missing, or the motion has too few loads"
 )
-
-
-@dataclass(frozen=True)
-class Coefficient:
-    """Friction over load at a coordinate, and half its 95 % interval."""
-
-    name: str
-    value: float
-    half_width: float
-
-    @property
-    def words(self) -> str:
-        """Value, interval and the efficiency that it means."""
-        share = 100.0 / (1.0 + self.value)
-        return f"{self.name} {self.value:.2f} ± {self.half_width:.2g} (efficiency {share:.0f} %)"
 
 
 @post_fit_check("load-dependent friction")
@@ -147,22 +129,25 @@ def load_friction_check(case: FittedCase) -> Iterable[Finding]:
     intervals down to zero: these are poorly identified, and counted as such.
     """
     estimate = case.identified.estimate
-    triples = zip(estimate.parameters.names, estimate.parameters.values, estimate.std, strict=True)
+    rows = zip(estimate.parameters.names, estimate.parameters.values, estimate.std, strict=True)
     found = [
-        Coefficient(name.partition(".")[2], float(value), Z95 * float(std))
-        for name, value, std in triples
+        (name.partition(".")[2], float(value), Z95 * float(std))
+        for name, value, std in rows
         if name.partition(".")[0] == LoadDependent.law and value > PLAUSIBLE and case.fitted
     ]
-    if not any(one.value > one.half_width for one in found):
+    if not any(value > half for _, value, half in found):
         return
-    sure = any(one.value - one.half_width > PLAUSIBLE for one in found)
-    listed = ", ".join(one.words for one in found)
+    sure = any(value - half > PLAUSIBLE for _, value, half in found)
+    listed = ", ".join(
+        f"{name} {value:.2f} ± {half:.2g} (efficiency {100.0 / (1.0 + value):.0f} %)"
+        for name, value, half in found
+    )
     yield Finding.of(
         Severity.DOUBTFUL if sure else Severity.OK,
         f"load-dependent friction of {listed} is more than a gear has (at most about "
         f"{PLAUSIBLE:g} of the load, and a gear locks itself at 1): {CAUSES_OF_LOAD_FRICTION}",
         "",
-        tuple(one.name for one in found),
+        tuple(name for name, _, _ in found),
         Fix(
             "Check gains and gear ratios of these joints, and log them moving in both "
             "directions under several loads"

@@ -21,12 +21,8 @@ from steelyard.check.fitted.fitted_case import (
 )
 from steelyard.estimate.scores.residuals import ResidualNoise
 
-INCOMPLETE_RESIDUAL = 2.0
-"""Residual over the noise's upper bound from which on the model is incomplete."""
-
-LARGE_FIT_ERROR = 10.0
-"""Error of the fitted runs [%] from which on the noise is reported as unknown."""
-
+INCOMPLETE_RESIDUAL = 2.0  # over the noise's upper bound, of an incomplete model
+LARGE_FIT_ERROR = 10.0  # error of fitted runs [%] from which on unknown noise is reported
 CAUSE_ADVICE = {
     "gain": "Check the gain and unit of this effort",
     "saturation": "Check the gain of this effort at large currents",
@@ -34,16 +30,13 @@ CAUSE_ADVICE = {
     "compliance": "Positions may be measured before an elastic gear",
 }
 """What to do about a cause, by its kind; of the geometry otherwise."""
-
-ADD_TERM = "Add it to [model] terms"  # what to do about a term that predicts left-out motion better
-
+ADD_TERM = ". Add it to [model] terms"  # about a term that predicts left-out motion better
 AS_LOGGED = (
     " at the present effort scales, which change with it. Add it to [model] terms only if the "
     "error as logged then falls"
 )
 """What to do about it where scales of the efforts are estimated: errors of two models that divide
 efforts by other scales cannot be compared."""
-
 GEOMETRY_ADVICE = (
     "Check the joint zeros (position_offset in [signals]), then the lengths and axes in the model "
     "file, against the robot"
@@ -60,15 +53,15 @@ def model_error_check(case: FittedCase) -> Iterable[Finding]:
     ranked = case.ranked
     if ranked is None:
         return ()
-    if ranked.blamed:
-        return (_doubtful(ranked, _zeros(case, ranked)),)
     ratios = ranked.beside.ratios
-    if not np.isfinite(ratios).any():
+    if not ranked.blamed and not np.isfinite(ratios).any():
         return _noise_not_compared(case)
-    if float(np.nanmax(ratios)) < INCOMPLETE_RESIDUAL:
+    if not ranked.blamed and float(np.nanmax(ratios)) < INCOMPLETE_RESIDUAL:
         return ()
     zeros = _zeros(case, ranked)
-    return (_remark(case, ranked) if zeros is None else _doubtful(ranked, zeros),)
+    if not ranked.blamed and zeros is None:
+        return (_remark(case, ranked),)
+    return (_doubtful(ranked, zeros),)
 
 
 def _remark(case: FittedCase, ranked: RankedCauses) -> Finding:
@@ -112,12 +105,9 @@ def term_advice(tested: Sequence[tuple[Cause, LeftOutGain | None]], scaled: bool
             f"With {cause.says} the error on left-out motion falls from {gain.before:.2g} to "
             f"{gain.after:.2g} % (least squares, fitted logs)"
         )
-        if cause.of_friction and scaled:
-            return f"{falls}{AS_LOGGED}"
-        return (
-            f"{falls}. "
-            f"{ADD_TERM if cause.of_friction else CAUSE_ADVICE.get(cause.kind, GEOMETRY_ADVICE)}"
-        )
+        if cause.of_friction:
+            return f"{falls}{AS_LOGGED if scaled else ADD_TERM}"
+        return f"{falls}. {CAUSE_ADVICE.get(cause.kind, GEOMETRY_ADVICE)}"
     (cause, found), *_ = tested
     most = (
         f"Of single causes {cause.says} would explain most, {100.0 * cause.share:.0f} % of the "
@@ -125,17 +115,17 @@ def term_advice(tested: Sequence[tuple[Cause, LeftOutGain | None]], scaled: bool
     )
     if found is None:
         return f"{most}: not tested on left-out motion, the logs are too short"
-    unsure = ", not significantly" if found.after < found.before else ""
-    return f"{most}: not confirmed on left-out motion (error {found.change}{unsure})"
+    more = 100.0 * (found.after / found.before - 1.0)
+    way = "larger with it" if more >= 0.0 else "smaller with it"
+    way += ", not significantly" if found.after < found.before else ""
+    return f"{most}: not confirmed on left-out motion (error {abs(more):.0f} % {way})"
 
 
 def _noise_not_compared(case: FittedCase) -> tuple[Finding, ...]:
-    """That residuals could not be compared with noise, where they are large."""
     errors = [score.pooled_percent or score.mean_percent for score in case.fitted_scores]
-    error = max(errors, default=0.0)
+    error, run = max(errors, default=0.0), case.examined[0]
     if not error > LARGE_FIT_ERROR:
         return ()
-    run = case.examined[0]
     says = (
         "residuals could not be compared with noise: the regression cut-off of "
         f"{run.matched_cutoff:g} Hz leaves no band above it at {run.rate:g} Hz, and the fitted "
@@ -168,15 +158,13 @@ def _zeros(case: FittedCase, ranked: RankedCauses) -> tuple[str, Fix] | None:
     model = case.identified.model
     if ranked.blamed and ranked.blamed[0].kind == "zero_offset":
         offsets = estimated_offsets(model, case.examined)
-        far = None if offsets is None else far_offsets(offsets)
-        if offsets is not None and far is not None and far.any():
+        if offsets is not None and (far := far_offsets(offsets)).any():
             return f"zero offset of {offsets.words(far)}", offset_line(offsets, far)
     turned = turned_zeros(model, case.identified.estimate.sigma, case.fitted)
     return None if turned is None or turned.fix is None else (turned.says, turned.fix)
 
 
 def _worst(beside: ResidualNoise) -> str:
-    """The largest residual and its joint in a few words."""
     if not np.isfinite(beside.ratios).any():
         return "are not noise"
     joint = beside.joints[int(np.nanargmax(beside.ratios))]

@@ -73,11 +73,8 @@ def clipped_efforts_check(case: FittedCase) -> Iterable[Finding]:
             yield Finding.ok(says, headline=True, log=run.name)
 
 
-TERMS_LIKE_A_SCALE = (Spring.law, LoadDependent.law)
-"""Terms whose efforts change with posture or load, as those of a wrong scale do."""
-
-WRONG_SCALE = 1.3
-"""Factor, either way, beyond the interval of a scale, from which on a gain is doubtful."""
+TERMS_LIKE_A_SCALE = (Spring.law, LoadDependent.law)  # efforts by posture or load
+WRONG_SCALE = 1.3  # factor beyond a scale's interval from which on a gain is doubtful
 
 
 @post_fit_check("effort scales")
@@ -86,12 +83,12 @@ def scaled_efforts_check(case: FittedCase) -> Iterable[Finding]:
     scales = case.scales
     if scales is None:
         return ()
-    far = np.abs(np.log(scales.found.values)) > Z95 * scales.found.std
-    values = zip(scales.joints, scales.found.values, scales.half_width, far, strict=True)
-    off = [f"{joint} {x:.2f} ± {half:.2f}" for joint, x, half, is_far in values if is_far]
+    beyond = np.abs(np.log(scales.found.values)) - Z95 * scales.found.std
+    values = zip(scales.joints, scales.found.values, scales.half_width, beyond, strict=True)
+    off = [f"{joint} {x:.2f} ± {half:.2f}" for joint, x, half, far in values if far > 0.0]
+    pairs = zip(scales.joints, beyond, strict=True)
+    wrong = tuple(joint for joint, far in pairs if far > np.log(WRONG_SCALE))
     listed = ", ".join(off) or "none significant by itself"
-    beyond = np.abs(np.log(scales.found.values)) - Z95 * scales.found.std > np.log(WRONG_SCALE)
-    wrong = tuple(j for j, is_wrong in zip(scales.joints, beyond, strict=True) if is_wrong)
     says = (
         f"a scale of the efforts is estimated per joint ({listed}): sensors or gains may be "
         "off by these factors, or a missing term may have the same effect. Masses are as "
@@ -154,11 +151,6 @@ def examine_fit(
     checks: Sequence[PostFitCheck] | None = None,
 ) -> tuple[Finding, ...]:
     """The findings that are doubtful, wrong or for the headline, the most severe first.
-
-    Args:
-        case: The fitted model and its runs.
-        progress: Receives the name of every check.
-        checks: Which to run; all that are registered if `None`.
 
     Raises:
         Stopped: `progress` requested a stop.

@@ -11,7 +11,6 @@ all of them alike: the last link is therefore compared with the others.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import reduce
 from operator import add
 
@@ -21,7 +20,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
 from steelyard.check.finding import Finding, Fix
 from steelyard.check.fitted.fitted_case import FittedCase, post_fit_check
-from steelyard.estimate.estimate import Z95, StandardEstimate
+from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.estimate.information.information import Information
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
@@ -31,18 +30,17 @@ DISAGREEING_RESIDUAL = 2.0
 """Residual of common bodies over that of each run's own from which on runs disagree, root mean
 square over joints: 1.02 on seven runs of the UR10e over two weeks, 14 of an arm whose bodies differ
 by a fifth from the other's."""
-
-EXPLAINED_BY_LOAD = 1.3
-"""The same with a load in one run, up to which the load explains the disagreement."""
+EXPLAINED_BY_LOAD = 1.3  # the same with a load in one run that explains it
 
 
 @post_fit_check("runs")
 def runs_disagree_check(case: FittedCase) -> Iterable[Finding]:
     """Runs of two robots, or of one with and without a load, in one fit."""
-    runs = () if case.information is None else runs_of(case.information)
-    if len(runs) < 2:
+    whole = case.information
+    if whole is None or len(whole.windows_of_runs) < 2:
         return ()
     try:
+        runs = [whole.of(group) for group in whole.windows_of_runs.values()]
         own = np.array([WeightedLeastSquares().fit(run).variances for run in runs])
         times = residual_of_common_bodies(case.identified, runs, own)
         if times < DISAGREEING_RESIDUAL:
@@ -50,11 +48,6 @@ def runs_disagree_check(case: FittedCase) -> Iterable[Finding]:
         return (_disagreement_finding(case.identified, runs, own, times),)
     except DataError:
         return ()
-
-
-def runs_of(information: Information) -> tuple[Information, ...]:
-    """One piece of information per run."""
-    return tuple(information.of(group) for group in information.windows_of_runs.values())
 
 
 def residual_of_common_bodies(
@@ -92,9 +85,16 @@ def _disagreement_finding(
             fix=Fix("Leave this log out, or give it as --loaded"),
             log=name,
         )
+    # whose bodies differ: those of the run without which the others agree, or all
+    names = [run.runs for run in runs]
+    who = f"{' and '.join(names)} differ"
+    if len(runs) > 2:
+        kept = [[k for k in range(len(runs)) if k != number] for number in range(len(runs))]
+        rests = [residual_of_common_bodies(identified, [runs[k] for k in x], own[x]) for x in kept]
+        if min(rests) < DISAGREEING_RESIDUAL:
+            who = f"{names[int(np.argmin(rests))]} differ from the others'"
     return Finding.wrong(
-        "these logs are of two robots, or the robot was modified: the link inertias of "
-        f"{_different_run(identified, runs, own)}",
+        f"these logs are of two robots, or the robot was modified: the link inertias of {who}",
         figure,
         fix=Fix("Identify each robot separately"),
     )
@@ -104,7 +104,7 @@ def _load_in_one_run(
     identified: IdentifiedModel, runs: Sequence[Information], own: Array, number: int
 ) -> tuple[float, float, float, str]:
     """What a load in one run leaves, its mass and half-width [kg], and the run's name."""
-    name = runs[number].windows[0].run
+    name = runs[number].runs
     others, model = [run for k, run in enumerate(runs) if k != number], identified.model
     if not others[0].windows or "m." + model.robot.bodies[-1].name not in identified.base.names:
         return np.inf, 0.0, 0.0, name
@@ -118,39 +118,10 @@ def _load_in_one_run(
     return _times(np.square(known.sigma), runs, own), mass, Z95 * spread, name
 
 
-def _different_run(identified: IdentifiedModel, runs: Sequence[Information], own: Array) -> str:
-    """Whose bodies differ: those of the run without which the others agree, or all."""
-    names = [run.windows[0].run for run in runs]
-    if len(runs) > 2:
-        left = []
-        for number in range(len(runs)):
-            kept = [k for k in range(len(runs)) if k != number]
-            left.append(residual_of_common_bodies(identified, [runs[k] for k in kept], own[kept]))
-        if min(left) < DISAGREEING_RESIDUAL:
-            return f"{names[int(np.argmin(left))]} differ from the others'"
-    return f"{' and '.join(names)} differ"
-
-
 HEAVIER_LAST_LINK = 2.0
 """Mass over the model file's, relative to the median of the other links, from which on it is
 reported. Links that are invented off by a quarter reach 1.5."""
-
-KNOWN_MASS_SHARE = 0.5
-"""Share of a mass's knowledge that must come from the data for it to be compared."""
-
-
-@dataclass(frozen=True)
-class LinkMass:
-    """A link's mass, its standard deviation, and the model file's [kg]."""
-
-    mass: float
-    std: float
-    nominal: float
-
-    @property
-    def ratio(self) -> float:
-        """Mass over the model file's."""
-        return self.mass / self.nominal
+KNOWN_MASS_SHARE = 0.5  # of a mass's knowledge that must come from the data
 
 
 @post_fit_check("last link")
@@ -159,37 +130,31 @@ def last_link_check(case: FittedCase) -> Iterable[Finding]:
 
     Nothing of plain least squares, which gives no masses.
     """
-    standard = case.identified.estimate.standard
+    standard, bodies = case.identified.estimate.standard, case.identified.model.robot.bodies
     if not case.fitted or standard is None:
         return
-    masses = _link_masses(case.identified, standard)
-    link = case.identified.model.robot.bodies[-1].name
-    found = masses.pop(link, None)
-    if found is None or not masses:
-        return
-    usual, more = float(np.median([x.ratio for x in masses.values()])), found.mass - found.nominal
-    least = found.mass - Z95 * found.std
-    if found.ratio < HEAVIER_LAST_LINK * max(usual, 1.0) or least < max(usual, 1.0) * found.nominal:
-        return
-    if runs_disagree_check(case):
-        return
-    yield Finding.doubtful(
-        f"the last link ({link}) is estimated {more:.2g} kg heavier than in the model file: "
-        "the robot carries a payload or tool in all logs, or the model file is wrong",
-        f"{found.mass:.3g} ± {Z95 * found.std:.2g} kg for {found.nominal:.3g} kg, "
-        f"{found.ratio:.1f} times, the other links {usual:.1f} times",
-        fix=Fix("Log without the load, or add the tool to the model file"),
-    )
-
-
-def _link_masses(identified: IdentifiedModel, standard: StandardEstimate) -> dict[str, LinkMass]:
-    """Masses that the model file gives and the data identify."""
+    # mass, standard deviation and the model file's mass of links that the data identify [kg]
+    masses: dict[str, tuple[float, float, float]] = {}
     place = {name: k for k, name in enumerate(standard.parameters.names)}
-    found = {}
-    for body in identified.model.robot.bodies:
+    for body in bodies:
         k, nominal = place.get(f"m.{body.name}"), body.inertia.mass
         if k is None or not body.known or nominal <= 0.0 or standard.learned[k] < KNOWN_MASS_SHARE:
             continue
-        mass, std = float(standard.parameters.values[k]), float(standard.std[k])
-        found[body.name] = LinkMass(mass, std, nominal)
-    return found
+        values = float(standard.parameters.values[k]), float(standard.std[k])
+        masses[body.name] = (*values, nominal)
+    link = bodies[-1].name
+    found = masses.pop(link, None)
+    if found is None or not masses:
+        return
+    mass, std, nominal = found
+    usual = float(np.median([one / known for one, _, known in masses.values()]))
+    least, half = max(usual, 1.0) * nominal, Z95 * std
+    if mass < HEAVIER_LAST_LINK * least or mass - half < least or runs_disagree_check(case):
+        return
+    yield Finding.doubtful(
+        f"the last link ({link}) is estimated {mass - nominal:.2g} kg heavier than in the model "
+        "file: the robot carries a payload or tool in all logs, or the model file is wrong",
+        f"{mass:.3g} ± {half:.2g} kg for {nominal:.3g} kg, {mass / nominal:.1f} times, the other "
+        f"links {usual:.1f} times",
+        fix=Fix("Log without the load, or add the tool to the model file"),
+    )

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.base.arrays import Array
 from steelyard.check.case import Case, Evidence
 from steelyard.check.decision.edits import zero_edits
 from steelyard.check.decision.verdict import LogVerdict, judge_log
@@ -24,43 +25,23 @@ from steelyard.estimate.scores.score import RunScore
 from steelyard.robot.file.loaded_robot import LoadedRobot
 from steelyard.runs.run import Run
 
-UNSEEN_ERROR_FACTOR = 2.0
-"""RMS error over the residuals of the fit from which on a reason is looked for."""
-
+UNSEEN_ERROR_FACTOR = 2.0  # RMS error over the fit's residuals for a reason to be looked for
 FAR_UNSEEN_ERROR = 4.0  # the same from which on an error without explanation is reported
-
-LARGE_UNSEEN_ERROR = 10.0
-"""Typical relative error [%] below which an error without explanation is not remarkable."""
-
+LARGE_UNSEEN_ERROR = 10.0  # typical error [%] below which none without reason is remarkable
 NEAR_OWN_ERROR, LEAST_LEFT_ERROR = 3.0, 3.0
 """An explanation leaves no more than so many times the residuals of the fit, or this misfit [%]."""
-
 MOST_LEFT_ERROR, LEAST_ERROR_FALL = 20.0, 1.3
 """No explanation leaves more than this misfit [%], or lowers it by a smaller factor."""
 FRICTION_ERROR_SHARE, LEFT_ERROR_SHARE = 0.5, 0.2
 """Friction and offsets fitted anew leave no more than `UNSEEN_ERROR_FACTOR` times the residuals of
 the fit, or `LEAST_LEFT_ERROR`, and at most the first part of the error, for they lower that of any
 log; or the second."""
-
-RESTING_RESIDUAL = 1e-6
-"""Residual, relative to the largest, up to which a joint was not fitted as it did not move."""
-WRONG_BODIES_ERROR = 30.0
-"""Typical error [%] with friction and offsets fitted anew from which on bodies are wrong."""
-
+RESTING_RESIDUAL = 1e-6  # relative to the largest, of a joint that was not fitted
+WRONG_BODIES_ERROR = 30.0  # typical error [%] with friction fitted anew if bodies are wrong
 TRIED_CAUSES = (
     "payload, joint zeros, signs, order, units, gains, delay, mounting, friction and offsets"
 )
-
-UNSEEN_ADVICE = {
-    "payload": Fix(
-        "Identify it with `steelyard payload`, or validate on a log without payload",
-        command="steelyard payload MODEL LOG",
-    ),
-}
-"""What to do about an explanation, by its cause."""
-
-COMPARE_COMMAND = "steelyard check ROBOT LOG --model MODEL"
-"""What shows the comparison of explanations."""
+COMPARE_COMMAND = "steelyard check ROBOT LOG --model MODEL"  # compares explanations
 
 
 @post_fit_check("unseen log")
@@ -72,7 +53,12 @@ def unseen_reason_check(case: FittedCase) -> Iterable[Finding]:
         ratio = excess_error(case.identified, score)
         found = _reason(case, run, score, ratio) if ratio > UNSEEN_ERROR_FACTOR else None
         if found is not None:
-            yield found
+            yield replace(found, log=run.name)
+
+
+def _sigma(identified: IdentifiedModel) -> Array:
+    """Standard deviations of the fit's residuals, in the units of the joints' efforts."""
+    return np.asarray(identified.estimate.sigma) / np.abs(np.asarray(identified.signals.gains))
 
 
 def excess_error(identified: IdentifiedModel, score: RunScore) -> float:
@@ -80,20 +66,33 @@ def excess_error(identified: IdentifiedModel, score: RunScore) -> float:
 
     Both are of the samples where a joint moves: at rest, friction has any value.
     """
-    gains = np.abs(np.asarray(identified.signals.gains))
-    sigma = np.asarray(identified.estimate.sigma) / gains
+    sigma = _sigma(identified)
     rmse = np.array([np.nan if j.rmse_moving is None else j.rmse_moving for j in score.joints])
     seen = (sigma > RESTING_RESIDUAL * sigma.max(initial=0.0)) & _moving(score)
     return float(np.sqrt(np.mean(np.square(rmse[seen] / sigma[seen])))) if seen.any() else 0.0
 
 
+def _moving(score: RunScore) -> NDArray[np.bool_]:
+    """Which joints move long enough to be compared, shape `(n,)`."""
+    return np.array([joint.counted for joint in score.errors.joints])
+
+
 def _reason(fit: FittedCase, run: Run, score: RunScore, ratio: float) -> Finding | None:
     """The explanation that the data support, or that there is none."""
-    case, evidence = _case_of(fit.identified, run)
-    decision = judge_log(case, evidence)
-    typical, own = _typical(score), _own(fit.identified, score)
+    identified, cutoffs = fit.identified, fit.identified.cutoffs
+    # the run as `check` with this model looks at it
+    processing = replace(
+        identified.processing, motion_cutoff=cutoffs.motion, matched_cutoff=cutoffs.matched
+    )
+    evidence = Evidence(run.recording, processing, run.name)
+    loaded = LoadedRobot(identified.model.robot, (), identified.signals)
+    decision = judge_log(Case(loaded, (evidence,), identified), evidence)
+    # geometric mean over joints that move of their relative error [%]: a misfit of `check`
+    errors = np.array([joint.relative_percent_moving or 0.0 for joint in score.joints])
+    typical = float(np.exp(np.mean(np.log(np.maximum(errors[_moving(score)], 1e-4)))))
+    own = _own(identified, score)
     if decision is not None and decision.winners and _explains(decision, own):
-        return _explained(fit, run, decision)
+        return _explained(fit, decision)
     if ratio < FAR_UNSEEN_ERROR or typical < LARGE_UNSEEN_ERROR:
         return None
     times = f"{ratio:.0f}" if ratio >= 10.0 else f"{ratio:.1f}"
@@ -109,7 +108,6 @@ def _reason(fit: FittedCase, run: Run, score: RunScore, ratio: float) -> Finding
             f"reduces the typical error from {typical:.1f} % to {left:.1f} %",
             figure,
             fix=Fix("Identify from logs at one temperature, or use terms with per_run = true"),
-            log=run.name,
         )
     return _unexplained(fit, run, left, figure)
 
@@ -131,19 +129,18 @@ def _unexplained(fit: FittedCase, run: Run, left: float, figure: str) -> Finding
         f"no cause of the error was found; tested: {TRIED_CAUSES} ({left:.1f} % remain with "
         "the last)"
     )
-    fix = Fix(f"`{COMPARE_COMMAND}` shows what was compared", command=COMPARE_COMMAND)
     fitted = [run.name for run in fit.fitted] or fit.identified.provenance.runs
-    same = any(_one_file(run.name, name) for name in fitted)
     if fit.unresolved:
         finding = fit.unresolved[0]
         says += f". The check before the fit was doubtful about {finding.log}: {finding.says}"
-        fix = Fix("Resolve that first")
-    elif not same:
-        says += ". The log may come from another robot, or one that was modified"
-        fix = Fix("Make sure that all logs are of one robot, or identify this one separately")
-    wrong = not same and not fit.unresolved and left > WRONG_BODIES_ERROR
-    severity = Severity.WRONG if wrong else Severity.DOUBTFUL
-    return Finding.of(severity, says, figure, fix=fix, log=run.name)
+        return Finding.doubtful(says, figure, fix=Fix("Resolve that first"))
+    if any(_one_file(run.name, name) for name in fitted):
+        fix = Fix(f"`{COMPARE_COMMAND}` shows what was compared", command=COMPARE_COMMAND)
+        return Finding.doubtful(says, figure, fix=fix)
+    says += ". The log may come from another robot, or one that was modified"
+    fix = Fix("Make sure that all logs are of one robot, or identify this one separately")
+    severity = Severity.WRONG if left > WRONG_BODIES_ERROR else Severity.DOUBTFUL
+    return Finding.of(severity, says, figure, fix=fix)
 
 
 def _one_file(one: str, other: str) -> bool:
@@ -157,15 +154,13 @@ def _own(identified: IdentifiedModel, score: RunScore) -> float:
 
     These are the smaller of measured and predicted ones: efforts may be logged in another unit.
     """
-    gains = np.abs(np.asarray(identified.signals.gains))
     predicted = np.sqrt(np.mean(np.square(score.traces.predicted), axis=0))
     measured = np.array([joint.predict_zero for joint in score.joints])
-    size = np.maximum(np.minimum(measured, predicted), 1e-12)
-    shares = np.asarray(identified.estimate.sigma) / gains / size
+    shares = _sigma(identified) / np.maximum(np.minimum(measured, predicted), 1e-12)
     return 100.0 * float(np.exp(np.mean(np.log(np.maximum(shares, 1e-6)))))
 
 
-def _explained(fit: FittedCase, run: Run, decision: LogVerdict) -> Finding:
+def _explained(fit: FittedCase, decision: LogVerdict) -> Finding:
     """The winners as one sentence, and what is to be resolved before they can be trusted."""
     says = ", and ".join(hypothesis.says for hypothesis, _ in decision.winners)
     severity = max(severity for _, severity in decision.winners)
@@ -177,26 +172,24 @@ def _explained(fit: FittedCase, run: Run, decision: LogVerdict) -> Finding:
             f"the check before the fit was doubtful about {finding.log}: {finding.says}. If the "
             f"robot file describes that log correctly, the {reason}"
         )
+    fix = Fix(f"`{COMPARE_COMMAND}` shows the {first.cause}", command=COMPARE_COMMAND)
+    if first.cause == "payload":
+        fix = Fix(
+            "Identify it with `steelyard payload`, or validate on a log without payload",
+            command="steelyard payload MODEL LOG",
+        )
+    elif first.cause == ZERO_CAUSE:
+        (edit,) = zero_edits(decision.last.reading)
+        line = f"If the robot's zeros confirm it, set position_offset = {edit.value} in [signals]"
+        fix = Fix(f"{line} of this log's robot file", command=COMPARE_COMMAND)
     return Finding.of(
         severity,
         reason,
         f"misfit {decision.declared.percent:.1f} %, with this explanation "
         f"{decision.last.percent:.1f} %",
         tuple(names[j] for j in first.joints),
-        _advice(decision, first.cause),
-        log=run.name,
+        fix,
     )
-
-
-def _advice(decision: LogVerdict, cause: str) -> Fix:
-    """What to do about an explanation: of zeros the line, elsewhere a command."""
-    if cause != ZERO_CAUSE:
-        return UNSEEN_ADVICE.get(
-            cause, Fix(f"`{COMPARE_COMMAND}` shows the {cause}", command=COMPARE_COMMAND)
-        )
-    (edit,) = zero_edits(decision.last.reading)
-    says = f"If the robot's zeros confirm it, set position_offset = {edit.value} in [signals]"
-    return Fix(f"{says} of this log's robot file", command=COMPARE_COMMAND)
 
 
 def _with_other_friction(likelihood: Likelihood) -> float:
@@ -207,25 +200,3 @@ def _with_other_friction(likelihood: Likelihood) -> float:
         turned = np.diag(likelihood.declared.into_logged()) < 0.0
         lower[~turned, :2], upper[turned, :2] = 0.0, 0.0
     return anew.declared.percent
-
-
-def _typical(score: RunScore) -> float:
-    """Geometric mean over joints that move of their relative error [%]: a misfit of `check`."""
-    errors = np.array([joint.relative_percent_moving or 0.0 for joint in score.joints])
-    return float(np.exp(np.mean(np.log(np.maximum(errors[_moving(score)], 1e-4)))))
-
-
-def _moving(score: RunScore) -> NDArray[np.bool_]:
-    """Which joints move long enough to be compared, shape `(n,)`."""
-    return np.array([joint.counted for joint in score.errors.joints])
-
-
-def _case_of(identified: IdentifiedModel, run: Run) -> tuple[Case, Evidence]:
-    """The run as `check` with this model looks at it."""
-    cutoffs = identified.cutoffs
-    processing = replace(
-        identified.processing, motion_cutoff=cutoffs.motion, matched_cutoff=cutoffs.matched
-    )
-    evidence = Evidence(run.recording, processing, run.name)
-    loaded = LoadedRobot(identified.model.robot, (), identified.signals)
-    return Case(loaded, (evidence,), identified), evidence

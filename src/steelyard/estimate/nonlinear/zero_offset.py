@@ -33,12 +33,8 @@ from steelyard.runs.run import Run
 
 ROUNDS = 20  # most Gauss-Newton steps
 LONGEST = 0.25  # longest step of an offset [rad; m]: derivatives hold for small angles only
-
-LOOSEST = {"rad": 0.1, "m": 0.05}
-"""Standard deviation beyond which an offset counts as not identifiable."""
-
+LOOSEST = {"rad": 0.1, "m": 0.05}  # standard deviation of what is not identifiable
 CONVERGED = 0.02  # step in standard deviations at which the search has converged
-
 LAW = "zero_offset"
 
 
