@@ -15,9 +15,12 @@ from steelyard.runs.smoothing.filters import (
     kaiser_lowpass,
     low_pass,
     settling,
-    smooth_derivatives,
     zero_phase,
 )
+
+
+def smooth_derivatives(cutoff: float, rate: float, highest: int) -> Bank:
+    return Bank.derivatives(butterworth(cutoff, rate), settling(cutoff, rate), rate, highest)
 
 
 def split(x: np.ndarray, cuts: list[int]) -> list[np.ndarray]:

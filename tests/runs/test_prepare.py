@@ -161,7 +161,7 @@ def test_quality_says_what_was_found(recording, sines) -> None:
     }
     assert len(quality.gaps) == 3 and len(run.segments) == 3
     np.testing.assert_allclose(quality.resolution, 1e-4, rtol=1e-6)
-    assert quality.step_min == pytest.approx(0.010, abs=1e-6)
+    assert quality.steps[2] == pytest.approx(0.010, abs=1e-6)
     notes, losses = "\n".join(quality.notes), "\n".join(quality.losses)
     assert "dropped 3 of 3000 rows: 2 with an implausible value, 1 with" in quality.dropped_rows
     assert "3 gaps split the run" in losses and "1 stretch" in losses

@@ -44,16 +44,17 @@ def open_hdf5(path: Path, *, matlab: bool = False) -> ArraysLog:
 
     def read(places: Sequence[ColumnPlace], rows: tuple[int, int], size: int) -> Iterator[Array]:
         separator = "." if matlab else "/"
-        names = [members[p.member].name.replace(separator, "/") for p in places]
-        columns = [[n, p.axis, p.component] for n, p in zip(names, places, strict=True)]
+        columns = [
+            [members[p.member].name.replace(separator, "/"), p.axis, p.component] for p in places
+        ]
         request = {"path": str(path), "rows": rows, "size": size, "columns": columns}
         with _child_answer(path, request) as answer:
             for start in range(*rows, size):
-                n = min(size, rows[1] - start)
-                data = answer.read(8 * n * len(places))
-                if len(data) < 8 * n * len(places):
+                count = min(size, rows[1] - start) * len(places)
+                data = answer.read(8 * count)
+                if len(data) < 8 * count:
                     raise EOFError
-                yield np.frombuffer(data, np.float64).reshape(n, len(places)).copy()
+                yield np.frombuffer(data, np.float64).reshape(-1, len(places)).copy()
 
     return ArraysLog.of(path, members, read)
 
@@ -63,9 +64,9 @@ def _hdf5_members(path: Path, matlab: bool, changed: int, size: int) -> tuple[Na
     """What is in a file as it was at a time."""
     with _child_answer(path, {"path": str(path), "matlab": matlab}) as answer:
         text = answer.read()
+    found = json.loads(text)
     return tuple(
-        NamedArray(found["name"], tuple(found["shape"]), tuple(found["labels"]), found["left_out"])
-        for found in json.loads(text)
+        NamedArray(x["name"], tuple(x["shape"]), tuple(x["labels"]), x["left_out"]) for x in found
     )
 
 
@@ -176,25 +177,20 @@ class Inflated(io.RawIOBase):
         self._file, self._left = file, length
         self._inflate = zlib.decompressobj()
 
-    def readable(self) -> bool:
-        """Yes."""
+    def readable(self) -> bool:  # noqa: D102
         return True
 
     def readinto(self, buffer: "memoryview | bytearray") -> int:  # type: ignore[override]
         """Fill the buffer as far as the next bytes reach; 0 at the end."""
-        view = memoryview(buffer)
-        while not self._inflate.eof:
+        given, data = b"-", b""
+        while given and not data and not self._inflate.eof:
             given = self._inflate.unconsumed_tail
             if not given:
                 given = self._file.read(min(1 << 14, self._left))
                 self._left -= len(given)
-            data = self._inflate.decompress(given, len(view))
-            if data:
-                view[: len(data)] = data
-                return len(data)
-            if not given:
-                break
-        return 0
+            data = self._inflate.decompress(given, len(buffer))
+        buffer[: len(data)] = data
+        return len(data)
 
     def close(self) -> None:
         """Close the file below too."""

@@ -21,7 +21,7 @@ from steelyard.runs.rows.resampling import (
 from steelyard.runs.rows.row_checks import COUNTS_OF_MARKS, CUT_OFF, RowChecks, Segment
 from steelyard.runs.smoothing.auto import Auto
 from steelyard.runs.smoothing.filters import continued_at_ends
-from steelyard.runs.smoothing.method import Causal
+from steelyard.runs.smoothing.kalman import CausalKalman
 
 SATURATION_SPREAD = 0.5
 """How far around an effort at its limit samples do not count, in periods of the regression cut-off:
@@ -102,7 +102,7 @@ class Chain:
         if isinstance(motion, Auto):
             return f"by {self.processing.motion_words}, motion cut-off {at}"
         late = ""
-        if isinstance(motion, Causal):
+        if isinstance(motion, CausalKalman):
             delay = 1e3 * motion.lateness(self.motion_cutoff)
             late = f"; causal: slow accelerations {delay:.2g} ms late"
         return f"by {self.processing.motion_words} ({at}{late})"

@@ -231,7 +231,6 @@ def _quality(
     cut = Cutoffs(chain.motion_cutoff, chain.matched_cutoff)
     segments = _long_enough(recording, found, cut)
     counts = {v: found.counts[v] for v in RowVerdict if v != RowVerdict.KEPT and found.counts[v]}
-    mean, spread, least, most = found.steps
     starts = [*(s.start for s in segments), found.segments[-1].stop]
     stops = [found.segments[0].start, *(s.stop for s in segments)]
     return Quality(
@@ -240,10 +239,7 @@ def _quality(
         dropped={verdict.reason: count for verdict, count in counts.items()},
         gaps=tuple(s.stop for s in found.segments[:-1]),
         rate=found.rate,
-        step_mean=mean,
-        step_std=spread,
-        step_min=least,
-        step_max=most,
+        steps=found.steps,
         duration=found.duration,
         resolution=frozen(found.resolution[c.q]),
         effort_resolution=frozen(found.resolution[c.effort]),

@@ -1,6 +1,5 @@
 """The choices of the processing chain, and its methods by the names they have in files."""
 
-import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
@@ -57,22 +56,19 @@ def smoother_of(description: str | Mapping[str, Any], where: str) -> Smoother:
 
 def description_of(method: Method | Smoother) -> dict[str, Any]:
     """The table that `method_of` or `smoother_of` turns back into the method."""
-    names = [field.name for field in dataclasses.fields(method)]  # type: ignore[arg-type]
-    fields = {name: getattr(method, name) for name in names}
-    return {
-        "method": method.name,
-        **{x: list(v) if isinstance(v, tuple) else v for x, v in fields.items() if v is not None},
-    }
+    given = {x.name: getattr(method, x.name) for x in fields(method)}  # type: ignore[arg-type]
+    settings = {x: list(v) if isinstance(v, tuple) else v for x, v in given.items()}
+    return {"method": method.name, **{x: v for x, v in settings.items() if v is not None}}
 
 
 def method_in_words(method: Method | Smoother) -> str:
     """Name and settings that are not the default: `savitzky_golay, degree 4`."""
-    usual = {field.name: field.default for field in dataclasses.fields(method)}  # type: ignore[arg-type]
-    values = [(x, getattr(method, x)) for x in usual]
-    words = [
-        f"{x.replace('_', ' ')} {_shown_value(value)}" for x, value in values if value != usual[x]
+    settings = [
+        f"{x.name} {_shown_value(value)}"
+        for x in fields(method)  # type: ignore[arg-type]
+        if (value := getattr(method, x.name)) != x.default
     ]
-    return ", ".join((method.name.replace("_", " "), *words))
+    return ", ".join((method.name, *settings)).replace("_", " ")
 
 
 def _shown_value(value: object) -> str:

@@ -61,10 +61,10 @@ class Block:
         def along(name: str) -> Any:
             return np.concatenate([getattr(b, name) for b in blocks], axis=-1)
 
-        motion = map(along, ("t", "q", "dq", "ddq", "effort", "moving"))
+        motion = {name: along(name) for name in ("t", "q", "dq", "ddq", "effort", "moving")}
         channels = None if blocks[0].channels is None else along("channels")
         weights = None if all(b.weights is None for b in blocks) else along("counted")
-        return cls(blocks[0].segment, *motion, channels, weights)
+        return cls(blocks[0].segment, **motion, channels=channels, weights=weights)
 
     @property
     def counted(self) -> Array:

@@ -19,7 +19,7 @@ from steelyard.runs.processing import Processing
 from steelyard.runs.recording import Recording
 from steelyard.runs.rows.clock import SHORTEST_CHAIN, RowPiece, RowScan, learn_clock, nice_rate
 from steelyard.runs.rows.resampling import uniform
-from steelyard.runs.smoothing.filters import apply, low_pass, smooth_derivatives
+from steelyard.runs.smoothing.filters import Bank, apply, butterworth, low_pass, settling
 from steelyard.runs.spectrum import motion_band
 
 EXCERPT_SOURCE_ROWS = 100_000
@@ -172,7 +172,8 @@ def _filtered(
 ) -> Iterator[tuple[Array, Array]]:
     """Times and `z, dz, ddz, e` as logged, shape `(4 n, N)`, of segments that are long enough."""
     c, s = recording.channels, recording.signals
-    motion, smooth = smooth_derivatives(cutoff, rate, 2), low_pass(cutoff, rate)
+    motion = Bank.derivatives(butterworth(cutoff, rate), settling(cutoff, rate), rate, 2)
+    smooth = low_pass(cutoff, rate)
     edge = int(np.ceil(START_UP * rate / cutoff))
     for start, even in segments:
         if even.shape[1] < 4 * edge + 2 * SHORTEST_CHAIN:

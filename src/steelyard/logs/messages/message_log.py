@@ -156,7 +156,15 @@ class MessageLog:
         self, columns: Sequence[str], rows: RowRange = (0, None), size: int = ROWS_OF_PART
     ) -> Iterator[Array]:
         """The requested rows, in parts; see `Log`."""
-        self._require(columns)
+        for column in set(columns).difference(self.columns):
+            for layout in self.layouts:
+                if layout.problem and column.startswith(f"{layout.name}/"):
+                    raise LogError(
+                        f"the topic '{layout.name}' cannot be read: {layout.problem}",
+                        where=str(self.path),
+                        fix="record it with its definition, or name columns of another topic",
+                    )
+        require_columns(self.path, self.columns, columns)
         blocks: list[Array] = []
         for block in self._blocks(columns, rows, min(size, ROWS_OF_BLOCK)):
             blocks.append(block)
@@ -203,18 +211,6 @@ class MessageLog:
             for layout in self.layouts
             for name in layout.all_fields
         }
-
-    def _require(self, columns: Sequence[str]) -> None:
-        """Check the columns, and say why a topic has none if one of it is requested."""
-        for column in set(columns).difference(self.columns):
-            for layout in self.layouts:
-                if layout.problem and column.startswith(f"{layout.name}/"):
-                    raise LogError(
-                        f"the topic '{layout.name}' cannot be read: {layout.problem}",
-                        where=str(self.path),
-                        fix="record it with its definition, or name columns of another topic",
-                    )
-        require_columns(self.path, self.columns, columns)
 
 
 def _container(path: Path) -> Container:

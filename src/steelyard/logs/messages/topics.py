@@ -191,16 +191,21 @@ MOST_TOPICS = 10_000
 MOST_COLUMNS = 50_000
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Layout:
-    """What the messages of a topic hold."""
+    """What the messages of a topic hold, as far as they were looked at.
+
+    `problem` says why no columns are read from it; it is empty if some are.
+    """
 
     name: str
     type: str
-    fields: tuple[str, ...]
-    of_joints: bool
-    stamped: bool
-    problem: str
+    count: int = 0
+    of_joints: bool = False
+    stamped: bool = False
+    problem: str = "its messages hold no numbers"
+    fields: tuple[str, ...] = ()
+    _met: dict[str, None] = field(default_factory=dict)
 
     @property
     def all_fields(self) -> tuple[str, ...]:
@@ -212,20 +217,8 @@ class Layout:
         """Names of the topic's columns."""
         return tuple(f"{self.name}/{name}" for name in self.all_fields)
 
-
-@dataclass
-class _TopicScan:
-    """What was seen of a topic so far."""
-
-    type: str
-    count: int = 0
-    fields: dict[str, None] = field(default_factory=dict)
-    of_joints: bool = False
-    stamped: bool = False
-    decoded: int = 0
-    problem: str = "its messages hold no numbers"
-
-    def add(self, message: Message) -> None:
+    def look_at(self, message: Message) -> None:
+        """Take in one of the first messages."""
         self.count += 1
         if message.data is None:
             self.problem = f"its messages are longer than {LARGEST_MESSAGE} bytes"
@@ -235,18 +228,18 @@ class _TopicScan:
         except Unreadable as error:
             self.problem = str(error)
             return
-        self.decoded += 1
         self.of_joints |= _joints(content) is not None
         self.stamped |= bool(stamp_of(content))
-        if len(self.fields) < MOST_FIELDS:
-            self.fields.update(dict.fromkeys(fields_of(content)))
+        if len(self._met) < MOST_FIELDS:
+            self._met.update(dict.fromkeys(fields_of(content)))
 
-    def layout(self, name: str) -> Layout:
-        found = tuple(f for f in self.fields if f not in (STAMP, LOG_TIME))[:MOST_FIELDS]
+    def settle(self) -> None:
+        """Make columns of what was met."""
+        found = [f for f in self._met if f not in (STAMP, LOG_TIME)][:MOST_FIELDS]
         if self.of_joints:
-            found = tuple(f for q in JOINT_QUANTITIES for f in found if f.startswith(f"{q}/"))
-        problem = "" if found else self.problem
-        return Layout(name, self.type, found, self.of_joints, self.stamped, problem)
+            found = [f for q in JOINT_QUANTITIES for f in found if f.startswith(f"{q}/")]
+        self.fields = tuple(found)
+        self.problem = "" if found else self.problem
 
 
 def scan_topics(container: Container) -> tuple[Layout, ...]:
@@ -255,36 +248,37 @@ def scan_topics(container: Container) -> tuple[Layout, ...]:
     Columns are the numbers of the first 100 messages of a topic. A topic of which none of these has
     a stamp other than zero is stamped by its log time.
     """
-    looks: dict[str, _TopicScan] = {}
+    layouts: dict[str, Layout] = {}
     announced = container.announced()
     waiting = None if announced is None else set(announced)
     for total, message in enumerate(container.messages()):
         channel = message.channel
-        if channel.topic not in looks:
-            if len(looks) == MOST_TOPICS:
+        if channel.topic not in layouts:
+            if len(layouts) == MOST_TOPICS:
                 raise _too_many(container, f"{MOST_TOPICS} topics")
-            looks[channel.topic] = _TopicScan(channel.type or channel.encoding)
-        look = looks[channel.topic]
-        if look.count < MESSAGES_READ_OF_TOPIC:
-            look.add(message)
+            layouts[channel.topic] = Layout(channel.topic, channel.type or channel.encoding)
+        layout = layouts[channel.topic]
+        if layout.count < MESSAGES_READ_OF_TOPIC:
+            layout.look_at(message)
         if waiting is not None:
             if total == MESSAGES_SCANNED:
-                waiting.difference_update(looks)
-            elif total > MESSAGES_SCANNED or look.count == MESSAGES_READ_OF_TOPIC:
+                waiting.difference_update(layouts)
+            elif total > MESSAGES_SCANNED or layout.count == MESSAGES_READ_OF_TOPIC:
                 waiting.discard(channel.topic)
             if not waiting:
                 break
-    if not looks:
+    if not layouts:
         raise LogError(
             "; ".join(("the log holds no messages", *container.remarks)),
             where=str(container.path),
             fix="record it again",
         )
-    layouts = [look.layout(name) for name, look in looks.items()]
-    if sum(len(layout.fields) for layout in layouts) > MOST_COLUMNS:
+    for layout in layouts.values():
+        layout.settle()
+    if sum(len(layout.fields) for layout in layouts.values()) > MOST_COLUMNS:
         raise _too_many(container, f"{MOST_COLUMNS} numbers in its messages")
-    layouts.sort(key=lambda x: (not x.of_joints, -len(x.fields) * x.of_joints, x.name))
-    return tuple(layouts)
+    joints = {x: len(x.fields) * x.of_joints for x in layouts.values()}
+    return tuple(sorted(joints, key=lambda x: (not x.of_joints, -joints[x], x.name)))
 
 
 def count_topics(container: Container, layouts: Iterable[Layout]) -> tuple[Topic, ...]:

@@ -359,4 +359,4 @@ def stale_rows(q: Array, step: Array) -> NDArray[np.bool_]:
     ahead, behind = (np.abs(q[:, rows + side] - q[:, rows]) for side in (reach, -reach))
     pace = np.minimum(ahead, behind) / reach
     marks[rows[(pace > MOVED_STEPS * step[:, None]).any(axis=0)]] = True
-    return without_long(marks[None], LONGEST_STALE)[0]
+    return np.asarray(without_long(marks[None], LONGEST_STALE)[0])

@@ -48,7 +48,7 @@ def _worst(t: Array, x: Array, at: Array) -> Array:
 def _cubic(t: Array, x: Array, at: Array) -> Array:
     step = np.diff(t)
     secant = np.diff(x, axis=1) / step
-    slope = np.gradient(x, t, axis=1, edge_order=min(2, len(step)))
+    slope = np.gradient(x, t, axis=1, edge_order=2 if len(step) > 1 else 1)
     i, u = _place(t, at)
     a = slope[:, i] - secant[:, i]
     b = secant[:, i] - slope[:, i + 1]

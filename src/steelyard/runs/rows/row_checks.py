@@ -151,7 +151,8 @@ class Quality:
         dropped: Reason to number of rows; reasons that did not occur are left out.
         gaps: Times of the last row before each gap, from the log's start [s].
         rate: Of the uniform clock [Hz].
-        step_mean: Of the steps of the log's clock, gaps aside [s], as the other three.
+        steps: Mean, standard deviation (the jitter), minimum and maximum of the steps of the log's
+            clock, gaps aside [s].
         duration: Time from the first row to the last [s].
         resolution: Smallest step of each position, shape `(n,)` [rad; m].
         effort_resolution: Smallest step of each effort, shape `(n,)`.
@@ -168,10 +169,7 @@ class Quality:
     dropped: dict[str, int]
     gaps: tuple[float, ...]
     rate: float
-    step_mean: float
-    step_std: float
-    step_min: float
-    step_max: float
+    steps: tuple[float, float, float, float]
     duration: float
     resolution: Array
     effort_resolution: Array
@@ -184,12 +182,14 @@ class Quality:
     @property
     def rows_of_text(self) -> tuple[tuple[str, str], ...]:
         """Label and value, for tables."""
+        mean, spread, least, most = (1e3 * step for step in self.steps)
+        clock = f"{mean:.4g} ms mean step, {least:.4g} to {most:.4g} ms, jitter {spread:.2g} ms"
         return (
             ("rows", f"{self.kept} of {self.rows} used"),
             ("dropped", self._reasons or "none"),
             ("corrected", self.marked.words or "none"),
             ("duration", f"{self.duration:.2f} s"),
-            ("clock", self.clock_text),
+            ("clock", clock),
             ("gaps", ", ".join(f"{t:.2f} s" for t in self.gaps[:10]) or "none"),
             ("uniform clock", f"{self.rate:g} Hz"),
             ("position resolution", _numbers(self.resolution)),
@@ -208,14 +208,6 @@ class Quality:
     @property
     def _reasons(self) -> str:
         return ", ".join(f"{count} with {reason}" for reason, count in self.dropped.items())
-
-    @property
-    def clock_text(self) -> str:
-        """The log's clock in words."""
-        return (
-            f"{1e3 * self.step_mean:.4g} ms mean step, {1e3 * self.step_min:.4g} to "
-            f"{1e3 * self.step_max:.4g} ms, jitter {1e3 * self.step_std:.2g} ms"
-        )
 
 
 def _numbers(values: Array) -> str:

@@ -96,8 +96,11 @@ class Bank:
     @classmethod
     def derivatives(cls, response: Response, halo: int, rate: float, highest: int) -> "Bank":
         """A low-pass that vanishes at half the rate [Hz], and its derivatives up to `highest`."""
-        each = [differentiated(response, rate, times) for times in range(highest + 1)]
-        return cls.of_responses(each, halo)
+
+        def derived(times: int) -> Response:
+            return lambda omega: response(omega) * (1j * omega * rate) ** times
+
+        return cls.of_responses([derived(times) for times in range(highest + 1)], halo)
 
     @property
     def halo(self) -> int:
@@ -244,17 +247,3 @@ def zero_phase(values: Array, cutoff: float, rate: float, order: int = LOWPASS_O
     channels = values.reshape(len(values), -1).T
     filtered = [part[0] for part in apply(low_pass(cutoff, rate, order), [channels])]
     return np.concatenate(filtered, axis=-1).T.reshape(values.shape)
-
-
-def differentiated(response: Response, rate: float, times: int) -> Response:
-    """A filter that vanishes at half the rate [Hz], followed by so many derivatives by time."""
-    return lambda omega: response(omega) * (1j * omega * rate) ** times
-
-
-def smooth_derivatives(
-    cutoff: float, rate: float, highest: int, order: int = LOWPASS_ORDER
-) -> Bank:
-    """Zero-phase Butterworth low-pass and its derivatives up to `highest`, in one operation."""
-    return Bank.derivatives(
-        butterworth(cutoff, rate, order), settling(cutoff, rate, order), rate, highest
-    )

@@ -40,17 +40,6 @@ class Designed(Protocol):
         ...
 
 
-class Smooth(Protocol):
-    """A smoother made for one cut-off and rate; without a halo it takes the whole segment."""
-
-    @property
-    def halo(self) -> int | None: ...  # noqa: D102
-
-    def __call__(self, extended: Array, /) -> Array:
-        """Channels with context, shape `(C, N + 2 halo)`, to smoothed ones, shape `(C, N)`."""
-        ...
-
-
 class WholeSegment:
     """A `Designed` or `Smooth` whose samples depend on all others: without a halo."""
 
@@ -106,21 +95,12 @@ class Choosing(Method, Protocol):
 
 
 @runtime_checkable
-class Causal(Method, Protocol):
-    """A method that looks at no later sample: its motion is late."""
-
-    def lateness(self, cutoff: float) -> float:
-        """How late slow accelerations are at most, for the motion's cut-off [s]."""
-        ...
-
-
-@runtime_checkable
 class Smoother(Protocol):
     """A way to smooth efforts: `effort = ...` under `[processing]`; frozen dataclass."""
 
     name: ClassVar[str]
 
-    def smooth(self, cutoff: float, rate: float) -> Smooth:
+    def smooth(self, cutoff: float, rate: float) -> "Bank | WholeSegment":
         """The smoother for a cut-off and a rate, above twice that [Hz]."""
         ...
 
