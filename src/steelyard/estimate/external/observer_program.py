@@ -16,6 +16,7 @@ import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import ModelError
+from steelyard.model.equations.closed_chains import along, solved_by_factors
 from steelyard.model.equations.inverse_dynamics import JointState, Matrix, Scalar
 from steelyard.model.equations.kinematics import frame_of, frame_outputs, last_frame
 from steelyard.model.quantity import MOMENTUM, MOMENTUM_RATE, MOTION, TORQUE, Given, Quantity
@@ -240,40 +241,14 @@ def _wrench(
     """The weighted wrench and its variances."""
     n = len(torque)
     weighed = [[p * x for x in row] for p, row in zip(variances, jacobian, strict=True)]
-    lower: list[list[Scalar]] = [[0.0] * n for _ in range(n)]
-    pivots: list[Scalar] = []
-    for j in range(n):
-        for i in range(j, n):
-            value = covariance[i * n + j]
-            for row, other in zip(jacobian, weighed, strict=True):
-                value = value + row[i] * other[j]
-            for k in range(j):
-                value = value - lower[i][k] * pivots[k] * lower[j][k]
-            if i == j:
-                pivots.append(value)
-            else:
-                lower[i][j] = value / pivots[j]
-
-    def forward(side: Sequence[Scalar]) -> list[Scalar]:
-        """$L^{-1}$ times a vector."""
-        found: list[Scalar] = []
-        for i, value in enumerate(side):
-            found.append(value - _dot(lower[i][:i], found))
-        return found
-
-    efforts = forward(torque)
-    wrench: list[Scalar] = []
-    spread: list[Scalar] = []
-    for variance, row in zip(variances, weighed, strict=True):
-        along = forward(row)
-        scaled = [x / pivot for x, pivot in zip(along, pivots, strict=True)]
-        wrench.append(_dot(scaled, efforts))
-        spread.append(variance - _dot(scaled, along))
-    return wrench, spread
-
-
-def _dot(a: Sequence[Scalar], b: Sequence[Scalar]) -> Scalar:
-    total: Scalar = 0.0
-    for x, y in zip(a, b, strict=True):
-        total = total + x * y
-    return total
+    matrix = [
+        [
+            covariance[i * n + j] + along(jacobian[:, i], [row[j] for row in weighed])
+            for j in range(n)
+        ]
+        for i in range(n)
+    ]
+    (efforts, *columns), _ = solved_by_factors(matrix, [torque, *weighed])
+    wrench = [along(row, efforts) for row in weighed]
+    each = zip(variances, weighed, columns, strict=True)
+    return wrench, [variance - along(row, column) for variance, row, column in each]

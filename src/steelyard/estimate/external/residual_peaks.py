@@ -70,6 +70,8 @@ class Tail:
 
         `log_shape` is the logarithm of what is known otherwise of every shape.
         """
+        from scipy.optimize import brentq
+
         if probability >= 1.0:
             return self.base
         logs = self._log_likelihood + log_shape[:, None]
@@ -80,13 +82,13 @@ class Tail:
             inside = np.maximum(1.0 + _SHAPES * excess / self._scales, 1e-300)
             return float(np.sum(weights * np.exp(-np.log(inside) / _SHAPES)))
 
-        low, high = 0.0, float(self.excesses.max())
+        high = float(self.excesses.max())
         while exceeded(high) > probability:
-            low, high = high, 2.0 * high
-        for _ in range(60):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if exceeded(middle) > probability else (low, middle)
-        return self.base + high
+            high *= 2.0
+        found = brentq(
+            lambda x: exceeded(x) - probability, 0.0, high, xtol=1e-14 * high, rtol=1e-14
+        )
+        return self.base + float(found)
 
 
 RANGES = ("rest", "turning", "slow", "medium", "fast")

@@ -27,7 +27,6 @@ from steelyard.estimate.friction.mixes import (
     PLAIN,
     SPEED,
     Mix,
-    Stage,
     has_memory,
     mix_name,
     stages_of,
@@ -134,7 +133,7 @@ class Candidates:
     candidates: Mapping[tuple[Any, ...], Mix]
 
     @classmethod
-    def of(cls, model: Model, stages: Sequence[Stage]) -> "Candidates":
+    def of(cls, model: Model, stages: Sequence[Sequence[Mix]]) -> "Candidates":
         """One dictionary per law, with every term of the stages once."""
         by_law: dict[tuple[Any, ...], Mix] = {}
         for term in (term for stage in stages for mix in stage for term in mix):
@@ -365,7 +364,9 @@ def refuse_listed(model: Model) -> None:
             )
 
 
-def _staged(stages: Sequence[Stage], judge: FrictionMixErrors, left_out: str) -> FrictionChoice:
+def _staged(
+    stages: Sequence[Sequence[Mix]], judge: FrictionMixErrors, left_out: str
+) -> FrictionChoice:
     """The best law of direction; then the simplest mix of each stage."""
     table: list[tuple[Mix, Array]] = []
     kept: Mix = ()

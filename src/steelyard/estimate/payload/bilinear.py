@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from steelyard.base.arrays import Array
+from steelyard.estimate.information.information import Information
 from steelyard.estimate.payload.load_case import LoadCase, covariance_of, inverse
 
 ROUNDS = 50  # most rounds of the weights
@@ -41,16 +42,12 @@ class Solution:
 class Bilinear:
     r"""Bilinear least squares, $\sum_j w_j \|y_j - \rho_j Y_j \theta\|^2$, on Gram matrices."""
 
-    names: tuple[str, ...]
-    sees: tuple[tuple[int, ...], ...]  # columns of each row
-    grams: tuple[Array, ...]  # Gram matrix of each row's `[columns | effort]`
-    counts: Array
+    information: Information
     start: Array  # parameters that are not free at their values, the others at zero
     free: tuple[int, ...]
     given: Array  # known gains; not a number where they are to be found
-    # numbers of columns whose parameters are not negative: friction, whose sign in a row is that of
-    # the row's gain
-    dissipative: frozenset[int] = frozenset()
+    # columns whose parameters are not negative: friction, whose sign in a row is that of its gain
+    dissipative: frozenset[str] = frozenset()
 
     @classmethod
     def of(
@@ -62,28 +59,23 @@ class Bilinear:
         dissipative: frozenset[str] = frozenset(),
     ) -> "Bilinear":
         """The problem of runs; without loaded ones there is no payload."""
-        information, start = case.information, np.zeros(case.size)
+        start = np.zeros(case.size)
         fixed: tuple[int, ...] = () if loaded else case.payload
         if mass is not None:
             start[case.payload[0]], fixed = mass, case.payload[:1]
-        rows = range(len(information.layout.rows))
-        return cls(
-            information.layout.rows,
-            information.layout.sees,
-            tuple(information.row_gram(row) for row in rows),
-            information.n_samples,
-            start,
-            tuple(k for k in range(case.size) if k not in fixed),
-            given,
-            frozenset(
-                k for k, name in enumerate(information.layout.columns) if name in dissipative
-            ),
-        )
+        free = tuple(k for k in range(case.size) if k not in fixed)
+        return cls(case.information, start, free, given, dissipative)
+
+    @cached_property
+    def rows(self) -> tuple[tuple[tuple[int, ...], Array], ...]:
+        """Columns of each row, and the Gram matrix of these and its effort."""
+        sees = enumerate(self.information.layout.sees)
+        return tuple((seen, self.information.row_gram(row)) for row, seen in sees)
 
     @property
     def n(self) -> int:
         """Number of rows."""
-        return len(self.names)
+        return len(self.rows)
 
     @property
     def wanted(self) -> tuple[int, ...]:
@@ -92,10 +84,10 @@ class Bilinear:
 
     def squares(self, solution: Solution) -> Array:
         """Sum of squared residuals per row, in logged units."""
-        result = np.empty(self.n)
-        for row, seen in enumerate(self.sees):
-            weights = np.append(-solution.rho[row] * solution.theta[list(seen)], 1.0)
-            result[row] = weights @ self.grams[row] @ weights
+        result = []
+        for rho, (seen, gram) in zip(solution.rho, self.rows, strict=True):
+            weights = np.append(-rho * solution.theta[list(seen)], 1.0)
+            result.append(weights @ gram @ weights)
         return np.maximum(result, 0.0)
 
     def cost(self, solution: Solution) -> float:
@@ -107,11 +99,11 @@ class Bilinear:
         size = len(self.start)
         matrix = np.zeros((size + self.n, size + self.n))
         gradient = np.zeros(size + self.n)
-        for row, seen in enumerate(self.sees):
+        for row, (seen, whole) in enumerate(self.rows):
             slope = np.zeros((len(seen), len(seen) + 1))
             slope[:, :-1] = solution.rho[row] * np.eye(len(seen))
             slope[:, -1] = solution.theta[list(seen)]
-            gram, effort = self.grams[row][:-1, :-1], self.grams[row][:-1, -1]
+            gram, effort = whole[:-1, :-1], whole[:-1, -1]
             rest = effort - solution.rho[row] * gram @ solution.theta[list(seen)]
             index = np.array([*seen, size + row])
             matrix[np.ix_(index, index)] += solution.weights[row] * slope.T @ gram @ slope
@@ -141,14 +133,15 @@ class Bilinear:
     @cached_property
     def signs(self) -> Array:
         """Signs of the gains that friction determines, zero where it does not, shape `(n,)`."""
+        names, counts = self.information.layout.columns, self.information.n_samples
         found = np.zeros(self.n)
-        for row, (seen, gram) in enumerate(zip(self.sees, self.grams, strict=True)):
+        for row, (seen, gram) in enumerate(self.rows):
             covariance = inverse(gram[:-1, :-1])
             seen_alone = np.diag(covariance @ gram[:-1, :-1]) > ALONE
-            mine = [k for k in np.flatnonzero(seen_alone) if seen[k] in self.dissipative]
+            mine = [k for k in np.flatnonzero(seen_alone) if names[seen[k]] in self.dissipative]
             values = covariance @ gram[:-1, -1]
             left = float(gram[-1, -1] - values @ gram[:-1, -1])
-            variance = max(left, ROUNDING * float(gram[-1, -1])) / max(self.counts[row], 1.0)
+            variance = max(left, ROUNDING * float(gram[-1, -1])) / max(counts[row], 1.0)
             std = np.sqrt(np.maximum(variance * np.diag(covariance), 1e-300))
             seen_signs = {np.sign(values[k]) for k in mine if abs(values[k]) > SURE * std[k]}
             found[row] = seen_signs.pop() if len(seen_signs) == 1 else 0.0
@@ -162,7 +155,7 @@ class Bilinear:
         """
         size = len(self.start)
         matrix = np.zeros((size + self.n, size + self.n))
-        for row, (seen, gram) in enumerate(zip(self.sees, self.grams, strict=True)):
+        for row, (seen, gram) in enumerate(self.rows):
             index = np.array([*seen, size + row])
             signs = np.append(-np.ones(len(seen)), 1.0)
             length = max(float(np.trace(gram[:-1, :-1])), 1e-300)
@@ -193,7 +186,7 @@ def solved(problem: Bilinear) -> Solution:
         other = _reweighted(problem, turned)
         # twice the negative logarithms of the likelihoods with the rows' own variances
         misfit, known = (
-            float(problem.counts @ np.log(np.maximum(problem.squares(one), 1e-300)))
+            float(problem.information.n_samples @ np.log(np.maximum(problem.squares(one), 1e-300)))
             for one in (other, best)
         )
         if misfit < known:
@@ -203,8 +196,8 @@ def solved(problem: Bilinear) -> Solution:
 
 def _reweighted(problem: Bilinear, rho: Array) -> Solution:
     """Descend from a start until the weights are those of the residuals."""
-    energy = np.maximum([gram[-1, -1] for gram in problem.grams], 1e-300)
-    floor, counts = ROUNDING * energy, np.maximum(problem.counts, 1.0)
+    energy = np.maximum(problem.information.effort_squares(), 1e-300)
+    floor, counts = ROUNDING * energy, np.maximum(problem.information.n_samples, 1.0)
     weights = counts / energy
     solution = Solution(problem.linear(rho, weights), rho, weights)
     for _ in range(ROUNDS):

@@ -214,10 +214,10 @@ def _assumed(problem: Bilinear, solution: Solution, row: int, units: Sequence[st
         if k != row and units[k] == units[row] and shares.get(k, 0.0) <= LARGEST
     ]
     if not alike:
-        width = 100.0 * Z95 * shares[row]
+        width, joint = 100.0 * Z95 * shares[row], problem.information.layout.rows[row]
         by = f" (95 % interval of ± {width:.0f} %)" if width < 1e4 else ""
         raise DataError(
-            f"the data do not determine the gain of joint '{problem.names[row]}'{by}, nor any "
+            f"the data do not determine the gain of joint '{joint}'{by}, nor any "
             "other gain of its unit",
             where="identification of drive gains",
             fix="move it faster, together with the other joints, or give its gain",
@@ -243,7 +243,7 @@ def _payload(
         robot,
         solution.theta[list(case.payload)],
         covariance,
-        1.0 / np.sqrt(solution.weights),
-        case.information.n_samples,
-        ("the payload's mass was given",) if len(mine) < 10 else (),
+        sigma=frozen(1.0 / np.sqrt(solution.weights)),
+        n_samples=frozen(case.information.n_samples),
+        notes=("the payload's mass was given",) if len(mine) < 10 else (),
     )

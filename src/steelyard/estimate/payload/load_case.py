@@ -10,13 +10,15 @@ ten columns of the body times the move.
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError, ModelError, named
 from steelyard.estimate.information.base_parameters import BaseMap
-from steelyard.estimate.information.information import Information, Window, packed
+from steelyard.estimate.information.information import Information
 from steelyard.estimate.information.regressor import Layout
 from steelyard.model.model import Model
 from steelyard.robot.rigid_body import INERTIAL_NAMES, INERTIAL_UNITS, Inertia
@@ -45,30 +47,19 @@ def joined(
         touched = [np.any(transform[list(seen)] != 0.0, axis=0) for _, transform in parts]
         sees.append(tuple(np.flatnonzero(np.any(touched, axis=0)).tolist()))
     layout = Layout(tuple(names), tuple(units), first.layout.rows, tuple(sees))
-    grams, windows = [], []
+    found = []
     for information, transform in parts:
-        rows = []
-        for row, (old, seen) in enumerate(zip(information.layout.sees, sees, strict=True)):
-            moved = block_diag(transform[np.ix_(old, seen)], 1.0)
-            rows.append(packed(moved.T @ information.row_gram(row) @ moved))
-        grams.append(np.concatenate(rows))
         if not information.windows:
             raise DataError(
                 "the run has no usable samples",
                 where="information of a run",
                 fix="leave the run out, or log a motion in which the joints move",
             )
-        windows.append(
-            Window(information.runs, information.windows[0].start, information.windows[-1].stop)
-        )
-    return Information(
-        layout,
-        replace(first.signature, columns=tuple(names)),
-        tuple(windows),
-        np.array(grams),
-        np.full((len(parts), sum(layout.widths)), np.nan),
-        np.array([information.n_samples for information, _ in parts]),
-    )
+        rows = zip(information.layout.sees, sees, strict=True)
+        moved = [block_diag(transform[np.ix_(old, seen)], 1.0) for old, seen in rows]
+        whole = information.grouped([range(len(information.windows))])
+        found.append(replace(whole, beside=None).mapped(layout, moved))
+    return reduce(add, found)
 
 
 def inverse(matrix: Array) -> Array:

@@ -196,32 +196,13 @@ class PayloadEstimate:
 
 
 def payload_of(
-    frame: Frame,
-    robot: Robot,
-    ten: Array,
-    covariance: Array,
-    sigma: Array,
-    n_samples: Array,
-    notes: tuple[str, ...],
-    chi_squared: float = 0.0,
-    free_mass: float | None = None,
-    unexplained: str = "",
+    frame: Frame, robot: Robot, ten: Array, covariance: Array, **found: Any
 ) -> PayloadEstimate:
     """The estimate, with what the covariance knows nothing of taken out of the values."""
     refuse_unseen(covariance, frame)
-    blind = np.isnan(np.diag(covariance))
-    return PayloadEstimate(
-        frame.name,
-        robot.bodies[frame.body].name,
-        frozen(np.where(blind, np.nan, ten)),
-        frozen(covariance),
-        frozen(sigma),
-        frozen(n_samples),
-        notes,
-        chi_squared,
-        free_mass,
-        unexplained,
-    )
+    values = frozen(np.where(np.isnan(np.diag(covariance)), np.nan, ten))
+    body = robot.bodies[frame.body].name
+    return PayloadEstimate(frame.name, body, values, frozen(covariance), **found)
 
 
 def refuse_unseen(covariance: Array, frame: Frame) -> None:

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from steelyard.base.arrays import Array
+from steelyard.base.arrays import Array, frozen
 from steelyard.base.errors import DataError, SteelyardError
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.identified import IdentifiedModel
@@ -245,9 +245,9 @@ def weighed(
         identified.model.robot,
         body.ten,
         body.covariance,
-        np.sqrt(fit.variances),
-        case.information.n_samples,
-        (
+        sigma=frozen(np.sqrt(fit.variances)),
+        n_samples=frozen(case.information.n_samples),
+        notes=(
             *(f"known: {words}" for words in known.words),
             "arm and payload are identified together from the unloaded and loaded runs"
             if jointly
@@ -256,9 +256,9 @@ def weighed(
             f"{100.0 * FRICTION_DRIFT:g} % of the model's",
             _scale_note(gain, of_scales, body.covariance),
         ),
-        body.chi_squared,
-        float(free[0]),
-        _unexplained(identified, case, fit),
+        chi_squared=body.chi_squared,
+        free_mass=float(free[0]),
+        unexplained=_unexplained(identified, case, fit),
     )
 
 
