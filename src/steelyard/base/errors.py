@@ -72,10 +72,7 @@ _LEAST_SIMILARITY = 0.2
 
 
 def nearest(name: str, names: Iterable[str], count: int = 3) -> tuple[str, ...]:
-    """Up to `count` of `names` that look like `name`, the nearest first; letter case aside.
-
-    Where none does, those that are its end, or it theirs: `q_0` of `actual_q_0`.
-    """
+    """Up to `count` of `names` like `name`, or else with the end of it: `q_0`, `actual_q_0`."""
     known, ends = list(names), []
     for one in known:
         longer, shorter = sorted((name.lower(), one.lower()), key=len, reverse=True)

@@ -148,10 +148,7 @@ def new_folder(output: Path | None, default: str) -> Path:
 
 
 def cache_folder(name: str, mode: int = 0o777) -> Path | None:
-    """A folder of the cache, made if need be; `None` where there is none.
-
-    `STEELYARD_CACHE` names another place, or switches the cache off when it is empty.
-    """
+    """A folder of the cache; `STEELYARD_CACHE` names another place, or empty switches it off."""
     from platformdirs import user_cache_dir
 
     named = os.environ.get("STEELYARD_CACHE")

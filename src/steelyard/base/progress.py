@@ -46,10 +46,7 @@ runpy.run_module({!r}, run_name="__main__", alter_sys=True)
 
 
 def module_command(module: str) -> list[str]:
-    """The command that runs a module, with no module of the current folder in its place.
-
-    The same as `python -P -m module`, which Python 3.10 does not have.
-    """
+    """`python -P -m module`, which Python 3.10 lacks: no module of the current folder counts."""
     return [sys.executable, "-c", _RUN_MODULE.format(module)]
 
 

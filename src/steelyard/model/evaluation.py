@@ -29,8 +29,8 @@ the cache."""
 class CompiledQuantity:
     """A quantity of a model: the equations of the terms that enter it, and machine code.
 
-    `columns` are the places of their parameters among the model's; inputs of the code are the
-    arguments, channels, and the shared parameters.
+    `columns` are the places of their parameters; inputs of the code are the arguments, channels and
+    parameters.
     """
 
     quantity: Quantity
@@ -50,10 +50,7 @@ class CompiledQuantity:
         return self.quantity.step_code(self.part)
 
     def along(self, values: Array, arguments: Sequence[ArrayLike], t: Array | None = None) -> Array:
-        """Entries at one configuration, or along samples; see `Dynamics.evaluate`.
-
-        `values` are the parameters of the whole model; arguments have shape `(n,)` or `(N, n)`.
-        """
+        """Entries at one configuration or along samples; see `Dynamics.evaluate`."""
         n, names = self.part.robot.n, self.quantity.arguments
         first = shaped(names[0], arguments[0], [(n,), (None, n)])
         rest = zip(names[1:], arguments[1:], strict=True)
@@ -78,10 +75,7 @@ class CompiledQuantity:
         check_angles(arguments[0])
 
     def channels(self, scan: Scan, block: Sequence[Array], t: Array | None = None) -> Array:
-        """Channels of consecutive samples; velocities and accelerations not given are zero.
-
-        `scan` has what the samples before left behind; arguments have the shape `(n, N)`.
-        """
+        """Channels of samples `(n, N)`, after those in `scan`; what is not given is zero."""
         given, rest = (
             dict(zip(self.quantity.arguments, block, strict=True)),
             np.zeros_like(block[0]),
@@ -89,10 +83,7 @@ class CompiledQuantity:
         return scan(block[0], given.get("dq", rest), given.get("ddq", rest), t)
 
     def check(self, q: Array, entries: Array) -> None:
-        """`DataError` for silent NaN, or a mass matrix that no mechanism has.
-
-        Positions have the shape `(N, n)`, the quantity's entries there `(N, entries)`.
-        """
+        """Refuse NaN, or a mass matrix that none has; `q` `(N, n)`, `(N, entries)`."""
         if self.quantity.pivot and not (possible := entries[:, -1] > 0.0).all():
             posture = ", ".join(f"{x:.4g}" for x in q[int(np.argmin(possible))])
             raise DataError(
@@ -177,10 +168,9 @@ class Stepper(Dynamics):
 
 
 class _Sample:
-    """One quantity with its buffers.
+    """One quantity with its buffers: entries of arguments lie side by side.
 
-    The machine code reads and writes vectors of several samples; here entries of arguments lie
-    side by side, so that only the first lane is of this sample.
+    The machine code reads vectors of several samples, so that only the first lane is of this one.
     """
 
     def __init__(self, compiled: CompiledQuantity, values: Array) -> None:

@@ -115,11 +115,7 @@ class Model(Equations):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ValuedModel(Dynamics):
-    """A model with values for its standard parameters.
-
-    Base parameters come as standard ones with the others of each group at zero: the torque is the
-    same.
-    """
+    """A model with values of its standard parameters; base ones are standard ones, others zero."""
 
     model: Model
     values: Parameters

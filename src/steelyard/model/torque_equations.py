@@ -68,18 +68,12 @@ class Equations:
         return [term for term in self.terms if isinstance(term, Presliding)]
 
     def started(self, state: JointState) -> list[Scalar]:
-        """Memory of friction before the first step of a motion, from its first state.
-
-        The state is of independent joints; its channels are the passive positions.
-        """
+        """Memory of friction before the first state; its channels are passive joints."""
         full, _ = completed(self.robot, state)
         return [x for term in self._remembering for x in term.started(self.robot, full)]
 
     def stepped(self, state: JointState, memory: Scalars) -> tuple[list[Scalar], list[Scalar]]:
-        """Memory of friction after one step, and all channels there, from the memory before it.
-
-        The state at the step's end is of independent joints, its channels the passive positions.
-        """
+        """Memory of friction after one step, and all channels there, from the state at its end."""
         full, _ = completed(self.robot, state)
         after: list[Scalar] = []
         channels = list(state.channels)

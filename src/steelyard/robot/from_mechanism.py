@@ -36,10 +36,10 @@ from steelyard.robot.robot import Body, Coordinate, Frame, JointKind, Limits, Ro
 def ignored_statements(
     mechanism: Mechanism, robot: Robot, answered: Collection[Answer], limited: Collection[str]
 ) -> dict[str, str]:
-    """Statements of the model file that are ignored, and a line of each with all it is about.
+    """Ignored statements of the model file, each with a line of all it is about.
 
-    Left out is what is about joints that do not move, what the robot file answers itself, and
-    limits of effort of joints for which it gives them (`limited`).
+    Left out is what is about joints that do not move, what the robot file answers, and limits of
+    effort of joints for which it gives them (`limited`).
     """
     moving = {body.joint for body in robot.bodies}
     unlimited = set(robot.joint_names) - set(limited)

@@ -46,8 +46,8 @@ def without_free_joints(
 ) -> tuple[Mechanism, dict[str, float], tuple[str, ...]]:
     """The mechanism without free joints beyond the base, what stays locked, and notes on it.
 
-    Loose bodies are left out, and so is what floats beside a base that is given. A ball joint
-    stays where the model file has it, if it is locked or other joints are listed.
+    Loose bodies are left out, and what floats beside a base that is given. Ball joints stay if they
+    are locked, or others listed.
     """
     root = mechanism.root if base is None else base
     trees = floating_trees(mechanism, root)

@@ -57,10 +57,9 @@ def chains(robot: Robot, loop: LoopClosure) -> tuple[tuple[int, ...], tuple[int,
 
 
 def residual(robot: Robot, q: Array) -> tuple[Array, Array]:
-    """What the pins lack at all joints `q` `(n_joints,)`, and how it changes.
+    """What the pins lack at `q` along their axes, `(3 n_loops,)` [m]; and its derivative.
 
-    Distances of the pins' points along the axes of their frame, shape `(3 n_loops,)` [m], and their
-    derivative, shape `(3 n_loops, n_joints)`.
+    The derivative has the shape `(3 n_loops, n_joints)`.
     """
     lacks = np.zeros((len(robot.loops), 3))
     slopes = np.zeros((len(robot.loops), 3, robot.n_joints))
@@ -250,10 +249,7 @@ def _independent(rows: Array) -> list[int]:
 
 
 def all_joints(robot: Robot, q: Array) -> Array:
-    """Positions `(N, n_joints)` of all joints along a motion of the independent ones `q` `(N, n)`.
-
-    Each row is closed from the one before it, the first one from the assembly.
-    """
+    """All joints `(N, n_joints)` along a motion `(N, n)`, each row closed from the last."""
     if not robot.passive:
         return q
     free = list(range(robot.n, robot.n_joints))

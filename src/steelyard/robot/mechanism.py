@@ -50,10 +50,7 @@ class ModelNote:
 
 @dataclass(frozen=True)
 class JointSpring:
-    """A spring along a joint: it pulls back with `stiffness * (x - free)` [Nm/rad; N/m], [rad; m].
-
-    A spring that is not linear has higher powers as well.
-    """
+    """It pulls with `stiffness * (x - free)` [Nm/rad; N/m], [rad; m], if linear; else more."""
 
     stiffness: float
     free: float
@@ -68,7 +65,7 @@ def is_placeholder(effort: float) -> bool:
     """Whether a limit of effort [Nm; N] only fills its place.
 
     That is what is not above zero; 1000, 10000, ... and one below these (999, 99999); and all from
-    a million on. An infinite limit says itself that there is none.
+    a million on. An infinite one says itself that there is none.
     """
     powers = (10**power for power in range(_LEAST_PLACEHOLDER_POWER, 7))
     rounded = any(effort in (power, power - 1) for power in powers)
@@ -99,10 +96,7 @@ class Pin:
 
 @dataclass(frozen=True)
 class Coupling:
-    """Joints tied in a way that no equation of a robot here says.
-
-    `what` is said in messages: "a joint equality that is not proportional".
-    """
+    """Joints tied in a way that no equation of a robot here says; `what` says it: "a weld"."""
 
     name: str
     what: str
@@ -119,8 +113,8 @@ MechanismJointKind = Literal[
 class Link:
     """A rigid link; its inertia is in the link's frame, `None` if the file gives none.
 
-    A `massless` one is only a frame between the joints of one body. `lacks` is the mesh that its
-    inertia is computed from, where that is absent.
+    A `massless` one is only a frame between joints of one body; it `lacks` a mesh that its inertia
+    would be computed from.
     """
 
     name: str
@@ -191,10 +185,7 @@ class Joint:
         return replace(self, placement=placement)
 
     def at(self, position: float) -> Placement:
-        """The child link in the parent link's frame at a joint position [rad; m].
-
-        A joint that has not one degree of freedom stays where the file has it.
-        """
+        """The child in the parent's frame at a position [rad; m]; fixed and free ones stay."""
         if not self.movable:
             return self.placement
         if self.kind == "prismatic":

@@ -126,10 +126,7 @@ class Inertia:
         return 1e-15 * float(np.abs(self.inertia_origin).max())
 
     def flaw(self, tolerance: float = 1e-9) -> str | None:
-        """Why no body can have these numbers, or `None` if one can.
-
-        Eigenvalues may be below zero by `tolerance`, relative to the largest one.
-        """
+        """Why no body can have these numbers; the tolerance is relative to the largest moment."""
         if not np.isfinite(self.ten).all():
             return "a value is not finite"
         if self.mass < 0.0:

@@ -82,10 +82,9 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A named frame that is fixed to a body, such as a link that merged into it.
+    """A frame fixed to a body, -1 the base, such as a link that merged into it.
 
-    `body` is the index of the body that carries it, -1 the base; `rotation` `(3, 3)` has its axes
-    and `position` `(3,)` [m] its origin in the body's frame.
+    `rotation` `(3, 3)` has its axes and `position` `(3,)` [m] its origin in the body's frame.
     """
 
     name: str
@@ -122,10 +121,7 @@ class Transmission:
 
 @dataclass(frozen=True, eq=False)
 class LoopClosure:
-    """A pin that closes a chain: a point of one body stays on a point of another.
-
-    `bodies` are indices, -1 is the base; `points` `(2, 3)` [m] lie in the bodies' frames.
-    """
+    """A pin: a point [m] of one body, in its frame, stays on a point of another; -1 is the base."""
 
     name: str
     bodies: tuple[int, int]

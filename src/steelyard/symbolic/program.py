@@ -38,10 +38,7 @@ BINARY = tuple(name for name, function in NUMPY.items() if function.nin == 2)
 
 
 class Step(NamedTuple):
-    """One assignment: a `constant` of a value, an `input`, or an operation of `NUMPY`.
-
-    Arguments are numbers of earlier steps; for an input `(array, entry)`.
-    """
+    """A `constant`, an `input` (array, entry), or an operation of `NUMPY` on earlier steps."""
 
     operation: str
     arguments: tuple[int, ...] = ()
@@ -59,10 +56,7 @@ class InputArray:
 
 @dataclass(frozen=True)
 class Program:
-    """Inputs to outputs, sample by sample, by assignments in order of evaluation.
-
-    `outputs` are the steps that hold the output entries.
-    """
+    """Inputs to outputs, sample by sample, by steps in order; `outputs` are numbers of steps."""
 
     inputs: tuple[InputArray, ...]
     steps: tuple[Step, ...]
@@ -103,10 +97,7 @@ class Program:
 
 
 def run(program: Program, inputs: Sequence[Array]) -> Array:
-    """Evaluate a program: outputs `(len(program.outputs), N)`.
-
-    One array per input: `(entries, N)`, or `(entries,)` where all samples share it.
-    """
+    """Outputs `(outputs, N)` for one array per input: `(entries, N)`, or `(entries,)` if shared."""
     n_samples = next(
         x.shape[1] for x, a in zip(inputs, program.inputs, strict=True) if not a.shared
     )
@@ -206,11 +197,7 @@ class _Softener:
 
 
 def softened(program: Program, velocity: int, widths: int | float) -> Program:
-    """The program with jumps at zero speed spread over widths.
-
-    `velocity` is the number of its input array of velocities, `widths` that of its array of widths,
-    one per velocity; or a width for all, a float.
-    """
+    """The program with jumps at zero speed spread over a width, or the array of that number."""
     writer = _Softener(program, velocity, widths)
     for step in program.steps:
         writer.take(step)

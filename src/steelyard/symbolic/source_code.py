@@ -32,10 +32,7 @@ class ProgramSource:
 
 
 def variables_of(program: Program) -> tuple[dict[int, int], int]:
-    """A variable for every computed step, and how many there are.
-
-    A variable is used again as soon as no later step reads its value.
-    """
+    """A variable for every computed step, reused when no later one reads it."""
     last, free, count = program.last_use(), list[int](), 0
     place: dict[int, int] = {}
     for number, step in enumerate(program.steps):
@@ -52,10 +49,7 @@ def variables_of(program: Program) -> tuple[dict[int, int], int]:
 
 
 def source_of(program: Program, outputs: Sequence[str], syntax: Syntax) -> ProgramSource:
-    """A program as statements of a language; `outputs` is where each output entry is stored.
-
-    Its input arrays go by their names.
-    """
+    """A program as statements; `outputs` is where each output entry is stored."""
     place, count = variables_of(program)
     entries: dict[int, list[str]] = {}
     for name, number in zip(outputs, program.outputs, strict=True):
@@ -84,10 +78,7 @@ Precision = Literal["double", "float"]
 
 @dataclass(frozen=True)
 class CFunction:
-    """A function in C: declaration without semicolon, definition, bytes of local variables.
-
-    `operations` are the arithmetic ones of a call.
-    """
+    """A function in C: declaration, definition, bytes of local variables, arithmetic operations."""
 
     signature: str
     text: str

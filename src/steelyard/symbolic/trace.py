@@ -88,11 +88,7 @@ class Symbol:
         raise NotImplementedError("programs do not know '=='")
 
     def __bool__(self) -> bool:
-        """The truth of a constant.
-
-        Raises:
-            NotImplementedError: The value is still to come, as in `if`, `max` or `np.where`.
-        """
+        """The truth of a constant; what is still to come has none: no `if`, no `max`."""
         if self.number in self.tape.known:
             return bool(self.tape.known[self.number])
         raise NotImplementedError(
@@ -189,10 +185,7 @@ def replayed(
     symbols: Sequence[Sequence[Scalar]],
     instead: Mapping[str, Callable[..., Scalar]] = MappingProxyType({}),
 ) -> list[Any]:
-    """A program's outputs as expressions over symbols, one list of them per input array.
-
-    `instead` are functions that take the place of operations.
-    """
+    """A program's outputs over symbols of its inputs; functions may replace operations."""
     tape = Tape.current()
     values: list[int] = []
     for step in program.steps:

@@ -116,9 +116,8 @@ class _Arm:
 def completed(robot: Robot, state: JointState) -> tuple[JointState, Any]:
     """The state of all joints, and the map `G` by which passive torques load independent joints.
 
-    The first channels of the state of independent joints are the positions of the passive ones; the
-    others are handed on. `G` is indexed `[passive][independent]`, `None` where it is zero by
-    structure, and `None` as a whole for a tree.
+    The first channels are positions of the passive joints; others are handed on. `G`,
+    `[passive][independent]`, is `None` where it is zero by structure, and as a whole for a tree.
     """
     if not robot.passive:
         return state, None

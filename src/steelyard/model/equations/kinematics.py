@@ -154,10 +154,9 @@ def frame_outputs(robot: Robot, frame: Frame, q: Scalars, passive: Scalars) -> l
 
 
 def points_on(robot: Robot, carriers: Sequence[int], places: ArrayLike) -> Points:
-    """Points of bodies, for their positions and derivatives.
+    """Points of bodies, -1 is the base, at places in their frames `(m, 3)` [m].
 
-    Per point the index of its body, -1 for the base, and its place in that frame, `(m, 3)` [m]. It
-    is a `ModelError` if loops decide where one is.
+    It is a `ModelError` if loops decide where one is.
     """
     points, n = frozen(places, (len(carriers), 3)), robot.n
     for body in carriers:
@@ -196,10 +195,7 @@ def points_on(robot: Robot, carriers: Sequence[int], places: ArrayLike) -> Point
 
 
 def positions_of(robot: Robot, carriers: Sequence[int], places: ArrayLike, q: Array) -> Array:
-    """Positions `(N, m, 3)` of points as of `points_on` along one motion `q`, `(N, n)`.
-
-    For where compiling `points_on` would take longer.
-    """
+    """Positions `(N, m, 3)` along one motion `(N, n)`, where compiling takes longer."""
     from steelyard.symbolic.trace import symbolic
 
     points = frozen(places, (len(carriers), 3))

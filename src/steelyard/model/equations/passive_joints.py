@@ -53,10 +53,10 @@ class Follower:
         self._drift = np.zeros(len(robot.passive))
 
     def __call__(self, q: Array, stop: bool = False) -> tuple[Array, NDArray[np.bool_]]:
-        """Passive positions of consecutive samples `q` `(n, N)`, and whether loops close, `(N,)`.
+        """Passive positions of samples `q` `(n, N)`, and whether loops close, `(N,)`.
 
-        Where they are not, the positions are those of the last sample that was closed; with `stop`
-        nothing behind it is looked at.
+        Where they do not, positions are those that closed last; with `stop` nothing behind is
+        looked at.
         """
         passive = np.empty((len(self.robot.passive), q.shape[1]))
         good = np.zeros(q.shape[1], dtype=bool)
@@ -142,10 +142,7 @@ def passive_positions(robot: Robot, q: Array) -> Array:
 def all_joints(
     robot: Robot, q: Array, dq: Array, ddq: Array, passive: Array
 ) -> tuple[Array, Array, Array]:
-    """Positions, velocities and accelerations of all joints, each `(n_joints, N)`.
-
-    From those of the independent ones `(n, N)`, and positions of the passive ones `(n_passive, N)`.
-    """
+    """Motion of all joints, each `(n_joints, N)`, from `(n, N)` and `(n_passive, N)`."""
     if not robot.passive:
         return q, dq, ddq
     state, _ = completed(robot, JointState([*q], [*dq], [*ddq], [*passive]))

@@ -45,10 +45,7 @@ class RigidBody(Term):
         )
 
     def columns(self, robot: Robot, state: JointState) -> Columns:
-        """Reverse-mode derivative of the inverse dynamics by the ten numbers of every body.
-
-        Entries that are zero by structure, as those of frames without mass, are left out.
-        """
+        """Reverse derivative of the inverse dynamics, without what is zero by structure."""
         from steelyard.symbolic.tape import Tape, backward, edges
         from steelyard.symbolic.trace import Symbol, number_of
 

@@ -27,10 +27,7 @@ COEFFICIENTS = (1e-6, 1e6)
 
 @dataclass(frozen=True)
 class Axis:
-    """A named coordinate along which a term acts.
-
-    `row` has its coefficients, one per joint of `robot.joints`; its kind gives the units.
-    """
+    """A named coordinate that a term acts along, `row` of all joints' coefficients."""
 
     name: str
     row: tuple[float, ...]
@@ -255,11 +252,7 @@ def directions(
     law: str,
     shape: str = DEFAULT_SHAPE,
 ) -> list[Scalar]:
-    """Direction of motion along every axis, from -1 to 1.
-
-    The smooth law $s(v/w)$ of a name in `SHAPES` over the speed $w$ `smoothing`; the sign if that
-    is zero.
-    """
+    """Direction of motion along every axis, -1 to 1: the sign, or $s(v/w)$ of `SHAPES`."""
     speeds = [axis.of(dq) for axis in axes]
     if is_zero(smoothing):
         return [np.sign(speed) for speed in speeds]
@@ -322,10 +315,7 @@ FIND = "find"
 
 @dataclass(frozen=True)
 class Find:
-    """Stands in a field of a term until its value is found between two bounds above zero.
-
-    If `shared`, all coordinates of the term have one value.
-    """
+    """Stands in a field until found between two bounds; if `shared`, one for all axes."""
 
     lower: float
     upper: float
@@ -354,11 +344,7 @@ def is_search(given: Any) -> bool:
 
 
 def search_of(law: type[Any], field: str, given: Any, where: str) -> Find:
-    """The search that a value of a file requests for a law's field.
-
-    `given` is `"find"`, or a table with `find` (bounds, or `true` for the law's own) and, if there
-    is to be one value per joint, `per_joint = true`.
-    """
+    """The search that `"find"`, or a table with bounds and `per_joint`, requests for a field."""
     default = searchable(law, field, where)
     table = {FIND: True} if given == FIND else given
     strange = not isinstance(table, Mapping) or not set(table) <= {FIND, "per_joint"}

@@ -28,10 +28,7 @@ class AxisPart(NamedTuple):
 
 
 class Curve(NamedTuple):
-    """Friction over speed along one coordinate that is no power of speed, and its parameter.
-
-    `words` say what it is; `force` is friction at speeds above zero, in the unit of effort.
-    """
+    """Friction over speed along one coordinate, in words; `force` is at speeds above zero."""
 
     axis: Axis
     words: str
@@ -52,11 +49,7 @@ class Pull(NamedTuple):
 
 @dataclass(frozen=True)
 class Placed:
-    """One law in terms of what model files know.
-
-    Springs between points are `pulls`; `unsupported` has what no file has a place for, a sentence
-    each.
-    """
+    """One law in terms of what model files know; `unsupported` says what they do not."""
 
     parts: tuple[AxisPart, ...] = ()
     curves: tuple[Curve, ...] = ()

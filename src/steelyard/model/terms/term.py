@@ -74,10 +74,7 @@ class Term(ABC):
 
     @abstractmethod
     def columns(self, robot: Robot, state: JointState) -> Columns:
-        """Torque per unit of each parameter; a state of symbols or of arrays over samples.
-
-        The state and the rows are those of all joints, `robot.joints`.
-        """
+        """Torque of all joints per unit of each parameter, over symbols or samples."""
 
     @classmethod
     def drifts(cls) -> bool:
@@ -113,8 +110,8 @@ class Term(ABC):
 class TermSamples:
     """Consecutive samples of all joints, `(n_joints, N)`, as a term with channels sees them.
 
-    `rigid_torque` gives torques of the rigid bodies, shape `(n_joints, N)`, for ten numbers per
-    body, shape `(10 n_bodies,)`.
+    `rigid_torque` gives torques of the bodies, likewise, for ten numbers per body, `(10
+    n_bodies,)`.
     """
 
     q: Array
@@ -124,10 +121,7 @@ class TermSamples:
 
 
 class StatefulTerm(Term):
-    """A term whose columns need more than one sample's state: a scan along the motion.
-
-    Its channels enter `columns` as `state.channels`. Friction with memory is a `Presliding`.
-    """
+    """A term whose columns need a scan along the motion: its channels are in the state."""
 
     state_only_fields: ClassVar[tuple[str, ...]]
     """Fields that act on the channels alone; the columns over the channels do not know them."""

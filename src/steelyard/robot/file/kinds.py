@@ -64,17 +64,15 @@ class Kinds:
 
 def _value(declared: Any, name: str, value: Any, where: str) -> Any:
     """A value from a file as a type says it, strictly; lists are tuples."""
-    from pydantic import ConfigDict, TypeAdapter, ValidationError
+    from steelyard.robot.file.toml import as_declared
 
-    strict = ConfigDict(strict=True, allow_inf_nan=False)
     try:
-        return TypeAdapter(declared, config=strict).validate_python(_tuples(value))
-    except ValidationError as error:
+        return as_declared(declared, _tuples(value))
+    except ValueError as error:
         raise ModelError(
             f"{value!r} cannot be used for '{name}'",
             where=where,
-            fix=error.errors()[0]["msg"]
-            .lower()
+            fix=str(error)
             .replace("input", "it")
             .replace("tuple", "list in [ ]")
             .replace("field required", "give three numbers, [x, y, z]"),

@@ -259,10 +259,7 @@ class LoadedRobot:
 
 @dataclass(frozen=True, eq=False)
 class ModelFile:
-    """A model file that was read, with how, for the user.
-
-    The last of `sources` is what a xacro file was expanded to with its arguments.
-    """
+    """A model file that was read; the last source is what a xacro file was expanded to."""
 
     mechanism: Mechanism
     sources: tuple[SourceFile, ...]
@@ -280,10 +277,7 @@ def read_model(path: Path, arguments: Mapping[str, str]) -> ModelFile:
 def robot_of_model(
     model: ModelFile, *, base: str | None = None, locked: Mapping[str, float] | None = None
 ) -> LoadedRobot:
-    """The robot of a model file alone, with a base, its root if none is given, and locked joints.
-
-    It is a `ModelError` if the file leaves open what a robot is, such as a floating one's base.
-    """
+    """The robot of a model file alone; a `ModelError` if it leaves open what a robot is."""
     mechanism, path = model.mechanism, model.sources[0].path
     try:
         robot, notes = reduced(mechanism, base=base, locked=locked)

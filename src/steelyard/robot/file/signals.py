@@ -330,11 +330,7 @@ def _scales(
 
 
 def signals_from_dict(data: Mapping[str, Any]) -> Signals:
-    """The signals of `json_values`.
-
-    It is a `KeyError` if a key is missing that all versions wrote, a `ValueError` or `TypeError` if
-    a value does not fit.
-    """
+    """The signals of `json_values`; `KeyError`, `ValueError` or `TypeError` if damaged."""
     later = {"commanded_position": None, "commanded_velocity": None, "unknown_offsets": ()}
     fields: dict[str, Any] = later | {"commanded_velocity_scale": None} | dict(data)
     for name in ("position", "velocity", "effort", "effort_units", *list(later)[:2]):

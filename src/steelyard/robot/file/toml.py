@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from steelyard.base.errors import ModelError, advice
 
@@ -174,10 +174,7 @@ class _Scanner:
 
 
 def toml_lines(text: str) -> dict[KeyPath, int]:
-    """The line, from 1, of every table, key and array item of a valid TOML text.
-
-    Paths are keys and indices from the root: `("robot", "dh", "links", 0, "alpha")`.
-    """
+    """The line, from 1, of every key and item: `("robot", "dh", "links", 0, "alpha")`."""
     return _Scanner(text).run().lines
 
 
@@ -301,3 +298,12 @@ def _schemas(annotation: Any) -> Iterator[type[BaseModel]]:
         yield annotation
     for argument in get_args(annotation):
         yield from _schemas(argument)
+
+
+def as_declared(declared: Any, value: Any) -> Any:
+    """A value as a type says it, strictly; a `ValueError` says which type is wanted."""
+    strict = ConfigDict(strict=True, allow_inf_nan=False)
+    try:
+        return TypeAdapter(declared, config=strict).validate_python(value)
+    except ValidationError as error:
+        raise ValueError(error.errors()[0]["msg"].lower()) from None

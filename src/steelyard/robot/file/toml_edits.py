@@ -47,10 +47,7 @@ class KeyChange(Protocol):
 
 
 def edited(text: str, changes: Sequence[KeyChange]) -> str:
-    """A TOML text with some keys changed, one after the other.
-
-    A new key goes behind the last one of its table, a new table to the end of the text.
-    """
+    """A text with keys changed; a new one goes behind the last of its table, or the text."""
     for change in changes:
         text = _changed(text, change.path, json_values(change.value))
     return text

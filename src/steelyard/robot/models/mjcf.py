@@ -33,8 +33,8 @@ class Compiled:
     """MuJoCo's model of a file (`mujoco.MjModel`).
 
     `stand_ins` are geoms whose mesh is absent, by number, and its name: small spheres stand there.
-    `without_inertia` are bodies whose inertia is computed from an absent mesh, likewise: their
-    inertia in `model` means nothing.
+    `without_inertia` are bodies whose inertia needs such a mesh, likewise: it means nothing in
+    `model`.
     """
 
     model: Any
@@ -43,10 +43,7 @@ class Compiled:
 
 
 def compiled(path: Path) -> Compiled:
-    """MuJoCo's model of an MJCF, absent meshes, height fields and images replaced.
-
-    The inertia of every other body is the one that MuJoCo computes with all files there.
-    """
+    """MuJoCo's model; what is absent is replaced, all other bodies' inertias are the same."""
     _refuse_circle(path, (), set())
     try:
         return Compiled(mujoco.MjModel.from_xml_path(str(path)))
@@ -82,8 +79,7 @@ def compiled(path: Path) -> Compiled:
 def _refuse_circle(path: Path, above: tuple[Path, ...], fine: set[Path]) -> None:
     """Raise if a file attaches itself, or one that does: MuJoCo recurses until the process dies.
 
-    Files that are absent, or no XML, are left to MuJoCo. `above` are the files that it is in,
-    `fine` those that need no second look; those found here are added.
+    Files that are absent, or no XML, are left to MuJoCo; those that are `fine` need no second look.
     """
     resolved = Path(os.path.realpath(path))
     if resolved in above:

@@ -75,8 +75,8 @@ class Equalities:
     def couplings(self) -> tuple[list[Coupling], list[str]]:
         """All other equalities with the joints that they tie, and notes on those left out.
 
-        A weld that holds a body to a mocap body is a controller, and one at a free body holds that
-        where it is: both are left out.
+        A weld to a mocap body is a controller, and one at a free body holds that where it is: both
+        are left out.
         """
         kinds, couplings, notes = mujoco.mjtEq, list[Coupling](), list[str]()
         proportional, single = self._proportions(), single_joints(self.model)

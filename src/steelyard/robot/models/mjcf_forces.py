@@ -68,10 +68,7 @@ def wraps_of(model: Any, tendon: int) -> list[tuple[Any, int, float]]:
 
 @dataclass(frozen=True, eq=False)
 class Actuators:
-    """The actuators of a compiled model, and their efforts per force, `(nactuator, nv)`.
-
-    Of several outputs the sizes; those through joints and fixed tendons are the same everywhere.
-    """
+    """Actuators, and their efforts per force, `(nactuator, nv)`: of several outputs the sizes."""
 
     model: Any
     moments: Array
@@ -95,8 +92,8 @@ class Actuators:
     def limits(self) -> Array:
         """The greatest effort either way that the file lets every joint have, `(njnt,)` [Nm; N].
 
-        Infinite where it states none, not positive where actuators push one way only. The limit of
-        an actuator that acts on several joints at once is that of none.
+        Infinite where it states none, not positive where actuators push one way only, or act on
+        several joints at once.
         """
         limits = np.full(self.model.njnt, np.inf)
         for joint in single_joints(self.model):

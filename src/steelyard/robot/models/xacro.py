@@ -29,11 +29,7 @@ _ARGUMENT = re.compile(r"\s+(?=[A-Za-z_]\w*:=)")
 
 @dataclass(frozen=True)
 class Expansion:
-    """A xacro file that was expanded to a URDF at `path`, whose meshes have absolute paths.
-
-    `sha256` is of the text before that, so it is the same on every computer; `note` says which file
-    and arguments it was made from.
-    """
+    """A URDF made of a xacro file, as `note` says; meshes have absolute paths, but in `sha256`."""
 
     path: Path
     sha256: str
@@ -59,20 +55,16 @@ def stem_of(reference: str | Path) -> str:
 
 
 def is_xacro(path: Path) -> bool:
-    """Whether a model file has to be expanded: by its ending, or by an element that is read.
-
-    A URDF with tags of xacro only in what is not read of its links needs nothing that they give.
-    """
+    """Whether a model file has to be expanded: by its ending, or by an element that is read."""
     return path.suffix.lower() == ".xacro" or of_xacro(read_xml(path)) is not None
 
 
 def expand(
     path: Path, arguments: Mapping[str, str], packages: Sequence[Path] = ()
 ) -> Expansion | None:
-    """The URDF that a xacro file stands for; `None` for a file that is none.
+    """The URDF that a xacro file stands for with its arguments; `None` for a file that is none.
 
-    `$(arg NAME)` is one of the arguments, or the file's default; packages are looked for in the
-    folders given, those above the file and those of the environment.
+    Packages are looked for in the folders given, those above the file and those of the environment.
     """
     if not is_xacro(path):
         if arguments:

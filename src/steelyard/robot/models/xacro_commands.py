@@ -20,10 +20,7 @@ from steelyard.robot.models.xml_reader import read_bytes, read_xml
 
 @dataclass(frozen=True)
 class Packages:
-    """Where packages are looked for: folders of packages, or packages, that the robot file names.
-
-    A package may also be a folder above the model file, or lie in one.
-    """
+    """Where packages are: in folders that the robot file names, and above the model file."""
 
     given: tuple[Path, ...]
     model: Path
@@ -52,8 +49,8 @@ class Packages:
     def named(self, text: str, folder: Path) -> Path:
         """A file as models name it: `package://...`, absolute, or relative to a folder.
 
-        A file of a package that is not found may lie below a folder above the model all the same:
-        copies of packages often have other names.
+        Copies of packages often have other names, so it may lie below a folder above the model all
+        the same.
         """
         text = text.removeprefix("file://")
         if not text.startswith("package://"):
@@ -113,8 +110,7 @@ LARGEST = 20_000
 def load_yaml(path: Path, number: Callable[[str], Any]) -> Any:
     """Tables, lists and scalars of a YAML file; nothing else is constructed.
 
-    `number` evaluates the expression of a value with a unit, `!degrees 90`. A file that is missing,
-    no YAML, too large, or asks for other objects is a `XacroError`.
+    `number` evaluates the expression of a value with a unit, `!degrees 90`.
     """
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
@@ -183,10 +179,7 @@ class _Arguments(Names):
 
 
 class Commands:
-    """Arguments of the file with defaults of those declared so far, and what it may ask for.
-
-    `functions` are those that expressions know as `xacro.*`.
-    """
+    """Arguments of the file with defaults of those declared so far, and what it may ask for."""
 
     def __init__(
         self, packages: Packages, arguments: dict[str, str], files: list[Path], budget: Budget
@@ -239,10 +232,7 @@ class Commands:
         return literal(self.argument(name))
 
     def find(self, package: str) -> str:
-        """The folder of a package; `package://NAME` where it is not found.
-
-        So a package that only holds meshes may be missing, and a file of it is requested by name.
-        """
+        """A package; `package://NAME` if missing: it may only hold meshes."""
         if package not in self.found:
             try:
                 self.found[package] = str(self.packages.find(package))

@@ -42,10 +42,7 @@ class Expander:
         self.calls: list[str] = []
 
     def root(self) -> Element:
-        """The outermost element of the file, expanded.
-
-        Its own attributes come last: its name is often an argument that is declared inside.
-        """
+        """The outermost element; its own name comes last, often an argument from inside."""
         root = read_xml(self.files[0])
         try:
             with self._place(root):

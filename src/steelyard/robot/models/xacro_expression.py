@@ -233,10 +233,7 @@ _PIECE = re.compile(
 
 @dataclass(frozen=True)
 class Macro:
-    """A macro: its body, and its parameters with their defaults.
-
-    `defaults`: parameter to (name of the caller's property to be forwarded, text), either `None`.
-    """
+    """A macro; a default is a property of the caller to be forwarded and a text, or `None`."""
 
     body: Element
     parameters: tuple[str, ...]

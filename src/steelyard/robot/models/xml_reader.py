@@ -13,10 +13,7 @@ from steelyard.base.errors import ModelError, advice, names_beside, nearest
 
 @dataclass(frozen=True)
 class Element:
-    """One XML element; the tag is `{namespace}name` if it has a namespace.
-
-    The line is that of the opening tag, from 1; `texts` stand between the tags, in pieces.
-    """
+    """An element with the line of its opening tag, from 1; `texts` are between the tags."""
 
     tag: str
     attributes: Mapping[str, str]

@@ -32,10 +32,7 @@ class Code:
     sample: Any
 
     def __call__(self, inputs: Sequence[Array]) -> Array:
-        """Evaluate at any number of samples: shape `(n_outputs, N)`.
-
-        Per array `(entries, N)`, or `(entries,)` where all samples share it.
-        """
+        """At `N` samples, `(n_outputs, N)`; inputs `(entries, N)`, or shared ones `(entries,)`."""
         n_samples = next(x.shape[1] for x, one in zip(inputs, self.shared, strict=True) if not one)
         padded = -(-n_samples // self.lanes) * self.lanes
         arrays = [
