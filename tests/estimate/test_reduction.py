@@ -17,20 +17,24 @@ from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.information.samples import FilteredSamples
 from steelyard.estimate.least_squares.least_squares import WeightedLeastSquares
 from steelyard.estimate.reduction.elimination import CRITERIA, FullModel, State, backward
-from steelyard.estimate.reduction.reduction import RULES, Reduced, criterion_of, reduce, rule_of
-from steelyard.estimate.reduction.stopping_rules import (
+from steelyard.estimate.reduction.reduction import (
+    RULES,
     Bic,
     ConditionLimit,
     Count,
     DeviationRatio,
     OneFewer,
     OneStandardError,
+    Reduced,
     Refit,
     StoppingRule,
     Tolerance,
+    criterion_of,
     folds_of,
     left_out_errors,
     mean_absolute_errors,
+    reduce,
+    rule_of,
 )
 from steelyard.model.model import Model
 

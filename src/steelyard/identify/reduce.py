@@ -25,9 +25,8 @@ from steelyard.estimate.least_squares.normal_equations import own_columns
 from steelyard.estimate.nonlinear.fields import information_from
 from steelyard.estimate.prior.constraint_kinds import knowledge_of
 from steelyard.estimate.prior.prior import Row
-from steelyard.estimate.reduction.reduction import Reduction, criterion_of, rule_of
+from steelyard.estimate.reduction.reduction import Reduction, Tolerance, criterion_of, rule_of
 from steelyard.estimate.reduction.reduction import reduce as reduced_by
-from steelyard.estimate.reduction.stopping_rules import Tolerance
 from steelyard.estimate.scores.band_calibration import calibrate
 from steelyard.identify.page.content import ReportContent
 from steelyard.identify.run_notes import dropped, dropped_rows, notes_of, settings
