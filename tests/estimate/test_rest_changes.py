@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from steelyard.estimate.external.residual_peaks import ResidualPeaks, peaks_of
-from steelyard.estimate.external.rest_changes import (
+from steelyard.estimate.external.residual_peaks import (
     CREEP,
     ONSET,
     QUIET,
     ChangeStepper,
+    ResidualPeaks,
     changes_at_rest,
+    peaks_of,
 )
 
 EDGES = np.array([[0.01, 0.2, 0.8], [0.01, 0.3, 1.0]])

@@ -5,8 +5,7 @@ import pytest
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.estimate.external.residual_peaks import ContactThresholds
-from steelyard.estimate.external.rest_changes import ONSET
+from steelyard.estimate.external.residual_peaks import ONSET, ContactThresholds
 from steelyard.estimate.scores.residuals import ResidualTrace
 from steelyard.uses.contact.contact_events import (
     ContactEvent,

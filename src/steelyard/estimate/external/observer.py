@@ -19,8 +19,7 @@ from steelyard.estimate.effort_uncertainty import EffortUncertainty
 from steelyard.estimate.estimate import Z95
 from steelyard.estimate.external.effort_to_wrench import Expected
 from steelyard.estimate.external.observer_program import STATES, StepProgram
-from steelyard.estimate.external.residual_peaks import ContactThresholds
-from steelyard.estimate.external.rest_changes import ChangeStepper
+from steelyard.estimate.external.residual_peaks import ChangeStepper, ContactThresholds
 from steelyard.model.evaluation import check_angles
 from steelyard.symbolic.native.compiled import SampleCall
 from steelyard.symbolic.native.emit import MAX_ANGLE

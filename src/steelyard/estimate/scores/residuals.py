@@ -33,10 +33,11 @@ from steelyard.estimate.external.residual_peaks import (
     HOLD,
     SETTLED,
     ResidualPeaks,
+    changes_at_rest,
+    low_passed,
     peaks_of,
     ranges_of,
 )
-from steelyard.estimate.external.rest_changes import changes_at_rest, low_passed
 from steelyard.estimate.friction.mixes import has_memory
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.estimate.information.gather import Mask, blocks_with_channels

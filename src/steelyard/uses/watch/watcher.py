@@ -16,8 +16,7 @@ from steelyard.base.arrays import Array
 from steelyard.base.errors import LogError, SteelyardError
 from steelyard.estimate.effort_uncertainty import rest_speed_of
 from steelyard.estimate.external.observer import Observer
-from steelyard.estimate.external.residual_peaks import ContactThresholds
-from steelyard.estimate.external.rest_changes import ChangeStepper
+from steelyard.estimate.external.residual_peaks import ChangeStepper, ContactThresholds
 from steelyard.estimate.friction.mixes import has_memory
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.runs.sample_stream import SampleStream, StreamSample
