@@ -172,9 +172,9 @@ def known(clean: Clean) -> Clean:
     found = ranking(Case(loaded, (evidence,), clean.reference), evidence)
     if found is None:
         raise ValueError(f"{clean.name} holds no motion")
-    late = delay_fit(found.declared.reading)
-    delay = 0.0 if late is None else late.value
-    return replace(clean, delay=delay, misfits=found.declared.misfits)
+    delay, std = delay_fit(found.declared.reading)
+    found_delay = delay if np.isfinite(std) else 0.0
+    return replace(clean, delay=found_delay, misfits=found.declared.misfits)
 
 
 QUIRKS = {("panda", "clock")}

@@ -47,16 +47,12 @@ from steelyard.estimate.prior.prior import model_prior
 from steelyard.model.evaluation import check_angles
 from steelyard.model.model import Model, ValuedModel
 
-BODY_SAMPLES = 600
-"""Samples that bodies are fitted to."""
-BODY_PRIOR_WEIGHT = 0.1
-"""Weight of the prior: links are known to a factor of three or so."""
-WEIGHT_PASSES = 3
-"""Times that joints weigh by what is left of their efforts."""
+BODY_SAMPLES = 600  # samples that bodies are fitted to
+BODY_PRIOR_WEIGHT = 0.1  # weight of the prior: links are known to a factor of three or so
+WEIGHT_PASSES = 3  # times that joints weigh by what is left of their efforts
 AIMED_GAP, ENOUGH_GAP = 1e-7, 1e-2
 """Gap that is required of the solver, and that is enough to compare misfits."""
-WIDEST_FRICTION = 100.0
-"""Standard deviation of friction, in the whole effort."""
+WIDEST_FRICTION = 100.0  # standard deviation of friction, in the whole effort
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,10 +256,8 @@ class _BodyProblem:
         return float(np.exp(np.median(logs))) if seen.any() else 1.0
 
 
-OWN_FILE = "payload"
-"""The check that an explanation by the last link belongs to."""
-AGREEING_LINK_MISFIT = 12.0
-"""Typical misfit [%] that one link alone may leave."""
+OWN_FILE = "payload"  # the check that an explanation by the last link belongs to
+AGREEING_LINK_MISFIT = 12.0  # typical misfit [%] that one link alone may leave
 SAME_LINK_MASS = 0.01
 """Change of the mass, over the link's, up to which its centre and inertia are what differs."""
 

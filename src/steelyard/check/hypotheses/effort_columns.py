@@ -32,14 +32,11 @@ from steelyard.check.hypotheses.position_columns import (
 THOUSAND = {"1000 times larger": 1e3, "1000 times smaller": 1e-3}
 OWN_GAIN_COST = 3.0 * FITTED_NUMBER_COST
 """What a gain of a joint's own costs: among many, some fit what friction and the model lack."""
-PERCENT = "percent"
-"""Efforts in percent of the joints' limits."""
-LEAST_GAIN = 5e-4
-"""Least factor by which a gain may be wrong."""
+PERCENT = "percent"  # efforts in percent of the joints' limits
+LEAST_GAIN = 5e-4  # least factor by which a gain may be wrong
 LARGEST_GAIN = 2000.0
 GAIN_GRID = 151
-FAR_GAIN = 3.0
-"""Factor on a gain from which on it is named."""
+FAR_GAIN = 3.0  # factor on a gain from which on it is named
 OTHER_GAIN_FACTOR, WORSE_MISFIT_FACTOR = 1.4, 1.3
 """A gain is identifiable if gains off by the first factor have a misfit larger by the second."""
 
@@ -180,12 +177,9 @@ def _effort_orders(reading: Reading) -> Iterator[Hypothesis]:
     yield Hypothesis("joint order", says, changed, cost, moved, found.one(0))
 
 
-FEW_COMBINATIONS = 8
-"""Readings that are compared with bodies of the log's own."""
-SMALL_FREE_MISFIT = 0.02
-"""Misfit below which fits with free gains count as equally good."""
-UNLOADED_SHARE = 0.05
-"""Share of an effort that bodies must make for its sign to be judged."""
+FEW_COMBINATIONS = 8  # readings that are compared with bodies of the log's own
+SMALL_FREE_MISFIT = 0.02  # misfit below which fits with free gains count as equally good
+UNLOADED_SHARE = 0.05  # share of an effort that bodies must make for its sign to be judged
 
 
 def combined_hypotheses(likelihood: Likelihood) -> list[tuple[Hypothesis, ConsistentBodies]]:

@@ -22,16 +22,11 @@ from steelyard.runs.rows.resampling import uniform
 from steelyard.runs.smoothing.filters import Bank, apply, butterworth, low_pass, settling
 from steelyard.runs.spectrum import motion_band
 
-EXCERPT_SOURCE_ROWS = 100_000
-"""Rows of the log that are looked at."""
-EXCERPT_SAMPLES = 3000
-"""Samples that are kept."""
-EXCERPT_STRETCHES = 8
-"""Stretches that they are spread over, where a log has more."""
-OVERSAMPLING = 8.0
-"""Kept samples per period of the cut-off."""
-START_UP = 1.0
-"""Periods of the cut-off at the ends of a stretch that the filter's start-up takes."""
+EXCERPT_SOURCE_ROWS = 100_000  # rows of the log that are looked at
+EXCERPT_SAMPLES = 3000  # samples that are kept
+EXCERPT_STRETCHES = 8  # stretches that they are spread over, where a log has more
+OVERSAMPLING = 8.0  # kept samples per period of the cut-off
+START_UP = 1.0  # periods of the cut-off at the ends of a stretch that the filter's start-up takes
 
 
 @dataclass(frozen=True, eq=False)

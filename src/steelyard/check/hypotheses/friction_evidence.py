@@ -68,8 +68,7 @@ def _presliding_states(excerpt: Excerpt, q: Array, u: Array, length: float) -> A
     return recurrence(decay, drive, np.ones_like(decay), np.zeros(len(q)))[0]
 
 
-SURE_FRICTION_SIGN = 6.0
-"""Standard errors by which friction must be negative."""
+SURE_FRICTION_SIGN = 6.0  # standard errors by which friction must be negative
 LEAST_NEGATIVE_FRICTION = 0.05
 """Least size of that friction, relative to the joint's effort without its mean."""
 EXPLAINED_BY_FRICTION_FIT = 0.7
@@ -77,8 +76,7 @@ EXPLAINED_BY_FRICTION_FIT = 0.7
 SINGULAR_GRAM = 1e-9
 """Eigenvalue of a row's normalised Gram matrix, over the largest, that counts as zero."""
 SIGNED_LAWS = (Coulomb.law, Viscous.law)
-FEWEST_FRICTION_WINDOWS = 6
-"""Windows of a run from which on its scores give a standard error."""
+FEWEST_FRICTION_WINDOWS = 6  # windows of a run from which on its scores give a standard error
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,26 +99,23 @@ class RowFriction:
     @property
     def brakes(self) -> bool:
         """Whether friction certainly takes energy."""
-        return (
-            self.explained >= EXPLAINED_BY_FRICTION_FIT
-            and self.size > SURE_FRICTION_SIGN * self.std
-        )
+        sure = self.size > SURE_FRICTION_SIGN * self.std
+        return sure and self.explained >= EXPLAINED_BY_FRICTION_FIT
 
 
 def friction_signs(case: Case) -> tuple[Finding, ...]:
     """One finding per log whose friction drives joints; none where it takes energy, or is small."""
-    found = (_friction_sign_of_log(case, evidence) for evidence in case.logs)
-    return tuple(finding for finding in found if finding is not None)
+    found = []
+    for evidence in case.logs:
+        mapped = evidence.recording.signals.effort_map is not None
+        drives = {} if mapped else friction_of_rows(case, evidence)
+        if any(d.drives for d in drives.values()):
+            found.append(replace(_friction_sign(case, evidence, drives), log=evidence.name))
+    return tuple(found)
 
 
-def _friction_sign_of_log(case: Case, evidence: Evidence) -> Finding | None:
-    signals = evidence.recording.signals
-    if signals.effort_map is not None:
-        return None
-    drives = friction_of_rows(case, evidence)
-    driven = [j for j, d in drives.items() if d.drives]
-    if not driven:
-        return None
+def _friction_sign(case: Case, evidence: Evidence, drives: dict[str, RowFriction]) -> Finding:
+    signals, driven = evidence.recording.signals, [j for j, d in drives.items() if d.drives]
     braked = [j for j, d in drives.items() if d.brakes]
     worst = min((drives[j] for j in driven), key=lambda d: d.size)
     figure = (
@@ -133,14 +128,10 @@ def _friction_sign_of_log(case: Case, evidence: Evidence) -> Finding | None:
             "all efforts or all positions have the wrong sign: friction drives "
             f"{listed} instead of braking, and is dissipative in no joint"
         )
-        gains = [-float(g) for g in signals.gains]
-        edits = (
-            ()
-            if any(signals.unknown_gains) or case.loaded.robot.transmission
-            else (Edit(("signals", "effort", "gain"), gains),)
-        )
-        fix = Fix("change the signs of all gains", edits)
-        return Finding.wrong(says, figure, tuple(driven), fix, log=evidence.name)
+        edit = Edit(("signals", "effort", "gain"), [-float(g) for g in signals.gains])
+        unwritten = any(signals.unknown_gains) or case.loaded.robot.transmission
+        fix = Fix("change the signs of all gains", () if unwritten else (edit,))
+        return Finding.wrong(says, figure, tuple(driven), fix)
     says = (
         f"effort of {listed} has the wrong sign, or the position has: friction "
         "drives instead of braking"
@@ -149,7 +140,7 @@ def _friction_sign_of_log(case: Case, evidence: Evidence) -> Finding | None:
         f"find out which of the two it is: change the sign of the gain of {listed}, or of its "
         "position (position_sign under [signals])"
     )
-    return Finding.doubtful(says, figure, tuple(driven), fix, log=evidence.name)
+    return Finding.doubtful(says, figure, tuple(driven), fix)
 
 
 def friction_of_rows(case: Case, evidence: Evidence) -> dict[str, RowFriction]:
@@ -161,12 +152,12 @@ def friction_of_rows(case: Case, evidence: Evidence) -> dict[str, RowFriction]:
         information = gather(base_regressor(customary_model(case)), runs[0])
     except (SteelyardError, TypeError):
         return {}
-    found, gains = {}, evidence.recording.signals.gains
-    for row, joint in enumerate(case.joints):
-        drive = _friction_of_row(information, row, joint, float(np.sign(gains[row])))
-        if drive is not None:
-            found[joint] = drive
-    return found
+    signs = np.sign(evidence.recording.signals.gains).tolist()
+    found = {
+        joint: _friction_of_row(information, row, joint, signs[row])
+        for row, joint in enumerate(case.joints)
+    }
+    return {joint: one for joint, one in found.items() if one is not None}
 
 
 def _friction_of_row(
@@ -207,17 +198,13 @@ def _varying_effort(gram: Array, columns: list[str], joint: str) -> float:
     return max(whole - float(gram[k, -1]) ** 2 / max(float(gram[k, k]), 1e-300), 1e-12 * whole)
 
 
-DELAY_SHIFT = 0.008
-"""Delay that is tried to both sides [s]."""
-LEAST_RESIDUAL_DELAY, SURE_DELAY = 1e-3, 4.0
-"""Least delay [s], also in standard errors."""
+DELAY_SHIFT = 0.008  # delay that is tried to both sides [s]
+LEAST_RESIDUAL_DELAY, SURE_DELAY = 1e-3, 4.0  # least delay [s], also in standard errors
 SAME_DELAY_SCATTER = 0.15
 """Scatter of the joints' delays over their mean, up to which they are one delay. Logs of nine real
 robots, whose friction looks late, have 0.3 and more; delays put into simulated logs up to 0.1."""
-EXPLAINED_BY_DELAY = 0.5
-"""Share of the typical squared residual that a delay must explain."""
-FEWEST_DELAYED_JOINTS = 2
-"""Joints that must agree."""
+EXPLAINED_BY_DELAY = 0.5  # share of the typical squared residual that a delay must explain
+FEWEST_DELAYED_JOINTS = 2  # joints that must agree
 RENEWED, ROUGH_DELAY_SCATTER, FARTHEST = 3, 0.5, 0.05
 """How often the delay is found anew around the last one, from which scatter on it is not, and how
 far it may be [s]."""
@@ -265,10 +252,8 @@ def residual_delay(case: Case) -> Finding | None:
             more = float(np.clip(found.delay, -FARTHEST, FARTHEST))
             rest = delays_of(regressor, _with_delay(run, more))
             found = replace(rest, delay=more + rest.delay, gone=found.gone)
-        if (
-            not found.alike(SAME_DELAY_SCATTER)
-            or by_presliding(model, regressor, run) >= found.gone
-        ):
+        alike = found.alike(SAME_DELAY_SCATTER)
+        if not alike or by_presliding(model, regressor, run) >= found.gone:
             return None
     except (SteelyardError, TypeError):
         return None
@@ -276,21 +261,14 @@ def residual_delay(case: Case) -> Finding | None:
 
 
 def by_presliding(model: Model, regressor: Regressor, run: Run) -> float:
-    """Share of the typical squared residual that presliding friction explains.
-
-    Raises:
-        SteelyardError: The run cannot be fitted.
-    """
+    """Share of the typical squared residual that presliding friction explains."""
     presliding = MaxwellSlip(lengths=PRESLIDING_LENGTHS, relaxing=True)
     with_it = base_regressor(Model(model.robot, (*model.terms, presliding)))
-    before, after = (
-        left / np.maximum(freedom, 1.0)
-        for left, freedom in (_squares(gather(r, run)) for r in (regressor, with_it))
-    )
+    squares = (_squares(gather(r, run)) for r in (regressor, with_it))
+    before, after = (left / np.maximum(freedom, 1.0) for left, freedom in squares)
     known = (before > 0.0) & (after > 0.0)
-    return (
-        1.0 - float(np.exp(np.mean(np.log(after[known] / before[known])))) if known.any() else 0.0
-    )
+    typical = float(np.exp(np.mean(np.log(after[known] / before[known])))) if known.any() else 1.0
+    return 1.0 - typical
 
 
 def _delay_finding(evidence: Evidence, found: RowDelays) -> Finding:
@@ -311,19 +289,13 @@ def _delay_finding(evidence: Evidence, found: RowDelays) -> Finding:
 
 
 def delays_of(regressor: Regressor, run: Run) -> RowDelays:
-    """What the residuals of least squares, row by row, say of the delay.
-
-    Raises:
-        SteelyardError: The run cannot be fitted.
-    """
-    early, now, late = (
-        _squares(gather(regressor, _with_delay(run, d))) for d in (-DELAY_SHIFT, 0.0, DELAY_SHIFT)
+    """What the residuals of least squares, row by row, say of the delay."""
+    shifts = (-DELAY_SHIFT, 0.0, DELAY_SHIFT)
+    (early, _), (left, freedom), (late, _) = (
+        _squares(gather(regressor, _with_delay(run, shift))) for shift in shifts
     )
-    slope, bend = (
-        (late - early)[0] / (2.0 * DELAY_SHIFT),
-        (late - 2.0 * now + early)[0] / (2 * DELAY_SHIFT**2),
-    )
-    left, freedom = now
+    slope = (late - early) / (2.0 * DELAY_SHIFT)
+    bend = (late - 2.0 * left + early) / (2.0 * DELAY_SHIFT**2)
     usable = (bend > 0.0) & (freedom >= 10.0) & (left > 0.0)
     if not usable.any():
         return RowDelays(0.0, np.inf, np.inf, 0.0, 0)

@@ -10,7 +10,7 @@ $I_r$ where the known model has none. What is left, relative to the effort, is t
 joint, $m_j$; with $N_j$ independent samples its likelihood is $-\frac{N_j}{2} \log(m_j^2 + m_0^2)$.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -49,12 +49,10 @@ class Likelihood:
     gravity: Array  # in the base frame as the robot file has it, shape `(3,)` [m/s²]
     gains: Array  # joint effort per base unit of the declared efforts, shape `(n,)`
     gears: Transmission | None  # gears between motors and joints, as the robot file has them
-    # least and largest nuisance of every joint, each `(n, 4)`, in base units
-    bounds: tuple[Array, Array]
+    bounds: tuple[Array, Array]  # least and largest nuisances, each `(n, 4)`, in base units
     size: Array  # typical effort of every joint as it should be, in base units, shape `(n,)`
     sweeps: int = COORDINATE_SWEEPS  # how carefully friction is fitted
-    # logged effort over what the gains say, as a reference found it of these sensors
-    scales: Array | float = 1.0
+    scales: Array | float = 1.0  # logged effort over what the gains say, by a reference
 
     @cached_property
     def declared(self) -> "Reading":
@@ -115,10 +113,7 @@ class Likelihood:
     ) -> LikelihoodScore:
         """Scores of every reading of the sums.
 
-        Args:
-            sums: Products.
-            effort: Column of each joint's effort, shape `(..., n)`.
-            scale: What a logged unit is in the base unit, shape `(..., n)`.
+        By columns of the joints' efforts, and logged units in the base unit, `(..., n)` each.
         """
         h, j = np.ogrid[: len(sums.count), : self.signals.n]
         ye, ee = sums.ye[h, j, :, effort], sums.ee[h, j, effort]
@@ -145,11 +140,8 @@ class Reading:
     kind: str  # of the efforts
     ratios: Array  # gear ratio of every motor to its own joint over the declared one, shape `(n,)`
     time: float = 1.0  # seconds per declared second
-    # ten numbers of what the last body carries, in its frame; `None` if nothing
-    payload: Array | None = None
-    # what is added to the joint positions beside declared offsets, shape `(n,)` [rad; m];
-    # `None` if nothing
-    zeros: Array | None = None
+    payload: Array | None = None  # ten numbers of what the last body carries, in its frame
+    zeros: Array | None = None  # added to joint positions beside declared offsets, `(n,)` [rad; m]
 
     @property
     def knowledge(self) -> Knowledge:
@@ -291,13 +283,6 @@ class Reading:
         return self.likelihood.excerpt.t, self.efforts()[joint], predicted[joint] + friction
 
 
-def _turned(bounds: tuple[Array, Array], gain: Array) -> tuple[Array, Array]:
-    """Bounds of friction in logged units: where an effort counts the other way, so does it."""
-    lower, upper = bounds
-    turned = (gain < 0.0)[:, None]
-    return np.where(turned, -upper, lower), np.where(turned, -lower, upper)
-
-
 def _around(friction: Array, size: Array, u: Array) -> tuple[Array, Array]:
     """Bounds around the reference's friction, from its efforts `(n, B)` at speeds `u`."""
     n = len(u)
@@ -321,36 +306,26 @@ def likelihood_of(
     gains: Array,
     scales: Array | float = 1.0,
 ) -> Likelihood:
-    """A log to be tried, with what is known of its friction.
+    """A log to be tried, of a robot as the robot file has it, with what is known of its friction.
 
-    Args:
-        excerpt: Its samples.
-        signals: How the robot file reads it.
-        knowledge: What is known of the robot.
-        robot: As the robot file has it.
-        gains: Joint effort per base unit of the declared efforts, shape `(n,)`.
-        scales: Logged effort over what the gains say, likewise.
+    Joint effort per base unit of the declared efforts, and logged effort over what these gains
+    say, have shape `(n,)`.
     """
     free = unknown_friction(signals.n, signals.effort_kind)
+    gears, ones = robot.transmission, np.ones(signals.n)
     bare = Likelihood(
-        excerpt,
-        signals,
-        knowledge,
-        robot.gravity,
-        gains,
-        robot.transmission,
-        free,
-        np.ones(signals.n),
-        scales=scales,
+        excerpt, signals, knowledge, robot.gravity, gains, gears, free, ones, scales=scales
     )
     motion, into = bare.declared.motion(), bare.declared.into_logged()
     torque = np.nan_to_num(knowledge.torque(*motion, knowledge.robot.gravity))
     friction = into @ np.nan_to_num(knowledge.friction(*motion))
     size = np.sqrt(np.mean(np.square(into @ torque + friction), axis=1))
-    if not knowledge.identified:
-        turned = free if signals.effort_map is not None else _turned(free, np.diag(into))
-        return replace(bare, size=size, bounds=turned)
-    return replace(bare, size=size, bounds=_around(friction, size, bare.driven(motion[1])))
+    if knowledge.identified:
+        return replace(bare, size=size, bounds=_around(friction, size, bare.driven(motion[1])))
+    if signals.effort_map is None:  # where an effort counts the other way, so does its friction
+        turned, (lower, upper) = (np.diag(into) < 0.0)[:, None], free
+        free = np.where(turned, -upper, lower), np.where(turned, -lower, upper)
+    return replace(bare, size=size, bounds=free)
 
 
 def keeps_evidence(reading: Reading) -> bool:
@@ -359,26 +334,22 @@ def keeps_evidence(reading: Reading) -> bool:
     An order that gives the effort of a joint in motion to a resting position is not to be
     compared with others: what contradicts it no longer counts.
     """
-    return _in_motion(reading.likelihood.declared) <= _in_motion(reading)
+    span = reading.likelihood.excerpt.span
+
+    def in_motion(of: Reading) -> set[int]:
+        moves = np.abs(of.position_scale) * span[list(of.position)] > LEAST_SPAN
+        return {of.effort[j] for j in np.flatnonzero(moves)}
+
+    return in_motion(reading.likelihood.declared) <= in_motion(reading)
 
 
-def _in_motion(reading: Reading) -> set[int]:
-    """Effort columns of the positions that move."""
-    span = reading.likelihood.excerpt.span.tolist()
-    pairs = zip(reading.position, reading.effort, reading.position_scale.tolist(), strict=True)
-    return {e for p, e, scale in pairs if abs(scale) * span[p] > LEAST_SPAN}
+FITTED_NUMBER_COST = 5.0  # what a fitted number costs [natural units of likelihood]
 
-
-FITTED_NUMBER_COST = 5.0
-"""What a fitted number costs [natural units of likelihood]."""
-
-CLOSE_HYPOTHESES = 3.0
-"""Log-likelihood within which two explanations agree equally well."""
+CLOSE_HYPOTHESES = 3.0  # log-likelihood within which two explanations agree equally well
 
 AS_DECLARED = "as declared"
 
-NOT_SCORED = LikelihoodScore(*np.zeros((3, 0)))
-"""The score of a hypothesis before it is evaluated."""
+NOT_SCORED = LikelihoodScore(*np.zeros((3, 0)))  # the score of a hypothesis before it is evaluated
 
 
 @dataclass(frozen=True, eq=False)
@@ -388,8 +359,7 @@ class Hypothesis:
     cause: str  # name of the check that it belongs to
     says: str  # what it supposes, in a few words
     reading: Reading  # how it reads the log
-    # log-likelihood that its choice among others of its kind, and its fitted numbers, take
-    cost: float
+    cost: float  # log-likelihood that its choice among its kind, and its fitted numbers, take
     joints: tuple[int, ...]  # indices of the joints concerned
     score: LikelihoodScore = NOT_SCORED  # how well it agrees; empty before it is evaluated
     spread: float = 0.0  # standard deviation of the number that was fitted, if one was
@@ -421,8 +391,30 @@ def choice_cost(count: int) -> float:
     return float(np.log(max(count, 1)))
 
 
-SAMPLE_BATCH = 12_000
-"""Samples evaluated at once."""
+SAMPLE_BATCH = 12_000  # samples evaluated at once
+ZOOMED_POINTS = 9  # numbers between the neighbours of the best one
+
+
+def likeliest(
+    likelihoods: Callable[[Array], Array], grid: Array, zooms: int
+) -> tuple[float, float]:
+    """The number of the largest log-likelihood, and its standard deviation by the curvature there.
+
+    Sought on a grid that is drawn closer around its best point; infinite where there is no top.
+    """
+    values = likelihoods(grid)
+    for number in range(zooms + 1):
+        k = int(np.clip(np.argmax(values), 1, len(grid) - 2))
+        if number < zooms:
+            grid = np.linspace(grid[k - 1], grid[k + 1], ZOOMED_POINTS)
+            values = likelihoods(grid)
+    step = float(grid[k] - grid[k - 1])
+    before, top, after = values[k - 1 : k + 2]
+    bend = (before - 2.0 * top + after) / step**2
+    if not -np.inf < bend < 0.0:
+        return float(grid[k]), np.inf
+    shift = np.clip(0.5 * (before - after) / step / bend, -step, step)
+    return float(grid[k] + shift), float(1.0 / np.sqrt(-bend))
 
 
 def scored(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:

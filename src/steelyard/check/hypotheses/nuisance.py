@@ -13,12 +13,9 @@ from steelyard.symbolic.native.compiled import Code, compiled
 from steelyard.symbolic.program import InputArray as Input
 from steelyard.symbolic.program import Program
 
-FRICTION_DRIFT = (0.5, 1.8)
-"""Range of a log's friction relative to the reference's."""
-REST_SPEED = 0.03
-"""Speed up to which a joint rests, relative to its fastest."""
-NUISANCES = 4
-"""tanh, speed, one, acceleration."""
+FRICTION_DRIFT = (0.5, 1.8)  # range of a log's friction relative to the reference's
+REST_SPEED = 0.03  # speed up to which a joint rests, relative to its fastest
+NUISANCES = 4  # tanh, speed, one, acceleration
 COORDINATE_SWEEPS = 40
 
 
@@ -37,41 +34,26 @@ def unknown_friction(n: int, kind: str) -> tuple[Array, Array]:
 def fit_nuisances(
     yy: Array, ye: Array, ee: Array, scale: Array, lower: Array, upper: Array, sweeps: int
 ) -> tuple[Array, Array]:
-    r"""Least $\|s\,e - y_5 - Y\theta\|^2$ within bounds, by coordinates.
+    r"""Least $\|s\,e - y_5 - Y\theta\|^2$ within bounds `(..., 4)`, by sweeps of coordinates.
 
-    Args:
-        yy: Products of the four nuisances and the prediction, shape `(..., 5, 5)`.
-        ye: Of these with the effort, shape `(..., 5)`.
-        ee: Square of the effort, shape `(...)`.
-        scale: $s$, shape `(...)`.
-        lower: Shape `(..., 4)`.
-        upper: Shape `(..., 4)`.
-        sweeps: How often the coordinates are gone through.
-
-    Returns:
-        Squares that are left, shape `(...)`, and $\theta$, shape `(..., 4)`.
+    By products of the four nuisances and the prediction `(..., 5, 5)`, of these with the effort
+    `(..., 5)`, its square and the scale $s$, each `(...)`. Squares that are left, shape `(...)`,
+    and $\theta$, shape `(..., 4)`.
     """
-    h = yy[..., :4, :4]
     b = scale[..., None] * ye[..., :4] - yy[..., :4, 4]
-    b = np.ascontiguousarray(np.broadcast_to(b, np.broadcast_shapes(b.shape, lower.shape)))
-    h = np.ascontiguousarray(np.broadcast_to(h, (*b.shape, 4)))
-    theta = _by_coordinates(h, b, lower, upper, sweeps)
+    b = np.broadcast_to(b, np.broadcast_shapes(b.shape, lower.shape))
+    h = np.broadcast_to(yy[..., :4, :4], (*b.shape, 4))
+    vectors = (np.broadcast_to(x, b.shape).reshape(-1, NUISANCES).T for x in (b, lower, upper))
+    theta = _coordinates(sweeps)([h.reshape(-1, NUISANCES**2).T, *vectors])
+    theta = np.ascontiguousarray(theta.T).reshape(b.shape)
     constant = scale**2 * ee - 2.0 * scale * ye[..., 4] + yy[..., 4, 4]
     bent = np.sum((h @ theta[..., None])[..., 0] * theta, axis=-1)
     return np.maximum(constant - 2.0 * np.sum(b * theta, axis=-1) + bent, 0.0), theta
 
 
-def _by_coordinates(h: Array, b: Array, lower: Array, upper: Array, sweeps: int) -> Array:
-    r"""The least $\theta^T H\theta - 2 b^T\theta$ within bounds, shape `(..., 4)`."""
-    shape = b.shape
-    bounds = (np.broadcast_to(side, shape).reshape(-1, NUISANCES).T for side in (lower, upper))
-    rows, wanted = h.reshape(-1, NUISANCES**2).T, b.reshape(-1, NUISANCES).T
-    return np.ascontiguousarray(_coordinates(sweeps)([rows, wanted, *bounds]).T).reshape(shape)
-
-
 @cache
 def _coordinates(sweeps: int) -> Code:
-    """The coordinates' sweeps as machine code: inputs $H$, $b$ and the bounds, output theta."""
+    r"""Sweeps to the least $\theta^T H\theta - 2 b^T\theta$: code of $H$, $b$, bounds; `theta`."""
 
     def build() -> tuple[Program, dict[str, Any]]:
         from steelyard.symbolic.trace import symbolic
@@ -123,15 +105,15 @@ def shared_fit(
 ) -> SharedFit:
     r"""Weighted least squares of $r_j = C_j x + Y_j \theta_j$ over all joints.
 
-    Every joint weighs by its own residuals; bounds are taken as a normal distribution of their
-    width.
+    Every joint weighs by its own residuals; bounds, each `(n, 4)`, are taken as a normal
+    distribution of their width.
 
     Args:
         residual: Efforts less what is predicted without the columns, shape `(n, B)`, zero where a
             joint does not count.
         columns: Shape `(k, n, B)`.
         nuisances: Shape `(n, 4, B)`.
-        bounds: Least and largest nuisances, each `(n, 4)`.
+        bounds: Least and largest nuisances.
         size: Least standard deviation of each joint's residuals, shape `(n,)`.
         worth: Independent samples per sample.
         prior: Standard deviation of the numbers around zero, shape `(k,)`.
@@ -176,20 +158,14 @@ def _normal(bounds: tuple[Array, Array], size: Array) -> tuple[Array, Array]:
     return 0.5 * (low + high), width
 
 
-SHARP_DELAY_FLOOR = 0.002
-"""Floor of misfits where two delays of one model are compared."""
-MISFIT_FLOOR = 0.03
-"""Misfit that no model of a real robot is expected to stay below."""
+SHARP_DELAY_FLOOR = 0.002  # floor of misfits where two delays of one model are compared
+MISFIT_FLOOR = 0.03  # misfit that no model of a real robot is expected to stay below
 MOST_SAMPLE_COUNT = 100.0
 """Most independent samples that a joint counts for: errors of a model are not noise."""
-LEAST_SAMPLE_COUNT = 8.0
-"""Least independent samples of a joint in motion for it to count."""
-RESTING_SPEED_SHARE = 0.01
-"""Speed up to which a joint rests, relative to the fastest joint."""
-LEAST_SPAN = 0.02
-"""Range of positions from which on a joint counts as moving [rad; m]."""
-WORST_MISFIT = 1e3
-"""Largest misfit that is distinguished from larger ones."""
+LEAST_SAMPLE_COUNT = 8.0  # least independent samples of a joint in motion for it to count
+RESTING_SPEED_SHARE = 0.01  # speed up to which a joint rests, relative to the fastest joint
+LEAST_SPAN = 0.02  # range of positions from which on a joint counts as moving [rad; m]
+WORST_MISFIT = 1e3  # largest misfit that is distinguished from larger ones
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +201,7 @@ class LikelihoodScore:
         return self.log_likelihood_with(MISFIT_FLOOR, MOST_SAMPLE_COUNT)
 
     def log_likelihood_with(self, floor: float, most: float) -> Array:
-        """With a given floor and most samples per joint, shape `(...)`."""
+        """With a given floor and most samples per joint."""
         logs = np.log(np.square(self.misfits) + floor**2)
         return np.asarray(-0.5 * np.sum(np.minimum(self.counts, most) * logs, axis=-1))
 

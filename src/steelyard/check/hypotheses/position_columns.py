@@ -1,12 +1,12 @@
 r"""Hypotheses that read the positions in another way: sign, order, unit, zero, gear ratio.
 
-The reference predicts the efforts at $q_j + \delta$, with friction as every hypothesis may have it.
-Along $\delta$ the log-likelihood is sought on a grid that is drawn closer around its best point;
-the curvature at the top gives the standard deviation.
+The reference predicts the efforts at $q_j + \delta$, with friction as every hypothesis may have it;
+the likeliest $\delta$ is sought.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain, combinations, permutations, product
 from math import pi
 
@@ -16,9 +16,11 @@ from steelyard.base.arrays import Array
 from steelyard.check.hypotheses.likelihood import (
     CLOSE_HYPOTHESES,
     FITTED_NUMBER_COST,
+    ZOOMED_POINTS,
     Hypothesis,
     Reading,
     choice_cost,
+    likeliest,
     scored,
 )
 from steelyard.estimate.estimate import Z95
@@ -27,12 +29,9 @@ from steelyard.robot.robot import Robot
 
 OTHER_POSITION_UNITS = {"revolute": {"degrees": pi / 180.0}, "prismatic": {"millimetres": 1e-3}}
 OTHER_TIME_UNITS = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
-MOST_PERMUTED_JOINTS = 7
-"""Most joints of which all orders and all signs are tried."""
-COARSE_SAMPLES, COARSE_SWEEPS = 120, 6
-"""Samples, and sweeps of the friction's fit, for that."""
-REFINED_HYPOTHESES = 12
-"""How many of the best of them are looked at again."""
+MOST_PERMUTED_JOINTS = 7  # most joints of which all orders and all signs are tried
+COARSE_SAMPLES, COARSE_SWEEPS = 120, 6  # samples, and sweeps of the friction's fit, for that
+REFINED_HYPOTHESES = 12  # how many of the best of them are looked at again
 
 
 def position_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
@@ -121,17 +120,14 @@ def _all_orders(reading: Reading) -> Iterator[Hypothesis]:
             yield _ordered(reading, order, True, f"joints in the order {numbers}", cost)
 
 
-ZERO_CAUSE = "joint zeros"
-"""The check that an explanation by a zero belongs to."""
+ZERO_CAUSE = "joint zeros"  # the check that an explanation by a zero belongs to
 ZERO_GRID = np.array(
     [-3.5, -2.8, -2.2, -1.6, -1.2, -0.8, -0.4, -0.2, -0.1, 0.0]
     + [0.1, 0.2, 0.4, 0.8, 1.2, 1.6, 2.2, 2.8, 3.5]
 )
 """Offsets that are tried first [rad; m]."""
-COARSE_ZERO_SAMPLES = 300
-"""Samples for that."""
-ZERO_POINTS, ZERO_ZOOMS = 9, 3
-"""Offsets between the neighbours of the best one, and how often they are drawn closer."""
+COARSE_ZERO_SAMPLES = 300  # samples for that
+ZERO_ZOOMS = 2
 
 
 @dataclass(frozen=True)
@@ -191,32 +187,14 @@ def zero_offsets(reading: Reading) -> tuple[JointZero, ...]:
     coarse = reading.on(log.thinned(COARSE_ZERO_SAMPLES))
     found = []
     for joint, coordinate in enumerate(robot.coordinates):
-        k = _inner_best(_zero_likelihoods(coarse, joint, ZERO_GRID))
-        value, std = _refined_zero(reading, joint, float(ZERO_GRID[k - 1]), float(ZERO_GRID[k + 1]))
+        values = _zero_likelihoods(coarse, joint, ZERO_GRID)
+        k = int(np.clip(np.argmax(values), 1, len(ZERO_GRID) - 2))
+        grid = np.linspace(ZERO_GRID[k - 1], ZERO_GRID[k + 1], ZOOMED_POINTS)
+        value, std = likeliest(partial(_zero_likelihoods, reading, joint), grid, ZERO_ZOOMS)
         if std > LOOSEST[coordinate.unit]:
             value, std = 0.0, np.inf
         found.append(JointZero(joint, coordinate.name, coordinate.unit, value, std))
     return tuple(found)
-
-
-def _inner_best(values: Array) -> int:
-    """Place of the largest of some values, or the one beside it if that is an end."""
-    return int(np.clip(np.argmax(values), 1, len(values) - 2))
-
-
-def _refined_zero(reading: Reading, joint: int, low: float, high: float) -> tuple[float, float]:
-    """Top of the log-likelihood between two offsets, and its standard deviation, or infinity."""
-    for _ in range(ZERO_ZOOMS):
-        grid = np.linspace(low, high, ZERO_POINTS)
-        k = _inner_best(_zero_likelihoods(reading, joint, grid))
-        low, high = float(grid[k - 1]), float(grid[k + 1])
-    middle, step = 0.5 * (low + high), 0.5 * (high - low)
-    before, top, after = _zero_likelihoods(reading, joint, np.array([low, middle, high]))
-    bend = (before - 2.0 * top + after) / step**2
-    if not bend < 0.0:
-        return 0.0, np.inf
-    value = middle + float(np.clip(0.5 * (before - after) / step / bend, -step, step))
-    return value, float(1.0 / np.sqrt(-bend))
 
 
 def _zero_likelihoods(reading: Reading, joint: int, offsets: Array) -> Array:
@@ -246,8 +224,7 @@ def zeros_without_effect(robot: Robot) -> tuple[bool, ...]:
     return tuple(found)
 
 
-LARGEST_RATIO_FACTOR = 4.0
-"""Largest factor by which a ratio is looked for to be off, either way."""
+LARGEST_RATIO_FACTOR = 4.0  # largest factor by which a ratio is looked for to be off, either way
 RATIO_GRID = 25
 RATIO_ROUNDS = 3
 

@@ -8,7 +8,6 @@ consistent bodies.
 
 from collections.abc import Iterator
 from copy import copy
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from steelyard.check.hypotheses.likelihood import (
     Hypothesis,
     Reading,
     choice_cost,
+    likeliest,
 )
 from steelyard.check.hypotheses.nuisance import (
     MISFIT_FLOOR,
@@ -32,24 +32,14 @@ from steelyard.check.hypotheses.nuisance import (
     shared_fit,
 )
 
-NEAR_AXIS_ANGLE = np.deg2rad(8.0)
-"""Angle up to which gravity is taken to lie along an axis."""
-LONGEST_DELAY = 0.3
-"""Largest delay that is looked for [s]."""
+NEAR_AXIS_ANGLE = np.deg2rad(8.0)  # angle up to which gravity is taken to lie along an axis
+LONGEST_DELAY = 0.3  # largest delay that is looked for [s]
 DELAY_GRID = 31
 EARLIEST_DELAY, INSIDE_DELAY_GRID = -0.1, 0.95
 """Delay before which none is proposed against a model file [s], and the share of the range that is
 searched up to which: at its edge the minimum may lie outside."""
 PAYLOAD_STD = np.array([30.0, *[10.0] * 3, *[3.0] * 6])
 """Standard deviations of a payload's ten numbers [kg, kg m, kg m²]."""
-
-
-@dataclass(frozen=True, eq=False)
-class FittedNumber:
-    """A fitted number with its standard deviation."""
-
-    value: float
-    std: float
 
 
 def world_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
@@ -108,20 +98,22 @@ def payload_fit(reading: Reading) -> SharedFit | None:
 
 def delay_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
     """Efforts logged late or early."""
-    delay = delay_fit(reading)
-    if delay is None:
-        return
-    more = delay.value - reading.delay
+    delay, std = delay_fit(reading)
+    more = delay - reading.delay
     earliest = -LONGEST_DELAY if reading.knowledge.identified else EARLIEST_DELAY
-    if more < earliest or abs(more) > INSIDE_DELAY_GRID * _longest_delay(reading):
+    if (
+        not np.isfinite(std)
+        or more < earliest
+        or abs(more) > INSIDE_DELAY_GRID * _longest_delay(reading)
+    ):
         return
-    changed = reading.changed(delay=delay.value)
+    changed = reading.changed(delay=delay)
     says = f"efforts are {abs(1e3 * more):.3g} ms {'late' if more > 0 else 'early'}"
-    yield _hypothesis("effort delay", says, changed, FITTED_NUMBER_COST, delay.std)
+    yield _hypothesis("effort delay", says, changed, FITTED_NUMBER_COST, std)
 
 
-def delay_fit(reading: Reading) -> FittedNumber | None:
-    """The delay at which the log agrees best, and its standard deviation."""
+def delay_fit(reading: Reading) -> tuple[float, float]:
+    """The delay at which the log agrees best, and its standard deviation, or infinity [s]."""
     columns, moving = reading.columns(reading.predicted(*reading.motion()))
 
     def likelihoods(delays: Array) -> Array:
@@ -129,19 +121,7 @@ def delay_fit(reading: Reading) -> FittedNumber | None:
         return score.log_likelihood_with(SHARP_DELAY_FLOOR, np.inf)
 
     most = _longest_delay(reading)
-    grid = reading.delay + np.linspace(-most, most, DELAY_GRID)
-    values = likelihoods(grid)
-    for _ in range(3):
-        k = int(np.clip(np.argmax(values), 1, len(grid) - 2))
-        grid = np.linspace(grid[k - 1], grid[k + 1], 9)
-        values = likelihoods(grid)
-    k = int(np.clip(np.argmax(values), 1, len(grid) - 2))
-    step = grid[1] - grid[0]
-    bend = (values[k - 1] - 2.0 * values[k] + values[k + 1]) / step**2
-    if not np.isfinite(bend) or bend >= 0.0:
-        return None
-    best = grid[k] - 0.5 * (values[k + 1] - values[k - 1]) / step / bend
-    return FittedNumber(float(best), float(1.0 / np.sqrt(-bend)))
+    return likeliest(likelihoods, reading.delay + np.linspace(-most, most, DELAY_GRID), 3)
 
 
 def _longest_delay(reading: Reading) -> float:
@@ -191,14 +171,12 @@ def axis_near(direction: Array) -> Array | None:
     return axis if direction @ axis > np.cos(NEAR_AXIS_ANGLE) else None
 
 
-FEW_DIRECTIONS = 3
-"""Directions that are compared with physically consistent bodies."""
+FEW_DIRECTIONS = 3  # directions that are compared with physically consistent bodies
 DIRECTION_RIDGE = 1e-4
 """What keeps columns that a motion does not excite at zero, relative to their length."""
 DIRECTION_RESIDUAL_FLOOR = 1e-4
 """Least residual of a row, over its effort: logs without noise have none."""
-DIRECTION_REWEIGHTINGS = 4
-"""How often rows are weighed by the residuals of the last direction."""
+DIRECTION_REWEIGHTINGS = 4  # how often rows are weighed by the residuals of the last direction
 LEAST_TILT = np.deg2rad(0.5)
 """Tilt of gravity from a proposed direction from which on it is proposed too [rad]."""
 INDEPENDENT_DIRECTION_SAMPLES, SIGNIFICANT_DIRECTION = 100.0, 20.0

@@ -24,10 +24,8 @@ LITTLE_RANGE = {"revolute": 0.05, "prismatic": 0.01}
 """Range below which a joint hardly moves [rad; m]."""
 USEFUL_RANGE = {"revolute": "1 rad", "prismatic": "a tenth of a metre"}
 """A range from which something can be learnt."""
-FAST_SPEED_SHARE = 0.3
-"""Share of a joint's speed limit that a motion should reach."""
-POSITION_QUANTILE = 0.005
-"""Positions outside these quantiles, on each side, do not count."""
+FAST_SPEED_SHARE = 0.3  # share of a joint's speed limit that a motion should reach
+POSITION_QUANTILE = 0.005  # positions outside these quantiles, on each side, do not count
 
 
 @case_check("excitation", "Which joints move?")
@@ -116,10 +114,8 @@ def _help(case: Case, still: NDArray[np.intp]) -> str:
     return "record a motion of " + "; ".join(parts) + ", at several speeds in both directions"
 
 
-REST_SHARE = 0.01
-"""Speed of a joint at rest, over the speed that it exceeds 1 % of the time."""
-MOSTLY_AT_REST = 0.8
-"""Share of the time at rest from which on a log is doubtful."""
+REST_SHARE = 0.01  # speed of a joint at rest, over the speed that it exceeds 1 % of the time
+MOSTLY_AT_REST = 0.8  # share of the time at rest from which on a log is doubtful
 
 
 @log_check("rests", "How much of the log is standstill?")
@@ -178,12 +174,9 @@ INERTIAL_SENSOR_WORDS = {
 }
 """Words of columns of an inertial sensor, of its place, and of what it measures."""
 BASE_ROWS = 20_000
-LEAST_TURN = 0.05
-"""Root mean square about its mean from which on a rate of turn is motion [rad/s]."""
-LEAST_PULL = 0.03
-"""The same of a measured acceleration, over its mean length, which is gravity's."""
-SMOOTH_STEP_SHARE = 0.7
-"""Root mean square of steps over that of values; of noise it is 1.4."""
+LEAST_TURN = 0.05  # root mean square about its mean from which on a rate of turn is motion [rad/s]
+LEAST_PULL = 0.03  # the same of a measured acceleration, over its mean length, which is gravity's
+SMOOTH_STEP_SHARE = 0.7  # root mean square of steps over that of values; of noise it is 1.4
 FIX_BASE = Fix(
     "log with the base fixed (on a stand, or hung up rigidly): the model assumes a base at rest"
 )

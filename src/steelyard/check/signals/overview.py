@@ -25,18 +25,13 @@ T = TypeVar("T")
 JITTER_LIMIT = 0.19
 """Standard deviation of the steps over the median step from which on stamps jitter. Logs of good
 controllers have up to 0.16."""
-LATE_STEP = 4.0
-"""A step longer than so many median ones says nothing of the jitter."""
-EVENED_STAMPS = 51
-"""Stamps over which jitter is averaged."""
-MEDIAN_ROWS = 41
-"""Rows of the running median that removes garbage: up to 20 broken ones in a row."""
-GAP_TIME = 1000.0
-"""Steps that a stamp may be off its neighbours before it is garbage."""
+LATE_STEP = 4.0  # a step longer than so many median ones says nothing of the jitter
+EVENED_STAMPS = 51  # stamps over which jitter is averaged
+MEDIAN_ROWS = 41  # rows of the running median that removes garbage: up to 20 broken ones in a row
+GAP_TIME = 1000.0  # steps that a stamp may be off its neighbours before it is garbage
 FASTEST_RATE = 500.0
 """Highest rate at which motion is looked at [Hz], once the clock's unit is known."""
-MOVED, MOVED_STEPS = 0.01, 30.0
-"""Range of a joint that moves [rad; m], and in steps of its sensor."""
+MOVED, MOVED_STEPS = 0.01, 30.0  # range of a joint that moves [rad; m], and in steps of its sensor
 LEAST_ROWS, SHORTEST_STRETCH = 10, 50
 """Good rows from which on single signals are looked at, and rows of the shortest stretch."""
 
@@ -200,12 +195,9 @@ def with_rows(case: Case) -> tuple[Evidence, ...]:
     return tuple(e for e in case.logs if len(signal_overview(case, e).t) >= LEAST_ROWS)
 
 
-SLOPE_WIDTH = 0.02
-"""Standard deviation of the low-pass [s]: half the power is gone at 6.6 Hz."""
-SHORTEST_WIDTH = 1.5
-"""The same in samples, at least."""
-SLOPE_ENDS = 4.0
-"""Widths of the Gaussian on each side that are taken into account."""
+SLOPE_WIDTH = 0.02  # standard deviation of the low-pass [s]: half the power is gone at 6.6 Hz
+SHORTEST_WIDTH = 1.5  # the same in samples, at least
+SLOPE_ENDS = 4.0  # widths of the Gaussian on each side that are taken into account
 STILL_SHARE = 3e-4
 """Share of the fastest joint's rms speed below which a joint rests, in whatever unit it is."""
 RANGE_STEPS, RANGE_NOISE = 30.0, 10.0

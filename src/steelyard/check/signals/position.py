@@ -27,8 +27,7 @@ from steelyard.check.signals.velocity_agreement import AGREEING_CORRELATION
 from steelyard.robot.file.signals import POSITION_UNITS, Signals
 from steelyard.robot.init.column_names import Column
 
-RATE_UNIT_WORDS = {"s", "rpm", "rads", "degs"}
-"""Last words of the units of velocities."""
+RATE_UNIT_WORDS = {"s", "rpm", "rads", "degs"}  # last words of the units of velocities
 
 
 @dataclass(frozen=True)
@@ -106,8 +105,7 @@ def _misplaced_correlations(
 OUTSIDE_RANGE = 1.1
 """Distance from the middle of a joint's range over half of it, above which positions are
 doubtful."""
-MOTOR_RANGE = 3.0
-"""How far outside positions of motors are at least."""
+MOTOR_RANGE = 3.0  # how far outside positions of motors are at least
 
 
 @log_check("position", "Are positions in the declared unit?", logs=with_rows)

@@ -18,8 +18,7 @@ from steelyard.runs.run import Run
 
 DOUBTFUL_BROKEN_SHARE, WRONG_BROKEN_SHARE = 0.05, 0.3
 """Shares of broken rows from which on a log is doubtful, and wrong."""
-END_ROWS = 100
-"""Rows at the start that are a log's head, and at the end its tail."""
+END_ROWS = 100  # rows at the start that are a log's head, and at the end its tail
 BROKEN_VERDICTS = (RowVerdict.UNREADABLE, RowVerdict.ABSURD, RowVerdict.JUMP)
 
 
@@ -94,8 +93,7 @@ HOLD_STEPS = 3.0
 rest nor a sensor too coarse for the motion makes such ones."""
 FEWEST_HELD_ROWS, REGULAR_HOLD_SHARE = 100, 0.9
 """Fewest stretches, and the share of them that has one length where samples are held."""
-LONGEST_SHOWN_HOLD = 20
-"""Longest stretch that is shown [rows]."""
+LONGEST_SHOWN_HOLD = 20  # longest stretch that is shown [rows]
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,14 +152,10 @@ def _held_rows(x: Array, step: float) -> NDArray[np.intp]:
     return lengths
 
 
-REPEAT_SPAN = 10
-"""Rows in which a joint must get far for the row in the middle to be one in motion."""
-FAR_STEPS = 2.0
-"""Steps of the sensor per row that are far."""
-OFTEN_REPEATED = 0.2
-"""Share of repeated rows from which on a log is doubtful."""
-LATE_AGE = 2e-3
-"""Mean age of held samples from which on a log is doubtful [s]."""
+REPEAT_SPAN = 10  # rows in which a joint must get far for the row in the middle to be one in motion
+FAR_STEPS = 2.0  # steps of the sensor per row that are far
+OFTEN_REPEATED = 0.2  # share of repeated rows from which on a log is doubtful
+LATE_AGE = 2e-3  # mean age of held samples from which on a log is doubtful [s]
 
 
 @case_check("repeats", "Do rows repeat earlier positions or efforts?")

@@ -19,20 +19,16 @@ from steelyard.check.signals.overview import (
 from steelyard.check.signals.units import driven_joints, unit_reading
 from steelyard.runs.rows.faulty_rows import stretches
 
-FEWEST_LEVELS = 50
-"""Different values of an effort below which it is doubtful."""
-FEWEST_LEVEL_ROWS = 500
-"""Rows below which levels are not counted."""
-NOISY_SHARE = 0.7
-"""Noise from row to row over all that varies, from which on an effort is doubtful."""
+FEWEST_LEVELS = 50  # different values of an effort below which it is doubtful
+FEWEST_LEVEL_ROWS = 500  # rows below which levels are not counted
+NOISY_SHARE = 0.7  # noise from row to row over all that varies, from which on an effort is doubtful
 LEAVE_COARSE_JOINTS = Fix(
     "leave these joints out (joints = [...], [robot.locked]), or log them with finer resolution"
 )
 DECLARE_MEASURED_COLUMNS = Fix(
     "declare the columns that hold measured efforts under [signals.effort]"
 )
-NOISE_PICTURE_TIME = 20.0
-"""Length of the picture [s]."""
+NOISE_PICTURE_TIME = 20.0  # length of the picture [s]
 
 
 @log_check("noise", "Are resolution and noise sufficient?", logs=with_rows)
@@ -102,8 +98,7 @@ def _noise_picture(case: Case, evidence: Evidence, overview: SignalOverview, joi
 
 LONG_STAY = 5
 """Stays of usual length that a stay at the highest or lowest value must be long at least."""
-OFTEN_AT_LIMIT = 0.005
-"""Share of all rows there from which on an effort is cut off, too."""
+OFTEN_AT_LIMIT = 0.005  # share of all rows there from which on an effort is cut off, too
 STEPS_BESIDE_EXTREME, REACH_BESIDE_EXTREME = 5, 5.5
 """Steps of the sensor next to an extreme, for the usual length of a stay at one level; and with
 room for rounding."""

@@ -56,12 +56,9 @@ from steelyard.robot.file.signals import ROW
 from steelyard.runs.rows.clock import GAP_SECONDS, GAP_STEPS
 from steelyard.runs.run import BLOCK_SAMPLES, Block, Run
 
-STEPS_AROUND_LEAP = 4
-"""Steps on each side that say how fast joints move."""
-LEAP_FACTOR = 2.5
-"""Factor from which on rows are missing."""
-COMMON_LEAP_RESIDUE = 0.3
-"""Length of what the common factor leaves of the velocities, over theirs."""
+STEPS_AROUND_LEAP = 4  # steps on each side that say how fast joints move
+LEAP_FACTOR = 2.5  # factor from which on rows are missing
+COMMON_LEAP_RESIDUE = 0.3  # length of what the common factor leaves of the velocities, over theirs
 SLOW_LEAP_SHARE = 0.2
 """Typical velocity, over the rms one, below which missing rows cannot be detected."""
 
@@ -300,10 +297,8 @@ def clock_is_irregular(case: Case, evidence: Evidence) -> bool:
     return _clock_found(case, evidence).severity != Severity.OK
 
 
-TRIED_SCALE = 0.05
-"""Relative scale that is tried first to both sides."""
-VARIANCE_FALL = 0.045
-"""Fall of the logarithm of the variance there from which on others are tried."""
+TRIED_SCALE = 0.05  # relative scale that is tried first to both sides
+VARIANCE_FALL = 0.045  # fall of the logarithm of the variance there from which on others are tried
 TRIED_SCALES = np.log([0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0, 1.05, 1.1, 1.25, 1.43, 1.67, 2.0])
 SCALE_STEPS = (0.05, 0.015, 0.005)
 """Logarithms of the scale between the points of the parabolas that refine it."""
@@ -313,8 +308,7 @@ its least distance from 1. Nine real robots have at most 0.04; a link that is 50
 model 0.8, for its length stands in the torque of accelerations alone."""
 SHARP_SCALE_STD = 0.01
 """Largest standard deviation of a scale [relative]: where no scale fits, the residual falls on."""
-ROW_WEIGHT_ROUNDS = 10
-"""Iterations of the rows' weights."""
+ROW_WEIGHT_ROUNDS = 10  # iterations of the rows' weights
 
 
 @dataclass(frozen=True, eq=False)

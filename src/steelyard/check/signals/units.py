@@ -50,19 +50,15 @@ are not the derivative."""
 OVER_LIMIT = 0.8
 """What a speed beyond the limit of the model file costs that a robot can have: limits there are
 often placeholders."""
-NAMED_UNIT_COST = 0.3
-"""What a unit costs that is not the one in the column's name."""
-FAST_SPEED, SLOW_SPEED = 1.5, 0.1
-"""Speeds over the joint's limit above and below which they cost."""
+NAMED_UNIT_COST = 0.3  # what a unit costs that is not the one in the column's name
+FAST_SPEED, SLOW_SPEED = 1.5, 0.1  # speeds over the joint's limit above and below which they cost
 FAR_TOO_FAST = 10.0
 """Speed over the usual one from which on it costs all of `TOO_FAST` where a joint has no limit."""
 BEYOND_RANGE, FAR_BEYOND = 1.2, 4.0
 """Distance from the middle of a joint's range, over half the range, that costs nothing, and the
 factor above it that costs all of `OUTSIDE_COST`."""
-USUAL_SPEED = {"revolute": 2.0 * pi, "prismatic": 2.0}
-"""Usual limits of speed [rad/s; m/s]."""
-SAME_SCALE = 1.15
-"""Factor within which two scales are the same."""
+USUAL_SPEED = {"revolute": 2.0 * pi, "prismatic": 2.0}  # usual limits of speed [rad/s; m/s]
+SAME_SCALE = 1.15  # factor within which two scales are the same
 
 
 @dataclass(frozen=True)
@@ -181,8 +177,7 @@ def position_beyond_range(coordinate: Coordinate, low: float, high: float) -> fl
     return max(abs(low - middle), abs(high - middle)) / half
 
 
-FASTEST_SHARE = 0.995
-"""Quantile of a joint's speed that is compared with its limit."""
+FASTEST_SHARE = 0.995  # quantile of a joint's speed that is compared with its limit
 DRAGGED_SPEED_SHARE = 0.02
 """Share of the fastest joint's rms speed below which a joint is only dragged along."""
 

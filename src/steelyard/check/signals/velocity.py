@@ -27,8 +27,7 @@ from steelyard.robot.file.signals import VELOCITY_UNITS
 
 LATE_STEPS, LATE_ERRORS = 1.5, 3.0
 """A lag is one if it is longer than so many steps of the clock and so many standard errors."""
-VELOCITY_PICTURE_TIME = 10.0
-"""Length of the picture [s]."""
+VELOCITY_PICTURE_TIME = 10.0  # length of the picture [s]
 REMOVE_VELOCITIES = tuple(
     Edit(("signals", key), None) for key in ("velocity", "velocity_unit", "velocity_sign")
 )

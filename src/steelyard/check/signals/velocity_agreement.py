@@ -24,12 +24,9 @@ from steelyard.check.signals.overview import (
 from steelyard.robot.file.signals import ROW, VELOCITY_UNITS, Signals
 from steelyard.robot.init.column_names import Column
 
-LONGEST_LAG = 0.4
-"""Lag up to which the two are compared with each other [s]."""
-AGREEING_CORRELATION = 0.9
-"""Correlation from which on a column may belong to a joint."""
-BETTER_ORDER_GAIN = 0.1
-"""What another order must gain in correlation for each joint it moves."""
+LONGEST_LAG = 0.4  # lag up to which the two are compared with each other [s]
+AGREEING_CORRELATION = 0.9  # correlation from which on a column may belong to a joint
+BETTER_ORDER_GAIN = 0.1  # what another order must gain in correlation for each joint it moves
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,8 +177,7 @@ RATE_TOLERANCE, UNEVEN_RATE, MOST_OFF = 0.02, 0.005, 0.13
 the last on it is a wrong unit. Real robots' are off by 1 %, or differ by 1.5 % and more."""
 LOST_ROWS = 0.05
 """The same difference between joints where a rate is farther off: rows that are lost cause it."""
-FEWEST_RATE_JOINTS = 2
-"""Joints that must move."""
+FEWEST_RATE_JOINTS = 2  # joints that must move
 _SCALES = [*VELOCITY_UNITS["revolute"].values()]
 VELOCITY_UNIT_RATIOS = tuple(a / b for a in _SCALES for b in _SCALES if a != b)
 """Ratios of velocities in one unit to those in another."""
@@ -220,14 +216,11 @@ def rate_by_velocities(
 SAME_DIFFERENCE = 0.1
 """Distance from a difference, over the noise that the difference has from its positions, below
 which a velocity is that difference: a velocity that was measured does not have this noise."""
-FEWEST_MOVING_ROWS = 50
-"""Rows in motion from which on there is a finding."""
-SLOW_VELOCITY_SHARE = 0.05
-"""Share of the fastest below which a joint rests."""
+FEWEST_MOVING_ROWS = 50  # rows in motion from which on there is a finding
+SLOW_VELOCITY_SHARE = 0.05  # share of the fastest below which a joint rests
 DIFFERENCE_STEP_RANGE = (-0.05, 0.05)
 """How far the step that differences were divided by may be off the clock's."""
-DIFFERENCE_ROUNDING = 1e-6
-"""The same over the velocities, where positions have no noise."""
+DIFFERENCE_ROUNDING = 1e-6  # the same over the velocities, where positions have no noise
 
 
 def one_sided_differences(t: Array, q: Array, dq: Array) -> NDArray[np.bool_]:

@@ -44,8 +44,7 @@ _UNITS = frozenset.union(*_UNITS_OF.values())
 _OF_MESSAGES = re.compile(
     r"/.*/(stamp|log_time|(?P<quantity>position|velocity|effort)/(?P<joint>.+))"
 )
-MOTORS = frozenset("motor motors qm dqm taum".split())
-"""Words of columns of the motors' side."""
+MOTORS = frozenset("motor motors qm dqm taum".split())  # words of columns of the motors' side
 TORQUES = frozenset("tau taum torque torques trq".split())
 CURRENTS = frozenset("current currents curr cur i".split())
 FINGERS = frozenset("finger fingers gripper knuckle fingertip hand".split())
@@ -266,10 +265,8 @@ OF_MOTORS = (
     "[signals.effort] columns = [...], kind = ..., side, unit = ..."
 )
 
-UNNAMED = re.compile(r"column_\d+")
-"""Names that columns without a name have."""
-LISTED = 3
-"""Columns of a group that are all named."""
+UNNAMED = re.compile(r"column_\d+")  # names that columns without a name have
+LISTED = 3  # columns of a group that are all named
 
 
 def give_up(wrong: str, columns: Sequence[str], fix: str = IN_FILE) -> NoReturn:

@@ -33,13 +33,10 @@ UNSTATED = (
     "(Universal Robots' for ROS) log A, which `steelyard check` finds out"
 )
 OF_MOTORS = "torque of motors by their names: joint torque through the gears"
-MOST_OTHER_COLUMNS = 6
-"""Effort-like columns that were not chosen and are listed."""
-COUNTS = ("count", "counts", "ticks", "adc", "lsb")
-"""Words of columns without a physical unit."""
+MOST_OTHER_COLUMNS = 6  # effort-like columns that were not chosen and are listed
+COUNTS = ("count", "counts", "ticks", "adc", "lsb")  # words of columns without a physical unit
 
-AMPERES = ("a", "amp", "amps")
-"""Words of columns in ampere."""
+AMPERES = ("a", "amp", "amps")  # words of columns in ampere
 
 
 def effort_units(
@@ -129,10 +126,8 @@ LEAST_POSITION_BEYOND_LIMIT, LEAST_MOTOR_BEYOND_LIMIT = 1.5, 3.0
 those of most joints are the motors'."""
 MISFIT = 1e-3
 """Residual of motor positions behind gears found by regression, relative to their deviation."""
-SMALL = 1e-3
-"""Entry of a transmission's row, relative to the largest, below which it is zero."""
-LEAST_MOTION = 0.05
-"""Standard deviation of a joint from which on its gear is determined [rad; m]."""
+SMALL = 1e-3  # entry of a transmission's row, relative to the largest, below which it is zero
+LEAST_MOTION = 0.05  # standard deviation of a joint from which on its gear is determined [rad; m]
 
 
 @dataclass(frozen=True)

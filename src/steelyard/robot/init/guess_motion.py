@@ -99,13 +99,10 @@ SCALE, OF_JOINT, STEPS, SECONDS, NOISE = 0.02, 0.1, 1.0, 0.01, 0.5
 """Most that the median scale and that of any joint differ from 1, most steps of the clock and
 seconds that velocities are late, and most noise over that of differences of positions: with as
 much noise they are worth nothing."""
-ABSURD = 1e6
-"""Values that no sensor has."""
-SMOOTHED = 0.1
-"""Moving average before noises are compared [s]: about what later filters leave."""
+ABSURD = 1e6  # values that no sensor has
+SMOOTHED = 0.1  # moving average before noises are compared [s]: about what later filters leave
 
-SMALL_UNITS = {"deg": np.pi / 180.0, "mm": 1e-3}
-"""Units of positions that are not rad or m."""
+SMALL_UNITS = {"deg": np.pi / 180.0, "mm": 1e-3}  # units of positions that are not rad or m
 RATES = {"rad": "rad/s", "deg": "deg/s", "m": "m/s", "mm": "mm/s"}
 """Units of velocities by those of positions."""
 

@@ -11,8 +11,7 @@ from steelyard.robot.init.signals_section import Known
 from steelyard.robot.mechanism import JointSpring
 from steelyard.robot.robot import Coordinate
 
-_ALONG = ("rotor_inertia", "coulomb", "viscous")
-"""Terms of a motor that turns with two joints."""
+_ALONG = ("rotor_inertia", "coulomb", "viscous")  # terms of a motor that turns with two joints
 
 
 def gears_part(gears: Gears | None, moving: Sequence[Coordinate]) -> str:

@@ -78,8 +78,7 @@ def gains_of(guess: Guess, known: Known) -> tuple[Gain, ...]:
     return tuple(given)
 
 
-TO_FILL = "?"
-"""Stands for a column of the log that the user names."""
+TO_FILL = "?"  # stands for a column of the log that the user names
 
 KINDS = (
     '"joint_torque": at the joints, with rotors and gears; "link_torque": sensors',
