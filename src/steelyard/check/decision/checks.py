@@ -36,7 +36,7 @@ from steelyard.check.hypotheses.friction_evidence import (
 )
 from steelyard.check.hypotheses.likelihood import Hypothesis, Reading
 from steelyard.check.hypotheses.position_columns import ZERO_CAUSE
-from steelyard.check.signals.overview import cached_per_log
+from steelyard.check.signals.overview import remembered
 
 EMPTY_MISFIT = 0.5  # typical misfit of a reading that predicts next to nothing
 SHOWN_HYPOTHESES = 6  # hypotheses that are shown
@@ -56,7 +56,7 @@ OF_NOMINAL = (
 UNKNOWN_BODIES = "undecided: the robot's model gives no masses; give --model"
 
 
-@cached_per_log
+@remembered
 def edits(case: Case, evidence: Evidence) -> tuple[Edit, ...]:
     """All edits that correct the robot file for one log; none if they do not do so together."""
     decision = judge_log(case, evidence)

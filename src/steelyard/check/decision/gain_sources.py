@@ -12,7 +12,6 @@ after the other (jackknife).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +24,7 @@ from steelyard.check.hypotheses.excerpt import excerpt_of
 from steelyard.check.hypotheses.likelihood import Hypothesis
 from steelyard.check.hypotheses.nuisance import REST_SPEED
 from steelyard.check.identifiability import clean_runs, customary_model
+from steelyard.check.signals.overview import remembered
 from steelyard.estimate.information.gather import gather
 from steelyard.estimate.information.regressor import base_regressor
 from steelyard.estimate.payload.drive_gains import identified_gains
@@ -65,14 +65,10 @@ class ControllerGains:
         return ", ".join(f"{name} {g:.4g} ± {w:.2g}" for name, g, w, known in rows if known)
 
 
-_GAINS_OF_CASES: "WeakKeyDictionary[Case, ControllerGains | None]" = WeakKeyDictionary()
-
-
+@remembered
 def controller_gains(case: Case) -> ControllerGains | None:
     """Gains from all logs that have both targets; `None` where none is known."""
-    if case not in _GAINS_OF_CASES:
-        _GAINS_OF_CASES[case] = gains_of_logs(case.logs, len(case.joints))
-    return _GAINS_OF_CASES[case]
+    return gains_of_logs(case.logs, len(case.joints))
 
 
 def gains_of_logs(logs: Sequence[Evidence], joints: int) -> ControllerGains | None:

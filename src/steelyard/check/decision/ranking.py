@@ -30,7 +30,7 @@ from steelyard.check.hypotheses.position_columns import (
     zero_hypotheses,
 )
 from steelyard.check.hypotheses.surroundings import world_hypotheses
-from steelyard.check.signals.overview import cached_per_log
+from steelyard.check.signals.overview import remembered
 from steelyard.estimate.identified import IdentifiedModel
 from steelyard.robot.file.signals import Signals
 
@@ -70,7 +70,7 @@ class Ranking:
         return tuple(dict.fromkeys(w for w in winners if w.cause))
 
 
-@cached_per_log
+@remembered
 def ranking(case: Case, evidence: Evidence) -> Ranking | None:
     """The ranking of one log; `None` without motion, or if nothing is known of the robot."""
     signals, knowledge = evidence.recording.signals, case.knowledge

@@ -46,7 +46,7 @@ from steelyard.check.hypotheses.likelihood import (
 )
 from steelyard.check.hypotheses.nuisance import MISFIT_FLOOR
 from steelyard.check.hypotheses.surroundings import axis_near, delay_hypotheses, mounting_hypotheses
-from steelyard.check.signals.overview import cached_per_log
+from steelyard.check.signals.overview import remembered
 
 SUPPORT_MARGIN, SUPPORT_FALL = 60.0, 2.0
 """Log-likelihood that bodies of the log's own must gain, and the factor by which the misfit of some
@@ -104,7 +104,7 @@ class LogVerdict(Ranking):
         return any(hypothesis.cause in CAUSES_OF_OTHER_CHECKS for hypothesis, _ in self.winners)
 
 
-@cached_per_log
+@remembered
 def judge_log(case: Case, evidence: Evidence) -> LogVerdict | None:
     """What holds of a log; `None` if it cannot be tried."""
     found = ranking(case, evidence)

@@ -22,13 +22,11 @@ likelier mistake.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from steelyard.base.arrays import Array
 from steelyard.base.errors import DataError
-from steelyard.check.case import Knowledge
 from steelyard.check.hypotheses.likelihood import (
     CLOSE_HYPOTHESES,
     FITTED_NUMBER_COST,
@@ -37,6 +35,7 @@ from steelyard.check.hypotheses.likelihood import (
     Reading,
 )
 from steelyard.check.hypotheses.nuisance import MISFIT_FLOOR, NUISANCES, LikelihoodScore, score_of
+from steelyard.check.signals.overview import remembered
 from steelyard.estimate.consistent.conic import solved
 from steelyard.estimate.consistent.penalties import Entropic, Unknowns, ten_map
 from steelyard.estimate.consistent.program import ConicConstraints, Program, polished
@@ -68,23 +67,14 @@ class ConsistentBodies:
         return float(self.score.percent)
 
 
-_BODIES_FOUND: "WeakKeyDictionary[Reading, ConsistentBodies | None]" = WeakKeyDictionary()
-
-
+@remembered
 def consistent_bodies(reading: Reading) -> ConsistentBodies | None:
     """Physically consistent bodies that agree best; `None` where they cannot be found."""
-    if reading not in _BODIES_FOUND:
-        _BODIES_FOUND[reading] = _fit_bodies(reading)
-    return _BODIES_FOUND[reading]
-
-
-def _fit_bodies(reading: Reading) -> ConsistentBodies | None:
     log = reading.likelihood.thinned(BODY_SAMPLES)
     columns, efforts, moving = rows_of(reading.on(log).changed(payload=None))
     if not (np.isfinite(columns).all() and moving.any() and efforts.any()):
         return None
-    bodies = range(len(log.knowledge.robot.bodies))
-    problem = _BodyProblem(log, columns, bodies)
+    problem = _BodyProblem(log, columns, range(len(log.knowledge.robot.bodies)))
     found = problem.agreeing(efforts, efforts, moving.sum(axis=1) * log.excerpt.worth)
     return None if found is None else ConsistentBodies(found[1], problem.typical(found[0]))
 
@@ -113,41 +103,32 @@ def other_link(reading: Reading) -> Array | None:
 
 
 def rows_of(reading: Reading) -> tuple[Array, Array, Array]:
-    """Columns of bodies and nuisances `(n, N, k)`, efforts and where joints move `(n, N)`."""
-    bodies = columns_of(reading.knowledge, *reading.motion(), reading.gravity)
-    bodies = np.einsum("ij,kjb->kib", reading.into_logged(), bodies)
-    y, moving = reading.columns()
-    n, count = moving.shape
-    columns = np.zeros((n, count, len(bodies) + NUISANCES * n))
-    columns[..., : len(bodies)] = np.moveaxis(bodies, 0, -1) * moving[..., None]
-    for j in range(n):
-        start = len(bodies) + NUISANCES * j
-        columns[j, :, start : start + NUISANCES] = y[j, :NUISANCES].T
-    return columns, reading.efforts() * moving, moving
-
-
-def columns_of(knowledge: Knowledge, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
-    """Joint efforts per unit of every body's ten numbers, shape `(10 bodies, n, N)`.
+    """Columns of bodies and nuisances `(n, N, k)`, efforts and where joints move `(n, N)`.
 
     NaN where the states are impossible.
     """
+    knowledge, motion, (y, moving) = reading.knowledge, reading.motion(), reading.columns()
     try:
-        check_angles(q)
-        return knowledge.under_any(gravity, _dense, q, dq, ddq)
-    except (DataError, ValueError):
-        return np.full((10 * len(knowledge.robot.bodies), *q.shape), np.nan)
+        check_angles(motion[0])
+        bodies = knowledge.under_any(reading.gravity, _dense, *motion)
+    except (DataError, ValueError):  # the states are impossible
+        bodies = np.full((10 * len(knowledge.robot.bodies), *moving.shape), np.nan)
+    bodies = np.einsum("ij,kjb->kib", reading.into_logged(), bodies)
+    joints, own = np.arange(len(moving)), np.zeros((*moving.shape, len(moving), NUISANCES))
+    own[joints, :, joints] = y[:, :NUISANCES].swapaxes(1, 2)
+    free = np.moveaxis(bodies, 0, -1) * moving[..., None]
+    columns = np.concatenate((free, own.reshape(*moving.shape, -1)), axis=-1)
+    return columns, reading.efforts() * moving, moving
 
 
 def _dense(valued: ValuedModel, q: Array, dq: Array, ddq: Array) -> Array:
     """Columns of the bodies of one model, shape `(10 bodies, n, N)`."""
-    model = valued.model
-    if model not in _REGRESSORS:
-        count = 10 * len(model.robot.bodies)
-        _REGRESSORS[model] = chosen_regressor(model, base_parameters(model), range(count))
-    return np.moveaxis(_REGRESSORS[model].dense(q, dq, ddq), -1, 0).copy()
+    return np.moveaxis(_regressor(valued.model).dense(q, dq, ddq), -1, 0).copy()
 
 
-_REGRESSORS: "WeakKeyDictionary[Model, Regressor]" = WeakKeyDictionary()
+@remembered
+def _regressor(model: Model) -> Regressor:
+    return chosen_regressor(model, base_parameters(model), range(10 * len(model.robot.bodies)))
 
 
 class _BodyProblem:

@@ -78,7 +78,7 @@ def effort_hypotheses(reading: Reading, others: Sequence[OtherEffort]) -> Iterat
     )
     own = "every joint has its own gain" + (f": effort of {far}" if far else "")
     own += f"; those of {blind} are poorly identified" if blind else ""
-    cause, kind = ("gain", None) if "A" in units else ("effort kind", "motor_current")
+    cause, kind = ("gain", "") if "A" in units else ("effort kind", "motor_current")
     yield from _effort_factors(reading, {own: factors}, cause, n * OWN_GAIN_COST, every, kind)
     yield from _effort_orders(reading)
 
@@ -113,7 +113,7 @@ def _effort_factors(
     cause: str,
     cost: float | None = None,
     joints: tuple[int, ...] | None = None,
-    kind: str | None = None,
+    kind: str = "",
 ) -> Iterator[Hypothesis]:
     """Readings that differ by factors on the efforts alone, perhaps of another kind."""
     for says, f in factors.items():

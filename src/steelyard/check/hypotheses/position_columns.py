@@ -225,8 +225,7 @@ def zeros_without_effect(robot: Robot) -> tuple[bool, ...]:
 
 
 LARGEST_RATIO_FACTOR = 4.0  # largest factor by which a ratio is looked for to be off, either way
-RATIO_GRID = 25
-RATIO_ROUNDS = 3
+RATIO_GRID, RATIO_ROUNDS = 25, 3
 
 
 def ratio_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
@@ -237,14 +236,14 @@ def ratio_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
     cost = choice_cost(log.signals.n) + FITTED_NUMBER_COST
     for joint, name in enumerate(log.names):
         factors = np.geomspace(1.0 / LARGEST_RATIO_FACTOR, LARGEST_RATIO_FACTOR, RATIO_GRID)
+        mine = np.arange(log.signals.n) == joint
         for _ in range(RATIO_ROUNDS):
-            found = []
-            for factor in factors:
-                ratios = reading.ratios * np.where(np.arange(log.signals.n) == joint, factor, 1.0)
-                says = f"gear ratio of '{name}' times {factor:.4g}"
-                changed = reading.changed(ratios=ratios)
-                found += scored([Hypothesis("gain", says, changed, cost, (joint,))])
-            best = int(np.argmax([r.log_likelihood for r in found]))
+            readings = [
+                reading.changed(ratios=reading.ratios * np.where(mine, x, 1.0)) for x in factors
+            ]
+            best = int(np.argmax([one.log_likelihood for one in readings]))
+            winner, factor = readings[best], factors[best]
             low, high = factors[max(best - 1, 0)], factors[min(best + 1, len(factors) - 1)]
-            winner, factors = found[best], np.geomspace(low, high, 9)
-        yield winner
+            factors = np.geomspace(low, high, ZOOMED_POINTS)
+        says = f"gear ratio of '{name}' times {factor:.4g}"
+        yield Hypothesis("gain", says, winner, cost, (joint,), winner.score)

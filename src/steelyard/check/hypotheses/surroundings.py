@@ -51,30 +51,22 @@ def world_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
 
 def gravity_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
     """That of the reference, none, the direction that fits, and the axis next to it."""
-    tried: dict[str, tuple[Array, float]] = {}
     own = np.asarray(reading.knowledge.robot.gravity)
-    if reading.knowledge.identified and not np.allclose(own, reading.gravity):
-        tried["gravity as in the reference"] = own, 1.0
+    tried = [("gravity as in the reference", own, 1.0)] if reading.knowledge.identified else []
     size = float(np.linalg.norm(own)) or 9.81
-    fitted = gravity_fit(reading)
-    if fitted is not None:
-        length = float(np.linalg.norm(fitted.values))
-        if 0.3 * size < length < 3.0 * size:
-            says, direction, cost = _direction(fitted.values / length)
-            tried[says] = size * direction, cost
-    for says, (gravity, cost) in tried.items():
+    free, pulls = reading.changed(gravity=np.zeros(3)), reading.knowledge.pulls(reading.motion()[0])
+    fitted = _shared_fit_beside(free, pulls, np.full(3, 30.0))
+    length = 0.0 if fitted is None else float(np.linalg.norm(fitted.values))
+    if fitted is not None and 0.3 * size < length < 3.0 * size:
+        says, direction, cost = _direction(fitted.values / length)
+        tried.append((says, size * direction, cost))
+    for says, gravity, cost in tried:
         if not np.allclose(gravity, reading.gravity):
             yield _hypothesis("mounting", says, reading.changed(gravity=gravity), cost)
     if np.any(reading.gravity != 0.0):
         without = reading.changed(gravity=np.zeros(3), kind="gravity_compensated_torque")
         says = "efforts are gravity compensated"
         yield _hypothesis("effort kind", says, without, choice_cost(4))
-
-
-def gravity_fit(reading: Reading) -> SharedFit | None:
-    """Gravity in the base frame, beside friction."""
-    pulls = reading.knowledge.pulls(reading.motion()[0])
-    return _shared_fit_beside(reading.changed(gravity=np.zeros(3)), pulls, np.full(3, 30.0))
 
 
 def payload_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
@@ -99,17 +91,12 @@ def payload_fit(reading: Reading) -> SharedFit | None:
 def delay_hypotheses(reading: Reading) -> Iterator[Hypothesis]:
     """Efforts logged late or early."""
     delay, std = delay_fit(reading)
-    more = delay - reading.delay
-    earliest = -LONGEST_DELAY if reading.knowledge.identified else EARLIEST_DELAY
-    if (
-        not np.isfinite(std)
-        or more < earliest
-        or abs(more) > INSIDE_DELAY_GRID * _longest_delay(reading)
-    ):
-        return
-    changed = reading.changed(delay=delay)
-    says = f"efforts are {abs(1e3 * more):.3g} ms {'late' if more > 0 else 'early'}"
-    yield _hypothesis("effort delay", says, changed, FITTED_NUMBER_COST, std)
+    more, most = delay - reading.delay, INSIDE_DELAY_GRID * _longest_delay(reading)
+    least = -most if reading.knowledge.identified else max(-most, EARLIEST_DELAY)
+    if np.isfinite(std) and least <= more <= most:
+        changed = reading.changed(delay=delay)
+        says = f"efforts are {abs(1e3 * more):.3g} ms {'late' if more > 0 else 'early'}"
+        yield _hypothesis("effort delay", says, changed, FITTED_NUMBER_COST, std)
 
 
 def delay_fit(reading: Reading) -> tuple[float, float]:
@@ -165,9 +152,8 @@ def _direction(fitted: Array) -> tuple[str, Array, float]:
 
 def axis_near(direction: Array) -> Array | None:
     """The axis of the base frame along which gravity is taken to lie; `None` if none is near."""
-    axis = np.zeros(3)
     k = int(np.argmax(np.abs(direction)))
-    axis[k] = np.sign(direction[k])
+    axis: Array = np.sign(direction[k]) * np.eye(3)[k]
     return axis if direction @ axis > np.cos(NEAR_AXIS_ANGLE) else None
 
 

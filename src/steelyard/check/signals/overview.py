@@ -7,7 +7,7 @@ the units yet, so rows are judged here by the log's own steps and ranges only.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, wraps
-from typing import TypeVar
+from typing import Any, ParamSpec, TypeVar, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -20,6 +20,7 @@ from steelyard.runs.rows.clock import GAP_STEPS
 from steelyard.runs.rows.faulty_rows import LARGEST_VALUE
 from steelyard.runs.rows.resampling import uniform
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 JITTER_LIMIT = 0.19
@@ -36,18 +37,20 @@ LEAST_ROWS, SHORTEST_STRETCH = 10, 50
 """Good rows from which on single signals are looked at, and rows of the shortest stretch."""
 
 
-def cached_per_log(question: Callable[[Case, Evidence], T]) -> Callable[[Case, Evidence], T]:
-    """Remember the answer to a question for as long as its case lives."""
-    known: WeakKeyDictionary[Case, WeakKeyDictionary[Evidence, T]] = WeakKeyDictionary()
+def remembered(question: Callable[P, T]) -> Callable[P, T]:
+    """The question, answered once for as long as what it is about lives, such as case and log."""
+    known: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
 
     @wraps(question)
-    def cached(case: Case, evidence: Evidence) -> T:
-        of_case = known.setdefault(case, WeakKeyDictionary())
-        if evidence not in of_case:
-            of_case[evidence] = question(case, evidence)
-        return of_case[evidence]
+    def answer(*about: P.args, **none: P.kwargs) -> T:
+        of = known
+        for one in about[:-1]:
+            of = of.setdefault(one, WeakKeyDictionary())
+        if about[-1] not in of:
+            of[about[-1]] = question(*about, **none)
+        return cast(T, of[about[-1]])
 
-    return cached
+    return answer
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +141,7 @@ class SignalOverview:
         return tuple(x for x in even if x.shape[1] >= SHORTEST_STRETCH), rate
 
 
-@cached_per_log
+@remembered
 def signal_overview(case: Case, evidence: Evidence) -> SignalOverview:
     """The good rows of a log's excerpt: readable, in order of time, without garbage."""
     (t, x), channels = evidence.rows, evidence.channels

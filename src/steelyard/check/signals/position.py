@@ -9,9 +9,9 @@ from steelyard.base.arrays import Array
 from steelyard.check.case import EXCERPT_ROWS, Case, Evidence, log_check
 from steelyard.check.finding import Edit, Finding, Fix, Picture, Severity, of_joints
 from steelyard.check.signals.overview import (
-    cached_per_log,
     gaussian_slope,
     gaussian_smoothed,
+    remembered,
     signal_overview,
     with_rows,
 )
@@ -46,7 +46,7 @@ class MisplacedVelocity:
         return self.correlation > 0.0 or bool({*rated} & RATE_UNIT_WORDS)
 
 
-@cached_per_log
+@remembered
 def misplaced_velocities(case: Case, evidence: Evidence) -> tuple[MisplacedVelocity, ...]:
     """Position columns that are derivatives of a column beside them, or are called velocities.
 

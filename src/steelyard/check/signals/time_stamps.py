@@ -33,7 +33,7 @@ from steelyard.check.identifiability import customary_model, longest_run
 from steelyard.check.signals.overview import (
     JITTER_LIMIT,
     LATE_STEP,
-    cached_per_log,
+    remembered,
     signal_overview,
 )
 from steelyard.check.signals.units import (
@@ -178,14 +178,14 @@ def _clock_found(case: Case, evidence: Evidence) -> Finding:
     return replace(found, picture=_picture(steps, overview.stamps))
 
 
-@cached_per_log
+@remembered
 def out_of_order(case: Case, evidence: Evidence) -> bool:
     """Whether rows are not in the order of time, so that nothing is known of rates or motion."""
     steps = np.diff(signal_overview(case, evidence).stamps)
     return bool(np.any(steps > 0.0) and np.count_nonzero(steps < 0.0) > BACKWARD_SHARE * len(steps))
 
 
-@cached_per_log
+@remembered
 def missing_rows(case: Case, evidence: Evidence) -> tuple[Array, int] | None:
     """Leaps where rows are missing though stamps go on evenly; `None` if there are hardly any."""
     overview = signal_overview(case, evidence)

@@ -20,8 +20,8 @@ from steelyard.check.case import Case, Evidence
 from steelyard.check.signals.overview import (
     PositionSlopes,
     SignalOverview,
-    cached_per_log,
     position_slopes,
+    remembered,
     signal_overview,
 )
 from steelyard.check.signals.velocity_agreement import (
@@ -247,7 +247,7 @@ def unit_value(
     return units[0] if len(set(units)) == 1 else list(units)
 
 
-@cached_per_log
+@remembered
 def unit_reading(case: Case, evidence: Evidence) -> UnitReading:
     """The cheapest reading of a log."""
     overview, signals = signal_overview(case, evidence), evidence.recording.signals
@@ -347,13 +347,13 @@ def _relative(scale: float, units: Mapping[str, float]) -> dict[str, float]:
     return {declared: 1.0} | {unit: size / units[declared] for unit, size in units.items()}
 
 
-@cached_per_log
+@remembered
 def motion_in_units(case: Case, evidence: Evidence) -> PositionSlopes:
     """Derivatives of the positions in true seconds, and which joints move."""
     return position_slopes(signal_overview(case, evidence), unit_reading(case, evidence).second)
 
 
-@cached_per_log
+@remembered
 def driven_joints(case: Case, evidence: Evidence) -> NDArray[np.bool_]:
     """Joints that are not only dragged along: their speed counts beside the fastest one's."""
     slope, joints = motion_in_units(case, evidence), unit_reading(case, evidence).joints
